@@ -1,8 +1,8 @@
 """Benchmarks of ecatd and ecatsim: `make bench`, or `python -m benchmarks --help`.
 
-A folder for each: `benchmark.py` has `measure(bench, ...)`, which returns what was measured as data
-for JSON, and what is different in a trial and when there is an hour (`SETTINGS`);
-`section.md.j2` has what the page says about it: text, tables, targets and a figure.
+Each benchmark has a folder with two files. `benchmark.py` has `measure(bench, ...)`, which returns
+the results as data for JSON, and `SETTINGS`, the arguments of `measure` for `--quick` and `--full`.
+`section.md.j2` is the section of the page: text, tables, targets and a figure.
 """
 
 import sys

@@ -18,21 +18,25 @@ from .report import SECTIONS
 
 
 def main() -> int:
-    """Measures, writes FOLDER/performance.md and FOLDER/performance/; returns the exit status."""
+    """Measures, and writes FOLDER/performance.md and FOLDER/performance/.
+
+    Returns:
+        The exit status.
+    """
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("bench"), help="folder for the results")
     length = parser.add_mutually_exclusive_group()
-    length.add_argument("--quick", action="store_true", help="seconds instead of minutes: a trial")
-    length.add_argument("--full", action="store_true", help="everything, and for longer: an hour")
-    parser.add_argument("--only", choices=SECTIONS, help="this one; results of others stay")
-    parser.add_argument("--report-only", action="store_true", help="write the page again")
+    length.add_argument("--quick", action="store_true", help="a trial of seconds, not minutes")
+    length.add_argument("--full", action="store_true", help="measure more and longer: an hour")
+    parser.add_argument("--only", choices=SECTIONS, help="only this one; keep other results")
+    parser.add_argument("--report-only", action="store_true", help="only write the page")
     options = parser.parse_args()
     folder = options.out / "performance"
     extent = "quick" if options.quick else "full" if options.full else "normal"
     try:
         if not options.report_only:
             _prepare(folder)
-            facts = machine.describe()  # before the first one enters a namespace
+            facts = machine.describe()  # before a benchmark enters a network namespace
             facts["interruptions"] = interruptions.measure(extent)
             for name in [options.only] if options.only else SECTIONS:
                 (folder / f"{name}.json").write_text(_as_json(_measure(name, extent, facts)))
@@ -44,7 +48,7 @@ def main() -> int:
 
 
 def _measure(name: str, extent: str, facts: dict[str, Any]) -> dict[str, Any]:
-    """The result of one benchmark, with the facts of the machine that it was found on."""
+    """Runs one benchmark and returns its result, with `facts` about the machine."""
     module = import_module(f".{name}.benchmark", __package__)
     with prepared(lambda text: print(f"  {text} ...", file=sys.stderr, flush=True)) as bench:
         found = module.measure(bench, **module.SETTINGS.get(extent, {}))
@@ -58,7 +62,7 @@ def _measure(name: str, extent: str, facts: dict[str, Any]) -> dict[str, Any]:
 
 
 def _as_json(result: dict[str, Any]) -> str:
-    """JSON that can be read and compared: an item a line, but lists of numbers in one."""
+    """Returns JSON that is easy to read and compare: one item or list of numbers per line."""
     text = json.dumps(result, indent=1)
     return re.sub(r"\[[\s\d.,eE+-]+\]", lambda match: " ".join(match[0].split()), text) + "\n"
 

@@ -1,4 +1,4 @@
-"""What every benchmark needs: processors, a folder, programs in C, and a network of its own."""
+"""Everything a benchmark needs: processors, a folder, programs in C, and a network namespace."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from .segment.peers import ECHO, SIMULATOR, on
 
 @dataclass(frozen=True)
 class Bench:
-    """Where things are measured; made by `prepared`.
+    """The surroundings of a measurement; made by `prepared`.
 
     Attributes:
-        folder: For files that are needed meanwhile.
-        processors: Which processors do what.
-        say: Told what is going on.
+        folder: A folder for temporary files.
+        processors: The processors of each part of a benchmark.
+        say: Reports progress to the user.
     """
 
     folder: Path
@@ -39,21 +39,24 @@ class Bench:
     say: Callable[[str], None]
 
     def on(self, processors: Processors) -> Bench:
-        """The same on other processors."""
+        """Returns a copy that uses other processors."""
         return dataclasses.replace(self, processors=processors)
 
     @property
     def bus(self) -> str:
-        """The name of the bus of engines that run in this process."""
+        """The name of the bus whose engine runs in this process."""
         return f"bench{os.getpid()}"
 
     @property
     def cpu(self) -> int:
-        """Where masters run."""
+        """The processor on which masters run."""
         return min(self.processors.master)
 
     def program(self, name: str, *flags: str) -> Path:
-        """The program `c/NAME.c`, which may use the client library, built when it is needed."""
+        """Returns the path of the program `c/NAME.c`, and builds it if it is not there yet.
+
+        The program is linked with the client library.
+        """
         path = self.folder / name
         return path if path.exists() else native.build(self.folder, name, *static_flags(), *flags)
 
@@ -65,17 +68,18 @@ class Bench:
         frames: Sequence[bytes] = (),
         command: Sequence[str] = (),
     ) -> Any:
-        """What a program prints as JSON.
+        """Runs a program and returns the JSON that it prints, decoded.
 
         Args:
-            name: The program.
-            arguments: For its command line.
-            processors: Where it runs, if not where neither engine nor simulator do.
-            frames: For its input.
-            command: What it is started by, such as `strace`.
+            name: Name of the program.
+            arguments: Its command line arguments.
+            processors: The processors it runs on; by default those that neither the engine nor the
+                simulator uses.
+            frames: Frames for its standard input.
+            command: A command to start it with, such as `strace`.
 
         Raises:
-            StateError: It fails.
+            StateError: The program fails.
         """
         result = subprocess.run(
             [*command, self.program(name), *map(str, arguments)],
@@ -90,26 +94,29 @@ class Bench:
         return json.loads(result.stdout)
 
     def ping(self, interface: str, frames: Sequence[bytes], *options: object) -> dict[str, Any]:
-        """What `ping` finds, which sends frames and waits for them."""
+        """Runs `ping`, which sends frames and waits for them, and returns its results."""
         found: dict[str, Any] = self.run(
             "ping", interface, *options, processors=self.processors.master, frames=frames
         )
         return found
 
     def sleep(self, rate: float, seconds: float) -> dict[str, Any]:
-        """What `nanosleep` finds, which only wakes up."""
+        """Runs `nanosleep`, which only wakes up in each cycle, and returns its results."""
         options = ("--rate", rate, "--seconds", seconds)
         found: dict[str, Any] = self.run("nanosleep", *options, processors=self.processors.master)
         return found
 
     @contextlib.contextmanager
     def awake(self) -> Iterator[bool]:
-        """Keeps the processors of master and simulator from sleeping; whether they have their own.
+        """Keeps the processors of master and simulator from sleeping, with a busy loop on each.
 
-        What shares them with the simulator comes before it, as everything does.
+        The host of a virtual machine gives an idle processor away, and returns it late. Without the
+        busy loops, the benchmarks would measure this delay. (On other machines, `idle=poll` or
+        `/dev/cpu_dma_latency` does the same.) A busy loop has the lowest priority, so everything
+        else on its processor runs before it.
 
-        An idle processor of a virtual machine is given away by its host, and comes back late: that
-        would be measured, and not the loops. Elsewhere `idle=poll` or `/dev/cpu_dma_latency` does.
+        Yields:
+            Whether there are busy loops. There are none if the master has no processor of its own.
         """
         apart = not self.processors.master & self.processors.rest
         chosen = self.processors.master | self.processors.peer if apart else frozenset()
@@ -127,7 +134,7 @@ class Bench:
 
 @contextlib.contextmanager
 def prepared(say: Callable[[str], None]) -> Iterator[Bench]:
-    """Moves this process into a network namespace of its own with a veth pair for each peer."""
+    """Moves this process into a new network namespace, with a veth pair for each peer."""
     namespace.enter_new()
     for pair in (ECHO, SIMULATOR):
         netlink.create_veth(pair.far, pair.near)

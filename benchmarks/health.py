@@ -1,4 +1,4 @@
-"""What the engine counts in shared memory, between two moments."""
+"""Reads the counters and histograms that the engine keeps in shared memory."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Health:
     """A copy of the `ecat_shm_health` of a bus.
 
     Args:
-        bus: Its name.
+        bus: Name of the bus.
     """
 
     def __init__(self, bus: str) -> None:
@@ -41,17 +41,17 @@ class Health:
             self.values = kind.from_buffer_copy(data, header.health_offset)
 
     def since(self, before: Health) -> Interval:
-        """What has happened since."""
+        """Returns the difference to an earlier copy."""
         return Interval(before, self)
 
 
 class Interval:
-    """What has happened between two copies.
+    """The difference between two copies.
 
     Attributes:
-        counts: Counters, named as `ping` does it.
-        buckets: Histograms by name.
-        seconds: How long it was.
+        counts: Increase of each counter, by the names that `ping` uses.
+        buckets: Samples added to each histogram, by name.
+        seconds: Time between the two copies.
     """
 
     def __init__(self, before: Health, after: Health) -> None:
@@ -67,7 +67,7 @@ class Interval:
             self.buckets[key] = now - then
 
     def to_json(self) -> dict[str, Any]:
-        """All of it."""
+        """Returns counters, cycles per second and histograms as data for JSON."""
         return {
             **self.counts,
             "rate": self.counts["cycles"] / self.seconds,

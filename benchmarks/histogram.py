@@ -1,4 +1,4 @@
-"""Histograms as the engine keeps them: 32 steps an octave, in all programs that are compared."""
+"""Histograms with the buckets of the engine, for all programs: 32 buckets per octave."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from ecatd import shm
 
 Buckets = Counter[int]
-"""Samples by bucket."""
+"""Number of samples in each bucket, by number of the bucket."""
 
 _LIB = shm.LIBRARY
 _LIB.ecat_histogram_bucket.restype = ctypes.c_uint
@@ -20,29 +20,29 @@ _LIB.ecat_histogram_bound.argtypes = [ctypes.c_uint]
 
 
 def of_samples(samples: Iterable[int]) -> Buckets:
-    """Of times in nanoseconds."""
+    """Returns the histogram of times in nanoseconds."""
     return Buckets(map(_LIB.ecat_histogram_bucket, samples))
 
 
 def of_shared(histogram: Any) -> Buckets:
-    """Of an `ecat_shm_histogram`."""
+    """Returns the histogram in an `ecat_shm_histogram`."""
     return Buckets({i: n for i, n in enumerate(histogram.buckets) if n})
 
 
 def of_pairs(pairs: Iterable[tuple[int, int]]) -> Buckets:
-    """Of what `pairs` made."""
+    """Returns the histogram that `pairs` has turned into pairs."""
     return Buckets(dict(pairs))
 
 
 def pairs(buckets: Buckets) -> list[tuple[int, int]]:
-    """For JSON."""
+    """Returns pairs of bucket and number of samples, sorted, for JSON."""
     return sorted(buckets.items())
 
 
 def quantile(buckets: Buckets, q: float) -> float:
-    """The time in nanoseconds below which the share `q` of the samples lies.
+    """Returns the time in nanoseconds below which the share `q` of the samples lies.
 
-    Within a bucket samples are taken as evenly spread; a bucket is 3 % wide.
+    Samples are assumed to be evenly spread within a bucket, which is 3 % wide.
     """
     rank = q * sum(buckets.values())
     for bucket, count in sorted(buckets.items()):

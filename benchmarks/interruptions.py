@@ -1,7 +1,7 @@
-"""How often the machine itself takes its processors away from those who have them.
+"""How often the machine takes a processor away from a running program.
 
-Nothing can be in time on a processor that does not run. The host of a virtual machine gives it to
-others whenever it likes, and firmware may do so, too.
+No program is on time on a processor that stands still. The host of a virtual machine takes
+processors away whenever it likes, and firmware may do so, too.
 """
 
 from __future__ import annotations
@@ -18,16 +18,20 @@ from ecatd.model.errors import StateError
 from . import native
 
 LONGER_THAN_US = 500.0
-"""Half a cycle of 1 kHz: about what there is left beside an exchange."""
+"""Half a cycle at 1 kHz: about the time that an exchange leaves free in a cycle."""
 _SECONDS = {"quick": 0.1, "normal": 5.0, "full": 20.0}
 
 
 def measure(extent: str) -> dict[str, Any]:
-    """Looks at all processors at the same time, all of them busy.
+    """Measures the interruptions of all processors at the same time, with a busy loop on each.
+
+    Args:
+        extent: "quick", "normal" or "full": how long to measure.
 
     Returns:
-        `longer_than_us`, `rate` (interruptions a second and processor that are longer than that),
-        `longest_us`, and `real_time`: whether no ordinary program can have been the reason.
+        `longer_than_us`; `rate`, the number of interruptions longer than that, per second and
+        processor; `longest_us`; and `real_time`, whether the loops had real-time priority, so that
+        no ordinary program can have interrupted them.
 
     Raises:
         StateError: There is no compiler, or the program fails.

@@ -1,4 +1,4 @@
-"""What a result was measured on, and which processors the parts of a benchmark get."""
+"""Describes the machine, and assigns its processors to the parts of a benchmark."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Processors:
     """Processors of the parts of a benchmark.
 
     Attributes:
-        master: For what sends and waits.
+        master: For the program that sends frames and waits for them.
         peer: For the thread that answers frames.
-        rest: For everything else, as the device side of the simulator.
+        rest: For everything else, such as the device side of the simulator.
     """
 
     master: frozenset[int]
@@ -30,9 +30,10 @@ class Processors:
 
     @staticmethod
     def plan() -> Processors:
-        """Cores of their own for master and peer, taken from the end: interrupts prefer 0.
+        """Gives the master and the peer a core of their own if there are enough.
 
-        Of two cores the master has one, and everything else the other one.
+        Of two cores, the master has one, and everything else shares the other one. The last cores
+        are taken, because interrupts prefer core 0.
         """
         *rest, peer = sorted(os.sched_getaffinity(0))
         if not rest:
@@ -42,12 +43,12 @@ class Processors:
 
     @staticmethod
     def together() -> Processors:
-        """Nobody has a core of its own."""
+        """Gives all cores to every part."""
         every = frozenset(os.sched_getaffinity(0))
         return Processors(every, every, every)
 
     def to_json(self) -> dict[str, list[int]]:
-        """Their numbers."""
+        """Returns the numbers of the processors of each part."""
         return {name: sorted(getattr(self, name)) for name in ("master", "peer", "rest")}
 
 
@@ -74,7 +75,10 @@ def _revision() -> str:
 
 
 def describe() -> dict[str, Any]:
-    """The machine, for humans who compare; call it before the namespace changes."""
+    """Returns facts about the machine, for readers who compare results.
+
+    Must be called before this process enters a namespace, in which every user looks like root.
+    """
     return {
         "processor": _first(r"^model name\s*:\s*(.*)$", "/proc/cpuinfo") or platform.machine(),
         "cores": len(os.sched_getaffinity(0)),

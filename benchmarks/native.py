@@ -21,13 +21,16 @@ def build(folder: Path, name: str, *more: str, library: bool = False) -> Path:
     """Compiles `benchmarks/c/NAME.c`, or `.cpp`, into a program or a shared library in `folder`.
 
     Args:
-        folder: Where to.
-        name: What.
+        folder: Where the output goes.
+        name: Name of the source file, without its suffix.
         more: Further arguments for the compiler.
-        library: Whether to make a library.
+        library: Whether to build a shared library.
+
+    Returns:
+        The path of the program or library.
 
     Raises:
-        StateError: There is no compiler, or it refused.
+        StateError: There is no compiler, or it reports an error.
     """
     output = folder / (f"lib{name}.so" if library else name)
     kind = ("-shared", "-fPIC") if library else ()

@@ -1,4 +1,4 @@
-"""Draws a figure that is described as data."""
+"""Draws a figure from its description as data."""
 
 from __future__ import annotations
 
@@ -22,24 +22,28 @@ _STYLE: Any = {"svg.fonttype": "none", "svg.hashsalt": "ecatd", "font.size": 9}
 
 
 def item(case: Any, path: str) -> Any:
-    """What stands at `path`, as "loops.engine.p50", in a result; None if there is nothing."""
+    """Returns the value at a path such as "loops.engine.p50" in a result, None if there is none."""
     return reduce(lambda found, key: found.get(key) if found else None, path.split("."), case)
 
 
 @dataclass(frozen=True)
 class Series:
-    """Values of one kind.
+    """A series of values in a diagram.
+
+    The values come from `cases`, a list of results. `y`, `tail`, `quartiles` and `dash` are paths
+    in a result, as in `item`.
 
     Attributes:
-        cases: The results that have them.
-        x, y: Where each of them has its place, and its value.
-        label: What the legend says.
-        color: Of `COLORS`, or as matplotlib names it; "" is the next of its own.
-        style: How lines and marks look, as matplotlib has it.
-        tail: Where each has a larger value, to which a whisker goes.
-        quartiles: Where it has its quartiles, between which a whisker goes.
-        dash: Where it has a value that is drawn as a dash.
-        alpha: How opaque it is.
+        cases: The results.
+        x: Key of the x value in a result.
+        y: Path of the y value.
+        label: Text of the legend.
+        color: A name in `COLORS`, or a colour of matplotlib; "" lets matplotlib choose.
+        style: Style of lines and marks, as a format string of matplotlib.
+        tail: Path of a larger value, to which a whisker goes.
+        quartiles: Path of a pair of quartiles, between which a whisker goes.
+        dash: Path of a value that is drawn as a dash.
+        alpha: Opacity, from 0 to 1.
     """
 
     cases: Sequence[dict[str, Any]]
@@ -59,20 +63,21 @@ class Panel:
     """One diagram.
 
     Attributes:
-        title: What it shows.
-        x, y: What the axes show.
-        series: What is drawn.
+        title: Title of the diagram.
+        x: Label of the x axis.
+        y: Label of the y axis.
+        series: The series that are drawn.
         kind: "lines" over numbers, or a group of "bars" or "points" for each x.
-        unit: What y is divided by.
-        levels: Colours and values of horizontal lines.
-        limits: By x: values of the red line there.
-        band: Two values between which nothing else is drawn.
+        unit: All y values are divided by this number.
+        levels: Colours and y values of horizontal lines across the diagram.
+        limits: y value of a dashed red line at a group, by the x of the group.
+        band: Two y values; the band between them is shaded.
         log: Whether x doubles from one tick to the next.
-        largest: The x up to which the axis goes at least.
-        legend: Where the legend is, None if there is none.
-        columns: Of the legend.
-        room: How much higher than needed it is, for the legend.
-        width: Part of a group that bars or points take.
+        largest: The x axis ends at this value or later.
+        legend: Position of the legend, None for no legend.
+        columns: Number of columns of the legend.
+        room: Factor by which the y axis is longer than needed, to make room for the legend.
+        width: Share of the width of a group that bars or points take.
     """
 
     title: str
@@ -92,7 +97,7 @@ class Panel:
     width: float = 0.84
 
     def draw(self, axes: Any) -> None:
-        """Draws it with matplotlib."""
+        """Draws the diagram on axes of matplotlib."""
         groups = list(dict.fromkeys(case[s.x] for s in self.series for case in s.cases))
         for number, series in enumerate(self.series):
             if self.kind == "lines":
@@ -136,7 +141,7 @@ class Panel:
         axes.plot(x, y, series.style, color=color, label=series.label, ms=4)
 
     def _group(self, axes: Any, series: Series, number: int, groups: Sequence[Any]) -> None:
-        """Bars or points; those of one group lie beside each other."""
+        """Draws bars or points; those of one group lie beside each other."""
         cases, values = self._present(series), self._values(series, series.y)
         places: list[float] = []
         for k, case in enumerate(cases):
@@ -184,7 +189,7 @@ class Figure:
     size: tuple[float, float]
 
     def save(self, path: Path) -> None:
-        """Draws it into a file."""
+        """Draws the figure into a file."""
         import matplotlib as mpl
 
         mpl.use("Agg")

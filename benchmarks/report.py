@@ -1,7 +1,7 @@
 """Writes performance.md and its plots from the JSON of the benchmarks.
 
-Each section is a template, `NAME/section.md.j2`: what it says, its tables, targets
-(`target.Target`) and figure (`plot.Figure`), with the results of the benchmark as variables.
+Each section is a template, `NAME/section.md.j2`, with the results of the benchmark as variables. It
+has text, tables, targets (`target.Target`) and a figure (`plot.Figure`).
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ SECTIONS = ("engine", "cores", "scale", "recovery", "requests", "client", "model
 
 
 class _Missing(ChainableUndefined, StrictUndefined):
-    """What a result has not: `us` may write it, and nothing else."""
+    """A missing value of a result. The filter `us` writes it as a dash; any other use fails."""
 
 
 def _us(ns: float | Undefined) -> str:
-    """Nanoseconds in microseconds."""
+    """Returns nanoseconds as text in microseconds, and a dash for a missing value."""
     return "–" if isinstance(ns, Undefined) else f"{ns / 1000:.1f}"
 
 
 def _flat(items: Iterable[dict[str, Any]], key: str) -> list[dict[str, Any]]:
-    """The items of the lists `key` of all items, each with what its owner has, too."""
+    """Returns the elements of the list `key` of each item, merged with the item itself."""
     return [{**owner, **item} for owner in items for item in owner.get(key, ())]
 
 
 def _ratio(case: dict[str, Any], key: str, sign: str = "") -> str:
-    """A ratio with its quartiles."""
+    """Returns a ratio and its quartiles as text."""
     return "{:.2f}{} ({:.2f} to {:.2f})".format(case[key], sign, *case[f"{key}_quartiles"])
 
 
@@ -64,7 +64,7 @@ _ENVIRONMENT.globals |= {"panel": Panel, "series": Series}
 
 
 def section(name: str, result: dict[str, Any]) -> tuple[str, Figure]:
-    """What a benchmark has found, in Markdown, and the figure in it."""
+    """Returns the section of a benchmark in Markdown, and its figure."""
     figures: list[Figure] = []
 
     def figure(text: str, size: tuple[float, float], *rows: list[Panel]) -> str:
@@ -76,12 +76,15 @@ def section(name: str, result: dict[str, Any]) -> tuple[str, Figure]:
 
     template = _ENVIRONMENT.get_template(f"{name}/section.md.j2")
     text = template.render(result, figure=figure, target=target)
-    text = re.sub(r"(?<=\S)\n *(?=[^\s|#-])(?!\d+\. )", " ", text)  # a paragraph is a line
+    text = re.sub(r"(?<=\S)\n *(?=[^\s|#-])(?!\d+\. )", " ", text)  # one line per paragraph
     return re.sub(r"\n\n+", "\n\n", text).strip(), figures[0]
 
 
 def write(out: Path) -> str:
-    """Writes the page and the plots to a folder; returns what to tell the user.
+    """Writes the page and the plots to a folder.
+
+    Returns:
+        The text of all sections, to show to the user.
 
     Raises:
         UsageError: There are no results.

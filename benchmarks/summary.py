@@ -1,4 +1,4 @@
-"""What many measurements say together."""
+"""Sums, ratios and fits of many measurements."""
 
 from __future__ import annotations
 
@@ -10,16 +10,20 @@ from typing import Any
 def fit(
     points: Sequence[dict[str, Any]], keys: Sequence[str], value: str, names: Sequence[str]
 ) -> dict[str, float]:
-    """The straight line of `value` through points: the constant, and the slope of each key.
+    """Fits `value` as a linear function of `keys`.
+
+    The fit minimises relative errors, so that large points do not outweigh small ones.
 
     Args:
-        points: Measured; each counts by its relative error, so that the large do not drown the
-            small.
-        keys: What `value` depends on.
-        value: What was measured.
-        names: Of the constant and of the slopes.
+        points: The measured points.
+        keys: Keys of the independent variables in a point.
+        value: Key of the measured value in a point.
+        names: Names for the constant and for the slope of each key.
+
+    Returns:
+        The constant and the slopes, by name.
     """
-    # Not above: numpy starts threads, and a process with threads cannot enter a user namespace.
+    # Imported here because numpy starts threads: such a process cannot enter a user namespace.
     import numpy as np
 
     weights = np.array([1.0 / point[value] for point in points])
@@ -29,7 +33,7 @@ def fit(
 
 
 def ratio(name: str, ours: Iterable[float], theirs: Iterable[float]) -> dict[str, Any]:
-    """The median of the ratios of neighbours, and their quartiles, under `name`."""
+    """Returns the median of the ratios of corresponding values, as `name`, and their quartiles."""
     ratios = sorted(mine / other for mine, other in zip(ours, theirs, strict=True))
     quarter = len(ratios) // 4
     return {
@@ -39,6 +43,6 @@ def ratio(name: str, ours: Iterable[float], theirs: Iterable[float]) -> dict[str
 
 
 def total(items: Iterable[dict[str, Any]], *keys: str) -> dict[str, Any]:
-    """The sums of these keys, where they are there."""
+    """Returns the sum over all items for each of the keys that the first item has."""
     found = list(items)
     return {key: sum(item[key] for item in found) for key in keys if key in found[0]}

@@ -15,7 +15,7 @@ _COMPARE: dict[str, Callable[[float, float], bool]] = {
     "±": lambda figure, limit: abs(figure) <= limit,
 }
 NOTHING = "–"
-"""What a target wants whose figure has no limit."""
+"""`Target.wanted` of a figure without a limit."""
 
 _LIMIT = re.compile(r"([<≤≥±]?) ?([\d.]+)(%?)")
 
@@ -26,15 +26,16 @@ class Target:
 
     Attributes:
         what: What is measured.
-        wanted: What it is meant to be, as "≤ 150 ns": how to compare, and the limit. A number alone
-            is the most; `NOTHING`: the figure is only shown.
-        figure: What it is.
-        measured: The same as the table has it.
-        limit: The limit, where the text has it rounded.
-        valid: Whether the figure was found as it was meant to be.
-        cores: How many a machine must have for it: one for each of those that are busy at once.
-        seconds: Where the figure counts what a processor that stands still causes, too (frames
-            lost, cycles missed): in how long a time.
+        wanted: Comparison and limit as text, such as "≤ 150 ns". A number without a comparison is a
+            maximum. `NOTHING` means that the figure is only shown.
+        figure: The measured value.
+        measured: The measured value as the table shows it.
+        limit: The exact limit, where `wanted` has a rounded one.
+        valid: Whether the measurement is valid; an invalid one never meets its target.
+        cores: Number of cores that a machine needs to meet the target: one for each program that is
+            busy at the same time.
+        seconds: Duration of the measurement, for figures that a processor that stands still can
+            cause, too: lost frames and missed cycles.
     """
 
     what: str
@@ -48,10 +49,10 @@ class Target:
 
     @property
     def met(self) -> bool:
-        """Whether the figure is enough.
+        """Whether the measurement is valid and its figure is within the limit.
 
         Raises:
-            ValueError: There is no limit: such a target would always be met.
+            ValueError: `wanted` has no limit and is not `NOTHING`.
         """
         found = _LIMIT.match(self.wanted)
         sign, limit = found[1] if found else "", self.limit
@@ -62,7 +63,11 @@ class Target:
         return self.valid and (limit is None or _COMPARE[sign or "≤"](self.figure, limit))
 
     def row(self, machine: dict[str, Any]) -> str:
-        """The row, on a machine (`machine.describe`, `interruptions.measure`)."""
+        """Returns the row of the table.
+
+        Args:
+            machine: Facts from `machine.describe`, with the result of `interruptions.measure`.
+        """
         few = machine["cores"] < self.cores
         wanted = self.wanted + (f", with {self.cores} cores" if few else "")
         if self.met:
@@ -74,7 +79,7 @@ class Target:
         return f"| {self.what} | {wanted} | {self.measured} | {verdict} |"
 
     def _interrupted(self, machine: dict[str, Any]) -> str:
-        """That the processors themselves stood still at least as often, if they did."""
+        """Returns a verdict if interruptions of the processors can explain the figure, else ""."""
         if self.seconds is None or "interruptions" not in machine:
             return ""
         alone = round(machine["interruptions"]["rate"] * machine["cores"] * self.seconds)

@@ -1,8 +1,9 @@
-/* Keeps a processor from sleeping, at the lowest priority there is: whoever wants it gets it.
+/* Keeps a processor from sleeping, with a busy loop at the lowest priority. Any other program that
+ * needs the processor gets it.
  *
- * SCHED_IDLE is a rank within a session only, where the kernel groups processes by session
- * (CONFIG_SCHED_AUTOGROUP): the daemon, which begins sessions of its own, got nothing for minutes
- * beside the loop. So the loop has a session of its own, too, and that the lowest rank of sessions.
+ * If the kernel groups processes by session (CONFIG_SCHED_AUTOGROUP), SCHED_IDLE only counts within
+ * a session. The daemon begins sessions of its own, and once got no processor time for minutes
+ * beside the loop. So the loop has a session of its own, too, with the lowest priority of sessions.
  *
  * usage: awake      (runs until it is killed)
  */

@@ -1,4 +1,4 @@
-/* A client of a bus that measures: what goes wrong ends it with a sentence. */
+/* Functions for clients of a bus that measure. An error ends the program with a message. */
 #ifndef BENCHMARK_BUS_H
 #define BENCHMARK_BUS_H
 
@@ -8,7 +8,7 @@
 
 static inline void check(ecat_t *bus, int code)
 {
-    if (code >= 0 || code == ECAT_ESTALE) /* a machine that hangs for a moment is no reason to end */
+    if (code >= 0 || code == ECAT_ESTALE) /* the machine stood still for a moment: no error */
         return;
     fprintf(stderr, "benchmark: %s\n", ecat_error(bus));
     exit(1);
@@ -21,13 +21,13 @@ static inline ecat_t *open_bus(const char *name)
     return bus;
 }
 
-/* Has the compiler believe that what is there is used, and changed. */
+/* Makes the compiler assume that the memory `at` is used and changed. */
 static inline void keep(void *at)
 {
     __asm__ volatile("" : : "r"(at) : "memory");
 }
 
-/* `count` entries, evenly spread over the bus. */
+/* Chooses `count` entries, evenly spread over the bus. */
 static inline void choose(const ecat_t *bus, int *entries, int count)
 {
     int i, all = ecat_signal_count(bus);

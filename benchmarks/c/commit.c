@@ -1,10 +1,10 @@
-/* How long a commit takes, and a whole step of a program: sample, reads, writes, commit.
+/* Times a commit, and a whole step of a program: sample, reads, writes, commit.
  *
  * usage: commit BUS SLAVES SECONDS
- * Claims the outputs of the first SLAVES slaves; prints the medians of turns as JSON.
+ * Claims the outputs of the first SLAVES slaves. Prints the medians over all turns as JSON.
  *
  *        commit BUS SLAVES --once
- * Makes 10000 such steps between two calls of getppid(), which strace sees.
+ * Makes 10000 such steps between two calls of getppid(), which mark the steps for strace.
  */
 #include "bus.h"
 #include "median.h"
@@ -34,7 +34,7 @@ static struct client prepare(const char *name, int slaves)
         if (info.output && info.slave < slaves)
             client.writes[found++] = i;
         else if (info.slave >= slaves)
-            client.writes[found++] = client.writes[0]; /* the slaves have fewer */
+            client.writes[found++] = client.writes[0]; /* there are fewer outputs than WRITES */
     }
     return client;
 }

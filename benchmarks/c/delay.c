@@ -1,11 +1,14 @@
-/* From sample to wire: a program samples the number of a cycle, writes it to a slave that returns its
- * outputs, and sees in which cycle it went out and came back.
+/* The delay from sample to wire. The program samples the number of a cycle and writes it to a slave
+ * that returns its outputs. Then it checks in which cycle the number went out and came back.
  *
  * usage: delay BUS CYCLES PRIORITY
- * What was sampled after cycle n must go out, and come back, in cycle n + 1. Prints as JSON how often
- * it did ("exact"), how often this program was too late ("late": its commit had not returned at the
- * deadline of cycle n + 1, or it slept through a whole cycle), how often the frame was lost ("lost"),
- * and how often it was wrong for no such reason ("wrong").
+ * The number that is sampled after cycle n must go out, and come back, in cycle n + 1. Prints as
+ * JSON, as numbers of cycles:
+ *   "exact"  it did so
+ *   "late"   this program was too late: its commit had not returned at the deadline of cycle n + 1,
+ *            or it slept through a whole cycle
+ *   "lost"   the frame was lost
+ *   "wrong"  it did not, for no such reason
  */
 #include "bus.h"
 
@@ -20,7 +23,7 @@
 static const double LEASE = 0.5, PATIENCE = 1.0;
 
 struct grid {
-    uint64_t start, period; /* ns of CLOCK_MONOTONIC; the deadline of cycle 1 */
+    uint64_t start, period; /* deadline of cycle 1 (CLOCK_MONOTONIC), cycle time; in ns */
 };
 
 struct counts {
@@ -60,7 +63,7 @@ static int become_urgent(int priority)
     return sched_setscheduler(0, SCHED_FIFO, &parameter) == 0;
 }
 
-/* What became of what was written after the cycle before. */
+/* Counts what happened to the number that was written after cycle `before`. */
 static void judge(ecat_t *bus, const int *entry, const ecat_domain_info *info, uint64_t before,
                   int in_time, struct counts *counts)
 {

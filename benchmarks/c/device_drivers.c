@@ -1,10 +1,10 @@
-/* The shared memory of Modelica_DeviceDrivers, as its block SharedMemoryRead uses it: 256 bytes into
- * a package, and 20 integers out of that.
+/* Times the shared memory of Modelica_DeviceDrivers in the way in which its block SharedMemoryRead
+ * uses it: copies 256 bytes into a package, and reads 20 integers from the package.
  *
- * usage: device_drivers NAME SECONDS       (NAME: of a partition that nobody uses)
- * Is built against the headers of that library, of which nothing is here. Prints as JSON the median
- * of a snapshot and 20 reads while nobody else has the semaphore, and whether a reader still waits a
- * second after a process died that had it.
+ * usage: device_drivers NAME SECONDS       (NAME: an unused name for the shared memory)
+ * The program is built with the headers of that library, which are not part of this project. Prints
+ * as JSON the median time of a snapshot with 20 reads while no other process has the semaphore.
+ * Also prints whether a reader still waits one second after a process died with the semaphore.
  */
 #include "median.h"
 
@@ -17,7 +17,7 @@
 
 enum { READS = 20, BYTES = 256, TURN = 100, MOST_TURNS = 200000 };
 
-/* What a simulation tool provides. */
+/* Functions that a simulation tool provides to the library. */
 void ModelicaFormatMessage(const char *format, ...)
 {
     (void)format;

@@ -1,6 +1,6 @@
-/* The limit that the simulator is compared with: receives a frame, marks it, sends it back.
+/* The bare echo, with which the simulator is compared: receives a frame, marks it, sends it back.
  *
- * usage: echo INTERFACE      (says "ready" once it answers, and runs until it is killed)
+ * usage: echo INTERFACE      (prints "ready" when it answers, and runs until it is killed)
  */
 #include "wire.h"
 

@@ -1,11 +1,11 @@
-/* Samples in the buckets of the engine's histograms, so that all are compared alike. */
+/* Puts samples into the buckets of the engine's histograms, so that all programs use the same. */
 #ifndef BENCHMARK_HISTOGRAM_H
 #define BENCHMARK_HISTOGRAM_H
 
 #include <stdint.h>
 #include <stdio.h>
 
-/* As ecat_histogram_bucket() of the client: exact below 32 ns, then 32 buckets an octave. */
+/* Like ecat_histogram_bucket() of the client library: 1 ns wide below 32 ns, then 32 per octave. */
 static inline unsigned bucket_of(uint32_t ns)
 {
     unsigned octave;
@@ -15,7 +15,7 @@ static inline unsigned bucket_of(uint32_t ns)
     return octave * 32 + (ns >> octave);
 }
 
-/* `, "buckets": [[bucket, samples], ...]` of sorted samples. */
+/* Prints `, "buckets": [[bucket, number of samples], ...]` of sorted samples. */
 static inline void print_buckets(const uint32_t *samples, uint64_t count)
 {
     uint64_t i, first;

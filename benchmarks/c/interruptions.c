@@ -1,9 +1,10 @@
-/* How often a processor is taken away from the thread of the highest priority, which never sleeps:
- * by the host of a virtual machine, by firmware, or, without real-time priority, by other programs.
+/* Counts how often a busy thread of the highest priority loses its processor: to the host of a
+ * virtual machine, to firmware, or, without real-time priority, to other programs.
  *
  * usage: interruptions --processor N --seconds S --longer-than US
- * Looks in bursts: a thread that never paused would hold up the kernel's own work on the processor.
- * Prints one line of JSON: how long it looked, how often and how long at most it did not run.
+ * Measures in bursts, because a thread without pauses would hold up the kernel's own work on the
+ * processor. Prints one line of JSON: how long it measured, how often it was interrupted for longer
+ * than US microseconds, and the longest interruption.
  */
 #include "wire.h"
 

@@ -1,4 +1,4 @@
-/* Times and their medians. */
+/* Clock and median for programs that measure the time of calls. */
 #ifndef BENCHMARK_MEDIAN_H
 #define BENCHMARK_MEDIAN_H
 
@@ -12,8 +12,9 @@ static inline double now_ns(void)
     return (double)now.tv_sec * 1e9 + (double)now.tv_nsec;
 }
 
-/* Waits until everything before it has been carried out. A processor begins the next call while the
- * last one is under way; a program that makes one each cycle has nothing of that. */
+/* Waits until all earlier instructions have been carried out. In a loop of calls, the processor
+ * would begin the next call before the last one ends. A program that makes one call in each cycle
+ * does not have this advantage, so it must not count. */
 static inline void settle(void)
 {
 #if defined(__x86_64__)
@@ -25,7 +26,7 @@ static inline void settle(void)
 #endif
 }
 
-/* What that costs, in ns. */
+/* Returns the time of settle(), in ns. */
 static inline double settling(unsigned calls)
 {
     double start = now_ns();
@@ -41,7 +42,7 @@ static inline int by_size(const void *a, const void *b)
     return (left > right) - (left < right);
 }
 
-/* Sorts them. */
+/* Returns the median, and sorts the values. */
 static inline double median(double *values, unsigned count)
 {
     qsort(values, count, sizeof *values, by_size);

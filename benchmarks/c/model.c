@@ -1,9 +1,10 @@
-/* How long one sample of a model takes that reads and writes all entries of its bus through the blocks
- * of the generated library Bench, and how long the same reads and writes take as plain calls of the
- * client: in turns, with the same connection.
+/* Times one sample of a model that reads and writes all entries of its bus through the blocks of
+ * the generated library Bench. Also times the same reads and writes as plain calls of the client
+ * library. Both take turns and use the same connection.
  *
  * usage: model BUS SECONDS
- * Prints the medians of the turns, in ns, and the median of the ratios of neighbouring turns.
+ * Prints as JSON the medians of the turns, in ns, and the median of the ratios of neighbouring
+ * turns.
  */
 #include "Bench.h"
 #include "bus.h"

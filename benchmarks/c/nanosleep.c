@@ -1,8 +1,8 @@
-/* What the machine allows a cyclic program: wakes up on a fixed grid and does nothing else.
+/* The limit of the machine for a cyclic program: wakes up on a fixed grid and does nothing else.
  *
  * usage: nanosleep --rate HZ --seconds S
- * A deadline is missed when the one before it is woken up for after it. Prints one line of JSON;
- * the samples are the lateness of the wake-ups, in nanoseconds.
+ * A deadline is missed if it passes before the program wakes up for the deadline before it. Prints
+ * one line of JSON; the samples are the lateness of the wake-ups, in nanoseconds.
  */
 #include "wire.h"
 
@@ -22,7 +22,7 @@ static int compare(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Wakes up so many times; returns how many deadlines were missed. */
+/* Wakes up `cycles` times; returns the number of missed deadlines. */
 static uint64_t run(int64_t period, uint64_t cycles)
 {
     int64_t due = now_ns();
@@ -37,7 +37,7 @@ static uint64_t run(int64_t period, uint64_t cycles)
         now = now_ns();
         samples[i] = now - due < UINT32_MAX ? (uint32_t)(now - due) : UINT32_MAX;
         for (; due + period <= now; due += period)
-            missed++; /* the grid stays */
+            missed++; /* skips a missed deadline, but keeps to the grid */
     }
     return missed;
 }
@@ -59,7 +59,7 @@ int main(int count, char **arguments)
     }
     die_with_parent();
     real_time = ask_for_real_time(PRIORITY);
-    memset(samples, 0, sizeof samples); /* no page fault later */
+    memset(samples, 0, sizeof samples); /* avoids page faults later */
     cycles = (uint64_t)(rate * seconds);
     (void)run((int64_t)(1e9 / rate), WARM_UP);
     missed = run((int64_t)(1e9 / rate), cycles);

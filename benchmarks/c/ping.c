@@ -1,16 +1,16 @@
-/* A master reduced to what is measured: sends the frames of one cycle, waits until all are back.
+/* A minimal master: sends the frames of one cycle, and waits until all of them are back.
  *
  * usage: ping INTERFACE [options] < FRAMES
  *   --seconds S     how long to measure (1)
- *   --warm-up S     how long to exchange before (0.05)
- *   --rate HZ       cycles a second on a fixed grid; 0 = the next cycle follows at once (0)
+ *   --warm-up S     how long to exchange before the measurement (0.05)
+ *   --rate HZ       cycles per second on a fixed grid; 0 = the next cycle follows at once (0)
  *   --spin          poll the socket instead of sleeping in it
  *   --counter N     expected sum of all working counters of a cycle (not checked)
  *   --buckets       also print the histogram of the samples: pairs of bucket and count
- *   --first         ends with the first cycle that is answered; sends one each millisecond
+ *   --first         send a cycle each millisecond, and end when the first one is answered
  *
- * FRAMES are the frames of one cycle, each behind its size (16 bits, little-endian). The index of
- * a frame's first datagram is overwritten: it tells the frames of a cycle from late ones.
+ * FRAMES are the frames of one cycle, each after its size (16 bits, little-endian). The index of a
+ * frame's first datagram is overwritten, to tell the frames of a cycle from late ones.
  * A cycle whose frames are not all back after 100 ms counts as lost. Prints one line of JSON;
  * times are nanoseconds.
  */
@@ -29,7 +29,7 @@ enum {
     MAX_SAMPLES = 1 << 22,
     TIMEOUT_US = 100000,
     FIRST_TIMEOUT_US = 1000,
-    INDEX = 17, /* of the first datagram: Ethernet header, frame header, command */
+    INDEX = 17, /* of the first datagram, after Ethernet header, frame header and command */
     DATAGRAMS = 16
 };
 
@@ -58,7 +58,7 @@ static void sleep_until(int64_t ns)
 
 static unsigned load16(const uint8_t *p) { return (unsigned)(p[0] | p[1] << 8); }
 
-/* The sum of the working counters of all datagrams of a frame. */
+/* Returns the sum of the working counters of all datagrams of a frame. */
 static long counters(const uint8_t *frame, size_t size)
 {
     long sum = 0;
@@ -74,7 +74,7 @@ static long counters(const uint8_t *frame, size_t size)
     return sum;
 }
 
-/* One frame of this cycle, or -1 after the timeout. */
+/* Receives one frame of this cycle; returns its number in the cycle, or -1 after the timeout. */
 static int receive(int fd, uint8_t base, int64_t deadline, long *sum)
 {
     static uint8_t frame[MAX_FRAME];
@@ -96,7 +96,7 @@ static int receive(int fd, uint8_t base, int64_t deadline, long *sum)
     }
 }
 
-/* Sends all frames of a cycle and waits for them; nanoseconds, or -1 if one is lost. */
+/* Sends all frames of a cycle and waits for them; returns nanoseconds, or -1 if one is lost. */
 static int64_t exchange(int fd, int64_t timeout_us)
 {
     bool back[MAX_FRAMES] = {false};
@@ -127,7 +127,7 @@ static int64_t exchange(int fd, int64_t timeout_us)
     return end - start;
 }
 
-/* Exchanges for some seconds; returns the seconds it took. */
+/* Exchanges for some seconds; returns the seconds taken. */
 static double run(int fd, double seconds)
 {
     int64_t start = now_ns(), end = start + (int64_t)(seconds * 1e9), due = start, now = start;
@@ -135,7 +135,7 @@ static double run(int fd, double seconds)
     while (now < end && sample_count < MAX_SAMPLES) {
         if (period > 0) {
             for (due += period; due < now; due += period)
-                missed++; /* the grid stays */
+                missed++; /* skips a missed deadline, but keeps to the grid */
             sleep_until(due);
         }
         int64_t taken = exchange(fd, TIMEOUT_US);
@@ -157,7 +157,7 @@ static uint32_t quantile(double q)
     return sample_count == 0 ? 0 : samples[(uint64_t)(q * (double)(sample_count - 1))];
 }
 
-/* How often this process has gone to sleep so far. */
+/* Returns how often this process has gone to sleep so far. */
 static long sleeps(void)
 {
     struct rusage usage = {0};
@@ -181,7 +181,7 @@ static void report(double seconds, bool real_time, long slept)
     printf("}\n");
 }
 
-/* When the first cycle is answered: CLOCK_MONOTONIC, seconds. */
+/* Prints when the first cycle is answered: CLOCK_MONOTONIC, in seconds. */
 static void wait_for_first(int fd)
 {
     int64_t due = now_ns();
@@ -252,7 +252,7 @@ int main(int count, char **arguments)
         wait_for_first(fd);
         return 0;
     }
-    memset(samples, 0, sizeof samples); /* no page fault later */
+    memset(samples, 0, sizeof samples); /* avoids page faults later */
     (void)run(fd, options.warm_up);
     sample_count = lost_frames = lost_cycles = wrong = late = missed = 0;
     long before = sleeps();

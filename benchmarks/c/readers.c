@@ -1,8 +1,8 @@
 /* Many readers of the shared memory: each waits for every cycle and samples the process image.
  *
  * usage: readers BUS COUNT
- * Each is a process of its own. Runs until standard input is closed; the first byte that comes
- * there starts them, each further one stops them or lets them go on.
+ * Each reader is a process of its own. The first byte on standard input starts the readers; each
+ * further byte stops them, or lets them go on. The program ends when standard input is closed.
  */
 #include <ecat/ecat.h>
 #include <signal.h>

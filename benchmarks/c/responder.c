@@ -1,15 +1,18 @@
-/* Slaves that need nobody to wake: frames of the cycle are answered inside the kernel, by an XDP
- * program on the far end of a veth pair, within the system call that sends them. All other frames go
- * on to whoever serves the far end.
+/* Answers the frames of the cycle inside the kernel: with an XDP program on the far end of a veth
+ * pair, within the system call that sends a frame. So no process has to be woken. All other frames
+ * go on to the program that serves the far end.
  *
  * usage: responder NEAR FAR
- * Standard input begins with frames and their answers, as somebody who served the far end gave them:
- * how many, and for each its length, the frame, and the answer; numbers are 16 bits, little-endian.
- * From then on a frame with the same datagrams (commands, addresses, lengths) gets the same answer:
- * bytes in which the answer differs from what was sent (working counters, AL status, inputs, the mark
- * in the source address) are written; outputs, indices and all other bytes go back as they came.
- * Says "ready" once it answers. Each further byte on standard input is answered by a line of JSON with
- * the numbers of EtherCAT frames answered here and passed on. Ends when standard input does.
+ * Standard input begins with recorded frames and their answers: first their number, then for each
+ * its length, the frame and the answer. Numbers have 16 bits, little-endian.
+ *
+ * From then on, a frame with the same datagrams (commands, addresses, lengths) gets the same
+ * answer. Bytes that differ between recorded frame and answer are written: working counters, AL
+ * status, inputs, the mark in the source address. All other bytes, such as outputs and indices, go
+ * back unchanged.
+ *
+ * Prints "ready" when it answers. For each further byte on standard input, prints a line of JSON
+ * with the numbers of EtherCAT frames answered and passed on. Ends when standard input is closed.
  */
 #include "wire.h"
 
@@ -26,11 +29,11 @@ enum {
     HEADER = 10,
     COUNTER = 2,
     MOST_DATAGRAMS = 256,
-    MOST_CODE = 30000 /* so that all jumps reach their targets */
+    MOST_CODE = 30000 /* a jump offset has 16 bits */
 };
 enum { ANSWERED, PASSED, COUNTERS };
-enum { REFUSED = 3 }; /* status */
-enum { R0, R1, R2, R3, R4 }; /* registers; from begin() on R2 is the frame, and R3 its end */
+enum { REFUSED = 3 }; /* exit status */
+enum { R0, R1, R2, R3, R4 }; /* registers; after begin(), R2 is the frame, R3 its end */
 
 static struct bpf_insn code[MOST_CODE];
 static uint32_t length;
@@ -65,7 +68,7 @@ static void store(int size, int at, uint32_t value)
     emit(BPF_ST | BPF_MEM | size, R2, 0, at, (int32_t)value);
 }
 
-/* Jumps whose targets are the end of the part that deals with one frame. */
+/* Jumps to the end of the code for one frame; land() sets their targets. */
 static uint32_t open_jumps[3 * MOST_DATAGRAMS + 8], open_count;
 
 static void leave_if(int condition, int one, int other, int32_t value)
@@ -108,7 +111,7 @@ static void leave(int action)
 static uint32_t get16(const uint8_t *at) { return (uint32_t)(at[0] | at[1] << 8); }
 static uint32_t get32(const uint8_t *at) { return get16(at) | get16(at + 2) << 16; }
 
-/* Leaves unless the frame is of this size (bytes up to `size` may be used then). */
+/* Leaves unless the frame has this size. After it, the verifier allows access to `size` bytes. */
 static void expect_size(uint32_t size)
 {
     emit(BPF_ALU64 | BPF_MOV | BPF_X, R4, R2, 0, 0);
@@ -119,7 +122,7 @@ static void expect_size(uint32_t size)
     leave_if(BPF_JMP | BPF_JLE | BPF_X, R4, R3, 0);
 }
 
-/* Leaves unless command, address and length of each datagram are those of `frame`. */
+/* Leaves unless each datagram has the command, address and length that it has in `frame`. */
 static void expect_datagrams(const uint8_t *frame, uint32_t size)
 {
     uint32_t at = FIRST_DATAGRAM, datagrams = 0;
@@ -138,7 +141,7 @@ static void expect_datagrams(const uint8_t *frame, uint32_t size)
     }
 }
 
-/* Makes the answer of the frame: bytes that differ, four at once where four follow each other. */
+/* Turns the frame into its answer: writes the bytes that differ, up to four at once. */
 static void patch(const uint8_t *frame, const uint8_t *answer, uint32_t size)
 {
     for (uint32_t at = 0; at < size;) {
@@ -172,7 +175,7 @@ static void begin(void)
     load(BPF_W, R3, R1, offsetof(struct xdp_md, data_end));
 }
 
-/* What was not answered: EtherCAT frames among it are counted. */
+/* Passes on all other frames, and counts the EtherCAT frames among them. */
 static void end(int map)
 {
     emit(BPF_ALU64 | BPF_MOV | BPF_X, R4, R2, 0, 0);
@@ -186,7 +189,7 @@ static void end(int map)
 
 /* --- the kernel ----------------------------------------------------------------------------- */
 
-/* Ends: with a status of its own where the kernel, or its administrator, does not want this. */
+/* Ends the program: with the status REFUSED if the kernel or its administrator forbids this. */
 static void refused(const char *what)
 {
     int status = errno == EPERM || errno == EACCES || errno == ENOSYS || errno == EOPNOTSUPP ? REFUSED
@@ -223,7 +226,7 @@ static void attach(const char *interface)
     program = bpf(BPF_PROG_LOAD, &attributes);
     if (program < 0 && errno == EPERM)
         refused("responder: bpf(BPF_PROG_LOAD)");
-    if (program < 0) { /* once more, for what the verifier says */
+    if (program < 0) { /* once more, to get the log of the verifier */
         attributes.log_level = 1;
         attributes.log_size = sizeof said;
         attributes.log_buf = (uintptr_t)said;
@@ -277,7 +280,7 @@ int main(int arguments, char **names)
     die_with_parent();
     map = make_counters();
     leave(XDP_PASS);
-    attach(names[1]); /* veth takes back what XDP sends only where there is a program, too */
+    attach(names[1]); /* veth only takes frames from XDP if this end has a program, too */
     begin();
     for (left = read_bytes(number, 2); left > 0; left--) {
         uint32_t size = read_bytes(number, 2);

@@ -1,11 +1,11 @@
-/* How long a snapshot of the process image and 20 reads by handle take, beside the least that it
- * could be: the same bytes copied from the same memory, and 20 plain loads.
+/* Times a snapshot of the process image with 20 reads by handle. Also times the minimum: a copy of
+ * the same bytes from the same memory, and 20 plain loads.
  *
  * usage: snapshot BUS READERS SECONDS PROCESSOR...
- * READERS processes do both, in turns of some microseconds, at the same time; each is pinned to one
- * of the processors, in turns. Prints the medians of each process as JSON. A turn during which the
- * scheduler took the processor away is far from the median, so with more readers than processors
- * these are times of one who has it.
+ * READERS processes measure at the same time. In each, both take turns of some microseconds. The
+ * processes are pinned to the given processors, one after the other. Prints the medians of each
+ * process as JSON. A turn in which the scheduler took the processor away is far from the median. So
+ * even with more readers than processors, the medians are times of readers that run.
  */
 #include "bus.h"
 #include "median.h"
@@ -32,7 +32,7 @@ struct shared {
     struct result result[MOST_READERS];
 };
 
-/* The image as it lies in the segment, for who does without the client. */
+/* The process image in shared memory, for reads without the client library. */
 struct image {
     const uint8_t *at;
     size_t size;

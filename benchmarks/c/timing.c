@@ -1,4 +1,4 @@
-/* Times a slave controller function without Python in between. */
+/* Times the function of a slave controller, without calls through Python. */
 #define EXPORT __attribute__((visibility("default")))
 #include <stddef.h>
 #include <stdint.h>
@@ -13,7 +13,7 @@ static double now_ns(void)
     return (double)now.tv_sec * 1e9 + (double)now.tv_nsec;
 }
 
-/* Nanoseconds of one call, as the mean of `calls` calls; `results` gets `batches` of these. */
+/* Writes `batches` times to `results`: each is the mean time of `calls` calls, in nanoseconds. */
 EXPORT void time_process(process_function process, void *segment, uint8_t *frame, size_t size,
                          unsigned calls, unsigned batches, double *results);
 

@@ -1,4 +1,4 @@
-/* What both ends of the wire share: a raw socket as the simulator opens it, the clock, real time. */
+/* Functions for both ends of the wire: raw socket (like the simulator's), clock, real time. */
 #ifndef BENCHMARK_WIRE_H
 #define BENCHMARK_WIRE_H
 
@@ -33,7 +33,8 @@ static inline int64_t now_ns(void)
     return now.tv_sec * INT64_C(1000000000) + now.tv_nsec;
 }
 
-/* A socket for EtherCAT frames of one interface, with the options of simulator/esc/segment.c. */
+/* Opens a socket for EtherCAT frames on an interface, with the options of simulator/esc/segment.c.
+ * Ends the program if the interface cannot be used. */
 static inline int open_wire(const char *interface, long timeout_us)
 {
     unsigned index = if_nametoindex(interface);
@@ -55,7 +56,8 @@ static inline int open_wire(const char *interface, long timeout_us)
     return fd;
 }
 
-/* SCHED_FIFO where permitted, else short time slices, as the simulator does it. */
+/* Asks for SCHED_FIFO, or else for short time slices, as the simulator does; returns whether it got
+ * SCHED_FIFO. */
 static inline bool ask_for_real_time(int priority)
 {
     struct sched_param parameter = {.sched_priority = priority};
@@ -73,7 +75,7 @@ static inline bool ask_for_real_time(int priority)
     return granted;
 }
 
-/* No benchmark outlives the one who started it. */
+/* Ends this process when the process that started it ends. */
 static inline void die_with_parent(void) { (void)prctl(PR_SET_PDEATHSIG, SIGKILL); }
 
 #endif

@@ -1,4 +1,4 @@
-// What the wrapper for C++ adds to the calls of C: the same snapshot and 20 reads with both, in turns.
+// The overhead of the C++ wrapper: times a snapshot with 20 reads in C and in C++, in turns.
 //
 // usage: wrapper BUS SECONDS
 #include <ecat/ecat.hpp>

@@ -1,9 +1,9 @@
 /* Clients that commit once a cycle, each with outputs of its own.
  *
  * usage: writers BUS CLIENTS SLAVES
- * Each of the CLIENTS claims SLAVES slaves. They are handles of one process, which keeps time by
- * itself, so that the engine has nobody to wake. Prints "{}" when all outputs are claimed; ends when
- * standard input is closed.
+ * Each of the CLIENTS claims SLAVES slaves. All clients are handles of one process. It sleeps with
+ * its own timer, so that the engine does not have to wake it. Prints "{}" when all outputs are
+ * claimed; ends when standard input is closed.
  */
 #include "bus.h"
 
@@ -54,7 +54,7 @@ int main(int count, char **arguments)
     }
     for (i = 0; i < wanted; i++) {
         clients[i] = join(arguments[1], i * atoi(arguments[3]), atoi(arguments[3]));
-        commit_all(clients, i + 1, i); /* those that are there already must not lapse */
+        commit_all(clients, i + 1, i); /* renews the leases of earlier clients */
     }
     period = (long)(ecat_cycle_time(clients[0].bus) * 1e9);
     clock_gettime(CLOCK_MONOTONIC, &due);

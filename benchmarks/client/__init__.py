@@ -1,1 +1,1 @@
-"""What programs get out of the shared memory, and what they cost the daemon."""
+"""Clients of the shared memory: how fast they read and write, and what they cost the daemon."""

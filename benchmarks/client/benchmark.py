@@ -1,6 +1,6 @@
-"""Clients of the shared memory: what reading and writing cost them, and what they cost the daemon.
+"""Clients of the shared memory: how fast they read and write, and what they cost the daemon.
 
-The engine of the daemon exchanges with simulated slaves meanwhile, at 1 kHz or free-running.
+Meanwhile the engine of the daemon exchanges with simulated slaves, at 1 kHz or free-running.
 """
 
 from __future__ import annotations
@@ -36,13 +36,14 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 _SMALL, _LARGE = (8, 16), (200, 8)
 """Slaves, and bytes of outputs and of inputs of each: a domain of 256 bytes, and a long line."""
-_RARE = "sched_yield"
-"""A sample that finds the engine interrupted in the middle of writing lets it run."""
+_YIELD = "sched_yield"
+"""A sample makes this call, rarely, if the engine was interrupted in the middle of writing."""
 _MARK = "getppid"
+"""`commit.c` makes this call before and after its steps."""
 _DELAY_RATE, _DELAY_PRIORITY = 2000, 70
 _READS, _TURN = 20, 50
 _SOURCES = "DEVICE_DRIVERS"
-"""Environment variable: a checkout of github.com/modelica-3rdparty/Modelica_DeviceDrivers."""
+"""Environment variable with a checkout of github.com/modelica-3rdparty/Modelica_DeviceDrivers."""
 _HEADERS = Path("Modelica_DeviceDrivers") / "Resources" / "Include"
 
 
@@ -55,15 +56,15 @@ def measure(
     cost_rounds: int = 5,
     cost_seconds: float = 0.3,
 ) -> dict[str, Any]:
-    """Everything.
+    """Runs the whole benchmark and returns its results.
 
     Args:
-        bench: Where.
-        readers: How many processes read at once.
-        seconds: How long each measurement takes.
+        bench: Folder and processors for the measurement.
+        readers: Numbers of processes that read at the same time.
+        seconds: Duration of each measurement.
         cycles: How often the delay from sample to wire is measured.
-        cost_rounds: How often clients of each kind have their turn.
-        cost_seconds: How long a turn is.
+        cost_rounds: Number of turns of each kind of client.
+        cost_seconds: Duration of such a turn.
     """
     with mirror_line(bench, *_SMALL) as line:
         snapshots = _snapshots(line, readers, seconds)
@@ -100,9 +101,9 @@ def measure(
 
 
 def _snapshots(line: MirrorLine, readers: Sequence[int], seconds: float) -> list[dict[str, Any]]:
-    """A snapshot and 20 reads, beside the least that it could be, with so many readers at once.
+    """Times a snapshot with 20 reads, and the minimum: a copy of the bytes and 20 plain loads.
 
-    Those that share a processor run as much longer.
+    If readers share a processor, the measurement takes longer, so that each has enough turns.
     """
     bench = line.bench
     processors = sorted(bench.processors.rest)
@@ -118,7 +119,7 @@ def _snapshots(line: MirrorLine, readers: Sequence[int], seconds: float) -> list
 
 
 def _summary(processes: list[dict[str, float]]) -> dict[str, Any]:
-    """Medians over the processes of their medians, and their span."""
+    """Returns the medians of the processes' medians, and the span of the snapshot times."""
     samples = [process["sample"] for process in processes]
     medians = {
         key: statistics.median(process[key] for process in processes)
@@ -129,7 +130,7 @@ def _summary(processes: list[dict[str, float]]) -> dict[str, Any]:
 
 
 def _commits(line: MirrorLine, seconds: float) -> list[dict[str, Any]]:
-    """A commit and a whole step of a program, with the outputs of one slave and of all."""
+    """Times a commit and a whole step, with the outputs of one slave and of all slaves."""
     with line.exchanged():
         return [
             {
@@ -142,7 +143,7 @@ def _commits(line: MirrorLine, seconds: float) -> list[dict[str, Any]]:
 
 
 def _system_calls(line: MirrorLine) -> dict[str, Any]:
-    """System calls of 10000 steps, counted by strace."""
+    """Counts the system calls of 10000 steps with strace."""
     strace = shutil.which("strace")
     if strace is None:
         return {"reason": "strace is not installed"}
@@ -155,13 +156,17 @@ def _system_calls(line: MirrorLine) -> dict[str, Any]:
     between = calls[first + 1 : second]
     return {
         "steps": found["steps"],
-        "calls": sum(call != _RARE for call in between),
-        "yields": between.count(_RARE),
+        "calls": sum(call != _YIELD for call in between),
+        "yields": between.count(_YIELD),
     }
 
 
 def _delay(line: MirrorLine, cycles: int) -> dict[str, Any]:
-    """In how many cycles what was sampled goes out, and how often; by a loop-back of numbers."""
+    """Checks that a program's answer to a sample goes out in the next cycle.
+
+    The program `delay` writes the number of each cycle to a slave that returns its outputs. The
+    result also has `engine`, the counts that the engine itself keeps (`delay_cycles`).
+    """
     bus = line.bench.bus
     with line.exchanged(cycle_us=1_000_000 // _DELAY_RATE):
         before = Health(bus).values.delay_cycles
@@ -172,7 +177,7 @@ def _delay(line: MirrorLine, cycles: int) -> dict[str, Any]:
 
 
 def _python(bus: str, seconds: float) -> dict[str, float]:
-    """Nanoseconds of what programs in Python do in each cycle."""
+    """Returns the nanoseconds of each call that programs in Python make in a cycle."""
     with Client(bus) as client:
         signals = client.signals()
         chosen = [signals[i * len(signals) // _READS] for i in range(_READS)]
@@ -197,7 +202,7 @@ def _python(bus: str, seconds: float) -> dict[str, float]:
 
 
 def _time(client: Client, action: Callable[[], Any], seconds: float) -> float:
-    """The median of turns, with the call from Python."""
+    """Returns the median time of an action over all turns, in ns, with the call from Python."""
     turns: list[float] = []
     end = time.perf_counter() + seconds
     while not turns or time.perf_counter() < end:
@@ -210,7 +215,7 @@ def _time(client: Client, action: Callable[[], Any], seconds: float) -> float:
 
 
 def _in_process(bench: Bench, seconds: float) -> dict[str, Any]:
-    """The master in the process of the model: SOEM exchanges in every step, in its thread."""
+    """Times a master in the thread of the model: pysoem (SOEM) exchanges in every step."""
     with on_line(bench, *_SMALL) as turns:
         if not turns.has(PYSOEM):
             return {"reason": turns.missing[PYSOEM]}
@@ -222,7 +227,7 @@ def _in_process(bench: Bench, seconds: float) -> dict[str, Any]:
 
 
 def _device_drivers(bench: Bench, seconds: float) -> dict[str, Any]:
-    """The shared memory of Modelica_DeviceDrivers."""
+    """Times the shared memory of Modelica_DeviceDrivers."""
     if _SOURCES not in os.environ:
         return {"reason": f"{_SOURCES} names no checkout of it"}
     headers = Path(os.environ[_SOURCES]) / _HEADERS

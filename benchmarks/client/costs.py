@@ -1,4 +1,4 @@
-"""What clients cost the engine: those that write, what they claim, and those that wait."""
+"""The cost of clients for the engine: of clients that write, of their claims, and of waiters."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from ..summary import fit
 
 _SETTLE = 0.1
 _THREAD_CLOCK = 6
-"""CPUCLOCK_PERTHREAD | CPUCLOCK_SCHED of Linux: the time that a thread has run."""
+"""CPUCLOCK_PERTHREAD | CPUCLOCK_SCHED of Linux: the clock of the time that a thread has run."""
 
 Case = tuple[str, int, int]
-"""Program, clients, and slaves that each claims."""
+"""A program, the number of its clients, and the number of slaves that each of them claims."""
 
 _WRITERS: dict[int, Case] = {count: ("writers", count, 1) for count in (0, 1, 8, 31)}
-"""By their number: clients that commit in every cycle, with the outputs of one slave each."""
+"""Clients that commit in every cycle, with the outputs of one slave each, by their number."""
 _CLAIMS: dict[int, Case] = {count: ("writers", 1, count) for count in (1, 10, 50, 200)}
-"""By number of slaves: one such client that has the outputs of all of them."""
+"""One such client with the outputs of several slaves, by the number of slaves."""
 _WAITERS: dict[int, Case] = {count: ("readers", count, 0) for count in (0, 1, 2, 64)}
-"""By their number: processes that wait for every cycle and sample."""
+"""Processes that wait for every cycle and sample, by their number."""
 
 
 def measure(line: MirrorLine, rounds: int, seconds: float) -> dict[str, Any]:
-    """Time and instructions of the engine's thread in a cycle, beside clients of all kinds.
+    """Returns time and instructions of the engine's thread per cycle, beside clients of all kinds.
 
     Args:
         line: The slaves.
-        rounds: How often each has its turn.
-        seconds: How long a turn is.
+        rounds: Number of turns of each case.
+        seconds: Duration of a turn.
     """
     cases = [*_WRITERS.values(), *_CLAIMS.values(), *_WAITERS.values()]
     found: dict[Case, list[dict[str, float]]] = {case: [] for case in cases}
@@ -57,7 +57,7 @@ def measure(line: MirrorLine, rounds: int, seconds: float) -> dict[str, Any]:
 
 
 def _points(axis: str, found: dict[int, Sequence[dict[str, float]]]) -> dict[str, Any]:
-    """Medians over the rounds, and the slopes of the straight lines through them."""
+    """Returns the medians over the rounds, and the slopes of the straight lines through them."""
     keys = next(iter(found.values()))[0]
     points = [
         {axis: number}
@@ -69,10 +69,10 @@ def _points(axis: str, found: dict[int, Sequence[dict[str, float]]]) -> dict[str
 
 
 class _Meter:
-    """What the engine's thread does.
+    """Measures time and instructions of the engine's thread in this process.
 
     Args:
-        bus: Its bus.
+        bus: Name of the engine's bus.
     """
 
     def __init__(self, bus: str) -> None:
@@ -81,7 +81,12 @@ class _Meter:
         self._counter = None if instructions.obstacle() else instructions.Counter(thread())
 
     def cycles(self, seconds: float) -> dict[str, float]:
-        """Of a cycle: nanoseconds and, where they can be counted, instructions; its exchange."""
+        """Measures for some seconds, and returns the cost of a cycle.
+
+        Returns:
+            `ns`, the time that the thread ran per cycle; `instructions` per cycle, where they can
+            be counted; and `exchange`, the median time of an exchange in ns.
+        """
         before, first = Health(self._bus), self._read()
         time.sleep(seconds)
         after, last = Health(self._bus), self._read()
@@ -101,7 +106,7 @@ class _Meter:
 
 @contextlib.contextmanager
 def _clients(line: MirrorLine, program: str, count: int, slaves: int) -> Iterator[None]:
-    """So many clients, while it is entered."""
+    """Runs `count` clients; each claims `slaves` slaves, if `slaves` is not 0."""
     if count == 0:
         yield
         return
@@ -119,7 +124,7 @@ def _clients(line: MirrorLine, program: str, count: int, slaves: int) -> Iterato
         if program == "writers":
             process.stdout.readline()
         else:
-            time.sleep(_SETTLE)  # readers stop themselves before they are let go
+            time.sleep(_SETTLE)  # each reader stops itself first, and the byte lets it go on
             process.stdin.write(b"!")
         try:
             yield

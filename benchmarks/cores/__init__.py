@@ -1,1 +1,1 @@
-"""What the cyclic engine does on two processors, as many as small industrial PCs have."""
+"""The cyclic engine on two processors, as many as small industrial PCs have."""

@@ -1,9 +1,9 @@
 """The cyclic engine on two processors, which it shares with everything else.
 
-The slaves are simulated, and the simulator needs processors, too. So everything is measured twice:
-with the simulator that answers all frames, and with a program in the kernel that answers those of
-the cycle, as slaves do that need nobody to wake (`segment.responder`). No more than two processors
-are used, however many there are.
+The slaves are simulated, and the simulator needs processor time, too. So everything is measured
+twice. First the simulator answers all frames. Then a program in the kernel answers the frames of
+the cycle (`segment.responder`); like a real slave, it does not have to be woken. The benchmark uses
+two processors, even if the machine has more.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 _PROCESSORS = 2
 _OWN, _SHARED = "own", "shared"
-"""Whether the engine has a processor for itself (`realtime.cpu`), and all others keep off it."""
+"""Whether the engine has a processor of its own (`realtime.cpu`), or shares both with the rest."""
 _LINE = (8, 32)
 _RATE = 1000
-"""Cycles a second of the daemon."""
+"""Cycles per second of the daemon."""
 _TAP_RATE, _TAP_SECONDS = 100, 0.2
 _LOOPS = ((SLEEP, False), (ENGINE, False))
 
@@ -51,15 +51,15 @@ def measure(
     load_seconds: float = 0.3,
     loads: tuple[str, ...] = (SDO, ZENOH, PYTHON, MEMORY),
 ) -> dict[str, Any]:
-    """Everything.
+    """Runs the whole benchmark and returns its results.
 
     Args:
-        bench: Where.
-        rates: Cycles a second without loads.
-        seconds: How long each of the loops runs at each of them.
+        bench: Folder and processors for the measurement.
+        rates: Cycles per second for the measurements without loads.
+        seconds: How long each loop runs at each of these rates.
         load_rounds: How often each load is switched on and off.
-        load_seconds: How long it is on, and off.
-        loads: Which ones.
+        load_seconds: How long a load is on, and how long it is off.
+        loads: Names of the loads.
     """
     before = os.sched_getaffinity(0)
     os.sched_setaffinity(0, sorted(before)[-_PROCESSORS:])
@@ -88,7 +88,7 @@ def measure(
 def _alone(
     bench: Bench, rates: tuple[float, ...], seconds: float, responders: tuple[str, ...]
 ) -> list[dict[str, Any]]:
-    """Exchanges and missed cycles beside nothing but the loop that only wakes up, in turns."""
+    """Measures exchanges and missed cycles without loads, and the loop that only wakes up."""
     results = []
     with on_line(bench, *_LINE, others=False) as turns:
         exchange = partial(turns.run, ENGINE, rate=_TAP_RATE, seconds=_TAP_SECONDS)
@@ -104,7 +104,7 @@ def _alone(
 def _loads(
     bench: Bench, place: str, who: str, loads: tuple[str, ...], rounds: int, seconds: float
 ) -> list[dict[str, Any]]:
-    """The daemon beside loads."""
+    """Measures the daemon beside each load."""
     here = bench.on(Processors.together()) if place == _SHARED else bench
     exchange = partial(time.sleep, _TAP_SECONDS)
     sleep = partial(here.sleep, _RATE)

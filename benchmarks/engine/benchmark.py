@@ -1,7 +1,7 @@
-"""The cyclic engine of ecatd, beside loops that show what the machine and other masters can do.
+"""The cyclic engine of ecatd, compared with the limit of the machine and with other masters.
 
-All loops have their turns on one simulated segment, in one run, a fraction of a second each, so
-that they meet the same disturbances of the machine; `turns` says which loops there are.
+All loops take turns of a fraction of a second on one simulated segment, in one run, so that they
+meet the same disturbances of the machine. `turns` describes the loops.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Line = tuple[int, int]
 """Slaves, and bytes of outputs and of inputs of each."""
 
 _LINES: tuple[Line, ...] = ((1, 32), (8, 32), (32, 32), (200, 8))
-"""200 slaves have fewer bytes: 100 Mbit/s carry no more in 1 ms."""
+"""200 slaves have fewer bytes each, because 100 Mbit/s carry no more in 1 ms."""
 _WORK_LINES: tuple[Line, ...] = (
     *((1, 32), (8, 8), (8, 32), (8, 80), (32, 8), (32, 32)),
     *((64, 8), (100, 2), (200, 2), (200, 8)),
@@ -65,21 +65,21 @@ def measure(
     clock_seconds: float = 10.0,
     starts: int = 3,
 ) -> dict[str, Any]:
-    """Everything.
+    """Runs the whole benchmark and returns its results.
 
     Args:
-        bench: Where.
+        bench: Folder and processors for the measurement.
         lines: The lines of slaves.
-        plan: What is measured of exchanges.
+        plan: Rates and durations for the measurement of exchanges.
         deadline_lines: Lines on which missed cycles are counted.
-        deadline_rates: And at which rates.
-        deadline_seconds: How long each loop runs at each rate.
+        deadline_rates: Cycles per second at which missed cycles are counted.
+        deadline_seconds: How long each loop runs at each of these rates.
         work_lines: Lines on which instructions are counted.
-        work_seconds: How long.
+        work_seconds: How long instructions are counted on each line.
         load_rounds: How often each load is switched on and off.
-        load_seconds: How long it is on, and off.
-        load_busy: Whether engines that poll the socket are loaded, too.
-        clock_seconds: How long distributed clocks are watched.
+        load_seconds: How long a load is on, and how long it is off.
+        load_busy: Engines that are measured beside loads: with True, the engine polls the socket.
+        clock_seconds: How long distributed clocks are observed.
         starts: How often the daemon is started on each line.
     """
     results = []

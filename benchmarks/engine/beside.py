@@ -1,7 +1,7 @@
 """The engine beside loads: the real daemon on the reference plant.
 
-Each load is switched on and off, several times a second, so that both meet the same disturbances of
-the machine, and what the engine has counted in shared memory meanwhile is compared.
+Each load is switched on and off several times a second, so that the times with and without load
+meet the same disturbances of the machine. The counters of the engine in shared memory are compared.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ _COUNTS = ("cycles", "frames", "lost_frames", "late_frames", "wrong", "missed_cy
 def measure(
     bench: Bench, rounds: int, seconds: float, *, busy: Sequence[bool]
 ) -> list[dict[str, Any]]:
-    """Every load, for `rounds` times `seconds` on and as long off.
+    """Measures the engine with and without each load.
 
     Args:
-        bench: Where.
-        rounds: How often.
-        seconds: How long.
-        busy: Whether the engine polls the socket; one daemon for each.
+        bench: Folder and processors for the measurement.
+        rounds: How often each load is switched on and off.
+        seconds: How long a load is on, and how long it is off.
+        busy: One daemon is measured for each element: with True, its engine polls the socket.
     """
     result = []
     with ecatsim(RIG, bench.processors):
@@ -56,15 +56,15 @@ def compare(
     seconds: float,
     sleep: Callable[[float], dict[str, Any]] | None = None,
 ) -> dict[str, Any]:
-    """What the engine of a bus does beside a load, and without it, in turns.
+    """Compares the engine of a bus with and without a load, in turns.
 
     Args:
-        bus: Its name.
+        bus: Name of the bus.
         load: The load.
-        rounds: How often it is on, and off.
-        seconds: How long.
-        sleep: Has a loop that only wakes up run for so many seconds: it has turns beside the load,
-            too, and the engine goes on meanwhile.
+        rounds: How often the load is switched on and off.
+        seconds: Duration of a turn.
+        sleep: Runs a loop that only wakes up for the given number of seconds. This loop also takes
+            turns beside the load, while the engine goes on.
     """
     found: dict[str, list[Any]] = {"off": [], "on": []} | ({SLEEP: []} if sleep else {})
     done: list[dict[str, Any]] = []
@@ -99,6 +99,6 @@ def _quantiles(intervals: Iterable[Interval], percent: int) -> Iterator[float]:
 
 
 def _summary(intervals: Sequence[Interval]) -> dict[str, Any]:
-    """Medians over the rounds, and sums."""
+    """Returns medians over the rounds, and sums."""
     medians = {f"p{q}": round(statistics.median(_quantiles(intervals, q))) for q in (50, 99)}
     return total((item.counts for item in intervals), *_COUNTS) | medians

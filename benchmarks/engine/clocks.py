@@ -1,4 +1,4 @@
-"""How well distributed clocks hold, and how well the engine's cycle follows them."""
+"""How far the distributed clocks differ, and how well the engine's cycle follows them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _PATIENCE = 30.0
 
 
 def _write_rig(folder: Path) -> Path:
-    """A line of slaves with clocks that drift."""
+    """Writes the rig file of a line of slaves whose clocks drift, and returns its path."""
     text = 'name = "clocks"\n'
     for position, drift in enumerate(DRIFTS):
         text += f'[[slave]]\nvendor = 0xFFFF\nproduct = 1\nname = "Clock {position}"\n'
@@ -40,7 +40,7 @@ def _write_rig(folder: Path) -> Path:
 
 
 def measure(bench: Bench, seconds: float) -> dict[str, Any]:
-    """Differences of the slaves' clocks and of the cycle to the reference clock, once locked."""
+    """Returns how far the slaves' clocks and the cycle are off the reference clock, once locked."""
     bench.say("distributed clocks")
     with (
         ecatsim(_write_rig(bench.folder), bench.processors, "--name", bench.bus),

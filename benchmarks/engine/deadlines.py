@@ -1,4 +1,4 @@
-"""How many cycles are missed, beside a loop that only wakes up, which is the machine's limit."""
+"""How many cycles are missed, compared with a loop that only wakes up: the machine's limit."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from .turns import ENGINE, SLEEP, Turns
 
 LOOPS: Sequence[Loop] = ((SLEEP, False), (ENGINE, False), (ENGINE, True))
 _SLICE = 2.0
-"""Seconds of a turn: short enough for both to see the same disturbances of the machine."""
+"""Seconds of a turn: short enough for all loops to meet the same disturbances of the machine."""
 _COUNTS = ("cycles", "missed_cycles", "lost_frames", "late_frames", "wrong")
 
 
 def measure(
     turns: Turns, rate: float, seconds: float, loops: Sequence[Loop] = LOOPS
 ) -> dict[str, Any]:
-    """One rate for some seconds, as long for each of the loops.
+    """Counts the missed cycles of each loop at one rate.
 
     Args:
-        turns: The loops.
-        rate: Cycles a second.
-        seconds: How long each of them runs.
-        loops: Those that are compared.
+        turns: The masters on their segment.
+        rate: Cycles per second.
+        seconds: How long each loop runs in total.
+        loops: The loops that are compared.
     """
     count = max(1, round(seconds / _SLICE))
     found: dict[Loop, list[dict[str, Any]]] = {loop: [] for loop in loops}
@@ -38,7 +38,7 @@ def measure(
 
 
 def _summary(name: str, results: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Sums, and quantiles over all turns."""
+    """Returns sums, and quantiles over all turns."""
     summary = total(results, *_COUNTS)
     summary["real_time"] = all(result["real_time"] for result in results)
     for kind in ("wakeup",) if name == SLEEP else ("exchange", "wakeup"):

@@ -1,4 +1,4 @@
-"""How long an exchange takes, and how many cycles there are a second if none is waited for."""
+"""How long an exchange takes, and how many cycles per second a free-running loop reaches."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _TOTALS = ("cycles", "lost_frames", "wrong", "missed_cycles")
 
 @dataclass(frozen=True)
 class Plan:
-    """What is measured, and how long.
+    """Rates and durations of the measurement.
 
     Attributes:
-        rates: Cycles a second, 0 for free-running.
-        python_rates: Those of them at which the loops in Python take part.
-        rounds: How often each loop has its turn.
-        cycles: How many cycles a turn has at least, where they are paced.
-        seconds: How long a turn is at least.
+        rates: Cycles per second, 0 for free-running.
+        python_rates: The rates at which the loops in Python take part, too.
+        rounds: Number of turns of each loop.
+        cycles: Minimum number of cycles in a turn, unless it is free-running.
+        seconds: Minimum duration of a turn.
     """
 
     rates: tuple[float, ...] = (1000, 4000, 0)
@@ -38,12 +38,12 @@ class Plan:
     seconds: float = 0.1
 
     def turn(self, rate: float) -> float:
-        """Seconds of a turn."""
+        """Returns the seconds of a turn at a rate."""
         return max(self.seconds, self.cycles / rate if rate else 0.0)
 
 
 def measure(turns: Turns, plan: Plan) -> list[dict[str, Any]]:
-    """Every rate with every loop that is there, in rounds."""
+    """Measures every available loop at every rate, in rounds."""
     found: dict[float, dict[Loop, list[dict[str, Any]]]] = {rate: {} for rate in plan.rates}
     for number in range(plan.rounds):
         for rate in plan.rates:
@@ -67,23 +67,23 @@ def measure(turns: Turns, plan: Plan) -> list[dict[str, Any]]:
 
 
 def key(loop: Loop) -> str:
-    """The loop in the results."""
+    """Returns the key of a loop in the results."""
     return f"{loop[0]} busy" if loop[1] else loop[0]
 
 
 def buckets(result: dict[str, Any]) -> histogram.Buckets:
-    """The exchange times, of whichever loop."""
+    """Returns the histogram of exchange times in the result of any loop."""
     pairs = result["buckets"]
     return histogram.of_pairs(pairs["exchange"] if isinstance(pairs, dict) else pairs)
 
 
 def _quantiles(results: Sequence[dict[str, Any]], percent: int) -> Iterator[float]:
-    """Of each round."""
+    """Returns a percentile of the exchange times of each round, in ns."""
     return (histogram.quantile(buckets(result), percent / 100) for result in results)
 
 
 def _summary(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Medians over the rounds, and sums."""
+    """Returns medians over the rounds, and sums."""
     sums = {name: sum(result.get(name, 0) for result in results) for name in _TOTALS}
     return {
         **{f"p{q}": round(statistics.median(_quantiles(results, q))) for q in (50, 99)},
@@ -97,9 +97,12 @@ def _summary(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def _ratios(
     rounds: dict[Loop, list[dict[str, Any]]], busy: bool, *, free_running: bool
 ) -> dict[str, Any]:
-    """Exchanges of the engine against the bare loop's; free-running, its rate against pysoem's.
+    """Compares the engine with the other loops.
 
-    The rate of the bare loop is the limit.
+    Returns:
+        `exchange`: the exchange times of the engine, relative to the bare loop. If the loops are
+        free-running and pysoem is there, also `rate` and `limit`: the rates of the engine and of
+        the bare loop, relative to pysoem.
     """
     ours, bare, peer = rounds[ENGINE, busy], rounds[BARE, busy], rounds.get((PYSOEM, False))
     result: dict[str, Any] = {"exchange": {}}

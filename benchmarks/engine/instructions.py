@@ -1,4 +1,4 @@
-"""Instructions that a thread executes outside the kernel, counted by the processor."""
+"""Counts the instructions that a thread executes outside the kernel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 
 def obstacle() -> str | None:
-    """Why instructions cannot be counted here, None if they can."""
+    """Returns the reason why instructions cannot be counted here, None if they can."""
     try:
         Counter(os.getpid()).close()
     except OSError as error:
@@ -25,13 +25,13 @@ def obstacle() -> str | None:
 
 
 class Counter:
-    """Counts the instructions of a thread of this process, as `perf stat -e instructions:u`.
+    """Counts the instructions of a thread of this process, as `perf stat -e instructions:u` does.
 
     Args:
-        thread: Its number.
+        thread: Number of the thread.
 
     Raises:
-        OSError: The machine cannot: many virtual ones have no such counters.
+        OSError: The machine cannot count instructions; many virtual machines have no counters.
     """
 
     def __init__(self, thread: int) -> None:
@@ -46,9 +46,9 @@ class Counter:
             raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
 
     def read(self) -> int:
-        """The count so far."""
+        """Returns the count so far."""
         return int.from_bytes(os.read(self._fd, 8), "little")
 
     def close(self) -> None:
-        """Ends counting."""
+        """Stops counting."""
         os.close(self._fd)

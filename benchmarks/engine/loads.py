@@ -1,4 +1,4 @@
-"""What disturbs the engine of a daemon: loads of all kinds, which can be switched on and off."""
+"""Loads that disturb the engine of a daemon, and that can be switched on and off."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..summary import total
 
 READERS, REQUESTS = 64, 1000
 _ASKING = 4
-"""Clients that make these requests: each waits for its answer, which must not be the limit."""
+"""Clients that share the requests: each waits for its answers, so one alone would be too slow."""
 SDO = "SDO reads without pause"
 PYTHON = "a busy Python thread in the bus server"
 MEMORY = f"{READERS} readers of the shared memory"
@@ -27,12 +27,18 @@ ATTACH = "clients that attach, claim outputs and leave"
 ZENOH = f"{REQUESTS} Zenoh requests a second"
 
 Load = Callable[[float], contextlib.AbstractContextManager[dict[str, Any]]]
-"""Is on while it is entered, for the time it is given; says then how much it did."""
+"""A context manager, made with the seconds that the load lasts; the load is on inside the context.
+
+It yields a dict. On exit, loads that count their work put the counts into it.
+"""
 
 
 @contextlib.contextmanager
 def _clients(kind: str, count: int, rate: float, bench: Bench, daemon: Daemon) -> Iterator[Load]:
-    """So many clients of one kind, which act `rate` times a second in all, or without pause."""
+    """A load of `count` clients of one kind, with `rate` requests per second in total.
+
+    If `rate` is 0, the clients make requests without pause.
+    """
     with contextlib.ExitStack() as stack:
         what = (Requests, bench.processors, kind, daemon.bus)
         workers = [
@@ -61,7 +67,7 @@ def _switched(on: Callable[[], object], off: Callable[[], object]) -> Iterator[d
 
 @contextlib.contextmanager
 def _busy_thread(bench: Bench, daemon: Daemon) -> Iterator[Load]:
-    """A thread that computes in Python, in the process whose thread the engine is."""
+    """A load in the bus server, which also has the engine: a thread that computes in Python."""
     del bench
     begin, end = (partial(os.kill, daemon.bus_server, n) for n in (signal.SIGUSR1, signal.SIGUSR2))
     yield lambda _: _switched(begin, end)
@@ -69,7 +75,7 @@ def _busy_thread(bench: Bench, daemon: Daemon) -> Iterator[Load]:
 
 @contextlib.contextmanager
 def _readers(bench: Bench, daemon: Daemon) -> Iterator[Load]:
-    """Processes that wait for each cycle and sample the process image."""
+    """A load of processes that wait for each cycle and sample the process image."""
     with subprocess.Popen(
         [bench.program("readers"), daemon.bus, str(READERS)],
         stdin=subprocess.PIPE,
@@ -88,4 +94,4 @@ LOADS: Mapping[str, Callable[[Bench, Daemon], contextlib.AbstractContextManager[
     ZENOH: lambda *what: _clients("info", _ASKING, REQUESTS, *what),
     ATTACH: lambda *what: _clients("attach", 1, 0, *what),
 }
-"""By name: load of a daemon, there while it is entered."""
+"""Context managers that prepare a load of a daemon, by the name of the load."""

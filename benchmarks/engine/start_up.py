@@ -1,4 +1,4 @@
-"""How long `ecatd` takes from the command until all slaves are in OP."""
+"""The time that `ecatd` takes from the command until all slaves are in OP."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from ..segment import cells
 from ..segment.peers import ecatsim
 
 LINES = (("troll", 8), ((8, 32), 8), ((199, 8), 199))
-"""Rigs, or lines of cells with so many bytes, and their slaves; 199 is the most that SOEM has."""
+"""Rigs and their numbers of slaves. A pair (slaves, bytes) is a line of cells.
+
+SOEM supports at most 199 slaves.
+"""
 
 
 def measure(bench: Bench, starts: int) -> list[dict[str, Any]]:
-    """Seconds of each start."""
+    """Returns the seconds of each start, for every rig."""
     result = []
     for line, slaves in LINES:
         bench.say(f"start of ecatd with {slaves} slaves")

@@ -1,7 +1,9 @@
-"""The loops that are compared, in turns on one simulated segment.
+"""The loops that are compared. They take turns on one simulated segment.
 
-(a) "bare", a C loop that sends the engine's frames and waits; (b) "sleep", a C loop that only
-wakes up; (c) "engine"; (d) "pysoem" and (e) "kickcat", loops in Python.
+- "bare": a loop in C that sends the engine's frames and waits for them
+- "sleep": a loop in C that only wakes up
+- "engine": the engine of ecatd
+- "pysoem" and "kickcat": loops in Python
 """
 
 from __future__ import annotations
@@ -24,14 +26,20 @@ from ..segment.shared_line import Map, SharedLine
 BARE, SLEEP, ENGINE, PYSOEM, KICKCAT = "bare", "sleep", "engine", "pysoem", "kickcat"
 _MASTERS = {KICKCAT: Kickcat, PYSOEM: Soem}
 _MOST = {PYSOEM: 199, KICKCAT: 63}
-"""Slaves that a master can have: SOEM's table, kickcat's 255 datagrams for all slaves at once."""
+"""Maximum number of slaves: SOEM has a table, kickcat has 255 datagrams for all slaves at once."""
 _MOST_BYTES = {PYSOEM: 4096}
-"""Of all outputs and inputs: the buffer of pysoem, which writes past it."""
+"""Maximum bytes of all outputs and inputs: the buffer of pysoem, which writes past its end."""
 _CHECK_RATE, _CHECK_SECONDS = 100, 0.05
 
 
 def obstacle(master: str, slaves: int, size: int) -> str | None:
-    """Why a master cannot be measured with so many slaves, None if it can."""
+    """Returns the reason why a master cannot be measured with such slaves, None if it can.
+
+    Args:
+        master: Name of the master.
+        slaves: Number of slaves.
+        size: Bytes of outputs, and of inputs, of each slave.
+    """
     if find_spec(master) is None:
         return "not installed"
     if slaves > _MOST[master]:
@@ -42,11 +50,11 @@ def obstacle(master: str, slaves: int, size: int) -> str | None:
 
 
 class Turns:
-    """Masters on one segment, all of which find its slaves in OP; made by `on_line`.
+    """Masters that take turns on one segment, whose slaves stay in OP; made by `on_line`.
 
     Attributes:
         frames: The frames of one cycle of the engine.
-        missing: Masters that are not there, and why.
+        missing: Reasons why masters are missing, by name of the master.
     """
 
     def __init__(
@@ -64,20 +72,20 @@ class Turns:
         self._counter = tap.counter(self.frames, line.count)
 
     def has(self, master: str) -> bool:
-        """Whether a master is there."""
+        """Whether a master takes part."""
         return master in self._workers
 
     def run(
         self, loop: str, *, rate: float, seconds: float, busy: bool = False, **more: Any
     ) -> dict[str, Any]:
-        """What a loop finds in its turn.
+        """Gives a loop a turn and returns its results.
 
         Args:
-            loop: One of the names above.
-            rate: Cycles a second, 0 for free-running.
-            seconds: How long.
-            busy: Whether it polls the socket; for (a) and (c).
-            more: For the engine.
+            loop: Name of the loop.
+            rate: Cycles per second, 0 for free-running.
+            seconds: Duration of the turn.
+            busy: Whether the loop polls the socket; only for "bare" and "engine".
+            more: Further arguments for the engine.
         """
         if loop == SLEEP:
             return self._bench.sleep(rate, seconds)
@@ -102,10 +110,10 @@ def on_line(bench: Bench, slaves: int, size: int, *, others: bool = True) -> Ite
     """A line of cells and the masters that take turns on it.
 
     Args:
-        bench: Where.
-        slaves: How many.
+        bench: Folder and processors for the measurement.
+        slaves: Number of slaves.
         size: Bytes of outputs, and of inputs, of each slave.
-        others: Whether there are others than the engine.
+        others: Whether other masters than the engine take part.
     """
     bus = cells.bus("line", slaves, size, 1000)
     workers: dict[str, Worker] = {}

@@ -1,4 +1,4 @@
-"""How much the engine itself computes in a cycle: its instructions outside the kernel."""
+"""The instructions that the engine itself executes in a cycle, outside the kernel."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _RATE = 1000
 
 
 def measure(bench: Bench, sizes: Sequence[tuple[int, int]], seconds: float) -> dict[str, Any]:
-    """Instructions of a cycle on lines of different sizes, and the straight line through them.
+    """Returns the instructions of a cycle on lines of different sizes, and a linear fit.
 
     Args:
-        bench: Where.
-        sizes: Slaves, and bytes of outputs and of inputs of each.
-        seconds: How long each is counted.
+        bench: Folder and processors for the measurement.
+        sizes: For each line the number of slaves, and the bytes of outputs and of inputs of each.
+        seconds: How long instructions are counted on each line.
     """
     bench.say("the engine's own work")
     reason = instructions.obstacle()

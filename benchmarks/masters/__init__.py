@@ -1,1 +1,1 @@
-"""Who exchanges process data while it is measured: workers, and the whole daemon."""
+"""The masters that are measured, in worker processes or as a whole daemon."""

@@ -1,7 +1,7 @@
-"""`ecatd` with a bus server that can be told to compute: `python -m …masters.busy_daemon FILE`.
+"""`ecatd` with a bus server that computes on demand: `python -m …masters.busy_daemon FILE`.
 
-FILE is a configuration; without it this is the bus server. It has a thread that computes from
-SIGUSR1 until SIGUSR2. Everything else is as the command `ecatd` has it.
+FILE is a configuration. The service starts this module again, without FILE, as its bus server. This
+bus server has a thread that computes from SIGUSR1 until SIGUSR2. Everything else is as in `ecatd`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class _Service(Supervisor):
 
 
 def _compute() -> None:
-    """Never gives the interpreter away by itself, as a program does that has a lot to do."""
+    """Computes forever. Like any busy program, it never releases the interpreter by itself."""
     while True:
         _working.wait()
         sum(i * i for i in range(1000))
@@ -44,7 +44,7 @@ def _begin(*_: object) -> None:
 
 
 def main() -> int:
-    """Runs the service or the bus server; returns its exit status."""
+    """Runs the service or the bus server, and returns its exit status."""
     if sys.argv[1:]:
         config = load_config(Path(sys.argv[1]))
         log = Log("ecatd", _LEVELS)

@@ -20,19 +20,21 @@ _PATIENCE = 60.0
 
 
 class Daemon:
-    """An `ecatd`, ready to serve.
+    """A running `ecatd`, with all slaves in OP.
 
     Args:
-        bench: Where its threads run; if the master has a processor, that is the engine's.
-        busy_receive: Whether its engine polls the socket.
-        more: What else stands in its configuration.
+        bench: Folder and processors. The engine gets the processor of the master, if the master has
+            one of its own.
+        busy_receive: Whether the engine polls the socket.
+        more: Further text of the configuration file.
 
     Attributes:
-        bus: The name of its bus.
-        seconds: From the command to the message that it is ready, with all slaves in OP.
+        bus: Name of the bus.
+        environment: Environment variables for programs that use this daemon.
+        seconds: Time from the command until the daemon was ready, with all slaves in OP.
 
     Raises:
-        StateError: It does not start.
+        StateError: The daemon does not start.
     """
 
     def __init__(self, bench: Bench, *, busy_receive: bool = False, more: str = "") -> None:
@@ -65,7 +67,7 @@ class Daemon:
         self.seconds = time.monotonic() - begin
 
     def _wait(self, deadline: float) -> None:
-        """Waits for the message that systemd would wait for."""
+        """Waits for the message READY=1, as systemd does."""
         while True:
             try:
                 if b"READY=1" in self._messages.recv(4096):
@@ -77,20 +79,20 @@ class Daemon:
 
     @property
     def processes(self) -> list[int]:
-        """Its bus server and its gateway."""
+        """Process IDs of the bus server and the gateway."""
         children = Path(f"/proc/{self._process.pid}/task/{self._process.pid}/children")
         return list(map(int, children.read_text().split()))
 
     @property
     def bus_server(self) -> int:
-        """The process of its bus server."""
+        """Process ID of the bus server."""
         for pid in self.processes:
             if b"busy_daemon" in Path(f"/proc/{pid}/cmdline").read_bytes():
                 return pid
         raise StateError("ecatd has no bus server")
 
     def close(self) -> None:
-        """Ends it."""
+        """Ends the daemon."""
         end(self._process, _PATIENCE)
         self._messages.close()
 

@@ -1,7 +1,7 @@
-"""The engine of the daemon, without the start of a bus.
+"""The engine of the daemon on slaves that are in OP already.
 
-It has its shared memory, its layout and its threads; the slaves are in OP already, and set up for
-the addresses of `layout`.
+The engine has the shared memory, the layout and the threads that it has in the daemon, but the
+start of a bus is left out. The FMMUs of the slaves are already set to the addresses of the layout.
 """
 
 from __future__ import annotations
@@ -34,12 +34,15 @@ _ANY_RATE = 1000
 
 @contextlib.contextmanager
 def running(bus: Bus, interface: str, wanted: RealTime) -> Iterator[bool]:
-    """An engine in this process that exchanges; whether it has real-time priority.
+    """Runs an engine in this process, which exchanges process data.
 
     Args:
-        bus: Its slaves.
-        interface: Where they are.
-        wanted: What it asks the system for.
+        bus: The bus with its slaves.
+        interface: The network interface of the slaves.
+        wanted: The real-time settings that the engine asks the system for.
+
+    Yields:
+        Whether the engine has real-time priority.
     """
     image = lay_out(bus, set())
     with contextlib.closing(SharedMemory(bus.name)) as shared:
@@ -57,7 +60,11 @@ def running(bus: Bus, interface: str, wanted: RealTime) -> Iterator[bool]:
 
 
 def thread() -> int:
-    """The thread of the engine that runs in this process."""
+    """Returns the number of the thread of the engine that runs in this process.
+
+    Raises:
+        LookupError: No engine runs.
+    """
     for task in Path("/proc/self/task").iterdir():
         if (task / "comm").read_text().strip() == _THREAD:
             return int(task.name)
@@ -68,9 +75,9 @@ class EngineMaster:
     """Runs engines on command, each for some seconds.
 
     Args:
-        interface: Where the slaves are.
-        count: How many slaves, of `cells`.
-        size: Bytes of outputs, and of inputs, of each.
+        interface: The network interface of the slaves.
+        count: Number of slaves, all of them cells (`segment.cells`).
+        size: Bytes of outputs, and of inputs, of each slave.
     """
 
     def __init__(self, interface: str, count: int, size: int) -> None:
@@ -82,18 +89,18 @@ class EngineMaster:
     def __call__(
         self, *, rate: float, seconds: float, busy: bool, cpu: int, count: bool = False
     ) -> dict[str, Any]:
-        """Exchanges.
+        """Runs an engine and returns its results.
 
         Args:
-            rate: Cycles a second, 0 for free-running.
-            seconds: How long.
-            busy: Whether it polls the socket.
-            cpu: Where the engine runs.
-            count: Whether to count its instructions.
+            rate: Cycles per second, 0 for free-running.
+            seconds: Duration of the measurement.
+            busy: Whether the engine polls the socket.
+            cpu: The processor that the engine runs on.
+            count: Whether to count the instructions of the engine.
         """
         wanted = RealTime(PRIORITY, cpu, busy_receive=busy, free_running=not rate)
         if count:
-            wanted.poll_us = 0  # what it does while it waits is no work of the cycle
+            wanted.poll_us = 0  # polling is waiting, and must not count as work of the cycle
         bus = cells.bus(self._bus, self._count, self._size, round(1e6 / (rate or _ANY_RATE)))
         with running(bus, self._interface, wanted) as granted, contextlib.ExitStack() as stack:
             time.sleep(_WARM_UP)
@@ -109,6 +116,6 @@ class EngineMaster:
 
 
 def _sleeps(thread: int) -> int:
-    """How often a thread of this process has gone to sleep so far."""
+    """Returns how often a thread of this process has gone to sleep so far."""
     text = Path(f"/proc/self/task/{thread}/status").read_text()
     return int(text.partition("voluntary_ctxt_switches:")[2].split()[0])

@@ -1,4 +1,4 @@
-"""Masters that are Python programs, measured as `ping.c` measures the bare loop."""
+"""Masters in Python programs, measured in the same way as `ping.c` measures the bare loop."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ _TAKE_NOTHING = struct.pack("HBBI", 0x06, 0, 0, 0)  # BPF: return 0
 
 
 class _Master(ABC):
-    """A master with slaves in OP, which exchanges process data again and again on command.
+    """A master with slaves in OP, which exchanges process data on command.
 
-    Several masters are measured in turns on one interface. Each frame costs time for every open
-    socket, so those of masters that wait take nothing in.
+    Several masters take turns on one interface. The kernel needs time to deliver each frame to
+    every open socket, so the sockets of waiting masters have a filter that rejects all frames.
 
     Args:
-        interface: Where the slaves are.
+        interface: The network interface of the slaves.
     """
 
     def __init__(self, interface: str) -> None:
         self._exchange = self._start(interface)
         self._sockets = []
-        for name in os.listdir("/proc/self/fd"):  # noqa: PTH208  a Path per entry serves nobody
-            with contextlib.suppress(OSError):  # the one that lists, and what is no socket
+        for name in os.listdir("/proc/self/fd"):  # noqa: PTH208  no Path is needed
+            with contextlib.suppress(OSError):  # no socket, or closed since it was listed
                 found = socket.socket(fileno=os.dup(int(name)))
                 if found.family == socket.AF_PACKET:
                     self._sockets.append(found)
@@ -50,17 +50,20 @@ class _Master(ABC):
 
     @abstractmethod
     def _start(self, interface: str) -> Callable[[], bool]:
-        """Brings the slaves to OP; returns what exchanges once, False if something is missing."""
+        """Brings the slaves to OP, and returns a function that exchanges process data once.
+
+        The function returns whether the exchange was complete.
+        """
 
     def _close_sockets(self) -> None:
-        """Lets no frames in."""
+        """Rejects all frames from now on."""
         code = create_string_buffer(_TAKE_NOTHING)
         program = struct.pack("HxxxxxxQ", 1, addressof(code))
         for item in self._sockets:
             item.setsockopt(socket.SOL_SOCKET, _ATTACH_FILTER, program)
 
     def _open_sockets(self) -> None:
-        """Lets in what comes from now on."""
+        """Accepts frames from now on, and drops those that are still queued."""
         for item in self._sockets:
             with contextlib.suppress(OSError):
                 while item.recv(1, socket.MSG_DONTWAIT):
@@ -68,7 +71,13 @@ class _Master(ABC):
             item.setsockopt(socket.SOL_SOCKET, _DETACH_FILTER, 0)
 
     def __call__(self, *, rate: float, seconds: float, cpu: int) -> dict[str, Any]:
-        """Exchanges for some seconds, `rate` times a second or, if it is 0, without pause."""
+        """Exchanges process data for some seconds and returns the results.
+
+        Args:
+            rate: Cycles per second, 0 for free-running.
+            seconds: Duration of the measurement.
+            cpu: The processor that the master runs on.
+        """
         before = os.sched_getaffinity(0)
         os.sched_setaffinity(0, {cpu})
         granted = _real_time()
@@ -94,7 +103,12 @@ class _Master(ABC):
         }
 
     def _cycles(self, rate: float, seconds: float) -> tuple[list[int], int, int, float]:
-        """Times of the exchanges in ns, exchanges that failed, deadlines missed, seconds taken."""
+        """Exchanges process data for some seconds.
+
+        Returns:
+            The times of the exchanges in ns, the number of failed exchanges, the number of missed
+            deadlines, and the seconds taken.
+        """
         clock, exchange = time.monotonic_ns, self._exchange
         period = round(1e9 / rate) if rate else 0
         samples: list[int] = []
@@ -104,7 +118,7 @@ class _Master(ABC):
         while now < end:
             if period:
                 due += period
-                if due < now:  # the grid stays
+                if due < now:  # skips the missed deadlines, but keeps to the grid
                     missed += (now - due) // period + 1
                     due += ((now - due) // period + 1) * period
                 time.sleep((due - clock()) * 1e-9 if due > clock() else 0)
@@ -127,9 +141,10 @@ def _real_time() -> bool:
 
 
 class Soem(_Master):
-    """pysoem is SOEM behind Python, as most Python programs use EtherCAT.
+    """pysoem: SOEM with Python bindings, the way in which most Python programs use EtherCAT.
 
-    It is `send_processdata()` and `receive_processdata()`, on a socket as it sets it up.
+    `send_processdata()` and `receive_processdata()` are measured, with the socket that pysoem
+    opens.
     """
 
     def _start(self, interface: str) -> Callable[[], bool]:
@@ -161,7 +176,7 @@ class Soem(_Master):
 
 
 class Kickcat(_Master):
-    """kickcat is a master in C++ with Python bindings; `process_data()` exchanges once."""
+    """kickcat: a master in C++ with Python bindings; `process_data()` is measured."""
 
     def _start(self, interface: str) -> Callable[[], bool]:
         import kickcat
@@ -169,7 +184,7 @@ class Kickcat(_Master):
         link = kickcat.create_link(interface, "")
         link.set_timeout(_TIMEOUT_US / 1e6)
         bus = kickcat.Bus(link)
-        bus.init(0.0)  # no watchdogs: others have their turns, too
+        bus.init(0.0)  # no watchdogs: they would expire while other masters have their turns
         bus.create_mapping()
         bus.request_state(kickcat.State.SAFE_OP)
         bus.wait_for_state(kickcat.State.SAFE_OP, _PATIENCE)

@@ -12,17 +12,17 @@ from ecatd.client.remote import Remote
 from ecatd.model.errors import EcatError
 
 SLAVE, INDEX, SUBINDEX = 0, 0x1018, 1
-"""The object that is read."""
+"""The object that the clients read."""
 _LEASE = 0.5
 
 
 class Requests:
-    """Acts again and again on command.
+    """A client that makes requests on command.
 
     Args:
-        kind: "sdo": SDO reads over Zenoh; "info": other requests over it; "attach": connects to the
-            shared memory, takes part, and leaves.
-        bus: Of the daemon.
+        kind: "sdo" for SDO reads over Zenoh; "info" for requests of information over Zenoh;
+            "attach" to open the shared memory, claim outputs, take a sample and close it again.
+        bus: Name of the bus.
     """
 
     def __init__(self, kind: str, bus: str) -> None:
@@ -39,7 +39,12 @@ class Requests:
             client.sample()
 
     def __call__(self, *, seconds: float, rate: float = 0.0) -> dict[str, Any]:
-        """Acts `rate` times a second, or without pause; how often, also in vain; times in ns."""
+        """Makes `rate` requests per second, or requests without pause if `rate` is 0.
+
+        Returns:
+            `rate`, the successful requests per second; `failed`, the number of failed requests; and
+            `times`, the times of the successful ones in ns.
+        """
         times: list[int] = []
         failed = 0
         begin = now = due = time.monotonic_ns()

@@ -18,16 +18,16 @@ _PATIENCE = 10.0
 
 
 class Worker:
-    """A process with an object that carries commands out, which are its keyword arguments.
+    """A process with a callable object. For each command, the process calls the object.
 
     Args:
         make: Makes the object in the new process.
-        processors: It begins on those for everything else.
-        arguments: For `make`.
+        processors: The process starts on `processors.rest`.
+        arguments: Arguments for `make`.
         environment: Further environment variables.
 
     Raises:
-        StateError: It does not start.
+        StateError: The process does not start.
     """
 
     def __init__(
@@ -47,21 +47,25 @@ class Worker:
         self.answer()
 
     def ask(self, **command: Any) -> dict[str, Any]:
-        """Has it carry a command out.
+        """Calls the object with the given keyword arguments and returns its result.
 
         Raises:
-            StateError: It has ended; what it said about it is on stderr.
+            StateError: The process has ended; stderr has its error message.
         """
         self.tell(**command)
         return self.answer()
 
     def tell(self, **command: Any) -> None:
-        """Has it begin to carry a command out."""
-        with contextlib.suppress(BrokenPipeError):  # receiving tells
+        """Sends a command without waiting for the result."""
+        with contextlib.suppress(BrokenPipeError):  # `answer` reports it
             self._pipe.send(command)
 
     def answer(self) -> dict[str, Any]:
-        """Waits for the result of the oldest command; raises as `ask`."""
+        """Waits for the result of the oldest command and returns it.
+
+        Raises:
+            StateError: As for `ask`.
+        """
         try:
             result: dict[str, Any] = self._pipe.recv()
         except (EOFError, ConnectionError):
@@ -88,7 +92,7 @@ def _serve(
     make: Callable[..., Callable[..., dict[str, Any]]],
     arguments: tuple[object, ...],
 ) -> None:
-    """Carries commands out until there are no more."""
+    """Carries out commands until the other end closes the pipe."""
     die_with_parent(parent)
     os.sched_setaffinity(0, processors)
     os.environ.update(environment)

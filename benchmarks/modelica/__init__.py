@@ -1,1 +1,1 @@
-"""What a model costs: a sample of its blocks, and the generation of their library."""
+"""The cost of a model: a sample through its blocks, and the generation of its library."""

@@ -1,8 +1,8 @@
-"""A sample of a model with many slaves, beside the same work by plain calls; a large library.
+"""A sample of a model with many slaves, compared with plain calls; and a large library.
 
-The engine of the daemon exchanges with simulated slaves at 1 kHz meanwhile. The blocks are those of
-a generated library, through the functions that make the calls of the blocks in their order; where
-OpenModelica is on PATH, also through a model that it has translated.
+Meanwhile the engine of the daemon exchanges with simulated slaves at 1 kHz. The blocks come from a
+generated library. A C program calls the library's functions, which make the calls of the blocks in
+their order. If OpenModelica is on PATH, a model that it has translated is measured, too.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ def measure(
     translated: tuple[int, ...] = (8, 64, 200),
     rounds: int = 5,
 ) -> dict[str, Any]:
-    """Everything.
+    """Runs the whole benchmark and returns its results.
 
     Args:
-        bench: Where.
+        bench: Folder and processors for the measurement.
         slaves: Numbers of slaves.
-        seconds: How long each is measured.
-        translated: Numbers of slaves of models that OpenModelica translates, if it is there.
-        rounds: How often a library is generated.
+        seconds: How long each number of slaves is measured.
+        translated: Numbers of slaves of the models that OpenModelica translates, if it is there.
+        rounds: How often the library is generated.
     """
     bench.say("generation of a library of 200 slaves")
     return {

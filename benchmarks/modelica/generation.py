@@ -1,4 +1,4 @@
-"""How long the command takes that writes a library of 200 slaves."""
+"""The time of the command that generates a library of 200 slaves."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ SLAVES = 200
 
 
 def measure(folder: Path, rounds: int) -> dict[str, Any]:
-    """Seconds of `ecatctl generate` with a saved scan, into an empty folder and once more.
+    """Times `ecatctl generate` with a saved scan, first into an empty folder, then once more.
 
     Args:
-        folder: For the scan and the libraries.
-        rounds: How often.
+        folder: Folder for the scan and the libraries.
+        rounds: How often both are timed.
 
     Raises:
         StateError: The command fails.
@@ -47,7 +47,7 @@ def measure(folder: Path, rounds: int) -> dict[str, Any]:
 
 
 def _bus() -> Bus:
-    """The reference plant as often as it fits."""
+    """Returns a bus of `SLAVES` slaves, which repeats the slaves of the reference plant."""
     plant = sample_buses.troll()
     slaves = []
     for position in range(SLAVES):

@@ -1,4 +1,4 @@
-"""One sample of a model: all blocks of a bus read and write."""
+"""One sample of a model, in which all blocks of a bus read and write."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SAMPLE_TIME = 0.001
 
 
 def measure(bench: Bench, slaves: int, seconds: float) -> dict[str, Any]:
-    """A sample through the blocks, beside plain calls of the client, for some seconds."""
+    """Times a sample through the blocks, and the same work in plain calls of the client library."""
     bench.say(f"a sample of {slaves} slaves")
     here = _with_library(bench, slaves)
     with mirror_line(here, slaves, SIZE) as line, line.exchanged():
@@ -35,7 +35,11 @@ def measure(bench: Bench, slaves: int, seconds: float) -> dict[str, Any]:
 
 
 def _with_library(bench: Bench, slaves: int) -> Bench:
-    """One whose folder has the library of so many slaves and the program `model` for it."""
+    """Generates a library of some slaves and builds the program `model` with it.
+
+    Returns:
+        A copy of `bench` whose folder has both.
+    """
     out = bench.folder / f"model{slaves}"
     generate(cells.bus(bench.bus, slaves, SIZE, CYCLE_US), _LIBRARY, out)
     resources = out / "EtherCAT" / "Resources"
@@ -50,7 +54,11 @@ def _with_library(bench: Bench, slaves: int) -> Bench:
 
 
 def translated(bench: Bench, slaves: Sequence[int]) -> dict[str, Any]:
-    """The same by a model with all blocks that OpenModelica has translated, free-running."""
+    """Times a sample of models with all blocks, translated by OpenModelica.
+
+    The time of a sample is the difference between a long and a short simulation, which both run as
+    fast as they can.
+    """
     if slaves and shutil.which("omc") is None:
         return {"reason": "OpenModelica (omc) is not on PATH"}
     cases = []
@@ -65,7 +73,7 @@ def translated(bench: Bench, slaves: Sequence[int]) -> dict[str, Any]:
 
 
 def _translate(folder: Path, bus: str, count: int) -> Path:
-    """The program of a model in which every output has a constant."""
+    """Translates a model that sets every output to a constant, and returns its program."""
     blocks = [f"Cell_{n}" if n > 1 else "Cell" for n in range(1, count + 1)]
     source = (folder / _LIBRARY / "Cell.mo").read_text()
     outputs = re.findall(r"RealInput (\w+)", source)
@@ -92,7 +100,7 @@ def _translate(folder: Path, bus: str, count: int) -> Path:
 
 
 def _run(program: Path, samples: int) -> float:
-    """Seconds that the model needs for so many samples, with its start and its end."""
+    """Returns the seconds that a simulation of some samples takes, with its start and its end."""
     end = samples * _SAMPLE_TIME
     start = time.perf_counter()
     done = subprocess.run(

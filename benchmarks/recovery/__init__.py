@@ -1,1 +1,1 @@
-"""Slaves that come back, and what they are told."""
+"""Slaves that come back, and the settings that the daemon gives them."""

@@ -1,7 +1,7 @@
-"""Slaves that come back or join while the rest of the bus runs at 1 kHz, and what they are told.
+"""Slaves that come back or join while the rest of the bus runs at 1 kHz, and start-up parameters.
 
-The simulator causes the faults and is the judge: it says which slaves are in OP, and what they have
-been told.
+The simulator causes the faults. It also reports the facts: which slaves are in OP, and which
+parameters the drive has received.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SETTINGS = {
 }
 _PATIENCE = 60.0
 _LOOK = 0.005
-"""Seconds between two questions to the simulator."""
+"""Seconds between two queries of the simulator."""
 _RIG = """
 name = "machine"
 [[slave]]
@@ -58,8 +58,8 @@ parameters = { forgetful = true }
 _IDENTITIES = {"EK1100": (2, 0x044C2C52), "EL2004": (2, 0x07D43052), "EL1018": (2, 0x03FA3052)}
 _GROUP = (4, 5, 6)
 _OTHER_DRIVE, _DRIVE = 2, 8
-_TORQUE = (0x6072, 700)  # maximum torque, which the drive forgets: an object, and what it is told
-_TOLD = f"""
+_TORQUE = (0x6072, 700)  # object and value of the maximum torque, which the drive forgets
+_DRIVE_CONFIGURATION = f"""
 [[slave]]
 position = {_DRIVE}
 watchdog_ms = 500
@@ -100,29 +100,29 @@ def measure(
     objects: int = 20,
     pause: float = 0.5,
 ) -> dict[str, Any]:
-    """Everything.
+    """Runs the whole benchmark and returns its results.
 
     Args:
-        bench: Where.
+        bench: Folder and processors for the measurement.
         losses: How often a drive loses its power.
-        joins: How often a hot-connect group of three slaves joins and leaves.
-        slaves: Of a bus whose slaves have start-up parameters.
-        objects: So many for each of them.
-        pause: Seconds between a change of the bus and the next one.
+        joins: How often a hot connect group of three slaves joins and leaves.
+        slaves: Number of slaves on the bus whose slaves have start-up parameters.
+        objects: Number of start-up parameters of each of these slaves.
+        pause: Seconds between two changes of the bus.
     """
     with bench.awake():
         return {
             "processors": bench.processors.to_json(),
             "power": _lose_power(bench, losses, pause),
             "group": _join(bench, joins, pause),
-            "told": _tell(bench, slaves, objects),
+            "told": _start_up_parameters(bench, slaves, objects),
         }
 
 
 def _lose_power(bench: Bench, losses: int, pause: float) -> dict[str, Any]:
-    """The last slave, a drive with PDOs and parameters of its own, is without power for a while."""
+    """Switches the last slave, a drive with configured PDOs and parameters, off and on again."""
     bench.say(f"a drive loses its power {losses} times")
-    with _machine(bench, _TOLD) as (daemon, rig):
+    with _machine(bench, _DRIVE_CONFIGURATION) as (daemon, rig):
         seconds, fallen, verified = [], 0, 0
         before, begin = Health(daemon.bus), time.monotonic()
         for _ in range(losses):
@@ -141,7 +141,11 @@ def _lose_power(bench: Bench, losses: int, pause: float) -> dict[str, Any]:
 
 
 def _join(bench: Bench, joins: int, pause: float) -> dict[str, Any]:
-    """A group joins and leaves while another drive is asked for an object without a pause."""
+    """Makes a group join and leave, while a client reads an object of another drive without pause.
+
+    The result has the counters of the engine during the changes of the bus and during the pauses.
+    `excess` is how many more of 1000 cycles are missed during the changes.
+    """
     bench.say(f"a group joins and leaves {joins} times")
     others = [n for n in range(_DRIVE + 1) if n not in _GROUP]
     sums = {"changes": dict[str, int](), "pauses": dict[str, int]()}
@@ -180,8 +184,8 @@ def _join(bench: Bench, joins: int, pause: float) -> dict[str, Any]:
     return {**found, "excess": share["changes"] - share["pauses"]}
 
 
-def _tell(bench: Bench, slaves: int, objects: int) -> dict[str, Any]:
-    """The time from the command to OP, with and without start-up parameters.
+def _start_up_parameters(bench: Bench, slaves: int, objects: int) -> dict[str, Any]:
+    """Measures the time from the command to OP, with and without start-up parameters.
 
     There are no cycles before OP, so no processor is kept for the engine.
     """
@@ -190,11 +194,11 @@ def _tell(bench: Bench, slaves: int, objects: int) -> dict[str, Any]:
     rig = bench.folder / "terminals.toml"
     rig.write_text('name = "terminals"\n' + '[[slave]]\ndevice = "EL3008"\n' * slaves)
     addresses = [(0x8000 + 16 * n, sub) for sub in _SETTINGS for n in range(_CHANNELS)][:objects]
-    told = "".join(
+    parameters = "".join(
         f'[[slave.startup]]\nobject = "{index:#06x}:{sub:02X}"\ntype = "int16"\nvalue = 100\n'
         for index, sub in addresses
     )
-    more = "".join(f"[[slave]]\nposition = {n}\n{told}" for n in range(slaves))
+    more = "".join(f"[[slave]]\nposition = {n}\n{parameters}" for n in range(slaves))
     found: dict[str, Any] = {"slaves": slaves, "objects": len(addresses)}
     for key, text in (("without", ""), ("with", more)):
         with ecatsim(rig, bench.processors), Daemon(bench, more=text) as daemon:
@@ -220,7 +224,7 @@ def _machine(bench: Bench, more: str) -> Iterator[tuple[Daemon, Simulator]]:
 
 
 def _expected() -> str:
-    """The group is optional; its slaves stand at their positions."""
+    """Returns a configuration in which the slaves of the group are optional."""
     text = '[expected]\ndescription = "DESCRIPTION"\n'
     for position, kind in zip(_GROUP, _IDENTITIES, strict=True):
         vendor, product = _IDENTITIES[kind]
@@ -232,7 +236,11 @@ def _expected() -> str:
 
 @contextlib.contextmanager
 def _asking(daemon: Daemon) -> Iterator[list[int]]:
-    """Reads an object of the other drive again and again meanwhile; counts."""
+    """Reads an object of the other drive without pause, in a thread.
+
+    Yields:
+        A list whose only element is the number of reads so far.
+    """
     asked, done = [0], threading.Event()
 
     def ask() -> None:
@@ -256,7 +264,11 @@ def _down(rig: Simulator, positions: Any) -> int:
 
 
 def _wait_for_op(rig: Simulator, all_of_them: range, coming: set[int]) -> tuple[float, int]:
-    """The seconds until all slaves are in OP, and how often another one was seen out of it."""
+    """Waits until the slaves `coming` are in OP.
+
+    Returns:
+        The seconds it took, and how often another slave was seen in a state other than OP.
+    """
     begin, fallen = time.monotonic(), 0
     others = [n for n in all_of_them if n not in coming]
     while _down(rig, coming):

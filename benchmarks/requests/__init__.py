@@ -1,1 +1,1 @@
-"""Requests over Zenoh: how many SDO reads a second, and how long one takes, also as a command."""
+"""SDO reads over Zenoh: how many per second, how long one takes, and how long one command takes."""

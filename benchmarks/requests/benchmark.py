@@ -1,7 +1,7 @@
-"""SDO reads over Zenoh: by clients that stay connected, and by a command for each.
+"""SDO reads over Zenoh: by clients that stay connected, and by one command per read.
 
-The whole daemon runs on the rig `troll` at 1 kHz, and nobody has a processor for itself. The
-clients read one object of one slave, so they wait for each other there.
+The whole daemon runs on the rig `troll` at 1 kHz, and no process has a processor of its own. All
+clients read the same object of the same slave, so they wait for each other there.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ def measure(
     seconds: float = 2.0,
     commands: int = 20,
 ) -> dict[str, Any]:
-    """Everything.
+    """Runs the whole benchmark and returns its results.
 
     Args:
-        bench: Where.
-        clients: Numbers of clients that read at once.
-        rounds: How often each of them has its turn.
-        seconds: How long a turn is.
+        bench: Folder and processors for the measurement.
+        clients: Numbers of clients that read at the same time.
+        rounds: Number of turns of each number of clients.
+        seconds: Duration of a turn.
         commands: How often the command is run.
     """
     here = bench.on(Processors.together())
@@ -60,7 +60,7 @@ def measure(
 def _reads(
     bench: Bench, daemon: Daemon, clients: tuple[int, ...], rounds: int, seconds: float
 ) -> list[dict[str, Any]]:
-    """Reads a second, and how long one takes, for each number of clients, in turns."""
+    """Measures reads per second, and the time of a read, for each number of clients, in turns."""
     rates: dict[int, list[float]] = {count: [] for count in clients}
     times: dict[int, list[int]] = {count: [] for count in clients}
     with contextlib.ExitStack() as stack:
@@ -97,7 +97,7 @@ def _quantile(times: list[int], q: float) -> int:
 
 
 def _commands(bench: Bench, daemon: Daemon, count: int) -> dict[str, Any]:
-    """One read by a process of its own, beside an interpreter that does nothing, in turns; ns."""
+    """Times a command that reads once, in turns with an idle Python interpreter; times in ns."""
     bench.say("one SDO read as a command")
     command = [str(Path(sys.executable).with_name(_COMMAND[0])), *_COMMAND[1:], "--bus", daemon.bus]
     kinds = {"command": command, "python": [sys.executable, "-c", "pass"]}
@@ -112,7 +112,7 @@ def _commands(bench: Bench, daemon: Daemon, count: int) -> dict[str, Any]:
 
 
 def _timed(command: Sequence[str], daemon: Daemon) -> int:
-    """From the start of a process to its end."""
+    """Returns the time from the start of a process to its end, in ns."""
     begin = time.monotonic_ns()
     result = subprocess.run(
         command, env=daemon.environment, capture_output=True, text=True, check=False

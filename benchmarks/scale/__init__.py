@@ -1,1 +1,1 @@
-"""How the daemon grows with the slaves of a bus, up to a thousand."""
+"""How start, memory and work of the daemon grow with the number of slaves, up to a thousand."""

@@ -1,8 +1,9 @@
-"""Buses of many small slaves: how long they take to OP, what they cost, and what gets lost.
+"""Buses of many small slaves: time to OP, memory, instructions, missed cycles and lost frames.
 
-The whole daemon runs at 1 kHz on the rig `terminals:N`, whose frames come back at once. Real
-slaves delay a frame by some 0.8 µs each; the daemon counts with that and is measured without it.
-As for two cores, frames of the cycle are answered by the simulator first, then in the kernel.
+The whole daemon runs at 1 kHz on the rig `terminals:N`, whose frames come back at once. Each real
+slave delays a frame by some 0.8 µs. The daemon allows for this delay, but this benchmark does not
+have it. As in the benchmark of two cores, first the simulator answers the frames of the cycle, then
+the kernel does.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ SETTINGS = {
 _SETTLE = 1.0
 _TAP_SECONDS = 0.2
 _BYTES = 1
-"""Of outputs, and of inputs, of each slave where instructions are counted."""
+"""Bytes of outputs, and of inputs, of each slave in the count of instructions."""
 
 
 def measure(
@@ -39,14 +40,14 @@ def measure(
     longest: float = 60.0,
     work_seconds: float = 0.3,
 ) -> dict[str, Any]:
-    """Everything.
+    """Runs the whole benchmark and returns its results.
 
     Args:
-        bench: Where.
-        slaves: Sizes of the bus.
-        seconds: How long each of them runs, once it is in OP.
-        longest: The same of the largest one.
-        work_seconds: How long instructions are counted.
+        bench: Folder and processors for the measurement.
+        slaves: Numbers of slaves; the last one is the largest.
+        seconds: How long each bus runs after it has reached OP.
+        longest: How long the largest bus runs instead.
+        work_seconds: How long instructions are counted for each number of slaves.
     """
     obstacle, responders = responder.possible(bench.program("responder"))
     with bench.awake():
@@ -67,7 +68,7 @@ def measure(
 def _case(bench: Bench, slaves: int, seconds: float, responders: tuple[str, ...]) -> dict[str, Any]:
     bench.say(f"{slaves} slaves")
     with ecatsim(f"terminals:{slaves}", bench.processors), Daemon(bench) as daemon:
-        time.sleep(_SETTLE)  # what readers of the first description leave behind
+        time.sleep(_SETTLE)  # until the readers of the first bus description are done
         return {
             "slaves": slaves,
             "start": round(daemon.seconds, 3),
@@ -79,7 +80,7 @@ def _case(bench: Bench, slaves: int, seconds: float, responders: tuple[str, ...]
 
 
 def _counted(bench: Bench, seconds: float, who: str) -> dict[str, int]:
-    """What the engine counts in some seconds, its frames answered by `who`."""
+    """Returns what the engine counts in some seconds, while `who` answers its frames."""
     exchange = partial(time.sleep, _TAP_SECONDS)
     with responder.answering(who, bench.program("responder"), exchange):
         before = Health(bench.bus)
@@ -89,6 +90,6 @@ def _counted(bench: Bench, seconds: float, who: str) -> dict[str, int]:
 
 
 def _own_memory(pid: int) -> int:
-    """Bytes of a process that no other one has."""
+    """Returns the bytes of memory that a process does not share with other processes."""
     text = Path(f"/proc/{pid}/smaps_rollup").read_text()
     return 1024 * sum(int(kib) for kib in re.findall(r"Private_\w+: +(\d+) kB", text))

@@ -1,1 +1,1 @@
-"""What answers: simulated slaves, the echo, and the frames that are sent to them."""
+"""The far end of the wire: simulated slaves and the echo, and the frames that are sent to them."""

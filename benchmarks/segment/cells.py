@@ -1,6 +1,6 @@
-"""The slaves that the engine is measured with: their outputs come back as inputs.
+"""The slaves that the engine is measured with: "cells", whose outputs come back as inputs.
 
-As many as are wanted and with as many bytes as are wanted, with enough FMMUs for three masters
+The number of cells and their number of bytes can be chosen. Each has enough FMMUs for three masters
 that take turns on one segment.
 """
 
@@ -48,12 +48,12 @@ class Cell(Loopback):
 
 
 def line(count: int, size: int) -> Rig:
-    """The rig of `count` cells."""
+    """Returns a rig of `count` cells with `size` bytes of outputs, and of inputs, each."""
     return Rig(f"cells {count}x{size}", [Cell(size) for _ in range(count)])
 
 
 def write_rig(folder: Path, count: int, size: int) -> Path:
-    """A rig file for `ecatsim run`."""
+    """Writes a rig file for `ecatsim run`, and returns its path."""
     file = folder / f"cells_{count}x{size}.py"
     file.write_text(
         f"import sys\nsys.path.append({str(ROOT)!r})\n"
@@ -64,7 +64,7 @@ def write_rig(folder: Path, count: int, size: int) -> Path:
 
 
 def bus(name: str, count: int, size: int, cycle_time_us: int) -> Bus:
-    """What the daemon would know of these slaves after its scan."""
+    """Returns the bus as the daemon would describe it after a scan of these slaves."""
     result = Bus(name, cycle_time_us)
     for position in range(count):
         outputs, inputs = _pdos(size)

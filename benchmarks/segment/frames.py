@@ -1,4 +1,4 @@
-"""A master of few words: brings a line of slaves to OP, and makes the frames that are measured."""
+"""A minimal master: brings a line of slaves to OP, and makes the frames that are measured."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from ecatsim.slave.sync_managers import derive
 
 APRD, APWR, BRD, BWR, LRW = 1, 2, 7, 8, 12
 BYTES = 32
-"""Outputs of each slave, and as many inputs, as `ecatsim`'s `line:N` has them."""
+"""Bytes of outputs, and of inputs, of each slave of `ecatsim`'s rig `line:N`."""
 MAX_DATA = 1486
 """Bytes of data that fit in a frame with one datagram."""
 ETHERTYPE = 0x88A4
 INDEX = 17
-"""Where a frame has the index of its first datagram."""
+"""Offset of the index of the first datagram in a frame."""
 _AL_CONTROL, _AL_STATUS, _WATCHDOG = 0x0120, 0x0130, 0x0420
 _FMMU, _SYNC_MANAGER = 0x0600, 0x0800
 _ACKNOWLEDGE = 0x10
@@ -33,7 +33,7 @@ Exchange = Callable[[bytes], "bytes | None"]
 
 
 def frame(command: int, position: int, address: int, data: bytes) -> bytes:
-    """An Ethernet frame with one datagram."""
+    """Returns an Ethernet frame with one datagram."""
     datagram = struct.pack("<BBHHHH", command, 0, position & 0xFFFF, address, len(data), 0)
     body = datagram + data + bytes(2)
     head = b"\xff" * 6 + bytes(6) + struct.pack(">H", ETHERTYPE)
@@ -41,15 +41,17 @@ def frame(command: int, position: int, address: int, data: bytes) -> bytes:
 
 
 def logical_frame(address: int, data: bytes) -> bytes:
-    """An Ethernet frame with one LRW datagram."""
+    """Returns an Ethernet frame with one LRW datagram."""
     return frame(LRW, address & 0xFFFF, address >> 16, data)
 
 
 class Wire:
-    """Exchanges single frames on an interface, also beside an engine, whose frames it does not see.
+    """Exchanges single frames on an interface.
+
+    It does not receive the frames of an engine, so both can run at the same time.
 
     Args:
-        interface: Its name.
+        interface: Name of the network interface.
 
     Raises:
         NotPermittedError: The process may not use raw sockets.
@@ -62,7 +64,7 @@ class Wire:
 
     def exchange(self, sent: bytes) -> bytes | None:
         """Sends a frame and returns it as it came back, None if it was lost."""
-        # So that late frames of earlier attempts are not taken for its answer.
+        # A new index tells the answer from late frames of earlier attempts.
         self._index = (self._index + 1) % Index.ENGINE
         self._socket.send(sent[:INDEX] + bytes([self._index]) + sent[INDEX + 1 :])
         end = time.monotonic() + _ANSWER
@@ -88,7 +90,7 @@ class Datagram(NamedTuple):
 
 
 def _offsets(frame: bytes) -> Iterator[int]:
-    """Where the datagrams of an Ethernet frame begin."""
+    """Yields the offset of each datagram in an Ethernet frame."""
     at, more = 16, True
     while more:
         yield at
@@ -97,7 +99,7 @@ def _offsets(frame: bytes) -> Iterator[int]:
 
 
 def datagrams(frame: bytes) -> list[Datagram]:
-    """All datagrams of an Ethernet frame."""
+    """Returns all datagrams of an Ethernet frame."""
     found = []
     for at in _offsets(frame):
         end = at + 10 + (struct.unpack_from("<H", frame, at + 6)[0] & 0x7FF)
@@ -107,15 +109,15 @@ def datagrams(frame: bytes) -> list[Datagram]:
 
 
 def layout(frame: bytes) -> tuple[bytes, ...]:
-    """Commands, addresses and lengths of the datagrams of a frame."""
+    """Returns command, address and length of each datagram in a frame."""
     return tuple(frame[at : at + 1] + frame[at + 2 : at + 8] for at in _offsets(frame))
 
 
 def ask(exchange: Exchange, sent: bytes) -> tuple[bytes, int]:
-    """Data and working counter of a frame with one datagram.
+    """Sends a frame with one datagram, and returns data and working counter of the answer.
 
     Raises:
-        NoAnswerError: It was lost again and again.
+        NoAnswerError: All attempts were lost.
     """
     for _ in range(_ATTEMPTS):
         back = exchange(sent)
@@ -126,13 +128,14 @@ def ask(exchange: Exchange, sent: bytes) -> tuple[bytes, int]:
 
 
 class Line:
-    """The slaves of `line:N`, seen by a master.
+    """The slaves of `line:N`, as a master sees them.
 
     Args:
-        exchange: How to reach them.
-        count: How many there must be.
+        exchange: Exchanges a frame with the slaves.
+        count: Expected number of slaves.
         size: Bytes of outputs, and of inputs, of each slave.
-        idle: Called while waiting for a state change, for a device side without a thread.
+        idle: Called while waiting for a change of state. If the device side of the simulator has no
+            thread of its own, it must run here.
     """
 
     def __init__(
@@ -164,7 +167,7 @@ class Line:
             self._idle()
 
     def set_up(self) -> None:
-        """Sets sync managers and FMMUs of all slaves; the watchdogs are switched off."""
+        """Sets sync managers and FMMUs of all slaves, and switches their watchdogs off."""
         settings = derive(None, self.size, self.size)
         for channel, sm in enumerate(settings):
             registers = struct.pack("<HHBBBB", sm.start, self.size, sm.control, 0, 1, 0)
@@ -175,11 +178,11 @@ class Line:
                 raise StateError(f"slave {slave} does not take its FMMUs")
 
     def _fmmus(self, slave: int) -> bytes:
-        """FMMU registers of a slave, from the first one on."""
+        """Returns the FMMU registers of a slave, beginning with the first FMMU."""
         return self._pair(2 * self.size * slave, 2 * self.size * slave + self.size)
 
     def _pair(self, outputs: int, inputs: int) -> bytes:
-        """Two FMMUs, which map the outputs and the inputs of a slave to logical addresses."""
+        """Returns two FMMUs, which map outputs and inputs of a slave to these logical addresses."""
         settings = derive(None, self.size, self.size)
         return b"".join(
             struct.pack("<IHBBHBBB3x", start, self.size, 0, 7, sm.start, 0, kind, 1)
@@ -187,10 +190,10 @@ class Line:
         )
 
     def bring_to_op(self) -> None:
-        """Sets everything up and goes through all states.
+        """Sets the slaves up and brings them through all states to OP.
 
         Raises:
-            StateError: A slave does not follow.
+            StateError: A slave does not reach a state.
         """
         self._request(_INIT)
         self.set_up()
@@ -198,7 +201,7 @@ class Line:
             self._request(state)
 
     def cycle_frames(self) -> list[bytes]:
-        """The frames of one cycle: every slave's outputs and inputs, in as few as possible."""
+        """Returns the frames of one cycle: all outputs and inputs, in as few frames as possible."""
         room = MAX_DATA // (2 * self.size)  # slaves
         result = []
         for first in range(0, self.count, room):
@@ -216,7 +219,7 @@ class Line:
         """Waits until every slave returns its outputs as inputs.
 
         Raises:
-            StateError: It does not, so that it makes no sense to measure.
+            StateError: A slave does not do it in time, so a measurement would make no sense.
         """
         deadline = time.monotonic() + _PATIENCE
         while not all(self._returns(sent) for sent in self.cycle_frames()):
@@ -234,6 +237,6 @@ class Line:
 
 
 def encode(frames: Sequence[bytes] | Sequence[tuple[bytes, bytes]]) -> bytes:
-    """Frames as `ping` reads them, or frames and their answers as `responder` does."""
+    """Returns frames in the format that `ping` reads, or frames with answers for `responder`."""
     lists = [(item,) if isinstance(item, bytes) else item for item in frames]
     return b"".join(struct.pack("<H", len(item[0])) + b"".join(item) for item in lists)

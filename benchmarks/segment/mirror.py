@@ -1,4 +1,7 @@
-"""Slaves in OP whose inputs are their outputs, for one engine in this process after the other."""
+"""Slaves in OP whose outputs come back as inputs in the same frame.
+
+Engines in this process exchange with them, one after the other.
+"""
 
 from __future__ import annotations
 
@@ -22,10 +25,10 @@ _MEMORY = 0x2000
 
 
 class _Mirror(SharedLine):
-    """Slaves whose inputs are their outputs, in the same frame.
+    """Slaves whose outputs come back as inputs in the same frame.
 
-    Both FMMUs lead to the same memory, outside of all sync managers: a frame that passes writes it,
-    then reads it. So what comes back does not depend on when the simulated device would look.
+    Both FMMUs lead to the same memory, outside of all sync managers. A frame that passes writes
+    this memory, then reads it. So the answer does not depend on the timing of the simulated device.
     """
 
     def _pair(self, outputs: int, inputs: int) -> bytes:
@@ -37,7 +40,13 @@ class _Mirror(SharedLine):
 
 @dataclass(frozen=True)
 class MirrorLine:
-    """The slaves; made by `mirror_line`."""
+    """A line of such slaves; made by `mirror_line`.
+
+    Attributes:
+        bench: Folder and processors for the measurement.
+        slaves: Number of slaves.
+        size: Bytes of outputs, and of inputs, of each slave.
+    """
 
     bench: Bench
     slaves: int
@@ -47,12 +56,12 @@ class MirrorLine:
     def exchanged(
         self, *, free_running: bool = False, poll_us: int = 30, cycle_us: int = CYCLE_US
     ) -> Iterator[None]:
-        """The engine of the daemon exchanges with them.
+        """Runs an engine in this process, which exchanges with the slaves.
 
         Args:
-            free_running: Whether the next cycle follows at once.
+            free_running: Whether each cycle begins as soon as the last one ends.
             poll_us: How long the engine polls for an answer before it sleeps.
-            cycle_us: Its cycle.
+            cycle_us: Cycle time of the engine.
         """
         bus = cells.bus(self.bench.bus, self.slaves, self.size, cycle_us)
         wanted = RealTime(PRIORITY, self.bench.cpu, free_running=free_running, poll_us=poll_us)
@@ -62,7 +71,7 @@ class MirrorLine:
 
 @contextmanager
 def mirror_line(bench: Bench, slaves: int, size: int) -> Iterator[MirrorLine]:
-    """Slaves with so many bytes of outputs, and as many of inputs."""
+    """Starts `slaves` slaves with `size` bytes of outputs, and of inputs, each."""
     with ecatsim(cells.write_rig(bench.folder, slaves, size), bench.processors):
         bus = cells.bus(bench.bus, slaves, size, CYCLE_US)
         with wire() as opened:

@@ -1,4 +1,4 @@
-"""What answers on the far end of a veth pair, the bare echo or `ecatsim run`, and who asks."""
+"""The peers on the far end of a veth pair: the bare echo, or `ecatsim run`."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ _GRACE = 30.0
 
 
 def on(processors: frozenset[int]) -> Callable[[], None]:
-    """For `preexec_fn`: runs the new process on these processors."""
+    """Returns a function for `preexec_fn` that keeps the new process on these processors."""
     return lambda: os.sched_setaffinity(0, processors)
 
 
 def end(process: subprocess.Popen[Any], patience: float = _GRACE) -> None:
-    """Ends a process, by force if need be."""
+    """Terminates a process, and kills it if it does not end in time."""
     process.terminate()
     try:
         process.wait(patience)
@@ -59,7 +59,7 @@ def _running(
 
 @contextlib.contextmanager
 def echo(program: Path, processors: Processors) -> Iterator[None]:
-    """The bare echo; its working counters stay 0."""
+    """Runs the bare echo, which leaves all working counters at 0."""
     with _running(processors.peer, program, ECHO.far, stdout=subprocess.PIPE) as process:
         if process.stdout and process.stdout.readline() != b"ready\n":
             raise StateError("the echo does not start")
@@ -68,7 +68,7 @@ def echo(program: Path, processors: Processors) -> Iterator[None]:
 
 @contextlib.contextmanager
 def ecatsim(rig: object, processors: Processors, *options: str) -> Iterator[None]:
-    """`ecatsim run RIG`, ready to answer; the thread that answers has a processor of its own."""
+    """Runs `ecatsim run RIG` until it answers, with its answering thread on `processors.peer`."""
     reader, writer = os.pipe()
     command = (sys.executable, "-m", "ecatsim", "run", rig, "--interface", SIMULATOR.far)
     more = ("--ready-fd", writer, "--die-with-parent", *options)
@@ -78,19 +78,19 @@ def ecatsim(rig: object, processors: Processors, *options: str) -> Iterator[None
             if not ready.readline():
                 raise StateError("ecatsim does not start")
         for task in Path(f"/proc/{process.pid}/task").iterdir():
-            if int(task.name) != process.pid:  # the only one beside the main thread
+            if int(task.name) != process.pid:  # the only thread beside the main thread
                 os.sched_setaffinity(int(task.name), processors.peer)
         yield
 
 
 def wire(pair: Pair = SIMULATOR) -> contextlib.closing[Wire]:
-    """A way to ask single frames."""
+    """Opens a wire for single frames on the master's end of a pair."""
     return contextlib.closing(Wire(pair.near))
 
 
 @contextlib.contextmanager
 def simulator(count: int, processors: Processors) -> Iterator[Line]:
-    """`ecatsim run line:COUNT`, all slaves in OP and exchanging process data."""
+    """Runs `ecatsim run line:COUNT`, with all slaves in OP and returning their outputs."""
     with ecatsim(f"line:{count}", processors):
         with wire() as opened:
             line = Line(opened.exchange, count)

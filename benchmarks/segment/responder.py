@@ -1,10 +1,10 @@
-"""Slaves that need nobody to wake: a program in the kernel answers the frames of the cycle.
+"""A program in the kernel that answers the frames of the cycle instead of the simulator.
 
-The simulator shares the processors with what is measured, and has to be woken for each frame. Here
-an XDP program on the far end of the veth pair gives the answers that the simulator gave before,
-within the system call that sends the frame. All other frames still go to the simulator, which
-brings the slaves to OP, and has their mailboxes and registers. The process data of slaves stand
-still meanwhile.
+The simulator shares the processors with the measured programs, and the system has to wake it for
+each frame. Real slaves do not have this delay. Here an XDP program on the far end of the veth pair
+gives the answers that the simulator gave before, within the system call that sends the frame. All
+other frames still go to the simulator, which brings the slaves to OP and has their mailboxes and
+registers. Meanwhile the process data of the slaves do not change.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .peers import SIMULATOR as PAIR
 from .peers import Pair, wire
 
 SIMULATOR, KERNEL = "simulator", "kernel"
-"""Who answers the frames of the cycle."""
+"""The programs that can answer the frames of the cycle."""
 
 Answered = tuple[bytes, bytes]
 """A frame as it was sent, and as it came back."""
@@ -34,21 +34,21 @@ _FRMW = 14
 _OP = 8
 _WATCHDOG = 0x0420
 _SOURCE = slice(6, 12)
-_REFUSED = 3  # status of the program
+_REFUSED = 3  # exit status of the program
 
 
 class Responder:
     """Answers frames in the kernel while it is entered.
 
     Args:
-        program: `c/responder.c`, built.
+        program: Path of the built program `c/responder.c`.
         answered: Frames of the cycle with the answers of the simulator, from `tap.answered`.
-        pair: The interfaces.
+        pair: The veth pair.
 
     Raises:
         NotPermittedError: This kernel has no XDP for veth, or the process may not use it.
-        StateError: The slaves are not in OP, or one of the frames asks for the time of a clock,
-            which does not stand still.
+        StateError: The slaves are not in OP; or one of the frames reads a distributed clock, whose
+            answer would have to change.
     """
 
     def __init__(self, program: Path, answered: Sequence[Answered], pair: Pair = PAIR) -> None:
@@ -82,17 +82,17 @@ class Responder:
             self._stdin.write(data)
             self._stdin.flush()
         except BrokenPipeError:
-            pass  # reading tells
+            pass  # the next read reports it
 
     @property
     def counts(self) -> dict[str, int]:
-        """EtherCAT frames so far: "answered" in the kernel, and "passed" on to the simulator."""
+        """EtherCAT frames so far: "answered" by the kernel, and "passed" on to the simulator."""
         self._write(b"?")
         found: dict[str, int] = json.loads(self._stdout.readline())
         return found
 
     def close(self) -> None:
-        """From now on the simulator answers again."""
+        """Ends the program; from now on the simulator answers all frames again."""
         self._process.communicate()
 
     def __enter__(self) -> Self:
@@ -103,14 +103,17 @@ class Responder:
 
 
 def _switch_watchdogs_off(pair: Pair, source: bytes) -> None:
-    """The slaves will no longer see process data. In the master's name: it looks for strangers."""
+    """Switches the watchdogs of all slaves off, because they will no longer see process data.
+
+    The frame has the source address of the master, which would report a foreign master otherwise.
+    """
     request = frame(BWR, 0, _WATCHDOG, bytes(2))
     with wire(pair) as opened:
         ask(opened.exchange, request[: _SOURCE.start] + source + request[_SOURCE.stop :])
 
 
 def obstacle(program: Path, pair: Pair = PAIR) -> str | None:
-    """Why this kernel cannot answer frames, or may not for us; None if it can."""
+    """Returns the reason why this kernel cannot answer frames for this process, None if it can."""
     try:
         Responder(program, [], pair).close()
     except NotPermittedError as error:
@@ -119,19 +122,22 @@ def obstacle(program: Path, pair: Pair = PAIR) -> str | None:
 
 
 def possible(program: Path) -> tuple[str | None, tuple[str, ...]]:
-    """Why this kernel cannot, if so, and who can answer the frames of the cycle."""
+    """Returns the result of `obstacle`, and the programs that can answer frames of the cycle."""
     reason = obstacle(program)
     return reason, (SIMULATOR,) if reason else (SIMULATOR, KERNEL)
 
 
 @contextlib.contextmanager
 def answering(who: str, program: Path, exchange: Callable[[], object]) -> Iterator[dict[str, int]]:
-    """Has the frames of the cycle answered; what it gives has then how many the kernel did.
+    """Selects the program that answers the frames of the cycle.
 
     Args:
-        who: Answers them.
+        who: `SIMULATOR` or `KERNEL`.
         program: As for `Responder`.
-        exchange: Has the engine exchange for a while.
+        exchange: Makes the engine exchange for a while, to record the answers of the simulator.
+
+    Yields:
+        A dict. On exit, `Responder.counts` are put into it if the kernel answers.
     """
     counts: dict[str, int] = {}
     if who == SIMULATOR:

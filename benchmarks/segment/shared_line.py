@@ -1,7 +1,7 @@
 """One line of slaves for several masters that take turns.
 
-Every master maps the process data to logical addresses of its own, by FMMUs of its own; those
-whose turn it is not are switched off. The slaves stay in OP, so that turns can be short.
+Every master has FMMUs of its own, which map the process data to its own logical addresses. Only the
+FMMUs of the master whose turn it is are switched on. The slaves stay in OP, so turns can be short.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ PER_MASTER = 2
 _FMMU, _FMMU_BYTES, _ACTIVATE = 0x0600, 16, 12
 
 Map = Sequence[bytes]
-"""What a master has written to its FMMUs, by slave."""
+"""The FMMU registers of a master, for each slave."""
 
 
 class SharedLine(Line):
     """The slaves of `cells.line`.
 
     Args:
-        exchange: How to reach them.
-        bus: The slaves as laid out for the engine.
-        image: Where it has their process data.
+        exchange: Exchanges a frame with the slaves.
+        bus: The bus, after its process data were laid out for the engine.
+        image: The process image of the engine, which has one domain.
     """
 
     def __init__(self, exchange: Exchange, bus: Bus, image: Image) -> None:
@@ -38,7 +38,7 @@ class SharedLine(Line):
 
     @contextlib.contextmanager
     def over(self, exchange: Exchange) -> Iterator[None]:
-        """Reaches them by another way for a while."""
+        """Uses another `exchange` within the context."""
         before, self._exchange = self._exchange, exchange
         try:
             yield
@@ -46,7 +46,7 @@ class SharedLine(Line):
             self._exchange = before
 
     def saved(self) -> Map:
-        """What the master that has just set the slaves up has in its FMMUs."""
+        """Returns the FMMU registers of the master that has just set up the slaves."""
         size = PER_MASTER * _FMMU_BYTES
         return [
             ask(self._exchange, frame(APRD, -slave, _FMMU, bytes(size)))[0]
@@ -54,7 +54,7 @@ class SharedLine(Line):
         ]
 
     def share(self, others: Sequence[Map]) -> None:
-        """Brings the slaves to OP for the engine, whose turn is number 0, and for others."""
+        """Brings the slaves to OP for all masters: for the engine, number 0, and then `others`."""
         self._maps = [*others]
         self.bring_to_op()
 
@@ -71,7 +71,11 @@ class SharedLine(Line):
         )
 
     def turn(self, number: int) -> None:
-        """Whose FMMUs are switched on: 0 for the engine's, then the others as in `share`."""
+        """Switches the FMMUs of one master on, and those of the others off.
+
+        Args:
+            number: 0 for the engine; 1 for the first of the other masters in `share`, and so on.
+        """
         for master in range(1 + len(self._maps)):
             for channel in range(PER_MASTER):
                 at = _FMMU + _FMMU_BYTES * (PER_MASTER * master + channel) + _ACTIVATE

@@ -1,4 +1,4 @@
-"""Records what a master sends, so that the bare loop can send the same, and what it gets."""
+"""Records the frames of a master, so that the bare loop can send the same, and their answers."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _TAG = 11  # last byte of the source address; see `fill` in daemon/cyclic/frames
 
 
 def frames_of_a_cycle(run: Callable[[], Any]) -> list[bytes]:
-    """The frames of one cycle of the engine, which each cycle begins with a broadcast read.
+    """Records the frames of one cycle of the engine, which begins each cycle with a broadcast read.
 
     Args:
-        run: Has the engine exchange; the frames of its first cycles are taken afterwards.
+        run: Makes the engine exchange; the frames are read afterwards.
 
     Raises:
-        StateError: They are not what is expected.
+        StateError: No complete cycle was recognised.
     """
     with socket.socket(socket.AF_PACKET, socket.SOCK_RAW) as tap:
         tap.bind((SIMULATOR.far, ETHERTYPE))
@@ -44,14 +44,17 @@ def frames_of_a_cycle(run: Callable[[], Any]) -> list[bytes]:
 
 
 def answered(run: Callable[[], Any], pair: Pair = SIMULATOR) -> list[tuple[bytes, bytes]]:
-    """A frame of each kind that a cycle has, with its answer.
+    """Records one frame of each layout that the engine sends, with its answer.
 
     Args:
-        run: Has the engine exchange with slaves in OP.
-        pair: The interfaces.
+        run: Makes the engine exchange with slaves in OP.
+        pair: The veth pair.
+
+    Returns:
+        Pairs of a frame and its answer.
 
     Raises:
-        StateError: There are no frames, or none of them comes back.
+        StateError: The engine sends no frames, or none of them comes back.
     """
     with _listening(pair.far) as at_slaves, _listening(pair.near) as at_master:
         run()
@@ -65,7 +68,7 @@ def answered(run: Callable[[], Any], pair: Pair = SIMULATOR) -> list[tuple[bytes
 
 @contextlib.contextmanager
 def _listening(interface: str) -> Iterator[socket.socket]:
-    """Takes what comes in there; what goes out is not seen by anybody."""
+    """Opens a socket that records EtherCAT frames on an interface."""
     with socket.socket(socket.AF_PACKET, socket.SOCK_RAW) as tap:
         tap.bind((interface, ETHERTYPE))
         tap.setblocking(False)
@@ -73,7 +76,7 @@ def _listening(interface: str) -> Iterator[socket.socket]:
 
 
 def _received(tap: socket.socket) -> Iterator[bytes]:
-    """The cycle's frames that have come in."""
+    """Yields the engine's frames that an interface has received so far."""
     with contextlib.suppress(BlockingIOError):
         while True:
             frame, (*_, kind, _, _) = tap.recvfrom(2048)
@@ -82,13 +85,19 @@ def _received(tap: socket.socket) -> Iterator[bytes]:
 
 
 def _identity(frame: bytes) -> bytes:
-    """Index and tag, which tell one frame of the engine from the next 16 000."""
+    """Returns index and tag, which together repeat only after some 16 000 frames of the engine."""
     return bytes((frame[INDEX], frame[_TAG]))
 
 
 def counter(frames: list[bytes], slaves: int) -> int:
-    """The sum of all working counters: 1 for a slave that is read from, 2 for one written to."""
+    """Returns the expected sum of all working counters of a cycle.
+
+    Each slave adds 1 for a broadcast read, and 3 for its outputs and inputs.
+
+    Raises:
+        StateError: The frames have other datagrams than broadcast reads and LRW.
+    """
     kinds = [item.command for frame in frames for item in datagrams(frame)]
     if LRW not in kinds or set(kinds) - {BRD, LRW}:
-        raise StateError(f"datagrams with commands {kinds} are not what cells are exchanged with")
+        raise StateError(f"expected datagrams with BRD and LRW only, not with commands {kinds}")
     return kinds.count(BRD) * slaves + 3 * slaves

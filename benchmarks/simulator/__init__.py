@@ -1,1 +1,1 @@
-"""The speed of ecatsim beside a bare C echo."""
+"""The speed of ecatsim, compared with a bare echo in C."""

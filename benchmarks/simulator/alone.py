@@ -1,4 +1,4 @@
-"""What the simulator's parts cost without a wire: slave controllers in C, devices in Python."""
+"""The cost of the simulator's parts without a wire: slave controllers in C, devices in Python."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ _BYSTANDERS = (64, 200, 1000)
 
 
 def processing(timing: ctypes.CDLL, batches: int) -> dict[str, Any]:
-    """What one LRW costs in the slave controllers, by slaves, bytes and slaves not addressed."""
+    """Measures how long slave controllers take to process a frame with one LRW datagram.
+
+    "Bystanders" are slaves that the datagram does not address.
+    """
     most = MAX_DATA // (2 * BYTES)
     grid = [(n, size, 0) for n in (1, 2, 4, 8, 16, most) for size in (2, 8, 16, BYTES)]
     grid += [(8, BYTES, others) for others in _BYSTANDERS]
@@ -37,13 +40,13 @@ def processing(timing: ctypes.CDLL, batches: int) -> dict[str, Any]:
         }
         for slaves, size, others in grid
     ]
-    # Nanoseconds of a frame, and of each slave, byte and bystander more.
+    # Nanoseconds for a frame, and for each further slave, byte and bystander.
     names = ("frame", "slave", "byte", "bystander")
     return {"points": points, "fit": fit(points, ("slaves", "bytes", "bystanders"), "ns", names)}
 
 
 def _frame_ns(timing: ctypes.CDLL, batches: int, slaves: int, size: int, others: int) -> float:
-    """Median time of a frame for the first `slaves` of a line."""
+    """Returns the median time of a frame for the first `slaves` of a line, in ns."""
     segment = Segment()
     try:
         for _ in range(slaves + others):
@@ -55,7 +58,7 @@ def _frame_ns(timing: ctypes.CDLL, batches: int, slaves: int, size: int, others:
         process = ctypes.cast(load("ecatsim", "ecat_esc").esc_process, ctypes.c_void_p)
         timing.time_process(
             process,
-            ctypes.c_void_p(segment._handle),  # past Python: its call would cost more than ours
+            ctypes.c_void_p(segment._handle),  # avoids slow calls through Python
             buffer,
             ctypes.c_size_t(len(sent)),
             _CALLS,
@@ -68,19 +71,19 @@ def _frame_ns(timing: ctypes.CDLL, batches: int, slaves: int, size: int, others:
 
 
 def steps(batches: int) -> list[dict[str, Any]]:
-    """How long one step of the device side takes, which is due every millisecond."""
+    """Measures how long a step of the device side takes; a step is due every millisecond."""
     return [{"rig": name, **_step(name, batches)} for name in _RIGS]
 
 
 def _step(name: str, batches: int) -> dict[str, Any]:
-    """Steps of a rig; the slaves of a line are in OP, and their outputs change each time."""
+    """Measures steps of a rig; slaves of a line are in OP and get new outputs before each step."""
     simulation = Simulation(make(name))
     try:
-        turn = _lively(simulation) if name.startswith("line:") else (lambda: None)
+        write_outputs = _line_in_op(simulation) if name.startswith("line:") else (lambda: None)
         samples = []
         for _ in range(batches):
-            time.sleep(_PERIOD)  # as in `ecatsim run`: plants have a millisecond to catch up with
-            turn()
+            time.sleep(_PERIOD)  # as in `ecatsim run`: plants advance by a millisecond
+            write_outputs()
             begin = time.perf_counter_ns()
             simulation.step()
             samples.append(time.perf_counter_ns() - begin)
@@ -94,8 +97,8 @@ def _step(name: str, batches: int) -> dict[str, Any]:
         simulation.close()
 
 
-def _lively(simulation: Simulation) -> Callable[[], None]:
-    """Brings a line to OP; what it returns writes new outputs."""
+def _line_in_op(simulation: Simulation) -> Callable[[], None]:
+    """Brings a line to OP, and returns a function that writes new outputs."""
     segment = simulation.segment
 
     def serve() -> None:
@@ -108,10 +111,10 @@ def _lively(simulation: Simulation) -> Callable[[], None]:
     line.bring_to_op()
     number = 0
 
-    def turn() -> None:
+    def write_outputs() -> None:
         nonlocal number
         number += 1
         for sent in line.cycle_frames():
             segment.process(sent[:26] + bytes([number & 0xFF]) * (len(sent) - 28) + bytes(2))
 
-    return turn
+    return write_outputs

@@ -1,10 +1,11 @@
-"""The speed of ecatsim, beside a bare C echo of the same frames.
+"""The speed of ecatsim, compared with a bare echo of the same frames in C.
 
-A cycle is what a master sends at once: every slave's 32 bytes of outputs and 32 bytes of inputs
-in as few LRW datagrams as possible, one a frame, 23 slaves each. The turn-around is the time from
-before the first frame is sent until the last one is back. Echo and simulator have a veth pair
-each and stay on it; the master turns from one to the other every fraction of a second. A ratio is
-the median of the ratios of the rounds, so that a disturbance of the machine spoils few of them.
+In each cycle the master sends all frames at once. They have 32 bytes of outputs and 32 bytes of
+inputs of every slave, in as few LRW datagrams as possible: one per frame, for up to 23 slaves. The
+turn-around is the time from just before the first frame is sent until the last one is back. Echo
+and simulator each have a veth pair. The master switches from one to the other every fraction of a
+second. A ratio is the median of the ratios of the rounds, because a disturbance of the machine
+spoils only a few of them.
 """
 
 from __future__ import annotations
@@ -44,16 +45,16 @@ def measure(
     batches: int = 400,
     counts: tuple[int, ...] = (1, 8, 64, 200),
 ) -> dict[str, Any]:
-    """Everything.
+    """Runs the whole benchmark and returns its results.
 
     Args:
-        bench: Where.
+        bench: Folder and processors for the measurement.
         rounds: Rounds of the comparison with the echo.
-        seconds: Seconds of each of its measurements.
-        endurance: Seconds of the most slaves at 1 kHz.
+        seconds: Duration of each measurement in this comparison.
+        endurance: Seconds that the longest line runs at 1 kHz.
         starts: How often `ecatsim run troll` is started.
-        batches: Samples of what is timed without a wire.
-        counts: Slaves on the line.
+        batches: Number of samples in the measurements without a wire.
+        counts: Numbers of slaves on the line.
     """
     timing = ctypes.CDLL(str(native.build(bench.folder, "timing", library=True)))
     cases = [case for count in counts for case in _turn_around(bench, count, rounds, seconds)]
@@ -75,7 +76,7 @@ def measure(
 
 
 def _turn_around(bench: Bench, count: int, rounds: int, seconds: float) -> list[dict[str, Any]]:
-    """Every pace and way to receive, with both peers, in rounds."""
+    """Measures the turn-around of both peers in rounds: paced or not, blocking or polling."""
     bench.say(f"turn-around, {count} slaves")
     found: dict[tuple[int, bool], dict[str, list[dict[str, Any]]]] = {
         mode: {"echo": [], "simulator": []} for mode in _MODES
@@ -100,7 +101,7 @@ def _turn_around(bench: Bench, count: int, rounds: int, seconds: float) -> list[
 
 
 def _compare(peers: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
-    """All rounds of one case."""
+    """Summarises all rounds of one case."""
     result: dict[str, Any] = {}
     for name, rounds in peers.items():
         result[name] = {
@@ -117,7 +118,7 @@ def _compare(peers: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
 
 
 def _endurance(bench: Bench, count: int, seconds: float) -> dict[str, Any]:
-    """Many slaves at 1 kHz, for long."""
+    """Runs a line at 1 kHz for a long time."""
     bench.say(f"{count} slaves at {_RATE} Hz for {seconds:g} s")
     with simulator(count, bench.processors) as line:
         options = ("--seconds", seconds, "--rate", _RATE, "--counter", line.counter)
@@ -125,7 +126,7 @@ def _endurance(bench: Bench, count: int, seconds: float) -> dict[str, Any]:
 
 
 def _start_with_namespace(bench: Bench) -> float:
-    """Seconds from the command to the first answer; ecatsim itself starts the master."""
+    """Returns the seconds from the command to the first answer; ecatsim starts the master."""
     program = bench.program("ping")
     begin = time.monotonic()
     result = subprocess.run(
@@ -142,7 +143,7 @@ def _start_with_namespace(bench: Bench) -> float:
 
 
 def _start_on_interface(bench: Bench) -> float:
-    """The same on an interface that is there, where the master polls from the beginning."""
+    """Returns the same on an existing interface, where the master polls from the beginning."""
     begin = time.monotonic()
     command = (sys.executable, "-m", "ecatsim", "run", "troll", "--interface", SIMULATOR.far)
     process = subprocess.Popen(

@@ -1,1 +1,1 @@
-"""Tools for developers: checks and pictures of Modelica libraries, and buses to try them on."""
+"""Tools for developers: checks and pictures of Modelica libraries, and sample buses for both."""

@@ -1,7 +1,7 @@
 """Man pages of all commands, and completion for bash, zsh and fish.
 
-`python -m ecatdev.command_pages share` writes them, from the parsers, with argparse-manpage and
-shtab. They are in the repository so that neither building nor installing ecatd needs these two.
+`python -m ecatdev.command_pages share` writes them from the parsers, with argparse-manpage and
+shtab. The files are in the repository, so that a build or installation does not need these two.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ _COMPLETION = {
     "zsh": "zsh/site-functions/_{}",
     "fish": "fish/vendor_completions.d/{}.fish",
 }
-"""Where each shell looks for the completion of a command, below /usr/share."""
+"""Path of the completion of a command below /usr/share, by shell."""
 
 
 def pages() -> dict[str, str]:
-    """All files by their path below /usr/share."""
+    """Returns the text of all files, by their path below /usr/share."""
     files = {}
     for name, make_parser in _PARSERS.items():
         files[f"man/man1/{name}.1"] = _man_page(_declared(make_parser()))
@@ -49,17 +49,17 @@ def _man_page(parser: argparse.ArgumentParser) -> str:
         "description": (parser.description or "").split(".")[0],
     }
     text = _with_epilogs(str(Manpage(parser, _data=data, format="pretty")), parser)
-    # No date: the page would be another one each day.
+    # No date, because it would change the page every day.
     header = f'.TH {parser.prog.upper()} "1" "" "ecatd" "User Commands"'
     text = text.replace(".SH COMMENTS\n", ".SH NOTES\n")
     return "\n".join(header if line.startswith(".TH ") else line for line in text.splitlines())
 
 
 def _with_epilogs(text: str, parser: argparse.ArgumentParser) -> str:
-    """Adds what stands below the options of commands, such as their actions: Manpage leaves it out.
+    """Adds the epilogs of commands, such as lists of their actions, which Manpage leaves out.
 
     Raises:
-        ValueError: A command with such a text is not in the page.
+        ValueError: A command with an epilog is not in the page.
     """
     commands = {one.prog: one.epilog for one in _with_commands(parser) if one is not parser}
     for prog, epilog in commands.items():
@@ -74,7 +74,7 @@ def _with_epilogs(text: str, parser: argparse.ArgumentParser) -> str:
 
 
 def _escaped(text: str) -> str:
-    """A text for roff."""
+    """Returns a text with the special characters of roff escaped."""
     escaped = text.replace("\\", "\\e").replace("-", "\\-")
     return "\n".join(
         f"\\&{line}" if line.startswith((".", "'")) else line for line in escaped.split("\n")
@@ -82,13 +82,13 @@ def _escaped(text: str) -> str:
 
 
 def _declared(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
-    """The parser after all its commands have declared their arguments."""
+    """Makes all commands of a parser declare their arguments, and returns the parser."""
     for one in _with_commands(parser):
         for action in one._actions:
             if isinstance(action.choices, dict) and not isinstance(
                 action, argparse._SubParsersAction
             ):
-                action.choices = list(action.choices)  # shtab takes a map for commands
+                action.choices = list(action.choices)  # shtab mistakes a dict for commands
             if action.type is Path or action.metavar == "DIR":
                 what = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE
                 action.complete = what  # type: ignore[attr-defined]
@@ -106,7 +106,7 @@ def _with_commands(parser: argparse.ArgumentParser) -> Iterator[argparse.Argumen
 
 
 def main() -> None:
-    """Writes the files below the given folder."""
+    """Writes all files into the folder that the command line names."""
     for path, text in pages().items():
         file = Path(sys.argv[1]) / path
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -1,11 +1,11 @@
-"""Writes the files of a rendered library, for those who check or draw it."""
+"""Writes the files of a rendered library, for checks and pictures."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Writes files into a folder, which is made if it is not there.
+    """Writes files into a folder, and creates the folder if it does not exist.
 
     Args:
         folder: The folder.

@@ -1,4 +1,4 @@
-"""Buses to check the generator with, as a daemon with our device profiles describes them."""
+"""Sample buses for checks of the generator, as a daemon with our device profiles describes them."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ AWKWARD_TEXTS = (
     "EL1018 A",
     "el1018 B",
 )
-"""Names that are no identifiers of anything."""
+"""Names of slaves and entries that cannot be used as they are in Modelica, C, HTML or paths."""
 
 
 def troll() -> Bus:
-    """The reference plant: a drive, a coupler, digital and analog terminals, CANopen terminals."""
+    """Returns the reference plant: a drive, a coupler, digital, analog and CANopen terminals."""
     return give_meanings(
         Bus(
             "ecat0",
@@ -59,7 +59,7 @@ def troll() -> Bus:
 
 
 def awkward() -> Bus:
-    """Slaves with awkward names, entries of all kinds, and numbers that no Integer can hold."""
+    """Returns a bus with awkward names, entries of all kinds, and numbers too large for Integer."""
     return give_meanings(
         Bus(
             'a"b',
@@ -71,7 +71,7 @@ def awkward() -> Bus:
 
 
 def axes() -> Bus:
-    """Drives that lack this and that, and one with more than the state machine knows."""
+    """Returns a bus of drives: two lack usual entries, one has more than the state machine uses."""
     i16, i32, u8 = DataType.INTEGER16, DataType.INTEGER32, DataType.UNSIGNED8
     u16, u32 = DataType.UNSIGNED16, DataType.UNSIGNED32
     control = Entry(0x6040, 0, "Controlword", u16, 16)
@@ -117,12 +117,12 @@ def axes() -> Bus:
 
 
 def empty() -> Bus:
-    """A bus without slaves."""
+    """Returns a bus without slaves."""
     return Bus("ecat0", 1000, [])
 
 
 ALL = {"troll": troll, "awkward": awkward, "axes": axes, "empty": empty}
-"""All of them by name."""
+"""Functions that make the sample buses, by name."""
 
 
 def _drive(position: int) -> Slave:

@@ -1,9 +1,12 @@
 """Checks of a generated library that need no Modelica tool.
 
-`structure` looks at files and texts, `conventions` at names and descriptions, `externals` has the C
-compiler compare declarations with the header, `translation` has two independent Modelica front ends
-read the library. Each check yields one sentence per problem. The front ends (pymoca, rumoca) are
-needed for `conventions` and `translation` only.
+- `structure` checks files, names and texts.
+- `conventions` checks names, descriptions and icons.
+- `externals` compares external functions with the C header, with the help of the C compiler.
+- `translation` reads the library with two independent Modelica front ends.
+
+Each check yields one sentence per problem. Only `conventions` and `translation` need the front ends
+(pymoca, rumoca).
 """
 
 from .conventions import check_conventions

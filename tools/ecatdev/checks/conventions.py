@@ -1,6 +1,7 @@
-"""Conventions of the Modelica Standard Library, class by class.
+"""Checks each class of a library against the conventions of the Modelica Standard Library.
 
-They are those of its `UsersGuide.Conventions`: names, descriptions, documentation, icons, dialogs.
+The conventions are in its `UsersGuide.Conventions`. They are about names, descriptions,
+documentation, icons and dialogs.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Any
 
 _CLASS_NAME = re.compile(r"[A-Z][A-Za-z0-9]*(_\d+)?")
 _FUNCTION_NAME = re.compile(r"[a-z][A-Za-z0-9]*")
-# An index such as `_ref` or `_max`, and the counters and addresses of generated names.
+# Allows suffixes such as `_ref` or `_max`, and the numbers and addresses in generated names.
 _COMPONENT_NAME = re.compile(r"[a-z][A-Za-z0-9]*(_[a-z]+|(_[0-9A-F]+)+|_\d+[A-Za-z]*)*")
 _ICONS = {
     "package": re.compile(r"extends (Modelica|EtherCAT)\.Icons\.(\w*Package|Information|Plant)\b"),
@@ -26,7 +27,7 @@ _BOOLEAN = re.compile(r"parameter Boolean (?P<name>\w+)[^;]*?;", re.DOTALL)
 
 
 def check_conventions(library: Path) -> Iterator[str]:
-    """Where a library departs from the conventions, a sentence for each place."""
+    """Yields a sentence for each place where a library departs from the conventions."""
     from pymoca import parser  # type: ignore[import-untyped]
 
     for file in sorted(library.rglob("*.mo")):
@@ -61,7 +62,7 @@ def _kind(found: Any) -> str:
 
 
 def _check_class(found: Any) -> Iterator[str]:
-    """Names and descriptions of a class and of all that it declares."""
+    """Checks names and descriptions of a class, its components and its inner classes."""
     kind = _kind(found)
     pattern = _FUNCTION_NAME if kind == "function" else _CLASS_NAME
     if not pattern.fullmatch(found.name):

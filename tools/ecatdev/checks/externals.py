@@ -1,4 +1,4 @@
-"""External functions: what Modelica declares against what the header offers."""
+"""Compares the declarations of external functions in Modelica with the C header."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ERROR = re.compile(r"^(.+?):\d+(?::\d+)?: (?:fatal )?error: (.*)$", re.MULTILIN
 
 
 def check_externals(library: Path) -> Iterator[str]:
-    """Problems with the external functions of the library EtherCAT.
+    """Yields problems with the external functions of the library EtherCAT.
 
     All declarations are compiled in one translation unit, as C89.
     """
@@ -37,7 +37,7 @@ def check_externals(library: Path) -> Iterator[str]:
     unit = ['#include "ecat_modelica.h"']
     for file in sorted(library.rglob("*.mo")):
         for match in _FUNCTION.finditer(file.read_text("utf-8")):
-            # Errors then name the function instead of a line of this unit.
+            # With this line, an error names the function instead of a line of this unit.
             unit.append(f'#line 1 "{file.relative_to(library.parent)}: {match["name"]}"')
             unit.append(_declaration(match, f"declared{len(unit)}"))
     if len(unit) == 1:
@@ -46,7 +46,10 @@ def check_externals(library: Path) -> Iterator[str]:
 
 
 def _declaration(match: re.Match[str], name: str) -> str:
-    """A pointer that is valid C if the function has the declared type."""
+    """Returns the declaration of a pointer to the function, with the type that Modelica declares.
+
+    It is valid C only if the function in the header has the same type.
+    """
     variables = {v["name"]: v for v in _VARIABLE.finditer(match["body"])}
     result = _c_type(variables[match["result"]]["type"]) if match["result"] else "void"
     parameters = [
@@ -76,7 +79,7 @@ def _c_type(kind: str) -> str:
 
 
 def _compile(compiler: str, include: list[Path], source: str) -> Iterator[str]:
-    """What the compiler says, a sentence for each error."""
+    """Compiles the source, and yields a sentence for each error of the compiler."""
     done = subprocess.run(
         [compiler, *_FLAGS, *(f"-I{path}" for path in include), "-x", "c", "-"],
         input=source,

@@ -1,4 +1,4 @@
-"""Files, names and texts of a Modelica library."""
+"""Checks files, names and texts of a Modelica library."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ _VOID = frozenset({"br", "hr", "img"})
 
 
 def check_structure(library: Path) -> Iterator[str]:
-    """Problems with the files of a library; links to others are looked up beside it."""
+    """Yields problems with the files of a library.
+
+    Links to other libraries are looked up in the folder that has this library.
+    """
     for file in sorted(library.rglob("*.mo")):
         source = file.read_text("utf-8")
         where = file.relative_to(library.parent)
@@ -91,13 +94,13 @@ def _uri_exists(name: str, path: str, root: Path) -> bool:
         return (root / library / path.lstrip("/")).exists()
     place = root / library
     if not place.is_dir():
-        return library == "Modelica"  # is not installed here
+        return library == "Modelica"  # which may not be installed here
     for i, part in enumerate(classes):
         if (place / part / "package.mo").exists():
             place /= part
             continue
         file = place / f"{part}.mo"
-        # Classes within one file are not looked up in order.
+        # Inner classes of a file only have to be somewhere in the file; nesting is not checked.
         return file.exists() and all(
             re.search(rf"^ +(?:\w+ )*{inner}\b", file.read_text("utf-8"), re.MULTILINE)
             for inner in classes[i + 1 :]
@@ -113,7 +116,7 @@ def _check_enumerations(source: str) -> Iterator[str]:
 
 
 class _Html(HTMLParser):
-    """Finds elements that are not closed where they should be."""
+    """Finds HTML elements that are not closed in the right order."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -121,12 +124,12 @@ class _Html(HTMLParser):
         self.problems: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Remembers an element."""
+        """Remembers an open element."""
         if tag not in _VOID:
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
-        """Compares the end with the last element that is open."""
+        """Checks that an end tag closes the last open element."""
         if self.open and self.open[-1] == tag:
             self.open.pop()
         else:

@@ -23,13 +23,13 @@ CLASSES = (
     *(ir.Channels, ir.Vector),
     *(ir.Example, ir.Component, ir.Connection, ir.Variable, ir.Extent, ir.Point),
 )
-"""What templates see, from the whole to its parts."""
+"""Classes of the objects that templates use, from the whole library to its parts."""
 
 _PLACE = re.compile(r"(?<=<!-- reference -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 
 def reference() -> str:
-    """The tables as Markdown.
+    """Returns the tables as Markdown.
 
     Raises:
         ValueError: An attribute has no description.
@@ -40,7 +40,7 @@ def reference() -> str:
 
 
 def updated(document: str) -> str:
-    """The document with tables that are up to date."""
+    """Returns the document with up-to-date tables."""
     return _PLACE.sub(lambda _: f"\n{reference()}\n", document)
 
 

@@ -1,4 +1,4 @@
-"""What independent Modelica front ends say about a library."""
+"""Checks a library with two independent Modelica front ends, pymoca and rumoca."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _INTERFACE = Path(__file__).parent / "Modelica"
 
 
 def check_syntax(library: Path) -> Iterator[str]:
-    """Files that pymoca cannot parse."""
+    """Yields a problem for each file that pymoca cannot parse."""
     from pymoca import parser  # type: ignore[import-untyped]
 
     for file in sorted(library.rglob("*.mo")):
@@ -25,18 +25,19 @@ def check_syntax(library: Path) -> Iterator[str]:
 def check_translation(
     out: Path, models: Iterable[str], standard_library: Path | None = None
 ) -> Iterator[str]:
-    """What rumoca finds wrong when it translates models of the libraries in a directory.
+    """Translates models with rumoca, and yields the problems that it finds.
 
-    It resolves names, checks types and counts equations. It does not know ExternalObject, nor
-    functions with several outputs in when-clauses, nor getInstanceName() in a constructor. So it
-    sees a copy in which external objects are Integers, their constructors functions, each of
-    several outputs has a function of its own, and all instances have the same name.
+    rumoca resolves names, checks types and counts equations. It does not support ExternalObject,
+    functions with several outputs in when-clauses, or getInstanceName() in a constructor. So it
+    reads a copy of the libraries with these changes: external objects are Integers, and their
+    constructors are functions; a function with several outputs is split into one function per
+    output; and all instances have the same name.
 
     Args:
         out: Directory with the libraries.
         models: Full names of the models, each in a file of its own.
-        standard_library: Directory with the Modelica Standard Library; by default a stand-in is
-            used that has the interfaces which our libraries need.
+        standard_library: Directory with the Modelica Standard Library. By default, a stand-in with
+            the interfaces that our libraries need is used.
     """
     import rumoca
 

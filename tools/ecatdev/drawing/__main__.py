@@ -12,15 +12,15 @@ from .tokens import ModelicaSyntaxError
 
 
 def main(arguments: list[str]) -> int:
-    """Writes all pictures to a folder, and removes those that are no more."""
+    """Writes all pictures to a folder, and removes old ones that no longer exist."""
     parser = argparse.ArgumentParser(prog="python -m ecatdev.drawing", description=main.__doc__)
     parser.add_argument("folder", type=Path, help="where the pictures go")
     parser.add_argument(
         "--standard-library",
         metavar="DIR",
         type=Path,
-        help="folder with the Modelica Standard Library, to see its own icons; "
-        "the pictures of the documentation are made without",
+        help="folder with the Modelica Standard Library, to draw its own icons; "
+        "the pictures of the documentation are made without it",
     )
     options = parser.parse_args(arguments)
     try:

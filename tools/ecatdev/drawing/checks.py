@@ -1,4 +1,4 @@
-"""What is wrong with a picture: one sentence for each finding."""
+"""Finds errors in a picture, with one sentence for each finding."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from .geometry import Box, Point, box_of
 from .scene import Part, Scene, Wire
 from .shapes import Label, Shape
 
-_NEAR = 0.05  # units of a diagram by which the end of a line may miss its connector
-_SMALLEST = 0.6  # part of the size its extent allows to which a text may shrink
+_NEAR = 0.05  # largest distance of the end of a line from its connector, in units of a diagram
+_SMALLEST = 0.6  # smallest size of a text, as a share of the size that its height allows
 _EDGE = 1e-6
 
 
 def check_diagram(scene: Scene) -> Iterator[str]:
-    """Findings about the diagram of a class.
+    """Yields findings about the diagram of a class.
 
-    Every line must begin and end in the middle of its connectors, as those that an editor draws
-    do. Components must not overlap each other, nor lines cross them or lie upon each other.
+    Every line must begin and end in the middle of its connectors, as in an editor. Components must
+    not overlap each other. Lines must not cross components or lie upon each other.
     """
     yield from _wires_meet(scene)
     yield from _overlaps(scene)
@@ -30,9 +30,10 @@ def check_diagram(scene: Scene) -> Iterator[str]:
 
 
 def check_icon(scene: Scene) -> Iterator[str]:
-    """Findings about the icon of a class.
+    """Yields findings about the icon of a class.
 
-    It must show something; connectors must not overlap, nor texts; texts must not be squeezed.
+    The icon must show something. Connectors must not overlap each other, nor must texts. Texts must
+    not be squeezed.
     """
     name = scene.path.rpartition(".")[2]
     part = Part(name, scene.path, False, scene.box, scene.items, scene.parts)
@@ -48,7 +49,7 @@ def _wires_meet(scene: Scene) -> Iterator[str]:
     for wire in scene.wires:
         places = [_place(scene, connector) for connector in (wire.a, wire.b)]
         if len(wire.points) < 2:
-            if None not in places:  # what is hidden, such as a connector inside, has no line
+            if None not in places:  # a hidden connector has no place and needs no line
                 yield f"{_name(wire)} has no line"
             continue
         ends = (wire.points[0], wire.points[-1])
@@ -68,7 +69,7 @@ def _place(scene: Scene, connector: str) -> Part | None:
 
 
 def _whole_array(connector: str) -> str:
-    """Elements of an array are drawn at one place: `el2008.u[1:4]` at `el2008.u`."""
+    """Removes subscripts, because all elements of an array are drawn at one place."""
     return re.sub(r"\[.*?\]", "", connector)
 
 
@@ -79,7 +80,7 @@ def _overlaps(scene: Scene) -> Iterator[str]:
 
 
 def _whole(part: Part) -> Box:
-    """The box of a component with its connectors and its name."""
+    """Returns the box around a component with its connectors and texts."""
     boxes = [part.box, *(inner.box for inner in part.parts.values())]
     boxes += [item.box for item in part.items if isinstance(item, Label)]
     return box_of(Point(x, y) for box in boxes for x, y in ((box.x1, box.y1), (box.x2, box.y2)))
@@ -134,7 +135,7 @@ def _labels(name: str, part: Part) -> Iterator[str]:
 
 
 def _ink(label: Label) -> Box:
-    """The box of what is seen of a text: without the space between lines."""
+    """Returns the visible box of a text, without the space above and below its letters."""
     box = label.box
     if abs(label.angle) > _EDGE:
         return box

@@ -1,4 +1,4 @@
-"""Reads Modelica expressions and modifications, which are also what annotations are made of."""
+"""Parses Modelica expressions and modifications, of which annotations consist, too."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Operation:
 
 @dataclass(frozen=True, slots=True)
 class Array:
-    """An array by its elements."""
+    """An array with its elements."""
 
     elements: tuple[Expression, ...]
 
@@ -45,10 +45,11 @@ class Call:
     """A function call, or a modification: `name(arguments, key = value, ...) = binding`.
 
     Attributes:
-        name: What is called or modified.
-        arguments: Arguments without name.
-        named: Arguments by name; in a modification also `Call`s by the name of what they modify.
-        binding: Value after the modification.
+        name: Name of the function or of the modified element.
+        arguments: Positional arguments.
+        named: Arguments by name; in a modification also `Call`s, by the name of the modified
+            element.
+        binding: Value after `=`.
         text: Source text of the binding.
     """
 
@@ -59,7 +60,7 @@ class Call:
     text: str = ""
 
     def part(self, name: str) -> Call:
-        """The modification of an element; an empty one where there is none."""
+        """Returns the modification of an element, or an empty one if there is none."""
         found = self.named.get(name)
         return found if isinstance(found, Call) else call(name)
 
@@ -68,12 +69,20 @@ Expression = float | str | bool | Name | Operation | Array | Call
 
 
 def call(name: str = "") -> Call:
-    """An empty call."""
+    """Returns an empty call."""
     return Call(name)
 
 
 class ExpressionParser:
-    """The part of the parser that knows expressions."""
+    """The part of the parser for expressions.
+
+    A method that takes something moves on to the token after it. Methods that take a part of the
+    syntax raise `ModelicaSyntaxError` if the text does not fit.
+
+    Args:
+        source: The source text.
+        tokens: Its tokens.
+    """
 
     def __init__(self, source: str, tokens: list[Token]) -> None:
         self._source = source
@@ -81,17 +90,17 @@ class ExpressionParser:
         self._at = 0
 
     def peek(self, ahead: int = 0) -> Token:
-        """A token that is not taken."""
+        """Returns the next token, or one further ahead, without taking it."""
         return self._tokens[min(self._at + ahead, len(self._tokens) - 1)]
 
     def next(self) -> Token:
-        """Takes a token."""
+        """Takes the next token."""
         token = self.peek()
         self._at += 1
         return token
 
     def take(self, text: str) -> bool:
-        """Takes the next token if it is this word or symbol."""
+        """Takes the next token if it is this word or symbol, and returns whether it was."""
         token = self.peek()
         if token.text != text or token.kind == "string":
             return False
@@ -104,12 +113,12 @@ class ExpressionParser:
             raise self.error(f"{text!r} is expected before {self.peek().text!r}")
 
     def error(self, what: str) -> ModelicaSyntaxError:
-        """An error at the next token."""
+        """Returns an error at the next token."""
         line = self._source.count("\n", 0, self.peek().start) + 1
         return ModelicaSyntaxError(f"line {line}: {what}")
 
     def words(self, words: frozenset[str]) -> frozenset[str]:
-        """Takes as many of these words as there are."""
+        """Takes the next tokens as long as they are among these words."""
         found = set()
         while self.peek().text in words and self.peek().kind == "name":
             found.add(self.next().text)
@@ -131,7 +140,7 @@ class ExpressionParser:
         return text
 
     def reference(self) -> Name:
-        """Takes the name of a component, whose subscripts are dropped."""
+        """Takes the name of a component, and drops its subscripts."""
         text = self.name()
         self.subscripts()
         while self.take("."):
@@ -155,7 +164,7 @@ class ExpressionParser:
                 depth += (token.text in "([{") - (token.text in ")]}")
 
     def source(self, rule: Callable[[], object]) -> str:
-        """The source text of what a rule takes."""
+        """Applies a rule of the parser, and returns the source text that it has taken."""
         start = self.peek().start
         rule()
         return self._source[start : self._tokens[self._at - 1].stop]
@@ -184,7 +193,7 @@ class ExpressionParser:
         return result
 
     def arguments(self, result: Call) -> None:
-        """Takes arguments up to the closing bracket."""
+        """Takes arguments up to the closing bracket, and adds them to `result`."""
         while not self.take(")"):
             self.words(frozenset({"each", "final"}))
             if self.peek().text in ("redeclare", "replaceable"):
@@ -234,7 +243,7 @@ class ExpressionParser:
         return Operation("if", (condition, value, self.expression()))
 
     def binary(self, level: int) -> Expression:
-        """Takes operators of one precedence or a higher one."""
+        """Takes operators of the precedence `level` or higher, with their operands."""
         if level == len(_BINARY):
             return self.unary()
         left = self.binary(level + 1)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 
 class Point(NamedTuple):
-    """A point; y points up."""
+    """A point; the y axis points up."""
 
     x: float
     y: float
@@ -40,11 +40,11 @@ class Box(NamedTuple):
         return Point((self.x1 + self.x2) / 2, (self.y1 + self.y2) / 2)
 
     def grown(self, by: float) -> Box:
-        """A box that is larger on all sides, or smaller."""
+        """Returns a box that is larger on all sides, or smaller if `by` is negative."""
         return Box(self.x1 - by, self.y1 - by, self.x2 + by, self.y2 + by)
 
     def overlap(self, other: Box) -> tuple[float, float]:
-        """Width and height of what both cover; negative: the distance."""
+        """Returns width and height of the area that both cover; a negative value is a distance."""
         return (
             min(self.x2, other.x2) - max(self.x1, other.x1),
             min(self.y2, other.y2) - max(self.y1, other.y1),
@@ -52,13 +52,13 @@ class Box(NamedTuple):
 
 
 def box_of(points: Iterable[Point]) -> Box:
-    """The smallest box around points."""
+    """Returns the smallest box around points."""
     xs, ys = zip(*points, strict=True)
     return Box(min(xs), min(ys), max(xs), max(ys))
 
 
 class Transform(NamedTuple):
-    """x' = a*x + c*y + e, y' = b*x + d*y + f."""
+    """The transformation x' = a*x + c*y + e, y' = b*x + d*y + f."""
 
     a: float = 1
     b: float = 0
@@ -68,11 +68,11 @@ class Transform(NamedTuple):
     f: float = 0
 
     def __call__(self, p: Point) -> Point:
-        """A point, transformed."""
+        """Returns the transformed point."""
         return Point(self.a * p.x + self.c * p.y + self.e, self.b * p.x + self.d * p.y + self.f)
 
     def after(self, first: Transform) -> Transform:
-        """This transformation of what another one gives."""
+        """Returns the combination of another transformation, then this one."""
         e, f = self(Point(first.e, first.f))
         return Transform(
             self.a * first.a + self.c * first.b,
@@ -85,30 +85,36 @@ class Transform(NamedTuple):
 
     @property
     def scale(self) -> tuple[float, float]:
-        """How much longer lines along the axes become."""
+        """Factors by which lines along the x axis and the y axis become longer."""
         return math.hypot(self.a, self.b), math.hypot(self.c, self.d)
 
     @property
     def angle(self) -> float:
-        """Direction of the x axis in degrees, as for a text that is to be read: in (-90, 90]."""
+        """Direction of the x axis in degrees, in (-90, 90], so that text is not upside down."""
         angle = math.degrees(math.atan2(self.b, self.a)) % 180
         return angle - 180 if angle > 90 + 1e-6 else angle
 
     def box(self, box: Box) -> Box:
-        """The box around a transformed box."""
+        """Returns the box around the transformed box."""
         return box_of(self(p) for p in corners(box))
 
 
 def moved(origin: Point, rotation: float = 0) -> Transform:
-    """A rotation in degrees, then a translation."""
+    """Returns a rotation in degrees, followed by a translation to `origin`."""
     cos, sin = _exact(math.cos(math.radians(rotation))), _exact(math.sin(math.radians(rotation)))
     return Transform(cos, sin, -sin, cos, origin.x, origin.y)
 
 
 def placed(system: Box, a: Point, b: Point, *, keep_ratio: bool) -> Transform:
-    """Puts a coordinate system into the extent with the corners `a` and `b`.
+    """Returns a transformation that puts a coordinate system into an extent.
 
-    Corners in the opposite order mirror it.
+    Corners in the opposite order mirror the coordinate system.
+
+    Args:
+        system: The extent of the coordinate system.
+        a: First corner of the extent.
+        b: Opposite corner of the extent.
+        keep_ratio: Whether to scale x and y by the same factor.
     """
     sx = (b.x - a.x) / system.width if system.width else 1
     sy = (b.y - a.y) / system.height if system.height else 1
@@ -124,7 +130,7 @@ def _exact(value: float) -> float:
 
 
 def corners(box: Box) -> tuple[Point, Point, Point, Point]:
-    """The corners of a box in turn."""
+    """Returns the corners of a box, in their order around it."""
     return (
         Point(box.x1, box.y1),
         Point(box.x2, box.y1),
@@ -135,12 +141,13 @@ def corners(box: Box) -> tuple[Point, Point, Point, Point]:
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """A curve: a start, then lines (1 point) and cubic curves (3 points).
+    """A curve that consists of lines and cubic Bézier curves.
 
     Attributes:
         start: First point.
-        segments: End point, or two control points and the end point.
-        closed: Whether it returns to the start.
+        segments: For a line, its end point; for a cubic curve, two control points and the end
+            point.
+        closed: Whether the curve returns to the start.
     """
 
     start: Point
@@ -148,7 +155,7 @@ class Outline:
     closed: bool = False
 
     def transformed(self, by: Transform) -> Outline:
-        """The transformed curve."""
+        """Returns the transformed curve."""
         return Outline(
             by(self.start),
             tuple(tuple(by(p) for p in segment) for segment in self.segments),
@@ -157,17 +164,20 @@ class Outline:
 
     @property
     def points(self) -> list[Point]:
-        """All its points, those of control included."""
+        """All points of the curve, including control points."""
         return [self.start, *(p for segment in self.segments for p in segment)]
 
 
 def polyline(points: Sequence[Point], *, closed: bool = False) -> Outline:
-    """Straight lines."""
+    """Returns straight lines between points."""
     return Outline(points[0], tuple((p,) for p in points[1:]), closed)
 
 
 def bezier(points: Sequence[Point], *, closed: bool = False) -> Outline:
-    """The smooth curve of the Modelica specification: quadratic, through the middles of lines."""
+    """Returns the smooth curve that the Modelica specification defines.
+
+    It consists of quadratic curves, which meet in the middles of the lines between the points.
+    """
     if len(points) < 3:
         return polyline(points, closed=closed)
     if closed:
@@ -196,11 +206,11 @@ def _between(p: Point, q: Point, part: float) -> Point:
 
 
 def rounded(box: Box, radius: float) -> Outline:
-    """A rectangle with round corners."""
+    """Returns a rectangle with round corners."""
     r = min(radius, box.width / 2, box.height / 2)
     if r <= 0:
         return polyline(corners(box), closed=True)
-    c = r * 0.4477  # distance of control points of a quarter of a circle from the corner
+    c = r * 0.4477  # distance of a control point from the corner, for a quarter of a circle
     x1, y1, x2, y2 = box
     return Outline(
         Point(x1 + r, y1),
@@ -219,7 +229,7 @@ def rounded(box: Box, radius: float) -> Outline:
 
 
 def arc(box: Box, start: float, end: float) -> Outline:
-    """A part of an ellipse between two angles in degrees."""
+    """Returns the part of an ellipse between two angles in degrees."""
     pieces = max(1, math.ceil(abs(end - start) / 90 - 1e-9))
     step = math.radians(end - start) / pieces
     k = 4 / 3 * math.tan(step / 4)

@@ -1,4 +1,4 @@
-"""Instances of classes: their components with all modifiers, and the values of parameters."""
+"""Instances of classes: components with all their modifiers, and values of parameters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .library import Found, Libraries
 from .syntax import Component
 
 Value = float | bool | str | list[Any] | None
-"""What an expression may be; a literal of an enumeration is a `Literal`, None is unknown."""
+"""The value of an expression. A literal of an enumeration is a `Literal`; None means unknown."""
 
 
 class Literal(str):
@@ -26,9 +26,9 @@ class Element:
     """A component of an instance.
 
     Attributes:
-        component: Its declaration.
-        scope: Full name of the class with the declaration.
-        overrides: Modifiers of extends clauses on the way, outermost first.
+        component: The declaration of the component.
+        scope: Full name of the class that has the declaration.
+        overrides: Modifiers of the extends clauses that inherit it, outermost first.
     """
 
     component: Component
@@ -40,11 +40,11 @@ class Instance:
     """A class with modifiers, as a component or on its own.
 
     Args:
-        libraries: Where classes are.
-        found: Its class.
+        libraries: The libraries in which classes are looked up.
+        found: The class.
         name: Name of the component.
         modification: Modifiers of the component.
-        outer: The instance that has the component, in which its modifiers are to be understood.
+        outer: The instance that has the component. Names in the modifiers refer to it.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Instance:
         self._active: set[str] = set()
 
     def layers(self) -> Iterator[tuple[Found, tuple[Call, ...]]]:
-        """The classes that it is made of, bases first, with the modifiers of extends clauses."""
+        """Yields the base classes, then the class, with the modifiers of their extends clauses."""
         yield from self._layers(self.found, ())
 
     def _layers(
@@ -76,7 +76,7 @@ class Instance:
 
     @property
     def elements(self) -> dict[str, Element]:
-        """Its components by their names."""
+        """Components, inherited ones included, by name."""
         if self._elements is None:
             self._elements = {
                 component.name: Element(component, found.path, overrides)
@@ -86,7 +86,7 @@ class Instance:
         return self._elements
 
     def component(self, element: Element) -> Instance | None:
-        """A component as an instance; None if its class is built in."""
+        """Returns a component as an instance, None if its class is built in."""
         component = element.component
         found = self._libraries.find(component.class_name, element.scope)
         if found is None:
@@ -98,12 +98,12 @@ class Instance:
         return Instance(self._libraries, found, component.name, merged, self)
 
     def exists(self, element: Element) -> bool:
-        """Whether the condition of a component holds; also where that is not known."""
+        """Whether the condition of a component holds; True also if its value is unknown."""
         condition = element.component.condition
         return condition is None or self.value(condition) is not False
 
     def binding(self, name: str) -> tuple[Call, Instance] | None:
-        """The binding of a parameter, and the instance in which it is to be understood."""
+        """Returns the binding of a parameter, and the instance that its names refer to."""
         element = self.elements.get(name)
         if element is None:
             return None
@@ -117,7 +117,7 @@ class Instance:
         return None if own.binding is None else (own, self)
 
     def text(self, name: str) -> str:
-        """The value of a parameter as icons show it."""
+        """Returns the value of a parameter as icons show it."""
         bound = self.binding(name)
         if bound is None:
             return ""
@@ -130,7 +130,10 @@ class Instance:
         return binding.text
 
     def value(self, expression: Expression | None) -> Value:
-        """The value of an expression of this instance, as far as a drawing needs it."""
+        """Returns the value of an expression in this instance, None if it is unknown.
+
+        Only the expressions that drawings need are supported.
+        """
         match expression:
             case None | bool() | float() | str():
                 return expression

@@ -1,4 +1,4 @@
-"""Finds classes by name in the folders of libraries, as the Modelica specification says."""
+"""Finds classes by name in folders with libraries, by the rules of the Modelica specification."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BUILT_IN = frozenset({"Real", "Integer", "Boolean", "String", "ExternalObject", 
 
 
 class NoSuchClassError(LookupError):
-    """A class that is in none of the libraries."""
+    """The libraries do not have the class."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,10 +25,12 @@ class Found:
 
 
 class Libraries:
-    """Classes of the libraries in some folders; the first folder that has a library counts.
+    """The classes of all libraries in some folders.
+
+    If several folders have a library of the same name, the first folder is used.
 
     Args:
-        folders: Folders that hold libraries, each as a folder or a file of its name.
+        folders: Folders with libraries. Each library is a folder or a file with its name.
     """
 
     def __init__(self, folders: Sequence[Path]) -> None:
@@ -36,10 +38,10 @@ class Libraries:
         self._classes: dict[str, Class | None] = {}
 
     def get(self, path: str) -> Found:
-        """A class by its full name.
+        """Returns a class by its full name.
 
         Raises:
-            NoSuchClassError: There is none.
+            NoSuchClassError: There is no such class.
         """
         found = self._inside("", path.lstrip("."))
         if found is None:
@@ -47,14 +49,14 @@ class Libraries:
         return found
 
     def find(self, name: str, scope: str) -> Found | None:
-        """A class as named inside another class; None for built-in types.
+        """Returns the class that a name in another class refers to, None for built-in types.
 
         Args:
             name: The name as written.
-            scope: Full name of the class in which it is written.
+            scope: Full name of the class in which the name is written.
 
         Raises:
-            NoSuchClassError: There is none.
+            NoSuchClassError: There is no such class.
         """
         if name in BUILT_IN:
             return None
@@ -72,7 +74,7 @@ class Libraries:
             scope = scope.rpartition(".")[0]
 
     def members(self, package: str) -> list[str]:
-        """Names of the classes inside a package, in its order."""
+        """Returns the names of the classes in a package, in the order of the package."""
         folder = self._folder(package)
         inner = list(self.get(package).definition.classes)
         if folder is None:
@@ -86,7 +88,7 @@ class Libraries:
         return [name for name in listed if name in names] + sorted(names - set(listed))
 
     def _visible(self, scope: str, first: str) -> str | None:
-        """The full name of what a first name means in one scope."""
+        """Returns the full name of the class that a name means in one scope, None if unknown."""
         if scope:
             here = self._class(scope)
             if here is not None and first in here.imports:
@@ -113,7 +115,7 @@ class Libraries:
             if base.class_name in BUILT_IN:
                 continue
             try:
-                # Base classes are not looked up among what is inherited, which would go in circles.
+                # Looking up base classes among inherited classes, too, would never end.
                 parent = self._base(base.class_name, path)
             except NoSuchClassError:
                 continue

@@ -1,4 +1,4 @@
-"""The pictures of the documentation: icons and diagrams of the libraries."""
+"""Draws the pictures of the documentation: icons and diagrams of the libraries."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _MARGIN = 6
 
 
 def libraries(folder: Path, standard_library: Path | None = None) -> Libraries:
-    """The library EtherCAT, and the one of the bus `troll`, which is written to a folder.
+    """Generates the library of the bus `troll`, and returns it with the library EtherCAT.
 
     Args:
-        folder: Where to write the generated library.
-        standard_library: Folder that has the Modelica Standard Library as `Modelica`. By default
-            there is the stand-in of the checks, so that the pictures are the same everywhere.
+        folder: Folder for the generated library.
+        standard_library: Folder that has the Modelica Standard Library as `Modelica`. By default,
+            the stand-in of the checks is used, so that the pictures are the same everywhere.
     """
     library = build_library(sample_buses.troll(), GENERATED)
     write_files(folder / GENERATED, render(library))
@@ -39,7 +39,7 @@ def libraries(folder: Path, standard_library: Path | None = None) -> Libraries:
 
 
 def found_with(folder: Path, standard_library: Path | None = None) -> Libraries:
-    """The libraries in a folder, the library EtherCAT, and the Modelica Standard Library.
+    """Returns the libraries in a folder, the library EtherCAT, and the Modelica Standard Library.
 
     Args:
         folder: The folder.
@@ -49,7 +49,7 @@ def found_with(folder: Path, standard_library: Path | None = None) -> Libraries:
 
 
 def models(found: Libraries, package: str) -> Iterator[str]:
-    """Full names of all models and blocks in a package and those inside it."""
+    """Yields the full names of all models and blocks in a package and in the packages inside it."""
     for name in found.members(package):
         path = f"{package}.{name}"
         kind = found.get(path).definition.kind
@@ -60,7 +60,11 @@ def models(found: Libraries, package: str) -> Iterator[str]:
 
 
 def pictures(standard_library: Path | None = None) -> dict[str, str]:
-    """Every picture by the name of its file; the argument is that of `libraries`."""
+    """Returns every picture as SVG, by its file name.
+
+    Args:
+        standard_library: See `libraries`.
+    """
     with tempfile.TemporaryDirectory() as folder:
         found = libraries(Path(folder), standard_library)
         result = {f"{name}.svg": sheet(found, name) for name in (STATIC, GENERATED)}
@@ -74,7 +78,7 @@ def pictures(standard_library: Path | None = None) -> dict[str, str]:
 
 
 def draw_diagram(scene: Scene) -> str:
-    """A diagram as SVG, as large as what is in it."""
+    """Returns a diagram as SVG, cropped to its content."""
     boxes = [part.box for part in scene.parts.values()]
     items = [item for part in scene.parts.values() for item in part.items]
     boxes += [item.box for item in [*scene.items, *items] if isinstance(item, Label)]

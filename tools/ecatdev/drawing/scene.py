@@ -1,4 +1,4 @@
-"""Everything that the icon or the diagram of a class shows."""
+"""Collects everything that the icon or the diagram of a class shows."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ _DEFAULT_SYSTEM = Box(-100, -100, 100, 100)
 
 @dataclass(slots=True)
 class Part:
-    """A component in a picture, with what is drawn for it.
+    """A component in a picture, with the shapes that are drawn for it.
 
     Attributes:
         name: Name of the component.
         path: Full name of its class.
         connector: Whether it is a connector.
         box: The extent of its placement.
-        items: Its icon.
-        parts: Connectors in its icon.
+        items: The shapes and labels of its icon.
+        parts: Connectors in its icon, by name.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Part:
 
 @dataclass(slots=True)
 class Wire:
-    """A connection: the connectors as written, and its line."""
+    """A connection: its two connectors as written, and its line."""
 
     a: str
     b: str
@@ -56,7 +56,7 @@ class Scene:
         description: Its description.
         box: The extent of its coordinate system.
         items: Its own primitives, at the back.
-        parts: Its components.
+        parts: Its components, by name.
         wires: Its connections.
     """
 
@@ -75,13 +75,13 @@ def icon(
     to: Transform | None = None,
     modification: Call | None = None,
 ) -> Scene:
-    """The icon of a class.
+    """Returns the icon of a class.
 
     Args:
-        libraries: Where classes are.
+        libraries: The libraries in which classes are looked up.
         path: Full name of the class.
-        name: What the icon shows as the name of the component, by default the usual one.
-        to: Where to draw it, by default as it is.
+        name: Name of the component in the icon; by default that of a new component in an editor.
+        to: Transformation of the icon, by default none.
         modification: Modifiers of the component.
 
     Raises:
@@ -96,7 +96,7 @@ def icon(
 
 
 def diagram(libraries: Libraries, path: str) -> Scene:
-    """The diagram of a class.
+    """Returns the diagram of a class.
 
     Raises:
         NoSuchClassError: A class is missing.
@@ -129,7 +129,7 @@ def _usual_name(definition: Class) -> str:
 
 
 def _components(instance: Instance) -> Iterator[tuple[Element, Instance]]:
-    """The components that have a place."""
+    """Yields the components that have a `Placement`, and whose condition holds."""
     for element in instance.elements.values():
         if "Placement" in element.component.annotation.named and instance.exists(element):
             component = instance.component(element)
@@ -138,12 +138,12 @@ def _components(instance: Instance) -> Iterator[tuple[Element, Instance]]:
 
 
 def _is_there(instance: Instance, connector: str) -> bool:
-    """Whether the conditions of a connector and of the component that has it hold."""
+    """Whether a connector exists: its own condition holds, and that of its component does, too."""
     at: Instance | None = instance
     for name in re.sub(r"\[[^]]*\]", "", connector).split("."):
         element = None if at is None else at.elements.get(name)
         if at is None or element is None:
-            return True  # it is unknown, and the check says so
+            return True  # unknown: the check of the diagram reports it
         if not at.exists(element):
             return False
         at = at.component(element)
@@ -202,14 +202,14 @@ def _icon(instance: Instance, to: Transform, *, connector: bool, layer: str = "I
 
 
 def drag_scale(libraries: Libraries, path: str) -> float:
-    """Units of a diagram in one of the icon, when the class is dragged into the diagram."""
+    """Returns the scale of the icon in a diagram after an editor has put the class there."""
     instance = Instance(libraries, libraries.get(path), "")
     style = _coordinate_system(instance, "Icon")
     return 0.1 if style is None else style.number("initialScale", 0.1)
 
 
 def _system(instance: Instance, layer: str) -> tuple[Box, bool]:
-    """The coordinate system, and whether it keeps its proportions."""
+    """Returns the extent of the coordinate system, and whether it keeps its aspect ratio."""
     style = _coordinate_system(instance, layer)
     if style is None:
         return _DEFAULT_SYSTEM, True
@@ -217,7 +217,7 @@ def _system(instance: Instance, layer: str) -> tuple[Box, bool]:
 
 
 def _coordinate_system(instance: Instance, layer: str) -> Style | None:
-    """The coordinate system of the class, or of the first base that has one."""
+    """Returns the coordinate system of the class, or of the first base class that has one."""
     layers = [found for found, _ in instance.layers()]
     for found in (layers[-1], *layers[:-1]):
         style = Style(found.definition.annotation.part(layer).part("coordinateSystem"), instance)

@@ -1,6 +1,6 @@
-"""From one graphical primitive of an annotation to outlines and labels.
+"""Turns a graphical primitive of an annotation into outlines and labels.
 
-Sizes in millimetres (of pens and arrows) are those of a diagram, in which a unit is a millimetre.
+The sizes of pens and arrows are in millimetres. One unit of a diagram is a millimetre.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ BLACK: Color = (0, 0, 0)
 
 @dataclass(frozen=True, slots=True)
 class Fill:
-    """How an area is filled.
+    """The filling of an area.
 
     Attributes:
-        pattern: Name of the fill pattern of Modelica.
+        pattern: Name of the fill pattern in Modelica.
         color: Colour of the filling.
-        line: Colour of lines in it, and of the dark sides of gradients.
-        corners: The box of the shape, transformed: which way gradients go.
+        line: Colour of the lines in the filling, and of the dark sides of gradients.
+        corners: Corners of the transformed box of the shape, which give the direction of gradients.
     """
 
     pattern: str
@@ -56,9 +56,9 @@ class Shape:
 
     Attributes:
         outline: The curve.
-        color: Colour of the pen; None: it is not drawn.
+        color: Colour of the pen; None if the outline is not drawn.
         thickness: Thickness of the pen.
-        dash: Name of the line pattern of Modelica.
+        dash: Name of the line pattern in Modelica.
         fill: Filling, or None.
     """
 
@@ -75,11 +75,12 @@ class Label:
 
     Attributes:
         text: The text, with its line breaks.
-        at: Middle of the left, right or whole text, as aligned.
+        at: Position of the text: its left edge, centre or right edge, at middle height.
         align: `Left`, `Center` or `Right`.
         angle: Direction in degrees.
         size: Size of the font.
-        wanted: Size that the height of the extent allows; a text too wide for it is smaller.
+        wanted: Size of the font that the height of the extent allows. `size` is smaller if the text
+            would be too wide.
         color: Its colour.
         style: Names of text styles.
     """
@@ -121,13 +122,13 @@ Item = Shape | Label
 
 
 def draw(primitive: Call, instance: Instance, to: Transform) -> Iterator[Item]:
-    """The outlines and labels of a primitive.
+    """Yields the outlines and labels of a primitive.
 
     Args:
         primitive: `Line(...)`, `Polygon(...)`, `Rectangle(...)`, `Ellipse(...)` or `Text(...)`;
             `Bitmap` draws nothing.
-        instance: Whose parameters it may show.
-        to: Where its coordinate system is.
+        instance: The instance whose parameters the primitive may show.
+        to: Transformation of the coordinate system.
     """
     style = Style(primitive, instance)
     if style.value("visible", True) is False:
@@ -158,39 +159,39 @@ class Style:
         self.instance = instance
 
     def value(self, name: str, default: Any = None) -> Any:
-        """The value of an argument."""
+        """Returns the value of an argument, or the default if it is missing or unknown."""
         given = self._arguments.get(name)
         value = None if given is None else self.instance.value(given.binding)
         return default if value is None else value
 
     def number(self, name: str, default: float) -> float:
-        """A number."""
+        """Returns a number."""
         return float(self.value(name, default))
 
     def word(self, name: str, default: str) -> str:
-        """A literal of an enumeration."""
+        """Returns the name of a literal of an enumeration."""
         return str(self.value(name, default))
 
     def point(self, name: str) -> Point:
-        """A point, by default the origin."""
+        """Returns a point, by default the origin."""
         return Point(*self.value(name, (0.0, 0.0)))
 
     def points(self, name: str) -> list[Point]:
-        """Several points."""
+        """Returns a list of points, by default none."""
         return [Point(*p) for p in self.value(name, [])]
 
     def box(self, name: str) -> Box:
-        """A rectangle."""
+        """Returns the box around a list of points."""
         return box_of(self.points(name))
 
     def color(self, name: str, default: Color = BLACK) -> Color:
-        """A colour."""
+        """Returns a colour."""
         r, g, b = (round(c) for c in self.value(name, default))
         return r, g, b
 
 
 def line(style: Style, to: Transform) -> Iterator[Shape]:
-    """A line with its arrows."""
+    """Yields a line and its arrows."""
     points = style.points("points")
     if len(points) < 2 or style.word("pattern", "Solid") == "None":
         return
@@ -260,7 +261,7 @@ def _text(style: Style, to: Transform) -> Iterator[Label]:
     if style.number("fontSize", 0) > 0:
         size = wanted = style.number("fontSize", 0) * _POINT * sx * 10
     align = style.word("horizontalAlignment", "Center")
-    if to.a < -1e-9 and align != "Center":  # mirrored: text is not, but its place
+    if to.a < -1e-9 and align != "Center":  # mirrors the place, but not the text
         align = "Left" if align == "Right" else "Right"
     x = {"Left": box.x1, "Center": box.centre.x, "Right": box.x2}[
         style.word("horizontalAlignment", "Center")

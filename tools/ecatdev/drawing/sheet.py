@@ -11,7 +11,7 @@ from .scene import Scene, drag_scale, icon
 from .shapes import Color, Item, Label
 from .svg import Svg
 
-_SCALE = 1.2  # units of the sheet in a unit of a diagram, where an icon is as large as when dragged
+_SCALE = 1.2  # size of an icon on the sheet, relative to its size in a diagram (`drag_scale`)
 _WIDTH = 250.0
 _GAP = 6.0
 _MARGIN = 6.0
@@ -22,7 +22,7 @@ _GREY: Color = (90, 90, 90)
 
 @dataclass(frozen=True, slots=True)
 class _Tile:
-    """An icon, its scale, the box around it and its texts, and the heading above it or nothing."""
+    """An icon with its scale, the box around the icon and its texts, and its heading or ""."""
 
     path: str
     scale: float
@@ -31,7 +31,7 @@ class _Tile:
 
 
 def blocks(libraries: Libraries, package: str) -> Iterator[tuple[str, list[str]]]:
-    """Blocks and models that users take, by package; examples are left out."""
+    """Yields each package with its blocks and models for users; leaves examples out."""
     members = [f"{package}.{name}" for name in libraries.members(package)]
     definitions = [(path, libraries.get(path).definition) for path in members]
     yield (
@@ -48,7 +48,7 @@ def blocks(libraries: Libraries, package: str) -> Iterator[tuple[str, list[str]]
 
 
 def sheet(libraries: Libraries, library: str) -> str:
-    """The sheet of a library, as SVG."""
+    """Returns the sheet of a library as SVG."""
     scenes: list[Scene] = []
     texts: list[Item] = []
     y = 0.0
@@ -76,9 +76,9 @@ def _tiles(libraries: Libraries, library: str) -> Iterator[_Tile]:
 
 
 def _rows(tiles: Iterable[_Tile]) -> Iterator[list[tuple[float, _Tile]]]:
-    """Tiles with their places from the left."""
+    """Yields rows of tiles, each tile with its distance from the left."""
     row: list[tuple[float, _Tile]] = []
-    x = free = 0.0  # the next place, and where the last heading ends
+    x = free = 0.0  # place of the next tile, and end of the last heading
     for tile in tiles:
         if tile.heading:
             x = max(x + _GAP if row else 0, free)
@@ -99,7 +99,7 @@ def _place(
     scenes: list[Scene],
     texts: list[Item],
 ) -> float:
-    """Draws a row below `top`, and returns where it ends."""
+    """Draws a row below `top`, and returns the y coordinate of its lower end."""
     if any(tile.heading for _, tile in row):
         texts.extend(_heading(tile, x, top - _HEADING / 2) for x, tile in row if tile.heading)
         top -= 2 * _HEADING

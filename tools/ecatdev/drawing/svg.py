@@ -1,4 +1,4 @@
-"""Writes scenes as SVG: the same scene gives the same bytes."""
+"""Writes scenes as SVG; the same scene always gives the same bytes."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _HATCHES = {
 }
 _HATCH_LINES = {"h": "M0 1H2", "v": "M1 0V2", "f": "M0 0L2 2", "b": "M0 2L2 0"}
 PIXELS = 4
-"""Pixels of a unit of a diagram."""
+"""Pixels per unit of a diagram."""
 
 
 class Svg:
-    """Collects what is drawn.
+    """Collects the elements of a picture.
 
     Args:
-        box: What the picture shows.
-        title: What it is, for those who cannot see it.
+        box: The visible area.
+        title: Title of the picture, for readers who cannot see it.
     """
 
     def __init__(self, box: Box, title: str) -> None:
@@ -62,7 +62,7 @@ class Svg:
             self._lines.append(self._label(item) if isinstance(item, Label) else self._shape(item))
 
     def write(self) -> str:
-        """The file."""
+        """Returns the text of the SVG file."""
         box = self._box
         width, height = box.width * PIXELS, box.height * PIXELS
         view = f"{_number(box.x1)} {_number(-box.y2)} {_number(box.width)} {_number(box.height)}"

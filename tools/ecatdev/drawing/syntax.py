@@ -1,4 +1,4 @@
-"""Reads what the drawing needs of a Modelica file: classes, elements and annotations.
+"""Parses the parts of a Modelica file that the drawing needs: classes, elements and annotations.
 
 Equations and algorithms are skipped, except `connect` and `annotation`.
 """
@@ -31,7 +31,7 @@ class Component:
         name: Its name.
         class_name: Class as written.
         modification: Modifiers and binding.
-        condition: When the component exists; None: always.
+        condition: Condition of the component, None if it always exists.
         annotation: Its annotation.
         prefixes: Words such as `parameter` and `inner`.
         public: Whether it is declared in a public section.
@@ -73,8 +73,8 @@ class Class:
         kind: Its restriction: `block`, `connector`, ...
         description: Its description string.
         elements: Components in their order.
-        bases: What it extends; a short class has one.
-        classes: Classes inside it.
+        bases: Base classes; a short class has one.
+        classes: Inner classes, by name.
         imports: Full name of each imported class, by its short name.
         connects: Its connect equations.
         annotation: Its annotation.
@@ -96,10 +96,10 @@ class Class:
 
 
 def parse(source: str) -> Class:
-    """The class that a file defines.
+    """Returns the class that a file defines.
 
     Raises:
-        ModelicaSyntaxError: The text is no class, or uses what the drawing does not know.
+        ModelicaSyntaxError: The text is not a class, or has syntax that the drawing does not know.
     """
     return _Parser(source).file()
 
@@ -246,7 +246,7 @@ class _Parser(ExpressionParser):
         return self.peek().text == "end" and self.peek(1).text not in _COMPOUND
 
     def skip_statement(self) -> None:
-        """Skips up to the next semicolon, or into a compound statement."""
+        """Skips a statement up to its semicolon, or the head of a compound statement."""
         compound = self.peek().text in {*_COMPOUND, "else", "elseif", "elsewhen"}
         while True:
             token = self.peek()

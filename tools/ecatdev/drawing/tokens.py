@@ -23,7 +23,7 @@ _ESCAPES = {"n": "\n", "t": "\t", "r": "\r", "a": "\a", "b": "\b", "f": "\f", "v
 
 
 class ModelicaSyntaxError(ValueError):
-    """Text that is no Modelica, or Modelica that the drawing does not know."""
+    """The text is not Modelica, or it has syntax that the drawing does not know."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +31,8 @@ class Token:
     """One token.
 
     Attributes:
-        kind: What it is.
-        text: Its text; of a string, its content.
+        kind: Kind of the token.
+        text: Text of the token; for a string, its content.
         start: Index of its first character in the source.
         stop: Index after its last character.
     """
@@ -44,10 +44,10 @@ class Token:
 
 
 def tokenize(source: str) -> list[Token]:
-    """The tokens of a source text, and one of the kind `end`.
+    """Returns the tokens of a source text, with one of the kind `end` after them.
 
     Raises:
-        ModelicaSyntaxError: A character begins no token.
+        ModelicaSyntaxError: No token begins with some character of the text.
     """
     tokens: list[Token] = []
     at = 0

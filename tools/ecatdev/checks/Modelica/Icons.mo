@@ -1,5 +1,5 @@
 within Modelica;
-package Icons "Icons of classes that are no blocks"
+package Icons "Icons of classes other than blocks"
   partial class Information
     annotation (Icon(graphics = {
       Ellipse(extent = {{-98, 98}, {98, -98}}, lineColor = {70, 140, 75}, fillColor = {70, 140, 75}, fillPattern = FillPattern.Solid),

@@ -1,5 +1,5 @@
 within ;
-package Modelica "What our libraries use of the Modelica Standard Library 4.0.0, for checks and drawings"
+package Modelica "The part of the Modelica Standard Library 4.0.0 that our libraries use, for checks and drawings"
   package Units
     package SI
       type Time = Real(final quantity = "Time", final unit = "s");

@@ -1,5 +1,5 @@
 within Modelica.Blocks;
-package Interfaces "Connectors of signals: a full triangle takes one, an empty one gives it"
+package Interfaces "Connectors of signals: a filled triangle is an input, an empty one an output"
   connector RealInput = input Real annotation (
     Icon(graphics = {Polygon(points = {{-100, 100}, {100, 0}, {-100, -100}}, lineColor = {0, 0, 127}, fillColor = {0, 0, 127}, fillPattern = FillPattern.Solid)}),
     Diagram(graphics = {
