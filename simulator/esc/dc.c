@@ -117,7 +117,7 @@ static void average(double *mean, unsigned *count, unsigned depth, double value)
 }
 
 /* Returns the rate as an ESC expresses it, by a number x: its clock gains 1 ns every (start - x)
- * steps and loses 1 ns every (start + x) steps. x is positive for a clock that is too slow. */
+ * steps and loses 1 ns every (start + x) steps. x is positive if the clock must run faster. */
 static double speed_difference(const struct slave *slave)
 {
     double start = load16(slave->memory + REG_SPEED_START), rate = slave->dc.clock.trim * TICK_NS;

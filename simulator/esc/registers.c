@@ -276,7 +276,7 @@ static bool lacks_clock(const struct slave *slave, uint32_t from, uint32_t to)
            ((units & PDI_LATCH_UNIT) == 0 && within(from, to, REG_LATCH, REG_DC_END));
 }
 
-/* Returns the end of a writable area on this chip, which may lack channels or distributed clocks. */
+/* Returns the end of a writable area on a chip that may lack channels or distributed clocks. */
 static uint32_t end_of_area(const struct slave *slave, uint32_t from, uint32_t to)
 {
     if (from == REG_FMMU)

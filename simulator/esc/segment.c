@@ -13,7 +13,7 @@ struct esc_segment *esc_create(void)
         return NULL;
     pthread_mutexattr_t attributes;
     pthread_mutexattr_init(&attributes);
-    /* While the frame thread waits for the lock, the thread that holds it gets the same priority. */
+    /* While the frame thread waits for the lock, the holder of the lock gets the same priority. */
     pthread_mutexattr_setprotocol(&attributes, PTHREAD_PRIO_INHERIT);
     pthread_mutex_init(&segment->lock, &attributes);
     pthread_mutexattr_destroy(&attributes);
