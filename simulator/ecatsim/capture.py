@@ -47,7 +47,7 @@ class Upload:
     Attributes:
         data: The data, or None.
         abort: The SDO abort code if the slave refused, else 0.
-        problem: What went wrong if the slave neither sent data nor refused.
+        problem: The error if the slave neither sent data nor refused.
     """
 
     data: bytes | None = None
@@ -69,7 +69,7 @@ class CapturedSlave:
         coe: Whether it supports CoE, as its EEPROM says.
         objects: Its object dictionary; None if the slave does not describe it or it was not read.
         values: The answers to uploads by index and subindex.
-        notes: What could not be captured.
+        notes: Errors by which data could not be captured.
     """
 
     position: int

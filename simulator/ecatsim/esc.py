@@ -373,7 +373,7 @@ class Segment(Wire, Clocks):
         return [number for number in range(bits.bit_length()) if bits >> number & 1]
 
     def sii(self, position: int) -> bytes:
-        """Returns the SII image of a slave, including what the master has written into it."""
+        """Returns the present SII image of a slave, with all changes by the master."""
         size = checked(self._lib.esc_sii(self._handle, position, None, 0))
         buffer = ctypes.create_string_buffer(size)
         checked(self._lib.esc_sii(self._handle, position, buffer, size))

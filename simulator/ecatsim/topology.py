@@ -159,7 +159,7 @@ def _has_port(device: Device, port: int) -> bool:
 
 
 def _next_port(before: Device, device: Device) -> int:
-    """Returns the first port like port 0 of the next device (E-bus or Ethernet), else port 1."""
+    """Returns the first port of the same kind as port 0 of the next device, else port 1."""
     kind = device.chip.ports & 3
     fitting = [port for port in range(1, _PORTS) if before.chip.ports >> 2 * port & 3 == kind]
     return fitting[0] if fitting else 1

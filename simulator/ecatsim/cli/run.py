@@ -163,9 +163,9 @@ class _Runner:
         self._signal = number
 
     def _finished(self) -> bool:
-        """Whether to stop: after a signal, or with a command as soon as the command has ended.
+        """Whether to stop: after a signal, or as soon as the command has ended.
 
-        After a signal, the command gets some seconds to end.
+        If there is a command, it gets a moment to end after a signal.
         """
         child = self._child
         if child is None or child.poll() is not None:

@@ -80,7 +80,7 @@ class Axis:
         self._limits = (float(low), float(high)) if low < high else None
 
     def within(self, position: float) -> float:
-        """Limits a position to the software limits."""
+        """Returns a position, moved to a software limit if it is beyond."""
         if self._limits is None:
             return position
         low, high = self._limits

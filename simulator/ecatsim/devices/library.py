@@ -43,7 +43,7 @@ class LibraryDevice:
 
     Attributes:
         name: The name that `make` takes.
-        summary: What the device is, in one line.
+        summary: Description in one line.
         vendor: Vendor ID.
         product: Product code.
         revision: Revision number.

@@ -52,7 +52,7 @@ class Fault(Described):
             raise UsageError(f"{self.kind}: there is no slave {position}; the rig has {there}")
 
     def relative_to(self, folder: Path) -> Self:
-        """Returns the same fault with absolute paths; relative ones start at a folder."""
+        """Returns the same fault with absolute paths; relative paths count from a folder."""
         paths: dict[str, Any] = {
             p.name: named_devices.absolute(getattr(self, p.name), folder)
             for p in parameters(type(self))

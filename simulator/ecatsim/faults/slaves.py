@@ -210,8 +210,8 @@ class Mailbox(SlaveFault):
 class Eeprom(SlaveFault):
     """The EEPROM of a slave gets another content; `restore` brings the original one back.
 
-    The master reads the new content at once. What the slave controller loads from it (alias, PDI
-    configuration, loaded bit) follows when it loads the EEPROM again.
+    The master reads the new content at once. The values that the slave controller loads from it
+    (alias, PDI configuration, loaded bit) change when it loads the EEPROM again.
     """
 
     kind: ClassVar[str] = "eeprom"

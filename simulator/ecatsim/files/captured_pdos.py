@@ -52,7 +52,7 @@ def captured_pdos(slave: CapturedSlave, base: Device) -> list[Pdo] | None:
 
 
 def _facts(pdos: list[Pdo]) -> tuple[list[object], dict[int, object]]:
-    """Returns what defines process data: the assigned PDOs in order, the mapping of each PDO."""
+    """Returns the assigned PDOs in order, and the mapping of each PDO, for a comparison."""
     return (
         [(pdo.sync_manager, pdo.index) for pdo in pdos if pdo.sync_manager != UNASSIGNED],
         {pdo.index: [(e.index, e.subindex, e.bit_length) for e in pdo.entries] for pdo in pdos},

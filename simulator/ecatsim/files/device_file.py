@@ -100,7 +100,7 @@ class DescribedDevice(Device):
                 self.dictionary.remove(item.index)
 
     def sii_image(self) -> bytes:
-        """Returns the SII image of the description, or one built from the attributes."""
+        """Returns the SII image that the description started from, or builds one."""
         if self._image is None:
             return super().sii_image()
         return sources.patched(self._image, self.alias, self.serial)

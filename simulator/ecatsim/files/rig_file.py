@@ -39,7 +39,7 @@ def load(path: Path) -> Rig:
     if "product" in table and "slave" not in table:
         table.fail(
             "product",
-            "belongs to a device file, but this must be a rig file; write one with "
+            "belongs to a device file, but this must be a rig file: write one with "
             f'[[slave]] and device = "{path.name}"',
         )
     table.only(_KEYS)

@@ -74,7 +74,7 @@ def _slave(slave: CapturedSlave) -> Iterator[str]:
 
 
 def _chip(slave: CapturedSlave) -> Iterator[str]:
-    """Writes the chip: registers 0x0000 to 0x0009, and other properties without their default."""
+    """Writes the chip: registers 0x0000 to 0x0009, and properties that differ from the default."""
     chip, usual = from_registers(slave.chip, clock=slave.clock), Chip()
     keys = [field.name for field in fields(Chip)]
     values = {key: getattr(chip, key) for key in keys}

@@ -65,7 +65,11 @@ class ProcessData:
         self.at = (0, 0)
 
     def _channels(self, kind: SmType, usual: int) -> list[int]:
-        """Returns the channels of a kind, or the usual one, unless the other kind uses that."""
+        """Returns the channels of a kind.
+
+        If there are none, this is the usual channel, for an assignment without PDOs, unless the
+        other kind uses it.
+        """
         others = {SmType.OUTPUTS, SmType.INPUTS} - {kind}
         free = usual >= len(self.settings) or self.settings[usual].type not in others
         return channels_of(self.settings, kind) or [usual] * free

@@ -84,7 +84,7 @@ class SdoServer:
         self._transfer = None
 
     def handle(self, request: bytes) -> bytes:
-        """Answers an SDO request; both are without the CoE header. An abort has an empty answer."""
+        """Answers an SDO request, without CoE headers; the answer to an abort is empty."""
         command, index, subindex = _SDO.unpack_from(request)
         kind = command >> 5
         if kind in (_Command.DOWNLOAD_SEGMENT, _Command.UPLOAD_SEGMENT) and self._transfer:

@@ -28,7 +28,7 @@ class InformationServer:
         self._room = max(1, room - _HEADER.size)  # the smallest mailboxes carry one byte per mail
 
     def handle(self, request: bytes) -> list[bytes]:
-        """Answers a request in fragments; all are without the CoE header."""
+        """Answers a request in fragments, without CoE headers."""
         opcode = request[0] & ~_MORE
         data = request[_HEADER.size :].ljust(4, b"\0")
         try:

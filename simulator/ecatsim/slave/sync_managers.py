@@ -1,4 +1,4 @@
-"""Sync managers: the settings that a device needs, and checks of what a master set (ETG.1000.4)."""
+"""Sync managers: the settings that a device needs, and checks of those of a master (ETG.1000.4)."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ class Synchronization:
         objects.record(index, name, entries, type=_STRUCTURE)
 
     def _type(self, entry: Variable) -> Value:
-        """Returns the type in use: that of the running SYNC unit, else what the master wrote."""
+        """Returns the type in use: that of the running SYNC unit, else that of the master."""
         if self._active & _SYNC1:
             return SyncType.SYNC1
         return SyncType.SYNC0 if self._active & _SYNC0 else entry.value
