@@ -119,7 +119,7 @@ static void serve_frame(struct server *server, unsigned interface, int flags)
     uint8_t frame[MAX_FRAME];
     struct sockaddr_ll from;
     socklen_t from_size = sizeof from;
-    /* MSG_TRUNC makes the result the true size, by which a jumbo frame is recognized. */
+    /* MSG_TRUNC makes the result the true size, so that a jumbo frame is recognized. */
     ssize_t size = recvfrom(server->sockets[interface], frame, sizeof frame, MSG_TRUNC | flags,
                             (struct sockaddr *)&from, &from_size);
     if (size < 0) {
