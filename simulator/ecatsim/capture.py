@@ -47,7 +47,7 @@ class Upload:
     Attributes:
         data: The data, or None.
         abort: The SDO abort code if the slave refused, else 0.
-        problem: What went wrong if the slave neither sent data nor refused.
+        problem: The error if the slave neither sent data nor refused.
     """
 
     data: bytes | None = None
@@ -57,7 +57,7 @@ class Upload:
 
 @dataclass(slots=True)
 class CapturedSlave:
-    """A slave as it was captured.
+    """The captured data of a slave.
 
     Attributes:
         position: Position on the wire.
@@ -66,10 +66,10 @@ class CapturedSlave:
         chip: Registers 0x0000 to 0x0009.
         dl_status: Register 0x0110.
         clock: Whether register 0x0910 (system time) answers.
-        coe: Whether it answers SDO requests.
+        coe: Whether it supports CoE, as its EEPROM says.
         objects: Its object dictionary; None if the slave does not describe it or it was not read.
         values: The answers to uploads by index and subindex.
-        notes: What could not be captured.
+        notes: Errors by which data could not be captured.
     """
 
     position: int
@@ -108,8 +108,8 @@ def capture(interface: str, progress: Progress, *, objects: bool = True) -> list
         before = int.from_bytes(look(interface).data, "little") & _STATE
         if before & (AlState.SAFEOP | AlState.OP):
             raise StateError(
-                f"slaves on '{interface}' are in SAFEOP or OP: a master is using them, and would "
-                f"lose them by the scan; stop it first"
+                f"slaves on '{interface}' are in SAFEOP or OP: a master is using them, and a scan "
+                f"would interrupt it; stop the master first"
             )
         master.scan(_TIMEOUT)
         count = len(master.stations)
@@ -215,20 +215,20 @@ def _read_pdos(slave: CapturedSlave, coe: Coe) -> Talk[None]:
 
 
 def number(upload: Upload | None) -> int:
-    """The upload as an unsigned integer; 0 if there is no data."""
+    """Converts an upload to an unsigned integer; 0 if there is no data."""
     return int.from_bytes(upload.data or b"", "little") if upload else 0
 
 
 def topology(dl_status: list[int]) -> list[tuple[int, int]]:
-    """Finds out where each slave is plugged in, by the DL status of all in processing order.
+    """Finds out where each slave is plugged in, from the DL status of all slaves.
 
     Args:
-        dl_status: Register 0x0110 of each slave: bits 9, 11, 13 and 15 show at which ports there is
-            communication.
+        dl_status: Register 0x0110 of each slave, in processing order; bits 9, 11, 13 and 15 show
+            which ports have communication.
 
     Returns:
-        For each slave the position of the slave before it and the port there; (-1, 0) for the
-        first.
+        For each slave, the position of the slave that it is plugged into and the port there;
+        (-1, 0) for the first one.
     """
     free = [[p for p in PORTS_IN_ORDER if status >> 9 + 2 * p & 1] for status in dl_status]
     places: list[tuple[int, int]] = []

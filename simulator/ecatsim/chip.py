@@ -68,7 +68,7 @@ MODELS = {
 }
 """Common controllers by name, as data sheets and recordings of real slaves show them.
 
-The size of an IP Core is chosen by its buyer; this one has the maximum of everything.
+The buyer of an IP Core chooses its size; this one has the maximum of everything.
 """
 
 _NEEDS_CLOCK = 0x0110
@@ -77,7 +77,7 @@ _BYTES_ONLY, _NO_LRW, _NO_READ_WRITE = 0x0001, 0x0200, 0x0400
 
 
 class Config(ctypes.Structure):
-    """A controller as the C code takes it (struct esc_config)."""
+    """The properties of a controller for the C code (struct esc_config)."""
 
     _fields_ = (
         ("type", ctypes.c_uint8),
@@ -121,7 +121,7 @@ def config(chip: Chip) -> Config:
 
 
 def _features(chip: Chip) -> int:
-    """The value of register 0x0008."""
+    """Returns the value of register 0x0008."""
     features = chip.features if chip.dc else chip.features & ~_NEEDS_CLOCK
     if chip.dc:
         features |= _DC | (_DC_64_BITS if chip.dc_bits == 64 else 0)
@@ -135,7 +135,7 @@ def _features(chip: Chip) -> int:
 
 
 def from_registers(registers: bytes, *, clock: bool) -> Chip:
-    """The controller that a master has found on a real segment.
+    """Makes the controller that a master has found on a real segment.
 
     Args:
         registers: Registers 0x0000 to 0x0009.

@@ -44,7 +44,7 @@ class _Clock(ctypes.Structure):
 
 
 def signatures() -> dict[str, tuple[type | None, list[type]]]:
-    """Result and argument types of the C functions that this module calls."""
+    """Returns result and argument types of the C functions that this module calls."""
     segment, number = ctypes.c_void_p, ctypes.c_int
     return {
         "esc_set_clock": (number, [segment, number, ctypes.c_void_p, ctypes.c_void_p]),
@@ -76,14 +76,14 @@ class Clocks(Handle):
         checked(self._lib.esc_step_clock(self._handle, position, ns))
 
     def clocks(self) -> list[Clock]:
-        """The distributed clocks of all slaves, all read at the same moment."""
+        """Returns the distributed clocks of all slaves, all read at the same moment."""
         clocks = (_Clock * MAX_SLAVES)()
         count = checked(self._lib.esc_clocks(self._handle, clocks, MAX_SLAVES))
         names = [name for name, _ in _Clock._fields_]
         return [Clock(*(getattr(clock, name) for name in names)) for clock in clocks[:count]]
 
     def clock(self, position: int) -> Clock:
-        """The distributed clock of a slave now; see `clocks` to compare several."""
+        """Returns the distributed clock of a slave now; `clocks` is for comparing several."""
         return self.clocks()[position]
 
     def latch(self, position: int, unit: int, rising: bool) -> None:

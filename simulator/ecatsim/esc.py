@@ -187,7 +187,7 @@ class Segment(Wire, Clocks):
 
     def close(self) -> None:
         """Stops the segment and frees it."""
-        self._look_no_more()
+        self._close_interfaces()
         if self._pointer:
             self._lib.esc_destroy(self._pointer)
             self._pointer = None
@@ -218,7 +218,7 @@ class Segment(Wire, Clocks):
         self.check_slave(result, slave)
 
     def start(self, interface: str, second: str | None = None) -> None:
-        """Starts to serve an Ethernet interface, or the two of a ring, in a thread of its own.
+        """Starts a thread that serves an Ethernet interface, or the two of a ring.
 
         Raises:
             UnreachableError: There is no such interface.
@@ -228,7 +228,7 @@ class Segment(Wire, Clocks):
         other = None if second is None else second.encode()
         interfaces = (interface,) if second is None else (interface, second)
         self._carriers = dict.fromkeys(interfaces, True)
-        self._look_no_more()
+        self._close_interfaces()
         self._interfaces = netlink.Interfaces()
         self._indices = {name: self._interfaces.index(name) for name in interfaces}
         result = self._lib.esc_start(self._handle, interface.encode(), other)
@@ -245,17 +245,16 @@ class Segment(Wire, Clocks):
         checked(result)
 
     def follow_carriers(self) -> None:
-        """Opens and closes the links to the interfaces as their carriers come and go.
+        """Opens and closes the links to the interfaces when their carriers come and go.
 
-        An interface that was deleted and made again is served again; the slaves see the same link.
+        Serves an interface again that was deleted and made again; the slaves see the same link.
         """
         if self._interfaces is None:
             return
         for number, (interface, before) in enumerate(list(self._carriers.items())):
             index = self._interfaces.index(interface)
             made_again = index not in (0, self._indices[interface])
-            # If reopening fails, the interface has gone again; the next call tries again when it is
-            # back.
+            # If reopening fails, the interface has vanished again. A later call tries again.
             if made_again and self._lib.esc_reopen(self._handle, number, interface.encode()) == 0:
                 self._indices[interface] = index
             now = self._interfaces.has_carrier(interface)
@@ -268,7 +267,7 @@ class Segment(Wire, Clocks):
         self._carriers = {}
         checked(self._lib.esc_stop(self._handle))
 
-    def _look_no_more(self) -> None:
+    def _close_interfaces(self) -> None:
         if self._interfaces is not None:
             self._interfaces.close()
             self._interfaces = None
@@ -353,7 +352,7 @@ class Segment(Wire, Clocks):
     def await_outputs(self, position: int) -> None:
         """Requests `Event.OUTPUTS` as soon as the master has written complete output data.
 
-        Outputs count from the last `map` on, or since the slave left OP.
+        Only outputs since the last `map`, and since the slave last left OP, count.
         """
         checked(self._lib.esc_await_outputs(self._handle, position))
 
@@ -369,12 +368,12 @@ class Segment(Wire, Clocks):
         checked(self._lib.esc_put_inputs(self._handle, self._images[1], len(self.inputs)))
 
     def refused_fmmus(self, position: int) -> list[int]:
-        """FMMUs of a slave that take no part because real controllers forbid them (fmmu.c)."""
+        """Returns the FMMUs of a slave that are ignored, since real controllers forbid them."""
         bits = checked(self._lib.esc_refused_fmmus(self._handle, position))
         return [number for number in range(bits.bit_length()) if bits >> number & 1]
 
     def sii(self, position: int) -> bytes:
-        """The SII image of a slave, including what the master has written into it."""
+        """Returns the present SII image of a slave, with all changes by the master."""
         size = checked(self._lib.esc_sii(self._handle, position, None, 0))
         buffer = ctypes.create_string_buffer(size)
         checked(self._lib.esc_sii(self._handle, position, buffer, size))
@@ -389,7 +388,7 @@ class Segment(Wire, Clocks):
         checked(self._lib.esc_set_sii(self._handle, position, image, len(image)))
 
     def counters(self) -> Counters:
-        """The counters of the segment."""
+        """Returns the counters of the segment."""
         counters = _Counters()
         self._lib.esc_get_counters(self._handle, counters)
         return Counters(counters.frames, counters.malformed, counters.dropped, counters.cycles)

@@ -141,7 +141,7 @@ class Parameter:
 
 
 def parameters(cls: type) -> tuple[Parameter, ...]:
-    """The parameters of a dataclass, the required ones first and those of every fault last."""
+    """Returns the parameters of a dataclass; required ones first, those of every fault last."""
     key: Any = cls
     return _parameters(key)
 
@@ -191,7 +191,7 @@ class Described:
 
     @classmethod
     def summary(cls) -> str:
-        """The first line of the docstring, which is the help text."""
+        """Returns the first line of the docstring, which is the help text."""
         return (cls.__doc__ or "").strip().splitlines()[0].rstrip(".")
 
     @classmethod
@@ -219,7 +219,7 @@ class Described:
         return cls(**converted)
 
     def to_values(self) -> dict[str, Plain]:
-        """The required parameters and those that differ from their defaults, for TOML or JSON."""
+        """Returns required parameters, and others that are not default, for TOML or JSON."""
         result: dict[str, Plain] = {}
         for parameter in parameters(type(self)):
             value: Any = getattr(self, parameter.name)

@@ -36,9 +36,9 @@ class Rig:
 
     Attributes:
         name: Name of the rig.
-        devices: Devices in wire order, which is the order of auto-increment addresses. They are a
-            line: each is plugged into the first port of the device before that fits (E-bus or
-            Ethernet, else port 1), except those that `connect` plugs in elsewhere.
+        devices: Devices in wire order, which is the order of auto-increment addresses. They form a
+            line: each is plugged into the first port of the same kind (E-bus or Ethernet) of the
+            device before it, else into port 1. `connect` plugs a device in elsewhere.
         plants: Functions that connect the devices outside the bus: wires, waveforms, mechanics.
         trace: Values to record, or None.
         faults: Faults that the simulation begins with.
@@ -91,7 +91,7 @@ class Rig:
         return "1 slave" if len(self.devices) == 1 else f"{len(self.devices)} slaves"
 
     def wiring(self) -> Wiring:
-        """The links of the devices.
+        """Returns the links of the devices.
 
         Raises:
             UsageError: A needed port is taken or does not exist, or `devices` has a device twice or
@@ -147,8 +147,8 @@ class Rig:
     def add_plant(self, plant: Plant, period: float = 0.001, catch_up: float = 0.1) -> None:
         """Adds a callable that is called at a fixed rate.
 
-        It gets the time of each step, `period` apart, even if the simulation is late. After a pause
-        longer than `catch_up`, the steps before that time are left out.
+        It gets the time of each step, `period` apart, even if the simulation is late. After a
+        pause, it catches up at most the last `catch_up` seconds, and leaves earlier steps out.
 
         Args:
             plant: The callable.

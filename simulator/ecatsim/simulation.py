@@ -1,4 +1,4 @@
-"""Runs a rig on an interface: one loop for the events of the bus and the steps of the devices."""
+"""Runs a rig on an interface: one loop handles bus events and makes the steps of the devices."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class _Place:
 
     Attributes:
         original: The device that the rig has there.
-        at: Offsets of its process data in the output and input images of the segment.
-        room: Bytes reserved there for outputs and inputs.
+        at: Offsets of its process data in the output image and the input image of the segment.
+        room: Bytes reserved in these images, for outputs and inputs.
         due: Time of the next step of its device, CLOCK_MONOTONIC in seconds.
         on: Whether it has power.
         eeprom: The original SII image, once a fault has changed it.
@@ -153,7 +153,7 @@ class Simulation:
             values = ",".join(f"{value:.10g}" for value in self.rig.trace.values())
             self._trace_file.write(f"{now_ns},{values}\n")
 
-    # --- what faults do ------------------------------------------------------------------------
+    # --- for faults ----------------------------------------------------------------------------
 
     @property
     def devices(self) -> list[Device]:
@@ -165,7 +165,7 @@ class Simulation:
         return self._places[position].on
 
     def powered(self, position: int) -> Device:
-        """The device of a slave that has power.
+        """Returns the device of a slave that has power.
 
         Raises:
             StateError: The slave has no power.
@@ -175,7 +175,7 @@ class Simulation:
         return self.rig.devices[position]
 
     def conditions(self, position: int) -> list[str]:
-        """The conditions of a slave that faults have caused, in words."""
+        """Returns the conditions of a slave that faults have caused, in words."""
         place, device = self._places[position], self.rig.devices[position]
         mode = device.mailbox_fault.mode
         refused = self.segment.refused_fmmus(position)
@@ -190,7 +190,7 @@ class Simulation:
         return [text for text, applies in found.items() if applies]
 
     def power(self, position: int, on: bool) -> None:
-        """Switches the power of a slave on or off; does nothing if it is so already."""
+        """Switches the power of a slave on or off; does nothing if it already is."""
         place, device = self._places[position], self.rig.devices[position]
         with self.lock:
             if place.on == on:
@@ -223,7 +223,7 @@ class Simulation:
             place.on = True
 
     def original_eeprom(self, position: int) -> bytes:
-        """The SII image of a slave as it was before a fault changed it for the first time."""
+        """Returns the SII image of a slave as it was before a fault first changed it."""
         place = self._places[position]
         if place.eeprom is None:
             place.eeprom = self.segment.sii(position)

@@ -1,4 +1,4 @@
-"""The topology of a rig: the links of its devices, and the resulting order on the wire."""
+"""The topology of a rig: the links of its devices, and the wire order that follows from them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Wiring:
 
 
 class Topology:
-    """The links of the devices of a rig. Devices that nobody has connected form a line."""
+    """The links of the devices of a rig. Devices without a call of `connect` form a line."""
 
     def __init__(self) -> None:
         self._parents: dict[Device, tuple[Device, int]] = {}
@@ -45,7 +45,7 @@ class Topology:
                 raise UsageError(f"{item.order or 'a device'} is not a device of this rig")
         self._complete(devices)
         if device is devices[0]:
-            raise UsageError(f"{_name(devices, device)} is at the interface: it stays there")
+            raise UsageError(f"{_name(devices, device)} is at the interface and cannot be moved")
         _check_port(devices, device, 0)
         _check_port(devices, parent, port)
         if port == 0:
@@ -75,7 +75,7 @@ class Topology:
         self._ring_end = (device, port)
 
     def wiring(self, devices: Sequence[Device], ring: bool) -> Wiring:
-        """The links of all devices, which must be in wire order.
+        """Returns the links of all devices, which must be in wire order.
 
         Raises:
             UsageError: A needed port is taken or does not exist, or the order is wrong.
@@ -87,14 +87,17 @@ class Topology:
             parent, port = self._parents[device]
             if parent not in place:
                 raise UsageError(
-                    f"{_name(devices, device)} is plugged into a device that the rig has no more"
+                    f"{_name(devices, device)} is plugged into a device that the rig no longer has"
                 )
             _check_port(devices, device, 0)
             _check_port(devices, parent, port)
             self._check_free(devices, parent, port, but=device)
             parents[place[device]] = (place[parent], port)
         if self._order(devices) != list(devices):
-            raise UsageError("the devices of the rig are not in wire order: connect them last")
+            raise UsageError(
+                "the devices of the rig are not in wire order: call Rig.connect after the last "
+                "change of Rig.devices"
+            )
         if not ring:
             return Wiring(parents, None)
         end, port = self._ring_end or self._default_end(devices)
@@ -133,7 +136,7 @@ class Topology:
         return order
 
     def _default_end(self, devices: Sequence[Device]) -> tuple[Device, int]:
-        """The first free port of the last device."""
+        """Returns the first free port of the last device."""
         if not devices:
             raise UsageError("a ring needs at least one slave")
         last = devices[-1]
@@ -156,7 +159,7 @@ def _has_port(device: Device, port: int) -> bool:
 
 
 def _next_port(before: Device, device: Device) -> int:
-    """The first port of the kind of the next device's port 0 (E-bus or Ethernet), else port 1."""
+    """Returns the first port of the same kind as port 0 of the next device, else port 1."""
     kind = device.chip.ports & 3
     fitting = [port for port in range(1, _PORTS) if before.chip.ports >> 2 * port & 3 == kind]
     return fitting[0] if fitting else 1

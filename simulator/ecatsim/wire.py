@@ -128,7 +128,7 @@ class _Fault(ctypes.Structure):
 
 
 def signatures() -> dict[str, tuple[type | None, list[type]]]:
-    """Result and argument types of the C functions that this module calls."""
+    """Returns result and argument types of the C functions that this module calls."""
     segment, number, buffer = ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p
     size, time = ctypes.c_size_t, ctypes.c_int64
     return {
@@ -236,7 +236,7 @@ class Wire(Handle):
         self.check_slave(result, slave)
 
     def order(self, interface: int = 0) -> list[int]:
-        """The slaves that process a frame from an interface (0 or 1), in auto-increment order."""
+        """Returns the slaves that process a frame from an interface, 0 or 1, in order."""
         order = (ctypes.c_uint16 * MAX_SLAVES)()
         count = checked(self._lib.esc_order(self._handle, interface, order, MAX_SLAVES))
         return list(order[:count])
@@ -321,7 +321,7 @@ class Wire(Handle):
         checked(result)
 
     def faults(self) -> list[InjectedFault]:
-        """The faults, oldest first, each with the number of frames that it has struck."""
+        """Returns the faults, oldest first, each with the number of frames that it has struck."""
         entries = (_Fault * MAX_FAULTS)()
         count = checked(self._lib.esc_get_faults(self._handle, entries, MAX_FAULTS))
         return [

@@ -1,4 +1,4 @@
-/* Buffered sync managers from the side of the device; sync_manager.c says how they work. */
+/* Access of the device to buffered sync managers; sync_manager.c explains them. */
 #include "slave.h"
 
 static bool overlaps(const struct sync_manager *sm, uint32_t from, uint32_t to)
@@ -7,14 +7,14 @@ static bool overlaps(const struct sync_manager *sm, uint32_t from, uint32_t to)
            from < (uint32_t)sm->start + sm->size && to > sm->start;
 }
 
-/* The newest complete buffer. */
+/* Returns the memory with the newest complete buffer. */
 static const uint8_t *newest(const struct slave *slave, const struct sync_manager *sm)
 {
     return sm->pending ? slave->buffers->newest : slave->memory;
 }
 
-/* Reads the part of an output channel that lies in [from, to). An access that neither begins at the
- * first byte nor follows one that did only looks at the newest buffer. */
+/* Reads the part of an output channel that lies in [from, to). An access takes the newest buffer if
+ * it begins at the first byte, or continues one that did. Any other access only looks at it. */
 static void read_outputs(struct slave *slave, struct sync_manager *sm, uint32_t from, uint32_t to,
                          uint8_t *data)
 {
@@ -45,7 +45,7 @@ void buffers_read(struct slave *slave, uint32_t from, uint32_t to, uint8_t *data
     }
 }
 
-/* Hands the inputs at `source` to the master: at once, unless it is reading. */
+/* Hands the inputs at `source` to the master, at once or after the buffer that it is reading. */
 static void give_inputs(struct slave *slave, struct sync_manager *sm, const uint8_t *source)
 {
     uint8_t *target = sm->open ? slave->buffers->newest : slave->memory;
@@ -84,7 +84,7 @@ bool buffers_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_
         if (!sm->write && overlaps(sm, from, to) && !sm->device_open && from > sm->start)
             return false;
     }
-    /* What lies outside of input channels goes to memory directly. */
+    /* Bytes outside of input channels go to memory directly. */
     while (at < to) {
         struct sync_manager *inside = NULL;
         uint32_t stop = to;

@@ -1,8 +1,8 @@
 /* Distributed clocks (registers 0x0900 to 0x093F): local time, receive times and system time.
  *
- * The clock runs without being driven: its time follows from CLOCK_MONOTONIC whenever somebody
- * asks. A frame has one time, at which it entered the segment, and the topology says how much later
- * it arrives at each port, so that what a master measures is exact however late the host is.
+ * Nothing drives the clocks: their time is computed from CLOCK_MONOTONIC when it is needed. A
+ * frame has one time, at which it entered the segment. The topology adds the delay to each port.
+ * The times that a master measures are therefore exact, even if the host is late.
  */
 #include "slave.h"
 
@@ -29,8 +29,8 @@ enum {
 };
 
 static const uint32_t DIFFERENCE_NOT_BEHIND = 0x80000000;
-/* An ESC counts its clock in steps of 10 ns and corrects it by 1 ns at a step, at most at every
- * 0x7F-th one. */
+/* An ESC counts its clock in steps of 10 ns. It corrects a step by 1 ns, and at most every 0x7F-th
+ * step. */
 static const double TICK_NS = 10.0;
 static const double MAX_CORRECTION = 1.0 / (10.0 * 0x7F);
 /* Part of a difference that is corrected at once, with the default bandwidth. */
@@ -41,7 +41,7 @@ static double clamp(double value, double limit)
     return value > limit ? limit : value < -limit ? -limit : value;
 }
 
-/* Brings a clock to a time: what its rate was before is behind it. */
+/* Advances a clock to a time at its present rate. The rate may change afterwards. */
 static void advance(struct local_clock *clock, int64_t now_ns)
 {
     double passed = (double)(now_ns - clock->at_ns);
@@ -61,22 +61,22 @@ int64_t dc_local_time(const struct slave *slave, int64_t now_ns)
     return clock.local_ns;
 }
 
-/* Local copy of the system time: what SYNC and latch units and the device work with. A clock of 32
- * bits shows the lower half of it. */
+/* Returns the local copy of the system time, which the SYNC unit, the latch units and the device
+ * use. A clock of 32 bits shows its lower half. */
 int64_t dc_system_time(const struct slave *slave, int64_t now_ns)
 {
     uint64_t offset = load64(slave->memory + REG_OFFSET);
     return (int64_t)((uint64_t)dc_local_time(slave, now_ns) + offset);
 }
 
-/* Puts a time into a register of the width of the clock. */
+/* Stores a time in a register, which is as wide as the clock. */
 void dc_store_time(struct slave *slave, uint32_t reg, int64_t time)
 {
     uint64_t bits = (uint64_t)time;
     store64(slave->memory + reg, slave->config.dc_bits == 32 ? bits & UINT32_MAX : bits);
 }
 
-/* When the current frame comes to the processing unit. */
+/* Returns when the current frame arrives at the processing unit (CLOCK_MONOTONIC). */
 static int64_t arrival_time(const struct slave *slave)
 {
     int64_t arrival = topology_arrival(slave, 0);
@@ -85,15 +85,16 @@ static int64_t arrival_time(const struct slave *slave)
     return frame_time_ns(slave->segment) + (arrival < 0 ? 0 : arrival);
 }
 
-/* The system time that the reference clock had when the frame passed it, as this slave sees it. */
+/* Returns the system time, by the clock of this slave, at which the frame passed the reference
+ * clock. */
 static int64_t time_at_reference(const struct slave *slave)
 {
     int64_t delay = load32(slave->memory + REG_DELAY);
     return time_between(delay, dc_system_time(slave, arrival_time(slave)));
 }
 
-/* A master writes 0x0900. Ports that the frame does not come to keep their times; APWR and the
- * like latch the processing unit alone. */
+/* Handles a write of the master to 0x0900. Ports at which the frame does not arrive keep their
+ * times. Commands other than BWR and FPWR latch the time of the processing unit alone. */
 static void latch_receive_times(struct slave *slave)
 {
     uint8_t *memory = slave->memory;
@@ -107,7 +108,7 @@ static void latch_receive_times(struct slave *slave)
     }
 }
 
-/* Adds a value to a mean value over the last 2^depth ones; fewer at first. */
+/* Adds a value to the mean over the last 2^depth values, or over fewer at first. */
 static void average(double *mean, unsigned *count, unsigned depth, double value)
 {
     unsigned most = 1U << (depth & DEPTH_MASK);
@@ -115,8 +116,8 @@ static void average(double *mean, unsigned *count, unsigned depth, double value)
     *mean += (value - *mean) / *count;
 }
 
-/* The rate in the terms of an ESC: its clock gains 1 ns every (start - x) steps and loses 1 ns
- * every (start + x) steps. x is positive for a clock that would be too slow. */
+/* Returns the rate as an ESC expresses it, by a number x: its clock gains 1 ns every (start - x)
+ * steps and loses 1 ns every (start + x) steps. x is positive if the clock must run faster. */
 static double speed_difference(const struct slave *slave)
 {
     double start = load16(slave->memory + REG_SPEED_START), rate = slave->dc.clock.trim * TICK_NS;
@@ -124,9 +125,9 @@ static double speed_difference(const struct slave *slave)
     return rate == 0 ? 0 : clamp((sqrt(1 + rate * rate * start * start) - 1) / rate, limit);
 }
 
-/* Corrects a clock that was `difference_ns` ahead at `now_ns`: a part of the difference over the
- * time that follows, and the rate by a share of what the difference would have needed. Both
- * together bring a constant drift to zero without overshoot. */
+/* Corrects a clock that was `difference_ns` ahead at `now_ns`. Its time is corrected by a part of
+ * the difference, spread over the following time. Its rate is corrected by a part of the rate that
+ * would have avoided the difference. Together they remove a constant drift without overshoot. */
 static void correct(struct slave *slave, int64_t now_ns, double difference_ns)
 {
     struct local_clock *clock = &slave->dc.clock;
@@ -141,7 +142,7 @@ static void correct(struct slave *slave, int64_t now_ns, double difference_ns)
                                  ? passed
                                  : (passed - loop->interval_ns) / (double)MEAN_INTERVALS;
         double interval = passed > loop->interval_ns ? passed : loop->interval_ns;
-        /* What is too much to be corrected until the next time says nothing of the rate. */
+        /* A difference that takes longer than the interval to correct tells nothing of the rate. */
         if (fabs(clock->slew_ns) <= interval * MAX_CORRECTION)
             clock->trim = clamp(clock->trim - gain * gain / 4 * difference_ns / interval,
                                 MAX_CORRECTION);
@@ -151,7 +152,8 @@ static void correct(struct slave *slave, int64_t now_ns, double difference_ns)
             speed_difference(slave));
 }
 
-/* A master writes the system time of the reference clock; its lower 32 bits are compared. */
+/* Handles a write of the system time of the reference clock: compares the lower 32 bits with the
+ * own time, and corrects the clock. */
 static void compare(struct slave *slave, uint32_t received)
 {
     struct time_loop *loop = &slave->dc.loop;
@@ -172,8 +174,9 @@ static void reset_loop(struct slave *slave)
     slave->dc.loop = (struct time_loop){0};
 }
 
-/* Magnitude and, in bit 31, whether the own time was not behind that of the reference clock: so in
- * the newer data sheets and in captures of real slaves; ETG.1000.4 has the bit the other way. */
+/* Returns register 0x092C: the magnitude and, in bit 31, whether the own time was not behind that
+ * of the reference clock. Newer data sheets and captures of real slaves have the bit like this;
+ * ETG.1000.4 has it inverted. */
 static uint32_t difference_register(const struct time_loop *loop)
 {
     double mean = round(loop->difference_ns);
@@ -198,8 +201,8 @@ void dc_power_on(struct slave *slave)
     memory[REG_SPEED_DEPTH] = SPEED_DEPTH_DEFAULT;
 }
 
-/* Brings the registers in [from, to) up to date: for the device the time is now, for the master
- * that of the frame. */
+/* Updates the registers in [from, to): for the device with the present time, for the master with
+ * the time of the frame. */
 void dc_refresh(struct slave *slave, uint32_t from, uint32_t to, bool by_device)
 {
     uint8_t *memory = slave->memory;
@@ -218,7 +221,7 @@ void dc_refresh(struct slave *slave, uint32_t from, uint32_t to, bool by_device)
     sync_refresh(slave, from, to, dc_system_time(slave, now_ns));
 }
 
-/* The master writes [from, to), which lies within one area of writable registers. */
+/* Handles a write of the master to [from, to), which lies within one area of writable registers. */
 void dc_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data)
 {
     if (touches(from, to, REG_DC, 1))

@@ -1,7 +1,7 @@
 /* EEPROM interface (registers 0x0500 to 0x050F), served from the SII image.
  *
- * A command is carried out at once; its data and errors show when the time that an EEPROM needs has
- * passed, which is looked at whenever the registers are accessed.
+ * A command is carried out at once. Its data and errors appear in the registers when the time
+ * that a real EEPROM needs has passed. Each access to the registers checks that.
  */
 #include "slave.h"
 
@@ -54,8 +54,8 @@ static bool is_valid(const struct eeprom *eeprom)
             checksum(image, CHECKED_BYTES) == image[CHECKED_BYTES]);
 }
 
-/* Takes the configuration area over into the registers. After an error they keep their values.
- * Returns the error bits. */
+/* Loads the configuration area into the registers, which keep their values after an error. Returns
+ * the error bits. */
 static unsigned load_configuration(struct slave *slave, bool power_on)
 {
     const struct eeprom *eeprom = &slave->eeprom;
@@ -82,7 +82,7 @@ static unsigned load_configuration(struct slave *slave, bool power_on)
     return 0;
 }
 
-/* At power-on, or when the master asks for it. */
+/* Loads the SII image, as at power-on or as for a reload. */
 void eeprom_load(struct slave *slave, bool power_on)
 {
     slave->eeprom.errors = load_configuration(slave, power_on);
@@ -94,7 +94,7 @@ static bool belongs_to_device(const struct slave *slave)
            (slave->memory[REG_ACCESS] & ACCESS_BY_PDI) != 0;
 }
 
-/* Called after the master wrote 0x0500, or the device 0x0501. */
+/* Called after the master has written 0x0500, or the device 0x0501. */
 void eeprom_assigned(struct slave *slave)
 {
     uint8_t config = slave->memory[REG_EEPROM_CONFIG];
@@ -107,7 +107,8 @@ void eeprom_assigned(struct slave *slave)
     slave->eeprom.taken = *access != 0;
 }
 
-/* Whether one side may write 0x0502 to 0x050F: the EEPROM is its own, and idle. */
+/* Whether the device or the master may write 0x0502 to 0x050F: the EEPROM must belong to it, and be
+ * idle. */
 bool eeprom_accepts(struct slave *slave, bool by_device)
 {
     eeprom_refresh(slave);
@@ -140,7 +141,7 @@ static void finish(struct slave *slave)
         memcpy(slave->memory + REG_EEPROM_DATA, eeprom->data, slave->config.eeprom_bytes);
 }
 
-/* Brings the registers up to date. */
+/* Updates the registers. */
 void eeprom_refresh(struct slave *slave)
 {
     int64_t until_ns = slave->eeprom.busy_until_ns;
@@ -194,7 +195,7 @@ static void start(struct slave *slave, unsigned command, bool enabled)
         eeprom->busy_until_ns = frame_time_ns(slave->segment) + 1000 * time_us;
 }
 
-/* Called after the control register was written by the side that may. */
+/* Called after the side that may write the control register has written it. */
 void eeprom_command(struct slave *slave, bool by_device)
 {
     struct eeprom *eeprom = &slave->eeprom;
@@ -205,7 +206,7 @@ void eeprom_command(struct slave *slave, bool by_device)
         eeprom->enabled = frame; /* until the next frame begins */
     if (command == COMMAND_NOP)
         eeprom->errors &= ~(unsigned)(STATUS_COMMAND_ERROR | STATUS_WRITE_ENABLE_ERROR);
-    else if ((eeprom->errors & STATUS_COMMAND_ERROR) == 0) /* which is to be cleared first */
+    else if ((eeprom->errors & STATUS_COMMAND_ERROR) == 0) /* an error must be cleared first */
         start(slave, command, by_device || eeprom->enabled == frame);
     show(slave);
 }

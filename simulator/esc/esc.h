@@ -1,10 +1,10 @@
 /* The slave controllers of a simulated segment: interface for the device side (the PDI).
  *
- * One segment is a tree of slave controllers (ESC) behind an Ethernet interface, or a ring between
- * two of them. A thread receives frames, lets the slaves on their way process every datagram and
- * sends the frame back; the
- * device side waits for events and reads and writes the memory of its slave. Register addresses and
- * meanings are those of ETG.1000.4 and the public data sheets of the ESCs.
+ * A segment is a tree of slave controllers (ESC) behind one Ethernet interface, or a ring between
+ * two interfaces. A thread receives frames, lets the slaves on their path process every datagram,
+ * and sends the frames back. The device side waits for events, and reads and writes the memory of
+ * the slaves. Register addresses and meanings are those of ETG.1000.4 and of the public data sheets
+ * of the ESCs.
  *
  * Functions return a negative errno value on failure. Every function may be called from any thread.
  */
@@ -24,7 +24,7 @@ enum {
 };
 #define ESC_MAX_DELAY_NS INT64_C(10000000000)
 
-/* What happened to a slave since the last `esc_wait`. */
+/* Events of a slave since the last `esc_wait`. */
 enum esc_event_bits {
     ESC_AL_CONTROL = 0x01,   /* AL control (0x0120) was written */
     ESC_MAILBOX_IN = 0x02,   /* the master wrote a mail (SM0 became full) */
@@ -34,8 +34,8 @@ enum esc_event_bits {
     ESC_WATCHDOG = 0x20,     /* the process data watchdog expired in OP */
     ESC_EEPROM = 0x40,       /* the master changed the SII image */
     ESC_RESET = 0x80,        /* the controller was reset: registers are as at power-on */
-    ESC_SYNC0 = 0x100,       /* SYNC0 pulses of distributed clocks since the last look */
-    ESC_SYNC1 = 0x200        /* SYNC1 pulses */
+    ESC_SYNC0 = 0x100,       /* there were SYNC0 pulses of the distributed clock */
+    ESC_SYNC1 = 0x200        /* there were SYNC1 pulses */
 };
 
 struct esc_event {
@@ -53,15 +53,15 @@ struct esc_config {
     uint8_t ram_kib;       /* process data RAM from 0x1000 */
     uint8_t ports;         /* port descriptor: 2 bits a port, 2 = EBUS, 3 = MII */
     uint8_t dc_bits;       /* width of the distributed clock: 0 = none, 32, 64 */
-    uint8_t eeprom_bytes;  /* bytes that one read of the EEPROM brings: 4 or 8 */
+    uint8_t eeprom_bytes;  /* bytes that one read of the EEPROM returns: 4 or 8 */
     uint8_t dc_by_sii;     /* SII word 0 switches the units of the clock on (bits 10 and 11) */
-    uint16_t features;     /* register 0x0008: bit 0 if FMMUs map bytes only, 2 and 3 as `dc_bits`,
-                              9 if LRW passes by, 10 if BRW, APRW and FPRW do */
+    uint16_t features;     /* register 0x0008; bit 0: FMMUs map whole bytes only, 2 and 3: as
+                              `dc_bits`, 9: no LRW, 10: no BRW, APRW and FPRW */
     uint32_t eeprom_read_us, eeprom_write_us; /* how long the EEPROM is busy */
 };
 
-/* Where the process data of a sync manager lie in the memory of a slave, and in one of the images of
- * the device side: that of the outputs or that of the inputs. */
+/* The place of the process data of a sync manager in the memory of a slave, and in the output image
+ * or the input image of the device side. */
 struct esc_area {
     uint16_t address;
     uint16_t size;
@@ -73,14 +73,14 @@ struct esc_counters {
     uint64_t frames;    /* EtherCAT frames answered */
     uint64_t malformed; /* frames whose lengths contradict each other */
     uint64_t dropped;   /* frames that did not come back: faults, open or broken links, no slaves */
-    uint64_t cycles;    /* cycles of process data begun */
+    uint64_t cycles;    /* cycles of process data that have begun */
 };
 
-/* How a frame came through the segment. */
+/* The result of passing a frame through the segment. */
 struct esc_passage {
-    int32_t exit;     /* the interface by which it leaves, or -1 */
-    int32_t copies;   /* how often it leaves: 1, 2 after ESC_FAULT_DUPLICATE */
-    int64_t delay_ns; /* by ESC_FAULT_DELAY */
+    int32_t exit;     /* the interface through which it leaves, or -1 */
+    int32_t copies;   /* how many times it leaves: 1, or 2 with ESC_FAULT_DUPLICATE */
+    int64_t delay_ns; /* delay by ESC_FAULT_DELAY */
 };
 
 enum esc_fault_kind {
@@ -88,25 +88,25 @@ enum esc_fault_kind {
     ESC_FAULT_DELAY,     /* comes back `value` ns late; other frames may overtake it */
     ESC_FAULT_DUPLICATE, /* comes back twice */
     ESC_FAULT_CORRUPT,   /* comes back with `value` adjacent bits (0 = 1) inverted */
-    ESC_FAULT_NOISE,     /* is damaged on its way to `slave`, where the error is counted, and lost */
+    ESC_FAULT_NOISE,     /* damaged on its way to `slave`, which counts the error; then lost */
     ESC_FAULT_WKC        /* comes back with `value` added to the working counters of process data */
 };
 
-/* A fault of frames. It looks at the frames of the cycles `first`, `first + every`, …. A cycle begins
- * with a frame at the first interface whose first logical address is not above that of the process
- * data frame before; frames before cycle 1 belong to cycle 0. Chance depends on `seed`, the cycle and
- * the place of the frame in it. */
+/* A fault of frames. It can strike frames in the cycles `first`, `first + every`, and so on. A
+ * cycle begins with a frame at the first interface whose first logical address is not above that of
+ * the previous process data frame. Frames before cycle 1 belong to cycle 0. The random number that
+ * decides about a frame follows from `seed`, the cycle and the place of the frame in the cycle. */
 struct esc_fault {
     int32_t id;
     uint32_t kind;
     uint64_t first, every;
-    uint64_t count; /* strikes at most so many frames; 0 = no limit */
+    uint64_t count; /* largest number of frames that it strikes; 0 = no limit */
     double probability;
     uint64_t seed;
     int64_t value;
     uint32_t slave;
-    uint32_t process_data_only; /* frames without logical datagrams are spared */
-    uint64_t struck;            /* frames so far */
+    uint32_t process_data_only; /* leaves frames without logical datagrams alone */
+    uint64_t struck;            /* number of frames struck so far */
 };
 
 /* The distributed clock of a slave, in ns. */
@@ -115,14 +115,15 @@ struct esc_clock {
     int64_t system_ns;     /* local copy of the system time: local time and offset */
     int64_t offset_ns;     /* register 0x0920 */
     uint32_t delay_ns;     /* register 0x0928 */
-    int64_t difference_ns; /* mean of what it was ahead of the reference clock, register 0x092C */
-    double drift_ppm;      /* of its oscillator */
-    double trim_ppm;       /* what its time control loop adds to the rate */
+    int64_t difference_ns; /* mean lead over the reference clock, register 0x092C */
+    double drift_ppm;      /* error of its oscillator; positive is fast */
+    double trim_ppm;       /* correction of the rate by its time control loop */
 };
 
 struct esc_segment;
 
-/* An empty segment, or NULL without memory. Slaves are added before `esc_start`. */
+/* Creates an empty segment; NULL if memory or file descriptors are short. Add the slaves before
+ * `esc_start`. */
 ESC_API struct esc_segment *esc_create(void);
 /* Stops the segment and frees it. No other call may be under way. */
 ESC_API void esc_destroy(struct esc_segment *segment);
@@ -131,51 +132,54 @@ ESC_API void esc_destroy(struct esc_segment *segment);
 ESC_API int esc_add_slave(struct esc_segment *segment, const struct esc_config *config,
                           const uint8_t *sii, size_t sii_size);
 
-/* Wiring. A new slave is at port 1 of the one added before it where that is possible, the first one
- * at the first interface. `esc_connect` moves port 0 of a slave to a port of another one: -ENODEV
- * (no such slave), -ENXIO (the port is not there), -EADDRINUSE (it is taken), -ELOOP.
- * `esc_close_ring` puts the second interface there. */
+/* Wiring. The first slave is at the first interface. A further slave is at port 1 of the slave
+ * added before it, if that port exists and is free. `esc_connect` moves port 0 of a slave to a port
+ * of another one. `esc_close_ring` plugs the second interface into a port. They fail with -ENODEV
+ * (no such slave), -ENXIO (no such port), -EADDRINUSE (the port is taken) or -ELOOP (the parent is
+ * the slave itself or behind it). */
 ESC_API int esc_connect(struct esc_segment *segment, int slave, int parent, int port);
 ESC_API int esc_close_ring(struct esc_segment *segment, int slave, int port);
 /* Breaks or heals the link at a port; -ENOTCONN if nothing is plugged in there. */
 ESC_API int esc_break_link(struct esc_segment *segment, int slave, int port, int broken);
-/* Says whether an interface (0 or 1) has a carrier: without one there is no link to it. */
+/* Sets whether an interface (0 or 1) has a carrier. Without a carrier its link is down. */
 ESC_API int esc_set_carrier(struct esc_segment *segment, int interface, int carrier);
-/* Serves an interface (0 or 1) again that was made again under the same name. */
+/* Serves an interface (0 or 1) again after it was deleted and made again. */
 ESC_API int esc_reopen(struct esc_segment *segment, int interface, const char *name);
-/* The slaves whose processing units a frame from an interface passes, in order. Their number. */
+/* Copies the positions of the slaves that process a frame from an interface, in order. Returns
+ * their number. */
 ESC_API int esc_order(struct esc_segment *segment, int interface, uint16_t *order, int capacity);
 
 /* Power off: the links at all ports go down. Power on: everything is as at the first power-on. */
 ESC_API int esc_power(struct esc_segment *segment, int slave, int on);
-/* Takes a slave out and plugs another one into the same links, which then powers on. */
+/* Replaces a slave by another one at the same links; the new one powers on. */
 ESC_API int esc_replace(struct esc_segment *segment, int slave, const struct esc_config *config,
                         const uint8_t *sii, size_t sii_size);
 
-/* Serves one interface, or with a second one (else NULL) both, from a thread, until `esc_stop`. */
+/* Serves one interface, or two if `second` is not NULL, in a thread of its own until `esc_stop`. */
 ESC_API int esc_start(struct esc_segment *segment, const char *first, const char *second);
 ESC_API int esc_stop(struct esc_segment *segment);
 
-/* Processes one frame in place, as the thread does when it comes by the first interface. Returns 1
- * if it is answered there, 0 if not. */
+/* Processes one frame in place, as the thread does with a frame from the first interface. Returns 1
+ * if the frame comes back there, else 0. */
 ESC_API int esc_process(struct esc_segment *segment, uint8_t *frame, size_t size);
-/* The same for both interfaces and for any time: `now_ns` is CLOCK_MONOTONIC, 0 = now. */
+/* The same for either interface and any time `now_ns` (CLOCK_MONOTONIC; 0 = now). */
 ESC_API int esc_pass(struct esc_segment *segment, int interface, uint8_t *frame, size_t size,
                      int64_t now_ns, struct esc_passage *passage);
 
 /* Waits at most `timeout_ns` for events and moves up to `capacity` of them to `events`.
- * Returns their number, 0 after the timeout, -EINTR when a signal came. */
+ * Returns their number, 0 after the timeout, -EINTR after a signal. */
 ESC_API int esc_wait(struct esc_segment *segment, int64_t timeout_ns, struct esc_event *events,
                      int capacity);
 
-/* PDI access to the memory of a slave. A buffered sync manager gives the newest complete outputs,
- * and takes inputs (from the first byte on, else -EACCES) when their last byte is written; nothing
- * else stands in the way. Reading and writing registers has the effects that it has for a device. */
+/* PDI access to the memory of a slave, with the effects that it has for a real device. Reading a
+ * buffered sync manager returns the newest complete outputs. Writing one must begin at the first
+ * byte, else it fails with -EACCES; the last byte hands the inputs to the master. Writing the
+ * EEPROM interface fails with -EACCES if it is busy or does not belong to the device. */
 ESC_API int esc_read(struct esc_segment *segment, int position, uint16_t address, uint8_t *data,
                      size_t size);
 ESC_API int esc_write(struct esc_segment *segment, int position, uint16_t address,
                       const uint8_t *data, size_t size);
-/* Reads memory without any effect, for an observer. */
+/* Reads memory as an observer, without side effects. */
 ESC_API int esc_peek(struct esc_segment *segment, int position, uint16_t address, uint8_t *data,
                      size_t size);
 
@@ -195,23 +199,24 @@ ESC_API int esc_mailbox_take(struct esc_segment *segment, int position, uint8_t 
 ESC_API int esc_mailbox_put(struct esc_segment *segment, int position, const uint8_t *mail,
                             size_t size, int again);
 
-/* Registers (or with NULL forgets) the process data of a slave: at most ESC_MAX_CHANNELS areas. */
+/* Sets the areas of the process data of a slave, at most ESC_MAX_CHANNELS; NULL removes them. */
 ESC_API int esc_map(struct esc_segment *segment, int position, const struct esc_area *areas,
                     unsigned count);
-/* Arms ESC_OUTPUTS: it comes with complete output data; at once if there have been any since `esc_map`,
- * or since OP was left. */
+/* Requests ESC_OUTPUTS for the moment when the master has written complete output data. It comes at
+ * once if the master has done so since the last `esc_map` and since the slave last left OP. */
 ESC_API int esc_await_outputs(struct esc_segment *segment, int position);
 
-/* Copies the outputs of all mapped slaves to the image and runs the process data watchdogs to
- * `now_ns` (CLOCK_MONOTONIC). Outputs are zero unless the slave is in OP and its watchdog runs. */
+/* Copies the outputs of all mapped slaves to the image, and runs the process data watchdogs up to
+ * `now_ns` (CLOCK_MONOTONIC). The outputs of a slave are zero unless it is in OP and its watchdog
+ * has not expired. */
 ESC_API int esc_get_outputs(struct esc_segment *segment, uint8_t *image, size_t size,
                             int64_t now_ns);
-/* Copies the image to the inputs of all mapped slaves; where the master has moved a sync manager so
- * that it begins before them, they stay as they are. */
+/* Copies the image to the inputs of all mapped slaves. Inputs stay as they are if the master has
+ * moved their sync manager so that it begins before them. */
 ESC_API int esc_put_inputs(struct esc_segment *segment, const uint8_t *image, size_t size);
 
-/* FMMUs of a slave that take no part, a bit for each: it and another one of the same direction are
- * closer than the three bytes that there must be between them where one of the two maps bits. */
+/* Returns the FMMUs of a slave that are ignored, one bit for each. Two FMMUs of the same direction
+ * are ignored if there are fewer than three bytes between them and one of them maps bits. */
 ESC_API int esc_refused_fmmus(struct esc_segment *segment, int position);
 
 /* Copies the SII image. Returns its size. */
@@ -222,19 +227,19 @@ ESC_API int esc_sii(struct esc_segment *segment, int position, uint8_t *image, s
 ESC_API int esc_set_sii(struct esc_segment *segment, int position, const uint8_t *image,
                         size_t size);
 
-/* Sets the error of a slave's oscillator (ppm, positive is fast) and the local time that it has at
- * power-on; NULL leaves it. */
+/* Sets the error of a slave's oscillator (ppm, positive is fast) and its local time at power-on;
+ * the clock jumps by the change. NULL leaves a value as it is. */
 ESC_API int esc_set_clock(struct esc_segment *segment, int position, const double *drift_ppm,
                           const int64_t *offset_ns);
-/* Sets the local time forward, as a fault. */
+/* Steps the local time by `step_ns`, forward or back, as a fault. */
 ESC_API int esc_step_clock(struct esc_segment *segment, int position, int64_t step_ns);
-/* The clocks of up to `capacity` slaves at one moment. Returns their number. */
+/* Copies the clocks of up to `capacity` slaves, all read at one moment. Returns their number. */
 ESC_API int esc_clocks(struct esc_segment *segment, struct esc_clock *clocks, int capacity);
-/* An edge at the latch input 0 or 1 of a slave, now. */
+/* Makes an edge at latch input 0 or 1 of a slave, now. */
 ESC_API int esc_latch(struct esc_segment *segment, int position, int unit, int rising);
 
-/* Adds a fault; `id` and `struck` of it are not used. Returns its identifier; -ENOSPC when there are
- * ESC_MAX_FAULTS that may still strike. */
+/* Adds a fault; its `id` and `struck` are ignored. Returns its identifier, or -ENOSPC if there are
+ * ESC_MAX_FAULTS faults that may still strike. */
 ESC_API int esc_inject(struct esc_segment *segment, const struct esc_fault *fault);
 /* Removes a fault, or all (-1). -ENOENT if there is no such fault. */
 ESC_API int esc_clear_faults(struct esc_segment *segment, int id);

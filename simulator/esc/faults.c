@@ -1,11 +1,11 @@
-/* Faults that frames suffer, by number and by chance, the same in every run. */
+/* Faults of frames, chosen by cycle and by chance, and the same in every run. */
 #include "slave.h"
 
 #include <errno.h>
 
 enum { MAX_CORRUPT_BITS = 8 * MAX_FRAME };
 
-/* A number that looks random and depends on nothing but its arguments (splitmix64). */
+/* Returns a number that looks random but depends on the arguments only (splitmix64). */
 static uint64_t draw(uint64_t seed, uint64_t cycle, uint64_t frame, uint64_t purpose)
 {
     uint64_t words[] = {seed, cycle, frame, purpose}, z = 0;
@@ -23,7 +23,8 @@ static bool spent(const struct esc_fault *settings)
     return settings->count > 0 && settings->struck >= settings->count;
 }
 
-/* Whether a fault strikes the current frame, and its place among those that the fault looked at. */
+/* Whether a fault strikes the current frame. Sets `place` to the place of the frame among those of
+ * this cycle that the fault can strike. */
 static bool strikes(struct esc_segment *segment, struct fault *fault, unsigned interface,
                     bool process_data, uint64_t *place)
 {
@@ -35,7 +36,7 @@ static bool strikes(struct esc_segment *segment, struct fault *fault, unsigned i
         return false;
     if (settings->kind == ESC_FAULT_NOISE &&
         segment->route->first_port[settings->slave] == NO_PORT)
-        return false; /* the frame does not come there */
+        return false; /* the frame does not reach that slave */
     if (fault->cycle != cycle) {
         fault->cycle = cycle;
         memset(fault->frames, 0, sizeof fault->frames);
@@ -81,7 +82,8 @@ struct strike faults_look(struct esc_segment *segment, unsigned interface, bool 
     return strike;
 }
 
-/* Called with an answer, before it leaves. The Ethernet header stays, so that it arrives. */
+/* Called with an answer before it leaves. The Ethernet header stays as it is, so that the frame
+ * arrives. */
 void faults_damage(const struct strike *strike, uint8_t *frame, size_t size)
 {
     if (strike->add_to_wkc != 0)

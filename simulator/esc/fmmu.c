@@ -1,8 +1,8 @@
 /* Logical addressing: the FMMUs (registers 0x0600 upward) map logical bits to physical memory.
  *
- * Restrictions are those of the ESC data sheet, section I, "Restrictions on FMMU settings" and what
- * follows it. What a chip does where it forbids something is not said there; here such an FMMU takes no
- * part, so that the working counter shows it.
+ * The restrictions are those of the ESC data sheet, section I, "Restrictions on FMMU settings" and
+ * the text after it. The data sheet does not say what a chip does with a forbidden FMMU. Here it is
+ * ignored, so that the working counter shows the mistake.
  */
 #include "slave.h"
 
@@ -10,7 +10,8 @@
 
 enum { TYPE_READ = 1, TYPE_WRITE = 2, ACTIVATE = 1, FREE_BYTES = 3 };
 
-/* The buffered sync manager that holds [from, to) alone, and no other channel touches it. */
+/* Returns the buffered sync manager that contains all of [from, to), if no other channel overlaps
+ * it; else NULL. */
 static struct sync_manager *only_buffer(struct slave *slave, uint32_t from, uint32_t to, bool write)
 {
     struct sync_manager *found = NULL;
@@ -34,7 +35,7 @@ static void decode(struct slave *slave, const uint8_t *reg, struct fmmu *fmmu)
     uint8_t type = reg[11];
     fmmu->start = load32(reg);
     fmmu->end = fmmu->start + size < fmmu->start ? UINT32_MAX : fmmu->start + size;
-    bool bits = (slave->config.features & FEATURE_BYTE_FMMUS) == 0; /* else these are ignored */
+    bool bits = (slave->config.features & FEATURE_BYTE_FMMUS) == 0; /* else whole bytes */
     fmmu->first_bit = bits ? reg[6] & 7 : 0;
     fmmu->last_bit = bits ? reg[7] & 7 : 7;
     fmmu->address = load16(reg + 8);
@@ -54,15 +55,15 @@ static bool share_direction(const struct fmmu *a, const struct fmmu *b)
     return (a->read && b->read) || (a->write && b->write);
 }
 
-/* Whether there are fewer than `bytes` between two windows; with 0, whether they overlap. */
+/* Whether fewer than `bytes` bytes are between two windows; with 0, whether they overlap. */
 static bool are_closer(const struct fmmu *a, const struct fmmu *b, uint32_t bytes)
 {
     const struct fmmu *low = a->start <= b->start ? a : b, *high = low == a ? b : a;
     return high->start < (uint64_t)low->end + bytes;
 }
 
-/* Decodes the active channels of a slave. Those that its chip does not allow are not among them:
- * their numbers are bits of the result. */
+/* Decodes the active FMMUs of a slave, except those that its chip does not allow. Returns a bit for
+ * each FMMU that is left out. */
 static unsigned decode_all(struct slave *slave, struct fmmu *fmmus, unsigned *count)
 {
     unsigned numbers[ESC_MAX_CHANNELS], found = 0, refused = 0;
@@ -103,7 +104,7 @@ int esc_refused_fmmus(struct esc_segment *segment, int position)
     return result;
 }
 
-/* Collects the active channels of the slaves on a route, in the order in which a frame passes. */
+/* Collects the active FMMUs of the slaves on a route, in the order in which a frame passes them. */
 static void collect(struct esc_segment *segment, struct route *route)
 {
     route->active_count = 0;
@@ -150,9 +151,10 @@ static void copy_bit(uint8_t *to, uint32_t to_bit, const uint8_t *from, uint32_t
         to[to_bit >> 3] &= (uint8_t)~mask;
 }
 
-/* Any alignment, any memory: bits are merged into whole bytes, and those go the way of physical
- * access. Only digital outputs are written bit by bit; in other bytes that are written, bits that are not
- * mapped get undefined values: ones, which do not pass for what a master or a device had there. */
+/* Accesses any memory at any alignment: merges bits into whole bytes, and accesses these as
+ * physical memory. Only digital outputs are written bit by bit. In all other written bytes, the
+ * values of bits that are not mapped are undefined. They become ones here, which nobody mistakes
+ * for values of the master or the device. */
 static bool access_bits(const struct fmmu *fmmu, const struct span *span, uint8_t *data, bool write)
 {
     struct slave *slave = fmmu->slave;
@@ -178,7 +180,7 @@ static bool access_bits(const struct fmmu *fmmu, const struct span *span, uint8_
     return memory != NULL;
 }
 
-/* The logical bytes [from, to) of a channel, which the datagram has. */
+/* Accesses the logical bytes [from, to) of an FMMU, all of which are in the datagram. */
 static bool access_window(const struct fmmu *fmmu, uint32_t address, uint8_t *data, uint32_t from,
                           uint32_t to, bool write)
 {
@@ -187,7 +189,7 @@ static bool access_window(const struct fmmu *fmmu, uint32_t address, uint8_t *da
         struct sync_manager *sm = fmmu->fast;
         uint32_t physical = fmmu->address + (from - fmmu->start);
         uint8_t *memory = slave->memory + physical;
-        if (physical == sm->start && to - from == sm->size) { /* a whole buffer: the rule */
+        if (physical == sm->start && to - from == sm->size) { /* the usual case: a whole buffer */
             if (write) {
                 memcpy(memory, data + (from - address), to - from);
                 sm_written(slave, sm);
@@ -204,8 +206,8 @@ static bool access_window(const struct fmmu *fmmu, uint32_t address, uint8_t *da
     return clip(fmmu, from, to, address, &span) && access_bits(fmmu, &span, data, write);
 }
 
-/* The same, where channels with lower numbers (from `first` on) have a part of it: each logical byte
- * belongs to the first one that maps it. */
+/* The same if FMMUs with lower numbers (from `first` on) map some of these bytes: each logical byte
+ * belongs to the first FMMU that maps it. */
 static bool access_rest(const struct fmmu *first, const struct fmmu *fmmu, uint32_t address,
                         uint8_t *data, uint32_t from, uint32_t to, bool write)
 {
@@ -238,9 +240,9 @@ static bool access_channel(const struct fmmu *first, const struct fmmu *fmmu, ui
     return access_window(fmmu, address, data, from, to, write);
 }
 
-/* Finds the first and the last channel that a datagram concerns. The device side, on another
- * processor, has touched what these channels need; asking for all of it before any of it is used
- * makes the frame wait once instead of once for each slave. */
+/* Finds the first FMMU that a datagram concerns, and the end of the last one. The memory that they
+ * need may be in the cache of another processor, on which the device side runs. Prefetching all of
+ * it makes the frame wait once, instead of once for each slave. */
 static void find(const struct route *route, uint32_t address, uint32_t end,
                  const struct fmmu **first, const struct fmmu **last)
 {
@@ -260,8 +262,9 @@ static void find(const struct route *route, uint32_t address, uint32_t end,
     }
 }
 
-/* A slave first writes what the master sent, then puts what the master reads: the two windows of a
- * slave may lie on the same logical bytes. Its working counter counts once for each direction. */
+/* Each slave first takes the data that the master sent, and then puts its own data into the
+ * datagram, since both of its windows may have the same logical bytes. The working counter counts
+ * each direction of a slave once. */
 unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *data, unsigned size,
                      bool read, bool write)
 {

@@ -47,13 +47,13 @@ static unsigned write_slave(struct slave *slave, uint16_t address, const uint8_t
     return access_write(slave, address, data, size) ? 1 : 0;
 }
 
-/* Where a command that reads and writes writes: register 0x0108 is added to the address. */
+/* Returns the address that a read-write command writes: register 0x0108 is added to `address`. */
 static uint16_t write_address(const struct slave *slave, uint16_t address)
 {
     return (uint16_t)(address + load16(slave->memory + REG_RW_OFFSET));
 }
 
-/* Reads into the datagram what was there before the datagram's data are written. */
+/* Reads memory into the datagram, and writes the data that the datagram had. */
 static unsigned swap_slave(struct slave *slave, uint16_t address, uint8_t *data, unsigned size)
 {
     uint8_t before[MAX_DATA];
@@ -123,8 +123,8 @@ static unsigned by_station(struct esc_segment *segment, uint16_t station, uint16
     return count;
 }
 
-/* ARMW and FRMW: the addressed slave reads, all others write what it read. Those before it on the
- * wire write what the master sent. */
+/* ARMW and FRMW: the addressed slave puts its data into the datagram, and all others write the data
+ * of the datagram. Slaves before it on the wire therefore write the data that the master sent. */
 static unsigned read_multiple_write(struct esc_segment *segment, unsigned key, bool by_position,
                                     uint16_t address, uint8_t *data, unsigned size)
 {
@@ -150,7 +150,7 @@ static void datagram_process(struct esc_segment *segment, uint8_t *header, unsig
     unsigned count = 0;
     bool increments = false;
 
-    /* The events pass before the data, so they do not know yet what the data will do. */
+    /* The IRQ field passes before the data, so it does not show effects of the data. */
     unsigned events = registers_event_word(segment);
     segment->latches_ports = command == CMD_BWR || command == CMD_FPWR;
     switch (command) {
@@ -194,8 +194,8 @@ static void datagram_process(struct esc_segment *segment, uint8_t *header, unsig
     store16(data + size, load16(data + size) + count);
 }
 
-/* Where the datagrams of a frame are. `more` is false after the last one, and when the lengths
- * contradict each other: then `malformed` is true. */
+/* Iterates over the datagrams of a frame. `more` is false after the last one, and if the lengths
+ * contradict each other; then `malformed` is true. */
 struct cursor {
     uint8_t *datagram;
     unsigned length; /* of its data */
@@ -239,7 +239,8 @@ static bool is_logical(const uint8_t *datagram)
     return datagram[0] == CMD_LRD || datagram[0] == CMD_LWR || datagram[0] == CMD_LRW;
 }
 
-/* Whether the frame carries process data. Those that come by the first interface make the cycles. */
+/* Whether the frame carries process data. Counts cycles by the process data frames of the first
+ * interface. */
 static bool look_for_process_data(struct esc_segment *segment, unsigned interface, uint8_t *frame,
                                   size_t size)
 {

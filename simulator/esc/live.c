@@ -1,7 +1,7 @@
-/* Registers that are computed when they are read, and what reading them acknowledges.
+/* Registers that are computed when they are read, and acknowledgement by reading.
  *
- * Events and states are kept where they arise, so that process data cost no register updates. What
- * a read acknowledges takes effect after it: one datagram may read an event and its cause.
+ * Events and states are kept where they arise, so that process data need no register updates. A
+ * read acknowledges only after it is complete: one datagram may read an event and its cause.
  */
 #include "slave.h"
 
@@ -12,7 +12,8 @@ enum {
     WATCHDOG_COUNTER_PDI = REG_WATCHDOG_COUNTERS + 1
 };
 
-/* ECAT event request: a sync manager shows what the other side did with its buffer. */
+/* Returns the ECAT event request. The bit of a sync manager shows that the device has read or
+ * written its buffer. */
 static unsigned ecat_events(const struct slave *slave)
 {
     unsigned events = slave->ecat_events;
@@ -24,7 +25,8 @@ static unsigned ecat_events(const struct slave *slave)
     return events;
 }
 
-/* AL event request, likewise for the device. */
+/* Returns the AL event request. The bit of a sync manager shows that the master has read or written
+ * its buffer. */
 static unsigned al_events(const struct slave *slave)
 {
     unsigned events = slave->al_events | sync_al_events(slave);
@@ -45,7 +47,7 @@ void registers_set_event(struct slave *slave, unsigned bits, bool on)
     }
 }
 
-/* What the slaves on the route of the frame add to the IRQ field of a datagram. */
+/* Returns the bits that the slaves on the route of the frame add to the IRQ field of a datagram. */
 uint16_t registers_event_word(struct esc_segment *segment)
 {
     struct route *route = segment->route;
@@ -68,7 +70,7 @@ uint16_t registers_event_word(struct esc_segment *segment)
     return route->event_word;
 }
 
-/* DL status bits of the PDI; those of the ports follow from the topology. */
+/* Sets or clears DL status bits of the PDI; the bits of the ports follow from the topology. */
 void registers_set_dl_status(struct slave *slave, unsigned bits, bool on)
 {
     uint8_t *status = slave->memory + REG_DL_STATUS;
@@ -80,7 +82,7 @@ void registers_set_dl_status(struct slave *slave, unsigned bits, bool on)
     slave->segment->fmmus_changed = true; /* without a PDI there is no process data RAM */
 }
 
-/* Brings the registers in [from, to) up to date. */
+/* Updates the registers in [from, to). */
 void live_refresh(struct slave *slave, uint32_t from, uint32_t to, bool by_device)
 {
     uint8_t *memory = slave->memory;

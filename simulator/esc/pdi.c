@@ -10,7 +10,7 @@
 
 enum { SM_PDI = 7, SM_ACTIVATE = 6, SM_REPEAT = 0x02 };
 
-/* Notes an event; the slave enters the queue with its first one. Called with the lock held. */
+/* Adds events, and queues the slave if it is not queued yet. Called with the lock held. */
 void pdi_event(struct slave *slave, uint32_t bits)
 {
     struct esc_segment *segment = slave->segment;
@@ -23,7 +23,7 @@ void pdi_event(struct slave *slave, uint32_t bits)
     slave->events |= bits;
 }
 
-/* Whether `pdi_signal` is to be called once the lock is released. */
+/* Whether the caller must call `pdi_signal` after it has released the lock. True only once. */
 bool pdi_signal_due(struct esc_segment *segment)
 {
     bool due = segment->signal_due;
@@ -39,7 +39,8 @@ void pdi_signal(struct esc_segment *segment)
     (void)written;
 }
 
-/* Reports SYNC pulses. Returns how long to wait at most, to report the next one in time. */
+/* Reports SYNC pulses. Returns the timeout in ns, shortened if necessary to report the next pulse
+ * in time. */
 static int64_t run_syncs(struct esc_segment *segment, int64_t timeout_ns)
 {
     pthread_mutex_lock(&segment->lock);
@@ -88,7 +89,7 @@ int esc_wait(struct esc_segment *segment, int64_t timeout_ns, struct esc_event *
     return count;
 }
 
-/* Locks the segment and finds a slave; NULL without the lock if there is none. */
+/* Locks the segment and returns a slave. If there is none, returns NULL without the lock. */
 static struct slave *enter(struct esc_segment *segment, int position)
 {
     pthread_mutex_lock(&segment->lock);
@@ -320,7 +321,7 @@ static int put_inputs(struct slave *slave, const uint8_t *image, size_t size)
             continue;
         if ((size_t)area->offset + area->size > size)
             return -EINVAL;
-        /* Refused where the master has moved the sync manager since: no new inputs then. */
+        /* Refused if the master has moved the sync manager: the inputs then stay as they are. */
         (void)buffers_write(slave, area->address, (uint32_t)area->address + area->size,
                             image + area->offset);
     }

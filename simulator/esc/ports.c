@@ -1,18 +1,18 @@
-/* What the ports tell the master: DL status (0x0110) and the error counters (0x0300 to 0x0313).
+/* Registers of the ports: DL status (0x0110) and the error counters (0x0300 to 0x0313).
  *
- * Counters stop at 255. A write of any value clears those of its group.
+ * Counters stop at 255. A write of any value to a counter clears its group.
  */
 #include "slave.h"
 
 enum {
-    DL_PDI = 0x0003, /* PDI operational and its watchdog: not ours */
+    DL_PDI = 0x0003, /* PDI operational and its watchdog, which live.c sets */
     DL_ENHANCED_LINK_DETECTION = 0x0004,
     DL_LINK = 0x0010,                  /* port 0; the next bits are the other ports */
     DL_LOOP_CLOSED = 0x0100,           /* port 0; two bits a port */
-    DL_COMMUNICATION = 0x0200,         /* likewise */
+    DL_COMMUNICATION = 0x0200,         /* port 0; two bits a port */
     ENHANCED_LINK_DETECTION = 0xF200,  /* PDI control: all ports, and EBUS ports one by one */
-    INVALID_FRAME = 0,                 /* of the two bytes a port at 0x0300 */
-    PHYSICAL_ERROR = 1
+    INVALID_FRAME = 0,                 /* the first of the two bytes a port at 0x0300 */
+    PHYSICAL_ERROR = 1                 /* the second one */
 };
 
 static void count(uint8_t *counter)
@@ -47,7 +47,7 @@ void ports_set(struct slave *slave, uint8_t links, uint8_t open)
     }
 }
 
-/* Called when the master writes [from, to). Returns whether these are counters. */
+/* Called when the master writes [from, to). Returns whether there are counters in it. */
 bool ports_clear_counters(struct slave *slave, uint32_t from, uint32_t to)
 {
     static const struct {
@@ -67,8 +67,7 @@ bool ports_clear_counters(struct slave *slave, uint32_t from, uint32_t to)
     return any;
 }
 
-/* The lengths in the current frame contradict each other: each processing unit that it passes sees
- * that. */
+/* Counts a frame with contradicting lengths, at each processing unit that it passes. */
 void ports_count_malformed(struct esc_segment *segment)
 {
     const struct route *route = segment->route;
@@ -76,8 +75,8 @@ void ports_count_malformed(struct esc_segment *segment)
         count(segment->slaves[route->order[i]]->memory + REG_PROCESSING_ERRORS);
 }
 
-/* The frame was damaged on its way to `at`. That slave sees a wrong check sum and marks the frame;
- * all ports and processing units behind it see the mark. */
+/* Counts the errors of a frame that was damaged on its way to `at`. That slave sees a wrong check
+ * sum and marks the frame; all ports and processing units behind it see the mark. */
 void ports_count_noise(struct esc_segment *segment, const struct route *route, struct slave *at)
 {
     unsigned first_port = route->first_port[at->position];

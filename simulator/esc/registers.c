@@ -1,4 +1,4 @@
-/* Registers (addresses below 0x1000): what the master may write, and what then happens. */
+/* Registers (addresses below 0x1000): writable areas, effects of writing, power-on and reset. */
 #include "slave.h"
 
 /* Areas the master may write. Everything else below 0x1000 is read-only. */
@@ -51,7 +51,7 @@ enum {
     DL_ALIAS_ENABLE = 0x01,          /* of register 0x0103 */
     DL_CONTROL_DEFAULT = 0x01,       /* forward EtherCAT frames only */
     PROTECTED = 0x01,                /* of registers 0x0021 and 0x0031 */
-    PROTECTED_REGISTERS = 0x0F80     /* user RAM and process data RAM are none */
+    PROTECTED_REGISTERS = 0x0F80     /* their end; user RAM and process data RAM follow */
 };
 
 static void update_station(struct slave *slave)
@@ -75,7 +75,7 @@ static void power_on_identity(uint8_t *memory, const struct esc_config *config)
     store16(memory + REG_FEATURES, config->features);
 }
 
-/* Everything in the controller is as after power-on, but for the links of the ports. */
+/* Puts everything in the controller into its state at power-on, except the links of the ports. */
 void registers_power_on(struct slave *slave)
 {
     uint8_t *memory = slave->memory;
@@ -116,7 +116,7 @@ void registers_reset(struct slave *slave)
     registers_power_on(slave);
     slave->segment->topology_stale = true;
     pdi_event(slave, ESC_RESET);
-    slave->events = ESC_RESET; /* what came before no longer concerns the device */
+    slave->events = ESC_RESET; /* earlier events no longer concern the device */
 }
 
 /* A reset takes the letters R, E and S in three writes; any other letter begins anew. Register
@@ -132,7 +132,7 @@ static void advance_reset(struct slave *slave, unsigned side)
         registers_reset(slave);
 }
 
-/* Whether write protection lets the master write [from, to). */
+/* Whether write protection allows the master to write [from, to). */
 bool registers_may_write(const struct slave *slave, uint32_t from, uint32_t to)
 {
     const uint8_t *memory = slave->memory;
@@ -145,7 +145,7 @@ bool registers_may_write(const struct slave *slave, uint32_t from, uint32_t to)
            from >= PROTECTED_REGISTERS;
 }
 
-/* Called after a write to 0x0020 to 0x0031. The enable registers hold for the frame only. */
+/* Called after a write to 0x0020 to 0x0031. Enabling lasts until the end of the frame. */
 static void update_protection(struct slave *slave, uint32_t from, uint32_t to)
 {
     uint8_t *memory = slave->memory;
@@ -162,7 +162,8 @@ static void update_protection(struct slave *slave, uint32_t from, uint32_t to)
     slave->segment->fmmus_changed = true;
 }
 
-/* A sync manager takes a new area or mode only while it is off; its status is the ESC's own. */
+/* Writes registers of sync managers. A new area or mode is accepted only while the sync manager is
+ * off; the status is read-only. */
 static void write_sync_managers(struct slave *slave, uint32_t from, const uint8_t *data,
                                 size_t size)
 {
@@ -234,7 +235,7 @@ static void write_area(struct slave *slave, uint32_t from, uint32_t to, const ui
     take_effect(slave, from, to);
 }
 
-/* Writes registers as the device does. False if the EEPROM interface is not its own now. */
+/* Writes registers as the device does. False if it may not write the EEPROM interface now. */
 bool registers_device_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data)
 {
     bool command = touches(from, to, REG_EEPROM_CONTROL, REG_EEPROM_END - REG_EEPROM_CONTROL);
@@ -259,9 +260,10 @@ static bool within(uint32_t from, uint32_t to, uint32_t start, uint32_t end)
     return from < to && from >= start && to <= end;
 }
 
-/* A chip without distributed clocks has but the receive times, and so has one that lets the SII switch
- * both the SYNC and the latch unit off to save power; with one of them there is the system time as
- * well. Other chips have all of it, whatever the SII says. */
+/* Whether all of [from, to) are registers of distributed clocks that the chip lacks. A chip without
+ * distributed clocks has the receive times only. The SII may switch off units of a chip with
+ * `dc_by_sii`: with both units off, it has the receive times only; with one unit on, it lacks just
+ * the registers of the other one. Other chips have all registers, whatever the SII says. */
 static bool lacks_clock(const struct slave *slave, uint32_t from, uint32_t to)
 {
     const struct esc_config *config = &slave->config;
@@ -274,7 +276,7 @@ static bool lacks_clock(const struct slave *slave, uint32_t from, uint32_t to)
            ((units & PDI_LATCH_UNIT) == 0 && within(from, to, REG_LATCH, REG_DC_END));
 }
 
-/* Where a writable area ends on this chip, which may lack channels or distributed clocks. */
+/* Returns the end of a writable area on a chip that may lack channels or distributed clocks. */
 static uint32_t end_of_area(const struct slave *slave, uint32_t from, uint32_t to)
 {
     if (from == REG_FMMU)
@@ -284,8 +286,8 @@ static uint32_t end_of_area(const struct slave *slave, uint32_t from, uint32_t t
     return lacks_clock(slave, from, to) ? from : to;
 }
 
-/* Whether [from, to) has anything but FMMUs, sync managers or a distributed clock that the chip
- * lacks. Without the clock there are still the receive times of the ports. */
+/* Whether the chip has [from, to): false if all of it belongs to FMMUs, to sync managers or to a
+ * distributed clock that the chip lacks. */
 bool registers_exist(const struct slave *slave, uint32_t from, uint32_t to)
 {
     return !lacks_clock(slave, from, to) &&
@@ -299,7 +301,7 @@ bool registers_write(struct slave *slave, uint32_t address, const uint8_t *data,
     uint32_t end = address + (uint32_t)size;
     bool any = end > REG_RAM || size == 0;
     if (address == REG_CLOCK && size > 0 && end <= REG_CLOCK + 8 &&
-        !lacks_clock(slave, address, end)) { /* all slaves, in every cycle */
+        !lacks_clock(slave, address, end)) { /* a fast path: all slaves, in every cycle */
         dc_write(slave, address, end, data);
         return true;
     }

@@ -1,4 +1,4 @@
-/* Life of a segment and of its slaves. */
+/* Makes and frees a segment and its slaves, and switches their power. */
 #include "slave.h"
 
 #include <errno.h>
@@ -13,7 +13,7 @@ struct esc_segment *esc_create(void)
         return NULL;
     pthread_mutexattr_t attributes;
     pthread_mutexattr_init(&attributes);
-    /* Whoever of the device side holds the lock runs at once when the frame thread wants it. */
+    /* While the frame thread waits for the lock, the holder of the lock gets the same priority. */
     pthread_mutexattr_setprotocol(&attributes, PTHREAD_PRIO_INHERIT);
     pthread_mutex_init(&segment->lock, &attributes);
     pthread_mutexattr_destroy(&attributes);
@@ -48,7 +48,7 @@ void esc_destroy(struct esc_segment *segment)
     free(segment);
 }
 
-/* A copy of an SII image, never NULL for want of bytes. */
+/* Returns a copy of an SII image; NULL only if memory is short, also for an empty image. */
 static uint8_t *copy_image(const uint8_t *sii, size_t size)
 {
     uint8_t *image = malloc(size + 1);
@@ -105,7 +105,7 @@ int esc_add_slave(struct esc_segment *segment, const struct esc_config *config, 
     return (int)slave->position;
 }
 
-/* What happened before no longer concerns the device. Called with the lock held. */
+/* Switches the power of a slave and drops its pending events. Called with the lock held. */
 static void switch_power(struct slave *slave, bool on)
 {
     if (slave->off != on)
@@ -115,7 +115,7 @@ static void switch_power(struct slave *slave, bool on)
     slave->off = !on;
     slave->events = 0;
     slave->area_count = 0;
-    topology_update(slave->segment); /* the neighbours see the links come or go */
+    topology_update(slave->segment); /* the neighbours see links come up or go down */
 }
 
 int esc_power(struct esc_segment *segment, int position, int on)

@@ -19,8 +19,8 @@
 
 enum {
     STOP_POLL_US = 20000,
-    PRIORITY = 85, /* above that of a master on the same machine, which waits for the answer */
-    MAX_LATE = 64  /* frames that wait for their time; more are lost */
+    PRIORITY = 85, /* above a master on the same machine, which waits for the answer */
+    MAX_LATE = 64  /* delayed frames at a time; further ones are lost */
 };
 
 struct late_frame {
@@ -39,8 +39,8 @@ struct server {
     struct late_frame late[MAX_LATE];
 };
 
-/* Slave controllers are hardware: nothing on their side of the wire makes them late. Where real time
- * is not permitted the thread competes with the rest of the machine, and frames may come back late. */
+/* Asks for real-time priority, since real slave controllers are hardware and never late. If that is
+ * not permitted, the thread competes with all others, and frames may come back late. */
 static void ask_for_real_time(void)
 {
     struct sched_param parameter = {.sched_priority = PRIORITY};
@@ -51,13 +51,13 @@ static void ask_for_real_time(void)
         uint32_t priority;
         uint64_t runtime, deadline, period;
     } ordinary = {.size = 48, .policy = SCHED_OTHER, .runtime = 100000 /* ns */};
-    /* Among ordinary threads, those that ask for short slices are run sooner (Linux 6.12). */
+    /* Among ordinary threads, Linux (6.12) runs those sooner that ask for short slices. */
     if (pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameter) != 0)
         (void)syscall(SYS_sched_setattr, 0, &ordinary, 0);
     (void)prctl(PR_SET_TIMERSLACK, 1);
 }
 
-/* A frame that finds no room is lost, as on a wire. */
+/* Sends a frame. It is lost if there is no room for it, as on a wire. */
 static void send_out(const struct server *server, const uint8_t *frame, size_t size, int exit,
                      int copies)
 {
@@ -81,7 +81,7 @@ static void keep(struct server *server, const uint8_t *frame, size_t size,
         server->late_count++;
         return;
     }
-    pthread_mutex_lock(&segment->lock); /* no room: it is lost */
+    pthread_mutex_lock(&segment->lock); /* no room: the frame is lost */
     segment->counters.frames--;
     segment->counters.dropped++;
     pthread_mutex_unlock(&segment->lock);
@@ -98,7 +98,7 @@ static struct late_frame *earliest(struct server *server)
     return found;
 }
 
-/* Sends the frames that are due. Returns when the next one is, 0 if there is none. */
+/* Sends the frames that are due. Returns the due time of the next one, or 0 if there is none. */
 static int64_t send_due(struct server *server)
 {
     while (server->late_count > 0) {
@@ -112,14 +112,14 @@ static int64_t send_due(struct server *server)
     return 0;
 }
 
-/* Receives one frame and answers it. An interface that has vanished is left alone. */
+/* Receives one frame and answers it. Closes the socket if its interface has vanished. */
 static void serve_frame(struct server *server, unsigned interface, int flags)
 {
     struct esc_segment *segment = server->segment;
     uint8_t frame[MAX_FRAME];
     struct sockaddr_ll from;
     socklen_t from_size = sizeof from;
-    /* MSG_TRUNC makes the result the true size, so that a jumbo frame is seen as one. */
+    /* MSG_TRUNC makes the result the true size, so that a jumbo frame is recognized. */
     ssize_t size = recvfrom(server->sockets[interface], frame, sizeof frame, MSG_TRUNC | flags,
                             (struct sockaddr *)&from, &from_size);
     if (size < 0) {
@@ -134,7 +134,7 @@ static void serve_frame(struct server *server, unsigned interface, int flags)
     struct esc_passage passage;
     pthread_mutex_lock(&segment->lock);
     segment->frame_ns = 0;
-    if (segment->no_carrier[interface]) { /* there is one again, or nothing would have come */
+    if (segment->no_carrier[interface]) { /* a frame has come, so there is a carrier */
         segment->no_carrier[interface] = false;
         topology_update(segment);
     }
@@ -149,7 +149,7 @@ static void serve_frame(struct server *server, unsigned interface, int flags)
         pdi_signal(segment);
 }
 
-/* Waits for frames on both interfaces, and for the time of late ones. */
+/* Waits for frames on both interfaces, and for the time to send delayed ones. */
 static void wait_and_serve(struct server *server)
 {
     struct pollfd sources[INTERFACES];
@@ -181,7 +181,7 @@ static void *serve(void *argument)
     ask_for_real_time();
     while (!atomic_load_explicit(&server->stop, memory_order_relaxed) && alive(server)) {
         if (server->sockets[1] < 0 && server->late_count == 0)
-            serve_frame(server, 0, 0); /* one system call less */
+            serve_frame(server, 0, 0); /* saves a system call */
         else
             wait_and_serve(server);
     }
@@ -225,7 +225,7 @@ static void free_server(struct server *server)
 
 static int start_thread(struct server *server)
 {
-    /* Signals belong to the program's own threads. */
+    /* The program's own threads handle signals. */
     sigset_t all, before;
     sigfillset(&all);
     pthread_sigmask(SIG_SETMASK, &all, &before);
@@ -264,7 +264,7 @@ int esc_reopen(struct esc_segment *segment, int interface, const char *name)
     int fd = open_socket(name);
     if (fd < 0)
         return fd;
-    /* The thread goes on with the same descriptor, which is another socket from now on. */
+    /* The thread keeps using the same descriptor, which refers to the new socket from now on. */
     int result = dup3(fd, server->sockets[interface], O_CLOEXEC) < 0 ? -errno : 0;
     close(fd);
     return result;

@@ -68,7 +68,7 @@ enum ecat_event_bits {
     ECAT_EVENT_LATCH = 0x0001,
     ECAT_EVENT_DL = 0x0004,
     ECAT_EVENT_AL = 0x0008,
-    ECAT_EVENT_SM0 = 0x0010 /* to SM7; levels, not kept in `slave.ecat_events` */
+    ECAT_EVENT_SM0 = 0x0010 /* SM0 to SM7; computed, not kept in `slave.ecat_events` */
 };
 enum al_event_bits {
     AL_EVENT_CONTROL = 0x0001,
@@ -77,7 +77,7 @@ enum al_event_bits {
     AL_EVENT_SYNC1 = 0x0008,
     AL_EVENT_SM_ACTIVATION = 0x0010,
     AL_EVENT_WATCHDOG = 0x0040,
-    AL_EVENT_SM0 = 0x0100 /* to SM15; levels, not kept in `slave.al_events` */
+    AL_EVENT_SM0 = 0x0100 /* SM0 to SM15; computed, not kept in `slave.al_events` */
 };
 enum feature_bits { /* of register 0x0008 */
     FEATURE_BYTE_FMMUS = 0x0001,
@@ -93,23 +93,23 @@ struct eeprom {
     uint8_t *image;
     size_t size;
     int64_t busy_until_ns; /* 0 = idle */
-    unsigned command;      /* under way */
+    unsigned command;      /* command under way */
     unsigned errors;       /* error bits of the status register */
     unsigned outcome;      /* error bits once the command has ended */
-    uint8_t data[8];       /* what a read command brings */
+    uint8_t data[8];       /* result of a read command */
     uint64_t enabled;      /* frame in which writing was enabled, see `frame_number` */
     bool taken;            /* the device has access */
 };
 
-/* An active FMMU, decoded. Channels of all slaves stand in one array, in wire order. */
+/* An active FMMU, decoded. A route has the FMMUs of all its slaves in one array, in wire order. */
 struct fmmu {
     uint32_t start, end; /* logical bytes [start, end) */
     uint16_t address;    /* first physical byte */
     uint8_t first_bit, last_bit, physical_bit;
     bool read, write, aligned;
-    bool contested; /* channels with lower numbers have some of its logical bytes */
+    bool contested; /* FMMUs with lower numbers map some of its logical bytes */
     struct slave *slave;
-    struct sync_manager *fast; /* the buffered channel that holds all its bytes, else NULL */
+    struct sync_manager *fast; /* the buffered sync manager with all its bytes, or NULL */
 };
 
 /* The far end of the link at a port. */
@@ -117,14 +117,14 @@ struct plug {
     enum { PLUG_NONE, PLUG_SLAVE, PLUG_INTERFACE } kind;
     unsigned number; /* of the slave or of the interface */
     unsigned port;   /* of the slave */
-    bool broken;     /* said at both ends */
+    bool broken;     /* set at both ends */
 };
 
 struct slave {
     struct esc_segment *segment;
     uint32_t position;
-    bool off;       /* without power: no links, no access, nothing in its memory counts */
-    bool queued;    /* in the queue of `esc_wait`, perhaps with nothing pending any more */
+    bool off;       /* without power: no links, no access, memory without meaning */
+    bool queued;    /* in the queue of `esc_wait`, even if no event is pending any more */
     struct plug plugs[PORTS];
     uint8_t links;  /* a bit for each port with a link */
     uint8_t open;   /* a bit for each port whose loop is open */
@@ -133,20 +133,20 @@ struct slave {
     uint32_t ram_end;
     unsigned sync_managers, fmmus;
     struct sync_manager sm[ESC_MAX_CHANNELS];
-    unsigned ecat_events; /* ECAT event request but for the sync managers */
-    unsigned al_events;   /* AL event request but for sync managers and SYNC signals */
-    bool sm_interrupts;   /* the master wants to know of sync managers in every datagram */
+    unsigned ecat_events; /* ECAT event request, without the bits of sync managers */
+    unsigned al_events;   /* AL event request, without sync managers and SYNC signals */
+    bool sm_interrupts;   /* the ECAT event mask has bits of sync managers */
     bool protected;       /* register or ESC write protection is on */
-    bool has_outputs;    /* output data have come since the way to SAFEOP, or back to it */
-    bool awaits_outputs; /* the device wants to know of them */
-    bool watchdog;       /* a sync manager has the process data watchdog */
-    bool fed;            /* process data watchdog: output data since the last look */
-    bool expired;        /* process data watchdog */
+    bool has_outputs;    /* output data have come since `esc_map` and since OP was left */
+    bool awaits_outputs; /* the device has requested ESC_OUTPUTS */
+    bool watchdog;       /* a sync manager triggers the process data watchdog */
+    bool fed;            /* process data watchdog: output data have come since the last check */
+    bool expired;        /* process data watchdog has expired */
     int64_t deadline_ns; /* process data watchdog; 0 = not started */
     int64_t pdi_ns;      /* PDI watchdog: last access of the device; 0 = none yet */
-    bool pdi_expired;    /* PDI watchdog */
-    uint8_t reset_step[2]; /* letters of the reset sequence seen: of the master, of the device */
-    uint64_t write_enabled, esc_write_enabled; /* frames, see `frame_number` */
+    bool pdi_expired;    /* PDI watchdog has expired */
+    uint8_t reset_step[2]; /* letters of the reset sequence so far: of master and device */
+    uint64_t write_enabled, esc_write_enabled; /* numbers of frames, see `frame_number` */
     unsigned area_count;
     struct esc_area areas[ESC_MAX_CHANNELS];
     struct esc_config config;
@@ -156,21 +156,21 @@ struct slave {
      * not used cost nothing. */
     struct buffers {
         uint8_t newest[ESC_MEMORY]; /* the newest complete data while `memory` is in use */
-        uint8_t device[ESC_MEMORY]; /* what the device has open */
+        uint8_t device[ESC_MEMORY]; /* the buffer that the device is reading or writing */
     } *buffers;
     uint8_t memory[ESC_MEMORY];
 };
 
-/* The way of a frame that enters by one of the interfaces; follows from links and loops. */
+/* The path of a frame that enters through an interface; it follows from links and loops. */
 struct route {
-    int exit;                                /* the interface by which it leaves, or LOST */
-    unsigned count;                          /* processing units that it passes … */
-    uint16_t order[ESC_MAX_SLAVES];          /* … and the slaves to which they belong, in order */
+    int exit;                                /* the interface through which it leaves, or LOST */
+    unsigned count;                          /* number of processing units that it passes */
+    uint16_t order[ESC_MAX_SLAVES];          /* positions of their slaves, in order */
     int32_t arrival[ESC_MAX_SLAVES][PORTS];  /* ns after entry, -1 = it does not arrive there */
-    uint16_t before[ESC_MAX_SLAVES];         /* processing units passed before it first arrives … */
-    uint8_t first_port[ESC_MAX_SLAVES];      /* … at this port of a slave */
-    struct slave *woken;                     /* it ends at a port that auto-close keeps closed … */
-    unsigned woken_port;                     /* … and which a frame opens */
+    uint16_t before[ESC_MAX_SLAVES];         /* processing units passed before it reaches a slave */
+    uint8_t first_port[ESC_MAX_SLAVES];      /* the port at which it first arrives there */
+    struct slave *woken;                     /* it ends at a port of this slave, or NULL: … */
+    unsigned woken_port;                     /* … auto-close has closed this port, which it opens */
     uint16_t event_word;                     /* see registers_event_word */
     bool event_word_known;
     bool collected; /* `active` holds the active FMMUs of its slaves */
@@ -178,39 +178,39 @@ struct route {
     struct fmmu active[ESC_MAX_SLAVES * ESC_MAX_CHANNELS];
 };
 
-/* A frame fault and what it did. */
+/* A frame fault and its state. */
 struct fault {
     struct esc_fault settings;
-    uint64_t cycle;                /* in which … */
-    uint32_t frames[INTERFACES];   /* … it has looked at so many frames, by interface */
+    uint64_t cycle;              /* the last cycle with frames that it could strike */
+    uint32_t frames[INTERFACES]; /* number of these frames in that cycle, by interface */
 };
 
-/* What faults do to the current frame. */
+/* The effects of faults on the current frame. */
 struct strike {
     bool drop, drop_answer;
-    struct slave *noise; /* before which the frame is damaged, or NULL */
+    struct slave *noise; /* the frame is damaged in front of this slave, or NULL */
     int copies;
     int64_t delay_ns;
     unsigned add_to_wkc;
-    uint64_t corrupt_bits; /* that many … */
-    uint64_t corrupt_draw; /* … from a place that this chooses */
+    uint64_t corrupt_bits; /* number of bits to invert */
+    uint64_t corrupt_draw; /* random number that chooses the first of them */
 };
 
 struct esc_segment {
-    pthread_mutex_t lock; /* guards everything below but `notify` and `server` */
+    pthread_mutex_t lock; /* guards everything below except `notify` and `server` */
     unsigned count;
     struct slave *slaves[ESC_MAX_SLAVES];
     uint16_t station[ESC_MAX_SLAVES]; /* copies, so that a look-up touches few cache lines */
     uint32_t alias[ESC_MAX_SLAVES];   /* 0x10000 = not enabled */
-    bool event_word_stale;            /* event words of the routes have to be made again */
-    bool fmmus_changed;               /* FMMUs have to be collected again */
-    bool topology_stale;              /* loops may have changed; takes effect before the next frame */
+    bool event_word_stale;            /* event words of the routes must be computed again */
+    bool fmmus_changed;               /* FMMUs must be collected again */
+    bool topology_stale;              /* loops may have changed; updated before the next frame */
     struct plug interfaces[INTERFACES];
     bool no_carrier[INTERFACES]; /* nothing is plugged in there, or its other end is switched off */
     struct route routes[INTERFACES];
     struct route damaged; /* the part of a route on which the current frame is still whole */
     struct route *route;  /* of the current frame */
-    int64_t frame_ns;     /* see frame_time_ns; 0 = not asked for yet */
+    int64_t frame_ns;     /* see frame_time_ns; 0 = not read yet */
     bool latches_ports;     /* the datagram under way is a BWR or FPWR, see dc.c */
     unsigned syncs_running; /* slaves whose SYNC unit runs */
     unsigned queue_head, queue_count;
@@ -219,13 +219,14 @@ struct esc_segment {
     uint32_t last_address; /* logical address of the last process data frame */
     unsigned fault_count;
     struct fault faults[ESC_MAX_FAULTS];
-    int next_fault; /* identifier */
+    int next_fault; /* identifier of the fault added last */
     struct esc_counters counters;
     int notify; /* eventfd, readable while the queue may hold something */
     struct server *server; /* NULL = none runs */
 };
 
-/* A sync manager has moved: what its slave adds to the IRQ field of datagrams may be another. */
+/* Called when the state of a sync manager has changed: the bits that its slave adds to the IRQ
+ * field of datagrams may change, too. */
 static inline void sm_changed(struct slave *slave)
 {
     if (slave->sm_interrupts)
@@ -244,7 +245,8 @@ static inline bool touches(uint32_t from, uint32_t to, uint32_t reg, uint32_t si
     return from < reg + size && to > reg;
 }
 
-/* Number of the frame under way, never 0: for what lasts to the end of a frame. */
+/* Returns the number of the current frame, which is never 0. A setting that lasts until the end of
+ * a frame is stored as this number. */
 static inline uint64_t frame_number(const struct esc_segment *segment)
 {
     return segment->counters.frames + segment->counters.dropped + 1;
@@ -256,18 +258,18 @@ static inline void store16(uint8_t *p, unsigned value)
     p[1] = (uint8_t)(value >> 8 & 0xFF);
 }
 
-/* frame.c: all datagrams of a frame that enters by an interface. */
+/* frame.c: processes all datagrams of a frame that enters through an interface. */
 enum { ETHERNET_HEADER = 14, ETHERTYPE_ECAT = 0x88A4, MAX_FRAME = 2048 };
 void frame_process(struct esc_segment *segment, unsigned interface, uint8_t *frame, size_t size,
                    struct esc_passage *passage);
-/* Adds to the working counters of the logical datagrams. */
+/* Adds `value` to the working counters of the logical datagrams. */
 void frame_add_to_wkc(uint8_t *frame, size_t size, unsigned value);
-/* When the current frame entered, or the device side called: CLOCK_MONOTONIC, read once and only if
- * asked for. */
+/* Returns when the current frame entered, or the device side called (CLOCK_MONOTONIC). Only the
+ * first call for a frame reads the clock. */
 int64_t frame_time_ns(struct esc_segment *segment);
 int64_t clock_now_ns(void);
 
-/* faults.c: looks at a frame before it is processed, and damages it afterwards. */
+/* faults.c: chooses the faults of a frame before it is processed, and damages it afterwards. */
 struct strike faults_look(struct esc_segment *segment, unsigned interface, bool process_data);
 void faults_damage(const struct strike *strike, uint8_t *frame, size_t size);
 
@@ -282,11 +284,11 @@ void topology_plug_next(struct slave *slave);
 void topology_update(struct esc_segment *segment);
 void topology_refresh(struct esc_segment *segment);
 void topology_wake(struct esc_segment *segment, const struct route *route);
-/* When the current frame arrives at a port, in ns after it entered; -1 where it does not. */
+/* Returns when the current frame arrives at a port, in ns after it entered; -1 if it does not. */
 int64_t topology_arrival(const struct slave *slave, unsigned port);
 
-/* Times of clocks are counters that wrap, as in the chip: whatever a master writes, sums and
- * differences are taken modulo 2^64. */
+/* Times of clocks wrap, as in the chip. Sums and differences are taken modulo 2^64, so that no
+ * value that a master writes can overflow them. */
 static inline int64_t time_after(int64_t time, int64_t ns)
 {
     return (int64_t)((uint64_t)time + (uint64_t)ns);
@@ -314,11 +316,12 @@ static inline void store64(uint8_t *p, uint64_t value)
     store32(p + 4, (uint32_t)(value >> 32));
 }
 
-/* access.c: physical access of the master. NULL or false: refused, no working counter. */
+/* access.c: physical access of the master. Returns NULL or false if the access is refused; it then
+ * does not count in the working counter. */
 const uint8_t *access_read(struct slave *slave, uint16_t address, size_t size);
 bool access_write(struct slave *slave, uint16_t address, const uint8_t *data, size_t size);
 
-/* registers.c: writing by the master; power-on and reset. */
+/* registers.c: writes to registers; power-on and reset. */
 void registers_power_on(struct slave *slave);
 void registers_reset(struct slave *slave);
 bool registers_write(struct slave *slave, uint32_t address, const uint8_t *data, size_t size);
@@ -326,7 +329,7 @@ bool registers_device_write(struct slave *slave, uint32_t from, uint32_t to, con
 bool registers_exist(const struct slave *slave, uint32_t from, uint32_t to);
 bool registers_may_write(const struct slave *slave, uint32_t from, uint32_t to);
 
-/* live.c: registers that are computed when they are read, and what reading them acknowledges. */
+/* live.c: registers that are computed when they are read, and acknowledgement by reading. */
 void live_refresh(struct slave *slave, uint32_t from, uint32_t to, bool by_device);
 void live_was_read(struct slave *slave, uint32_t from, uint32_t to, bool by_device);
 void registers_set_event(struct slave *slave, unsigned bits, bool on);
@@ -367,11 +370,11 @@ void watchdog_check_pdi(struct slave *slave, int64_t now_ns);
 bool watchdog_has_pdi(const struct slave *slave);
 void watchdog_feed_pdi(struct slave *slave, int64_t now_ns);
 
-/* buffers.c: buffered sync managers from the side of the device. */
+/* buffers.c: access of the device to buffered sync managers. */
 void buffers_read(struct slave *slave, uint32_t from, uint32_t to, uint8_t *data);
 bool buffers_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data);
 
-/* fmmu.c: logical access; returns what is added to the working counter. */
+/* fmmu.c: logical access; returns the increment of the working counter. */
 unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *data, unsigned size,
                      bool read, bool write);
 

@@ -1,7 +1,7 @@
 /* SYNC and latch units of distributed clocks (registers 0x0980 to 0x09CF).
  *
- * No thread makes pulses: which have passed follows from the system time when registers are read
- * or the device side asks. The times are local copies of the system time, without the delay.
+ * No thread makes pulses. Their number is computed from the system time when registers are read or
+ * the device side calls. All times are local copies of the system time, without the delay.
  */
 #include "slave.h"
 
@@ -42,7 +42,7 @@ static int64_t now(const struct slave *slave)
     return dc_system_time(slave, frame_time_ns(slave->segment));
 }
 
-/* Pulses of a signal up to a time. */
+/* Returns the number of pulses of a signal up to a time. */
 static int64_t pulses(const struct slave *slave, const struct sync_signal *signal, int64_t time)
 {
     const struct sync_unit *sync = &slave->dc.sync;
@@ -57,13 +57,14 @@ static int64_t time_of_pulse(const struct sync_signal *signal, int64_t number)
     return (int64_t)((uint64_t)signal->first + (uint64_t)number * (uint64_t)signal->period);
 }
 
-/* Time of the next pulse, or of the last one if there are no more. */
+/* Returns the time of the next pulse, or of the last one if there are no more. */
 static int64_t next_pulse(const struct slave *slave, const struct sync_signal *signal, int64_t time)
 {
     return time_of_pulse(signal, pulses(slave, signal, time));
 }
 
-/* Level of a signal; with a pulse length of 0 it stays until the device acknowledges it. */
+/* Returns the level of a signal; with a pulse length of 0, it stays high until the device
+ * acknowledges it. */
 static bool level(const struct slave *slave, const struct sync_signal *signal, int64_t time)
 {
     int64_t count = signal->on ? pulses(slave, signal, time) : 0;
@@ -75,7 +76,8 @@ static bool level(const struct slave *slave, const struct sync_signal *signal, i
     return time_between(time_of_pulse(signal, count - 1), time) < length;
 }
 
-/* The time until the start; far in the future, or negative, if it has passed. */
+/* Returns the time until the start. If the start has passed, this is negative, or with a clock of
+ * 32 bits far in the future. */
 static int64_t time_to_start(const struct slave *slave, int64_t time)
 {
     uint64_t distance = load64(slave->dc.sync.start) - (uint64_t)time;
@@ -115,7 +117,7 @@ void sync_stop(struct slave *slave)
     sync->running = sync->never = sync->not_near = false;
 }
 
-/* Called after the activation register was written. */
+/* Called after a write to the activation register. */
 static void activate(struct slave *slave)
 {
     struct sync_unit *sync = &slave->dc.sync;
@@ -147,7 +149,7 @@ static void write_start(struct slave *slave, uint32_t from, uint32_t to, const u
     }
 }
 
-/* Whether the device, and not the master, may write a register. */
+/* Whether the device may write a register, rather than the master. */
 static bool is_of_device(const struct slave *slave, uint32_t reg)
 {
     unsigned bit = CONTROL_BY_DEVICE;
@@ -156,7 +158,8 @@ static bool is_of_device(const struct slave *slave, uint32_t reg)
     return reg != REG_CONTROL && (slave->memory[REG_CONTROL] & bit) != 0;
 }
 
-/* The master or the device writes [from, to), which lies within one area of writable registers. */
+/* Handles a write of the master or the device to [from, to), which lies within one area of writable
+ * registers. */
 void sync_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data,
                 bool by_device)
 {
@@ -173,7 +176,7 @@ void sync_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *
         activate(slave);
 }
 
-/* Brings the registers in [from, to) up to date at a system time. */
+/* Updates the registers in [from, to) to a system time. */
 void sync_refresh(struct slave *slave, uint32_t from, uint32_t to, int64_t time)
 {
     uint8_t *memory = slave->memory;
@@ -196,7 +199,7 @@ void sync_refresh(struct slave *slave, uint32_t from, uint32_t to, int64_t time)
                   sync->running ? next_pulse(slave, &sync->signals[1], time) : 0);
 }
 
-/* Called after a read of [from, to): SYNC status and latch times are acknowledged so. */
+/* Called after a read of [from, to), which acknowledges SYNC status and latch times. */
 void sync_was_read(struct slave *slave, uint32_t from, uint32_t to, bool by_device)
 {
     struct sync_unit *sync = &slave->dc.sync;
@@ -213,7 +216,7 @@ void sync_was_read(struct slave *slave, uint32_t from, uint32_t to, bool by_devi
     sync_latch_events(slave);
 }
 
-/* Shows the events of the latch units to those who own them. */
+/* Shows the events of each latch unit to its owner, the master or the device. */
 void sync_latch_events(struct slave *slave)
 {
     const struct sync_unit *sync = &slave->dc.sync;
@@ -225,7 +228,7 @@ void sync_latch_events(struct slave *slave)
     slave->al_events |= event[1] ? (unsigned)AL_EVENT_LATCH : 0U;
 }
 
-/* An edge at a latch input. An edge in single mode stays until its time is read. */
+/* Latches an edge at an input. In single mode, its time stays until it is read. */
 void sync_latch(struct slave *slave, unsigned unit, bool rising)
 {
     struct sync_unit *sync = &slave->dc.sync;
@@ -245,7 +248,7 @@ static bool reaches_device(const struct slave *slave, unsigned i)
     return mapped != 0 && slave->dc.sync.signals[i].on;
 }
 
-/* Bits of the AL event request. */
+/* Returns the bits of SYNC signals in the AL event request. */
 unsigned sync_al_events(const struct slave *slave)
 {
     unsigned events = 0;
@@ -255,8 +258,8 @@ unsigned sync_al_events(const struct slave *slave)
     return events;
 }
 
-/* Reports pulses that have passed to a device that is interrupted by them. Returns the time to the
- * next one, or INT64_MAX. */
+/* Reports the pulses that have passed to the device, if they interrupt it. Returns the time to the
+ * next one in ns, or INT64_MAX. */
 int64_t sync_run(struct slave *slave)
 {
     int64_t next = INT64_MAX;

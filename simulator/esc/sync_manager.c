@@ -1,11 +1,11 @@
-/* Sync managers (registers 0x0800 upward): mailbox and buffered mode, from the side of the master.
+/* Sync managers (registers 0x0800 upward) in mailbox and buffered mode, as the master sees them.
  *
- * A buffered channel behaves as three buffers do: the reader keeps the buffer it has begun to read
- * until its last byte, and never sees one whose writer has not reached the last byte. Copying is
- * what makes frames slow, so the master's buffer is always the memory at the channel's address, and
- * data are put aside (`buffers.newest`) only while one side has a buffer open: for an access in one
- * piece, which is the rule, the lock of the segment is enough. The numbers of the buffers, which
- * the status shows, are kept as if there were three.
+ * A buffered channel behaves as if it had three buffers: the reader keeps a buffer until it has
+ * read the last byte, and never sees a buffer whose writer has not written the last byte. Copying
+ * would make frames slow. The master's buffer is therefore always the memory at the channel's
+ * address, and data are put aside (`buffers.newest`) only while one side has a buffer open. Most
+ * accesses are in one piece, for which the lock of the segment is enough. The status shows the
+ * numbers of buffers, which are kept as if there were three.
  */
 #include "slave.h"
 
@@ -39,7 +39,7 @@ static void reset(struct sync_manager *sm)
     sm->last = NO_BUFFER;
 }
 
-/* Called after the registers of the channel changed. */
+/* Called after the registers of the channel have changed. */
 void sm_decode(struct slave *slave, unsigned channel)
 {
     struct sync_manager *sm = &slave->sm[channel];
@@ -65,7 +65,7 @@ void sm_decode(struct slave *slave, unsigned channel)
     slave->segment->event_word_stale = true;
 }
 
-/* The status register, 0x0805 + 8 * channel. */
+/* Returns the value of the status register, 0x0805 + 8 * channel. */
 uint8_t sm_status(const struct sync_manager *sm)
 {
     unsigned status = (sm->written ? STATUS_WRITTEN : 0U) | (sm->read ? STATUS_READ : 0U);
@@ -81,9 +81,9 @@ static bool overlaps(const struct sync_manager *sm, uint32_t from, uint32_t to)
     return sm->size > 0 && from < (uint32_t)sm->start + sm->size && to > sm->start;
 }
 
-/* Whether the master may access [from, to): the direction must be that of every channel that
- * holds a part of it, an access must begin at the first byte, and a mailbox must be empty to be
- * written and full to be read. */
+/* Whether the master may access [from, to). The direction must be that of every channel with a part
+ * of it. The access must begin at the first byte, or continue one that did. A mailbox must be empty
+ * to be written, and full to be read. */
 bool sm_may_access(const struct slave *slave, uint32_t from, uint32_t to, bool write)
 {
     if (to <= REG_DIGITAL_OUTPUT)
@@ -100,7 +100,7 @@ bool sm_may_access(const struct slave *slave, uint32_t from, uint32_t to, bool w
     return true;
 }
 
-/* The master begins to read a buffer: it gets the newest one. */
+/* Called when the master begins to read a buffer; it gets the newest one. */
 void sm_begin_read(struct slave *slave, struct sync_manager *sm)
 {
     if (sm->pending) {
@@ -111,7 +111,7 @@ void sm_begin_read(struct slave *slave, struct sync_manager *sm)
     sm_changed(slave);
 }
 
-/* The master has read the last byte of a buffer. */
+/* Called when the master has read the last byte of a buffer. */
 void sm_read(struct slave *slave, struct sync_manager *sm)
 {
     sm->open = false;
@@ -119,7 +119,7 @@ void sm_read(struct slave *slave, struct sync_manager *sm)
     sm_changed(slave);
 }
 
-/* The master has written the last byte of a buffer. */
+/* Called when the master has written the last byte of a buffer. */
 void sm_written(struct slave *slave, struct sync_manager *sm)
 {
     sm->open = false;
@@ -135,7 +135,7 @@ void sm_written(struct slave *slave, struct sync_manager *sm)
     sm_changed(slave);
 }
 
-/* Called before the master accesses [from, to), which it may do. */
+/* Called before the master accesses [from, to), if `sm_may_access` allows it. */
 void sm_begin(struct slave *slave, uint32_t from, uint32_t to)
 {
     if (to <= REG_DIGITAL_OUTPUT)
@@ -151,7 +151,7 @@ void sm_begin(struct slave *slave, uint32_t from, uint32_t to)
             sm_begin_read(slave, sm);
         } else {
             sm->read = false;
-            if (to < (uint32_t)sm->start + sm->size) { /* the device must not see the half of it */
+            if (to < (uint32_t)sm->start + sm->size) { /* the device must not see half a buffer */
                 memcpy(slave->buffers->newest + sm->start, slave->memory + sm->start, sm->size);
                 sm->pending = true;
             }
@@ -168,7 +168,7 @@ static void mailbox_accessed(struct slave *slave, struct sync_manager *sm, bool 
     sm_changed(slave);
 }
 
-/* Called after the master accessed [from, to). The last byte hands a buffer over. */
+/* Called after the master has accessed [from, to). The last byte hands a buffer over. */
 void sm_accessed(struct slave *slave, uint32_t from, uint32_t to, bool write)
 {
     if (to <= REG_DIGITAL_OUTPUT)

@@ -1,4 +1,4 @@
-/* Sync managers: state, and what sync_manager.c and buffers.c do with it. */
+/* The state of sync managers, and the functions of sync_manager.c. */
 #ifndef ECAT_ESC_SYNC_MANAGER_H
 #define ECAT_ESC_SYNC_MANAGER_H
 
@@ -17,16 +17,16 @@ struct sync_manager {
     bool ecat_event;      /* shows in the ECAT event request */
     bool al_event;        /* shows in the AL event request */
     bool full;            /* mailbox mode: written and not read yet */
-    bool open;            /* the master's access began at the first byte, the last is to come */
-    bool device_open;     /* buffered mode: the device's access likewise */
-    bool pending;         /* buffered mode: the newest data are not in `memory`, but aside */
+    bool open;            /* the master has accessed the first byte, but not the last */
+    bool device_open;     /* buffered mode: so has the device */
+    bool pending;         /* buffered mode: the newest data are in `buffers.newest` */
     bool fresh;           /* buffered mode: the reader has not taken the newest buffer */
     bool written, read;   /* status bits 0 and 1 */
     uint8_t writer, next, reader; /* buffered mode: numbers of the three buffers */
     uint8_t last;                 /* last buffer written; 3 = none */
 };
 
-/* The writer of a buffered channel has finished its buffer, which becomes the newest one. */
+/* Called when the writer of a buffered channel has finished a buffer, which becomes the newest. */
 static inline void sm_hand_over(struct sync_manager *sm)
 {
     uint8_t finished = sm->writer;
@@ -37,7 +37,8 @@ static inline void sm_hand_over(struct sync_manager *sm)
     sm->read = false;
 }
 
-/* The reader of a buffered channel begins: it gives its buffer back for the newest one. */
+/* Called when the reader of a buffered channel begins: it exchanges its buffer for the newest one
+ * if that is new to it. */
 static inline void sm_take_newest(struct sync_manager *sm)
 {
     if (sm->fresh) {

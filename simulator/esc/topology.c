@@ -1,22 +1,22 @@
-/* Ports, links and loops of the slaves, and the way that frames take through them.
+/* Ports, links and loops of the slaves, and the path of frames through them.
  *
- * A slave passes a frame on from port 0 through its processing unit to port 3, then 1, then 2, then
- * back to 0. A port whose loop is closed is left out, and a closed port 0 leads into the processing
- * unit again. What comes in by another port than 0 therefore leaves by port 0 unprocessed, unless
- * port 0 is closed: that is how both halves of a broken ring are processed.
+ * A slave passes a frame from port 0 through its processing unit to port 3, then 1, then 2, then
+ * back to 0. Ports with a closed loop are left out, and a closed port 0 leads into the processing
+ * unit again. A frame that enters through another port than 0 therefore leaves through port 0
+ * unprocessed, unless port 0 is closed. This lets both halves of a broken ring process frames.
  */
 #include "slave.h"
 
 #include <errno.h>
 
 enum {
-    FORWARD_NS = 300, /* from one port of a slave to the next open one, with or without processing */
-    LINK_NS = 100,    /* from port to port: the cable and what drives it */
-    LOOP_AUTO = 0,    /* loop control, two bits a port in register 0x0101: open while there is a link */
+    FORWARD_NS = 300, /* from a port of a slave to its next open one, processed or not */
+    LINK_NS = 100,    /* from port to port: the cable and its drivers */
+    LOOP_AUTO = 0,    /* values of the two bits a port in register 0x0101: open with a link */
     LOOP_AUTO_CLOSE = 1, /* closes without a link and is opened by the master or by a frame */
     LOOP_OPEN = 2,
     LOOP_CLOSED = 3,
-    PORT_EBUS = 2 /* port descriptor: lower values say that there is no port */
+    PORT_EBUS = 2 /* port descriptor: lower values mean that there is no port */
 };
 
 static const uint8_t next_port[PORTS] = {3, 2, 0, 1};
@@ -69,8 +69,8 @@ static void update_slave(struct slave *slave)
     ports_set(slave, (uint8_t)links, (uint8_t)open);
 }
 
-/* A slave whose loops are all closed keeps port 0 open, so that it can be reached to change that;
- * its DL status does not tell. */
+/* Whether the loop of a port is open. A slave whose loops are all closed keeps port 0 open, so that
+ * the master can still reach it; its DL status does not show that. */
 static bool is_open(const struct slave *slave, unsigned port)
 {
     return (slave->open >> port & 1) != 0 || (slave->open == 0 && port == 0);
@@ -81,7 +81,8 @@ static void pass_processing_unit(struct route *route, const struct slave *slave)
     route->order[route->count++] = (uint16_t)slave->position;
 }
 
-/* The frame has arrived at a port that is open. Returns the port by which it leaves the slave. */
+/* Passes a frame that has arrived at an open port through a slave. Returns the port through which
+ * it leaves. */
 static unsigned pass_slave(struct route *route, const struct slave *slave, unsigned port)
 {
     if (port == 0)
@@ -114,7 +115,7 @@ static void arrive(struct route *route, const struct plug *at, int32_t ns)
     }
 }
 
-/* The way ends: every link leads to one port only, so no port comes twice. */
+/* Finds the path of a frame. It ends: a link leads to one port only, so no port comes twice. */
 static void trace(struct esc_segment *segment, unsigned interface)
 {
     struct route *route = &segment->routes[interface];
@@ -133,7 +134,7 @@ static void trace(struct esc_segment *segment, unsigned interface)
         ns += LINK_NS;
         arrive(route, &at, ns);
         unsigned port = pass_slave(route, slave, at.port);
-        if (!link_up(slave, port)) /* opened by the master: the frame goes nowhere */
+        if (!link_up(slave, port)) /* the master opened the loop: the frame is lost */
             return;
         at = slave->plugs[port];
         ns += FORWARD_NS;
@@ -152,14 +153,14 @@ void topology_update(struct esc_segment *segment)
         trace(segment, i);
 }
 
-/* What the master wrote to the loop control takes effect, at the latest before the next change. */
+/* Applies writes to the loop control that are still pending. Called before links change. */
 void topology_refresh(struct esc_segment *segment)
 {
     if (segment->topology_stale)
         topology_update(segment);
 }
 
-/* A frame ended at a port that is closed until one comes: the next one passes. */
+/* Opens the port at which a frame ended because of auto-close, so that the next frame passes. */
 void topology_wake(struct esc_segment *segment, const struct route *route)
 {
     if (route->woken != NULL) {
@@ -179,8 +180,8 @@ static void plug_slaves(struct slave *slave, struct slave *parent, unsigned port
     parent->plugs[port] = (struct plug){PLUG_SLAVE, slave->position, 0, false};
 }
 
-/* Where a new slave is without being told: behind port 1 of the one before, the first one at the
- * interface. Where that is impossible it is not connected. */
+/* Plugs in a new slave: the first one at the interface, each other one at port 1 of the slave
+ * before. If that port does not exist or is taken, the slave is not connected. */
 void topology_plug_next(struct slave *slave)
 {
     struct esc_segment *segment = slave->segment;
@@ -249,7 +250,7 @@ int esc_connect(struct esc_segment *segment, int slave, int parent, int port)
 {
     pthread_mutex_lock(&segment->lock);
     int result = connect_slave(segment, slave, parent, port);
-    /* A rig is wired before it is switched on, so no slave has seen a link that was moved. */
+    /* Wiring comes before power-on, so a link that was moved must not count as lost. */
     for (unsigned i = 0; i < segment->count; i++)
         memset(segment->slaves[i]->memory + REG_LOST_LINKS, 0, PORTS);
     pthread_mutex_unlock(&segment->lock);

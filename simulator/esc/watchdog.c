@@ -1,4 +1,5 @@
-/* Watchdogs (registers 0x0400 to 0x0443): process data, fed by the master, and PDI, by the device. */
+/* Watchdogs (registers 0x0400 to 0x0443): the master feeds the one for process data, the device
+ * feeds the one for the PDI. */
 #include "slave.h"
 
 enum {
@@ -8,7 +9,8 @@ enum {
     DIGITAL_OUTPUTS = 4
 };
 
-/* The time is (divider + 2) * 40 ns * count; 0 in the register switches the watchdog off. */
+/* Returns the time of a watchdog in ns, (divider + 2) * 40 ns * count; a count of 0 switches it
+ * off. */
 static int64_t time_of(const struct slave *slave, uint32_t reg)
 {
     int64_t unit_ns = ((int64_t)load16(slave->memory + REG_WATCHDOG_DIVIDER) + 2) * 40;
@@ -32,7 +34,7 @@ static void expire(struct slave *slave)
         pdi_event(slave, ESC_WATCHDOG);
 }
 
-/* Runs the process data watchdog to `now_ns`. It starts with the first data. */
+/* Runs the process data watchdog up to `now_ns`. It starts with the first data. */
 void watchdog_run(struct slave *slave, int64_t now_ns)
 {
     int64_t time_ns = slave->watchdog ? time_of(slave, REG_WATCHDOG_DATA) : 0;
@@ -46,13 +48,15 @@ void watchdog_run(struct slave *slave, int64_t now_ns)
     }
 }
 
-/* A coupler may have none (PDI control 0): then nobody feeds the watchdog, and its status stays 0. */
+/* Whether there is a PDI. A coupler may have none (PDI control 0): then nothing feeds the watchdog,
+ * and its status stays 0. */
 bool watchdog_has_pdi(const struct slave *slave)
 {
     return slave->memory[REG_PDI_CONTROL] != 0;
 }
 
-/* The device is there, but did nothing for too long: DL status bit 1 and a counter show it. */
+/* Lets the PDI watchdog expire if the device has done nothing for too long: DL status bit 1 and a
+ * counter show it. */
 void watchdog_check_pdi(struct slave *slave, int64_t now_ns)
 {
     int64_t time_ns = time_of(slave, REG_WATCHDOG_PDI);
@@ -63,7 +67,7 @@ void watchdog_check_pdi(struct slave *slave, int64_t now_ns)
     registers_set_dl_status(slave, DL_PDI_WATCHDOG, false);
 }
 
-/* The device exchanges its process data. */
+/* Called when the device exchanges its process data. */
 void watchdog_feed_pdi(struct slave *slave, int64_t now_ns)
 {
     if (!watchdog_has_pdi(slave))

@@ -26,7 +26,9 @@ def add_arguments(parser: Parser, command: str) -> None:
         "controllers, topology, PDOs and object dictionaries. The slaves go to PREOP, and "
         "afterwards to the state they were in."
     )
-    parser.add_argument("--interface", metavar="IF", required=True, help="where the slaves are")
+    parser.add_argument(
+        "--interface", metavar="IF", required=True, help="network interface of the slaves"
+    )
     parser.add_argument(
         "-o",
         metavar="FILE",
@@ -52,7 +54,7 @@ def _capture(options: argparse.Namespace) -> int:
         print("ecatsim: interrupted; nothing was written", file=sys.stderr)
         return _INTERRUPTED
     notes = sum(len(slave.notes) for slave in slaves)
-    hint = f"; what could not be captured is noted in it ({notes})" if notes else ""
+    hint = f"; comments in it say what could not be captured ({notes})" if notes else ""
     count = "1 slave" if len(slaves) == 1 else f"{len(slaves)} slaves"
     print(f"{output}: {count}{hint}; `ecatsim run {output}` simulates them")
     return 0
@@ -65,7 +67,7 @@ def _progress(line: str) -> None:
 def _check(output: Path, force: bool) -> None:
     """Checks before the scan whether the file can be written after it."""
     if output.suffix != ".toml":
-        raise UsageError(f"'{output}' must end in .toml, by which a rig file is known")
+        raise UsageError(f"'{output}' is no name for a rig file: it must end in .toml")
     if output.exists() and not force:
         raise UsageError(f"'{output}' exists already; --force overwrites it")
     if not output.parent.is_dir():
@@ -89,7 +91,7 @@ def _write(output: Path, text: str, force: bool) -> None:
             if force:
                 temporary.replace(output)
             else:
-                output.hardlink_to(temporary)  # fails if somebody else was faster
+                output.hardlink_to(temporary)  # fails if the file exists by now
         finally:
             with contextlib.suppress(FileNotFoundError):
                 temporary.unlink()

@@ -16,7 +16,7 @@ from .options import Parser
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """One row of the table: a slave and the port of the slave that it is plugged into."""
+    """One row of the table: a slave, and the slave and port that it is plugged into."""
 
     position: int
     name: str
@@ -33,19 +33,19 @@ class _Row:
 def add_arguments(parser: Parser, command: str) -> None:
     """Adds the arguments of the command to its parser."""
     del command
-    parser.description = "Makes everything that `ecatsim run` would simulate, and lists it."
+    parser.description = "Checks whether `ecatsim run` can simulate a rig, and lists its slaves."
     parser.add_argument("rig", metavar="RIG", help="name (see `ecatsim rigs`) or file")
     parser.add_argument("--json", action="store_true", help="print JSON for programs")
     parser.set_defaults(execute=_check)
 
 
 def _check(options: argparse.Namespace) -> int:
-    what = rigs.make(options.rig)
+    rig = rigs.make(options.rig)
     try:
-        Simulation(what).close()
+        Simulation(rig).close()
     except EcatError as error:
-        raise type(error)(f"rig {what.name}: {error}") from error
-    links = what.wiring()
+        raise type(error)(f"rig {rig.name}: {error}") from error
+    links = rig.wiring()
     rows = [
         _Row(
             position,
@@ -58,16 +58,16 @@ def _check(options: argparse.Namespace) -> int:
             default_size(device.tx_pdos),
             *(links.parents[position] or (None, None)),
         )
-        for position, device in enumerate(what.devices)
+        for position, device in enumerate(rig.devices)
     ]
     if options.json:
         slaves = [asdict(row) for row in rows]
         ring = links.ring_end and {"slave": links.ring_end[0], "port": links.ring_end[1]}
-        facts = {"schema": 1, "rig": what.name, "ring": ring, "slaves": slaves}
+        facts = {"schema": 1, "rig": rig.name, "ring": ring, "slaves": slaves}
         print(json.dumps(facts, indent=2, ensure_ascii=False))
         return 0
     end = ", a ring that ends at slave {} port {}".format(*links.ring_end) if links.ring_end else ""
-    print(f"rig {what.name}: {what.size}{end}")
+    print(f"rig {rig.name}: {rig.size}{end}")
     if rows:
         print(f"{'':4} {'vendor:product:revision':26}  {'out':>5} {'in':>5}  {'behind':6}  name")
     for row in rows:

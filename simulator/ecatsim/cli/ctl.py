@@ -24,12 +24,12 @@ _DIGITS_A_LINE = 32
 def add_arguments(parser: Parser, command: str) -> None:
     """Adds the arguments of the command to its parser."""
     del command
-    parser.description = "Controls a simulator that runs, `ecatsim run`, of the same user."
+    parser.description = "Controls a running simulator (`ecatsim run`) of the same user."
     _add_common(parser, name=None, json=False)
     inner = parser.add_subparsers(
         dest="request", required=True, metavar="COMMAND", parser_class=Parser
     )
-    listing = inner.add_parser("list", help="list the simulators that run")
+    listing = inner.add_parser("list", help="list the running simulators")
     _add_common(listing, name=argparse.SUPPRESS, json=argparse.SUPPRESS)
     listing.set_defaults(execute=lambda options: _execute(options, _list))
     for request in (*REQUESTS.values(), *FAULTS.values()):
@@ -38,7 +38,7 @@ def add_arguments(parser: Parser, command: str) -> None:
 
 def _add_common(parser: Parser, **defaults: Any) -> None:
     """Adds the options that are allowed before a command and after it."""
-    about = "which simulator; not needed for the only one that runs"
+    about = "name of the simulator; not needed if only one is running"
     parser.add_argument("--name", metavar="NAME", default=defaults["name"], help=about)
     about = "print JSON for programs"
     parser.add_argument("--json", action="store_true", default=defaults["json"], help=about)

@@ -33,7 +33,7 @@ _INTERRUPTED = 128 + signal.SIGINT
 
 
 def make_parser() -> Parser:
-    """The parser of the command line."""
+    """Makes the parser of the command line."""
     parser = Parser(
         prog="ecatsim", description="An EtherCAT segment in software, on a virtual interface."
     )

@@ -26,7 +26,7 @@ from .options import Parser
 
 SIMULATOR_END = "ecat-sim"
 MASTER_END = "ecat-master"
-SECOND = "2"  # suffix of both names at the other end of a ring
+SECOND = "2"  # suffix of both names for the other end of a ring
 _CHILD_GRACE = 2.0
 _MAX_DESCRIPTOR = 2**31 - 1
 
@@ -51,7 +51,10 @@ def add_arguments(parser: Parser, command: str) -> None:
         "--name", metavar="NAME", help="name for `ecatsim ctl --name` (default: its process id)"
     )
     parser.add_argument(
-        "--ready-fd", metavar="N", type=int, help="write a line of JSON there when it answers"
+        "--ready-fd",
+        metavar="N",
+        type=int,
+        help="file descriptor for a line of JSON when the segment answers",
     )
     parser.add_argument(
         "--die-with-parent", action="store_true", help="end when the calling process ends"
@@ -77,23 +80,23 @@ class _Runner:
         """Simulates the rig and returns the exit status."""
         arguments = self._arguments
         if arguments.ready_fd is not None and not 0 <= arguments.ready_fd <= _MAX_DESCRIPTOR:
-            raise UsageError(f"--ready-fd {arguments.ready_fd}: is no file descriptor")
+            raise UsageError(f"--ready-fd {arguments.ready_fd} is no file descriptor")
         if arguments.interface is None and arguments.second is None:
             self._enter_namespace()
-        what = rigs.make(arguments.rig)
-        what.ring = what.ring or arguments.ring or arguments.second is not None
-        self._check_interfaces(what.ring)
+        rig = rigs.make(arguments.rig)
+        rig.ring = rig.ring or arguments.ring or arguments.second is not None
+        self._check_interfaces(rig.ring)
         parent = os.getppid()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)
-        simulation = Simulation(what, arguments.trace)
+        simulation = Simulation(rig, arguments.trace)
         try:
             self._listen(simulation)
-            interfaces = self._open_interfaces(what.ring)
+            interfaces = self._open_interfaces(rig.ring)
             if arguments.die_with_parent:
                 die_with_parent(parent)
             simulation.segment.start(*interfaces)
-            self._announce(what)
+            self._announce(rig)
             if arguments.child:
                 self._start_child()
             simulation.run(self._finished)
@@ -117,7 +120,7 @@ class _Runner:
         self._user_namespace = namespace.enter_new()
 
     def _listen(self, simulation: Simulation) -> None:
-        """Opens the control socket. Without a name, the simulator also runs if that is refused."""
+        """Opens the control socket. Without `--name`, the simulator also runs if that fails."""
         name = self._arguments.name
         try:
             self._server = Server(
@@ -129,7 +132,7 @@ class _Runner:
         except NotPermittedError as error:
             if name is not None:
                 raise
-            print(f"ecatsim: no control with `ecatsim ctl`: {error}", file=sys.stderr)
+            print(f"ecatsim: `ecatsim ctl` cannot control this run: {error}", file=sys.stderr)
         else:
             simulation.after_step.append(self._server.serve)
 
@@ -160,7 +163,10 @@ class _Runner:
         self._signal = number
 
     def _finished(self) -> bool:
-        """Whether to stop: without a command after a signal, with one as soon as it has ended."""
+        """Whether to stop: after a signal, or as soon as the command has ended.
+
+        If there is a command, it gets a moment to end after a signal.
+        """
         child = self._child
         if child is None or child.poll() is not None:
             return child is not None or self._signal != 0
@@ -181,18 +187,18 @@ class _Runner:
         status = self._child.wait()
         return status if status >= 0 else 128 - status
 
-    def _announce(self, what: Rig) -> None:
+    def _announce(self, rig: Rig) -> None:
         arguments = self._arguments
         interface = arguments.interface or MASTER_END
         facts = {
             "pid": os.getpid(),
             "interface": interface,
-            "rig": what.name,
-            "slaves": len(what.devices),
+            "rig": rig.name,
+            "slaves": len(rig.devices),
             "name": self._server.name if self._server else None,
         }
         where = f"on {interface}"
-        if what.ring:
+        if rig.ring:
             facts["second"] = arguments.second or MASTER_END + SECOND
             where = f"in a ring between {interface} and {facts['second']}"
         if arguments.ready_fd is not None:
@@ -202,7 +208,7 @@ class _Runner:
             except OSError as error:
                 raise UsageError(f"--ready-fd {arguments.ready_fd}: {error.strerror}") from error
         elif not arguments.child:
-            print(f"rig {what.name}: {what.size} {where}")
+            print(f"rig {rig.name}: {rig.size} {where}")
             if arguments.interface is None:
                 user = "--preserve-credentials -U " if self._user_namespace else ""
                 print(f"run a master beside it with: nsenter {user}-n -t {os.getpid()} COMMAND")

@@ -101,7 +101,7 @@ class Simulator:
         return result
 
     def status(self) -> Status:
-        """The status of the rig, its counters and its slaves."""
+        """Returns the status of the rig, its counters and its slaves."""
         return Status.from_reply(self.request("status"))
 
     def get(self, slave: int, index: int, subindex: int = 0) -> Value:
@@ -130,7 +130,7 @@ class Simulator:
         return bytes.fromhex(reply["data"])
 
     def clocks(self) -> list[Clock]:
-        """The distributed clocks of all slaves at one moment; see `ecatsim.clocks.Clock`."""
+        """Returns the distributed clocks of all slaves, all read at the same moment."""
         return [Clock(**clock) for clock in self.request("clocks")["clocks"]]
 
     def stop(self) -> None:
@@ -164,7 +164,7 @@ class RemoteFaults(FaultMethods):
         return int(self._simulator.request("clear", id=identifier or 0)["cleared"])
 
     def list(self) -> list[FaultState]:
-        """All faults that strike or will strike, and the last that have struck, oldest first."""
+        """Returns all faults that may strike, and the last finished ones, oldest first."""
         return [
             FaultState(
                 id=item["id"],
@@ -179,7 +179,7 @@ class RemoteFaults(FaultMethods):
 
 
 def running() -> list[str]:
-    """The names of this user's running simulators."""
+    """Returns the names of this user's running simulators."""
     found = []
     for name in sockets.names():
         try:
@@ -187,7 +187,7 @@ def running() -> list[str]:
         except NoAnswerError:
             pass  # it runs, but is too busy to answer
         except EcatError:
-            continue  # killed, or somebody else's
+            continue  # it was killed, or belongs to another user
         found.append(name)
     return found
 

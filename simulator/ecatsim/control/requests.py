@@ -30,7 +30,7 @@ Object = Annotated[str, Is("object as INDEX:SUBINDEX in hexadecimal, 0x6000:01")
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """The simulator that a request is carried out in.
+    """The simulator that carries out a request.
 
     Attributes:
         simulation: The simulation.
@@ -65,7 +65,7 @@ class ShowStatus(Request):
     kind: ClassVar[str] = "status"
 
     def answer(self, session: Session) -> dict[str, Any]:
-        """The status as a map."""
+        """Returns the status as a map."""
         simulation = session.simulation
         counters = simulation.segment.counters()
         status = Status(
@@ -89,7 +89,7 @@ class ShowFaults(Request):
     kind: ClassVar[str] = "faults"
 
     def answer(self, session: Session) -> dict[str, Any]:
-        """The faults as maps."""
+        """Returns the faults as maps."""
         faults = [
             {
                 "id": item.id,
@@ -107,26 +107,26 @@ class ShowFaults(Request):
 
 @dataclass(frozen=True)
 class Clear(Request):
-    """Forget a fault, or all of them: what was to strike does not; what has struck stays."""
+    """Forget a fault, or all of them: they no longer strike, but past effects stay."""
 
     kind: ClassVar[str] = "clear"
     id: Annotated[int, Is("number of the fault; 0 = all", minimum=0, positional=True)] = 0
 
     def answer(self, session: Session) -> dict[str, Any]:
-        """The number of removed faults."""
+        """Removes the faults and returns their number."""
         return {"cleared": session.simulation.faults.clear(self.id or None)}
 
 
 @dataclass(frozen=True)
 class Get(Request):
-    """Read an entry of a slave's object dictionary, whatever a master may do with it."""
+    """Read an entry of a slave's object dictionary, even if a master may not read it."""
 
     kind: ClassVar[str] = "get"
     slave: Slave
     object: Object
 
     def answer(self, session: Session) -> dict[str, Any]:
-        """Value, type and name of the entry."""
+        """Returns value, type and name of the entry."""
         entry = _entry(session.simulation, self.slave, self.object)
         value = entry.on_read() if entry.on_read else entry.value
         return {
@@ -138,10 +138,10 @@ class Get(Request):
 
 @dataclass(frozen=True)
 class Set(Request):
-    """Write an entry of a slave's object dictionary, read-only ones too: a tester sets inputs.
+    """Write an entry of a slave's object dictionary, even if a master may not write it.
 
     An input that the device, a wire or a plant computes is computed again in the next step. PDO
-    mapping and assignment are not changed so.
+    mapping and assignment cannot be changed like this.
     """
 
     kind: ClassVar[str] = "set"
@@ -150,11 +150,11 @@ class Set(Request):
     value: Annotated[str, Is("new value: a number, a text, or bytes as hexadecimal digits")]
 
     def answer(self, session: Session) -> dict[str, Any]:
-        """An empty result."""
+        """Returns an empty result."""
         entry = _entry(session.simulation, self.slave, self.object)
         if is_description(entry.index):
             raise UsageError(
-                f"0x{entry.index:04X} describes the process data: that is for the master to change"
+                f"0x{entry.index:04X} describes the process data: only a master can change it"
             )
         entry.value = _value(entry, self.value)
         return {}
@@ -162,7 +162,7 @@ class Set(Request):
 
 @dataclass(frozen=True)
 class Registers(Request):
-    """Read registers or memory of a slave controller, which acknowledges nothing."""
+    """Read registers or memory of a slave controller, without acknowledging anything."""
 
     kind: ClassVar[str] = "registers"
     slave: Slave
@@ -174,7 +174,7 @@ class Registers(Request):
             raise UsageError(f"{self.kind}: the last register is 0x{_MEMORY - 1:04X}")
 
     def answer(self, session: Session) -> dict[str, Any]:
-        """The bytes as hexadecimal digits."""
+        """Returns the bytes as hexadecimal digits."""
         _check_slave(session.simulation, self.slave)
         data = session.simulation.segment.peek(self.slave, self.address, self.count)
         return {"data": data.hex()}
@@ -187,7 +187,7 @@ class ShowClocks(Request):
     kind: ClassVar[str] = "clocks"
 
     def answer(self, session: Session) -> dict[str, Any]:
-        """The clocks as maps, in wire order."""
+        """Returns the clocks as maps, in wire order."""
         return {"clocks": [to_map(clock) for clock in session.simulation.segment.clocks()]}
 
 
@@ -198,7 +198,7 @@ class Stop(Request):
     kind: ClassVar[str] = "stop"
 
     def answer(self, session: Session) -> dict[str, Any]:
-        """An empty result."""
+        """Returns an empty result."""
         session.stop()
         return {}
 
@@ -262,7 +262,7 @@ def _value(entry: Variable, text: str) -> Value:
             entry.pack(number)
             return number
         value = int(text, 0)
-    except (ValueError, OverflowError):  # OverflowError: a REAL32 cannot hold it
+    except (ValueError, OverflowError):  # OverflowError: too large for REAL32
         raise UsageError(f"'{text[:40]}' is no value of type {entry.type.name}") from None
     low = -(1 << entry.bits - 1) if is_signed(entry.type) else 0
     high = low + (1 << entry.bits) - 1

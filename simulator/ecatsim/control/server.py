@@ -42,7 +42,7 @@ class Server:
 
     Nothing here blocks: `serve` looks at every connection once and carries out at most one request
     of each. A client whose request is too long is dropped. If there are too many clients, the one
-    with the oldest last request is dropped.
+    whose last request is the oldest is dropped.
 
     Args:
         simulation: The simulation.
@@ -142,7 +142,7 @@ class Server:
             return {"result": carry_out(self._session, command, arguments)}
         except EcatError as error:
             return {"error": error.to_reply()}
-        except Exception as error:  # of a device, for example: it must not end the simulation
+        except Exception as error:  # for example in a device; it must not end the simulation
             traceback.print_exc()
             defect = EcatError(f"defect: {type(error).__name__}: {error}; see stderr of ecatsim")
             return {"error": defect.to_reply()}
@@ -153,7 +153,7 @@ def _encode(document: dict[str, Any]) -> bytes:
 
 
 def _decode(line: bytes) -> tuple[str, dict[str, object]]:
-    """The command and the arguments of a request.
+    """Decodes the command and the arguments of a request.
 
     Raises:
         UsageError: The line is not a valid request.

@@ -2,8 +2,8 @@
 
 They are in `$ECATSIM_RUNTIME_DIR`; else in `$XDG_RUNTIME_DIR/ecatsim` if that directory belongs to
 the user; else in `/run/ecatsim` for root and in `/tmp/ecatsim-UID` for others. They are reachable
-from all network and user namespaces. A lock on the directory protects against races of simulators
-that start and end.
+from all network and user namespaces. A lock on the directory prevents races between simulators that
+start and end.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _ATTEMPTS = 10
 
 
 def folder() -> Path:
-    """The directory of this user's sockets; it may not exist yet."""
+    """Returns the directory of this user's sockets, which may not exist yet."""
     if override := os.environ.get(FOLDER_VARIABLE):
         return Path(override)
     if session := os.environ.get("XDG_RUNTIME_DIR"):
@@ -57,7 +57,7 @@ def check_name(name: str) -> str:
 
 
 def path_of(name: str) -> Path:
-    """The path of the socket of a simulator.
+    """Returns the path of the socket of a simulator.
 
     Raises:
         UsageError: The name is not allowed, or the path is too long for a socket.
@@ -72,7 +72,7 @@ def path_of(name: str) -> Path:
 
 
 def names() -> list[str]:
-    """The names of all sockets, including those that killed simulators have left behind."""
+    """Returns the names of all sockets, even of those that killed simulators left behind."""
     found = (path.name.removesuffix(_SUFFIX) for path in folder().glob("*" + _SUFFIX))
     return sorted(name for name in found if _NAME.fullmatch(name))
 

@@ -52,7 +52,7 @@ class Status:
         cycles: Cycles of process data that have begun.
         frames: Frames answered.
         malformed: Frames whose lengths contradict each other.
-        dropped: Frames that did not come back: because of faults, open links or no slaves.
+        dropped: Frames that did not come back, because of faults or open links, or without slaves.
         slaves: The slaves in wire order.
     """
 
@@ -80,7 +80,10 @@ class Status:
 
 
 def to_map(item: Any) -> dict[str, Any]:
-    """Converts a status to a map, much faster than `dataclasses.asdict`: the loop waits for it."""
+    """Converts a status to a map.
+
+    This is much faster than `dataclasses.asdict`, and the simulation waits for it.
+    """
     return {field: getattr(item, field) for field in item.__slots__}
 
 

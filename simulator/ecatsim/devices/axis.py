@@ -38,7 +38,7 @@ class Axis:
     Attributes:
         shift: Position of the machine's zero in the coordinates of the drive, which homing sets.
         demand: The demand on the motor now: position, speed or torque.
-        held: Whether the axis is held at a limit or its target was cut to one.
+        held: Whether the axis is held at a limit, or its target was moved to a limit.
     """
 
     def __init__(self, motor: Motor, switches: Switches) -> None:
@@ -53,7 +53,7 @@ class Axis:
 
     @property
     def machine(self) -> float:
-        """Position in the coordinates of the machine; its whole revolutions are index pulses."""
+        """Position in the coordinates of the machine; each revolution has an index pulse."""
         return self.motor.position * self.scale
 
     @property
@@ -80,7 +80,7 @@ class Axis:
         self._limits = (float(low), float(high)) if low < high else None
 
     def within(self, position: float) -> float:
-        """The position, cut to the software limits."""
+        """Returns a position, moved to a software limit if it is beyond."""
         if self._limits is None:
             return position
         low, high = self._limits
@@ -133,7 +133,7 @@ class Axis:
         return bool(self.inputs & (POSITIVE_LIMIT if direction > 0 else NEGATIVE_LIMIT))
 
     def _inward(self, value: float) -> float:
-        """The speed or torque, or 0 if it leads further out at a limit."""
+        """Returns a speed or torque, or 0 if it would move the axis further beyond a limit."""
         if value == 0:
             return value
         beyond = self._at_switch(value)

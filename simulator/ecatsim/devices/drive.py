@@ -51,12 +51,12 @@ _OPERATIONS: dict[Mode, type[Operation]] = {
 
 
 def _wrapped(value: float) -> int:
-    """The value as a signed 32-bit counter shows it."""
+    """Returns a value as a signed 32-bit counter shows it."""
     return (round(value) + (1 << 31)) % (1 << 32) - (1 << 31)
 
 
 def _held(value: float, bits: int) -> int:
-    """The value, rounded and cut to a signed type."""
+    """Returns a value, rounded and limited to the range of a signed type."""
     return max(-(1 << bits - 1), min((1 << bits - 1) - 1, round(value)))
 
 
@@ -195,7 +195,7 @@ class Drive(Device):
         self.axis.limit(self[0x607D, 1], self[0x607D, 2])
 
     def _mode(self) -> Mode:
-        """The commanded mode; an unknown one leaves the mode as it is."""
+        """Returns the commanded mode, or the present one if the commanded one is unknown."""
         try:
             return Mode(self[0x6060, 0])
         except ValueError:

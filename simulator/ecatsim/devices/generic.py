@@ -35,7 +35,7 @@ class Loopback(Device):
     _data = bytes(_BYTES)
 
     def receive(self, data: bytes) -> None:
-        """Keeps the outputs as bytes: long lines must be fast."""
+        """Keeps the outputs as bytes, which makes long lines of slaves fast."""
         self._data = data
 
     def give(self) -> bytes:

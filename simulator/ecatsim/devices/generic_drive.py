@@ -44,9 +44,8 @@ class CiA402Drive(Drive):
         encoder: Counts per revolution.
         inertia: Inertia of motor and load in kg m².
         seed: Seed of the noise in the measured current.
-        forgetful: Whether it loses its maximum torque with its power, as drives do that keep no
-            parameters. It is then 0, and to enable the drive before a master has written 0x6072
-            is a fault (0x6320).
+        forgetful: Whether the drive does not store its maximum torque 0x6072, so that it is 0 at
+            power-on. Enabling the drive before a master has written it is then a fault (0x6320).
     """
 
     vendor = 0x0000FFFF
@@ -79,8 +78,8 @@ class CiA402Drive(Drive):
         Parameter("home", "home switch, in revolutions from the start", 0.0, -10000, 10000),
         Parameter("encoder", "counts per revolution", 65536, 100, 16777216),
         Parameter("inertia", "motor and load in kg m²", 2.5e-4, 1e-6, 1),
-        Parameter("seed", "of the noise of the measured current", 1),
-        Parameter("forgetful", "0x6072 is 0 after power-on, and a fault while it is", False),
+        Parameter("seed", "seed of the noise of the measured current", 1),
+        Parameter("forgetful", "0x6072 is 0 at power-on; enabling is then a fault", False),
     )
 
     def __init__(

@@ -50,7 +50,7 @@ class Homing(Operation):
         self._phase, self._started = _Phase.IDLE, False
 
     def resume(self) -> None:
-        """Begins anew: after a halt, homing must be started again."""
+        """Returns to the idle phase: after a halt, the master must start homing again."""
         self.start()
 
     def command(self, word: int, elapsed: float) -> None:
@@ -68,7 +68,7 @@ class Homing(Operation):
         self._last = self._axis.machine
 
     def status(self, word: int, elapsed: float) -> int:
-        """Bits 13, 12 and 10 of the status word: error, attained, target reached."""
+        """Returns bits 13, 12 and 10 of the status word: error, attained, target reached."""
         still = TARGET_REACHED * self._stands
         if word & HALT or self._phase is _Phase.IDLE:
             return still
@@ -132,7 +132,7 @@ class Homing(Operation):
             self._phase = _Phase.DONE
 
     def _index_passed(self) -> float | None:
-        """The first index pulse between the last position and this one; None if there is none."""
+        """Returns the first index pulse between the last position and this one, or None."""
         turn, here, last = self._axis.encoder, self._axis.machine, self._last
         pulse = (math.floor(last / turn) + 1 if here > last else math.ceil(last / turn) - 1) * turn
         return pulse if min(last, here) <= pulse <= max(last, here) else None
@@ -142,7 +142,7 @@ class Homing(Operation):
         self._phase = _Phase.STOPPING
 
     def _speed(self) -> float:
-        """The target speed of the phase."""
+        """Returns the target speed of the phase."""
         search, zero = self._objects[0x6099, 1], self._objects[0x6099, 2]
         if self._phase is _Phase.TO_SWITCH:
             return self._direction * search

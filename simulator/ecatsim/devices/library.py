@@ -43,7 +43,7 @@ class LibraryDevice:
 
     Attributes:
         name: The name that `make` takes.
-        summary: What the device is, in one line.
+        summary: Description in one line.
         vendor: Vendor ID.
         product: Product code.
         revision: Revision number.
@@ -68,7 +68,7 @@ def _library() -> tuple[LibraryDevice, ...]:
 
 
 def library() -> list[LibraryDevice]:
-    """All devices, couplers and terminals first."""
+    """Returns all devices, couplers and terminals first."""
     return list(_library())
 
 
@@ -122,6 +122,6 @@ def _describe(name: str, kind: type[Device]) -> LibraryDevice:
 
 
 def _first_sentence(kind: type[Device]) -> str:
-    """The first sentence of the docstring of a device class."""
+    """Returns the first sentence of the docstring of a device class."""
     line = (kind.__doc__ or "").split("\n", 1)[0]
     return re.split(r"[.:] ", line + " ", maxsplit=1)[0]

@@ -92,7 +92,7 @@ class Operation:
         self._axis.command_speed(self._reference)
 
     def status(self, word: int, elapsed: float) -> int:
-        """The bits 10, 12 and 13 of the status word."""
+        """Returns bits 10, 12 and 13 of the status word."""
         del word, elapsed
         return 0
 
@@ -117,7 +117,7 @@ class ProfileVelocity(Operation):
         self._axis.command_speed(self._reference)
 
     def status(self, word: int, elapsed: float) -> int:
-        """Bit 10: target reached; bit 12: speed is 0."""
+        """Returns bit 10, target reached, and bit 12, speed is 0."""
         objects, speed = self._objects, self._axis.speed
         rest = abs(speed - (0.0 if word & HALT else self._target()))
         reached = self._reached.reached(rest <= objects[0x606D, 0], elapsed, objects[0x606E, 0])
@@ -133,7 +133,7 @@ class Cyclic(Operation):
     """The base class of the cyclic synchronous modes."""
 
     def status(self, word: int, elapsed: float) -> int:
-        """Bit 12: the drive follows the target."""
+        """Returns bit 12, the drive follows the target."""
         return BIT_12 * (not word & HALT)
 
 
@@ -159,7 +159,7 @@ class ProfileTorque(Operation):
         self._axis.command_torque(self._reference)
 
     def status(self, word: int, elapsed: float) -> int:
-        """Bit 10: the demanded torque is the target; during a halt: the motor stands still."""
+        """Returns bit 10: the demand is the target, or during a halt the motor stands still."""
         if word & HALT:
             return TARGET_REACHED * (self._axis.motor.speed == 0.0)
         return TARGET_REACHED * (self._reference == self._objects[0x6071, 0])

@@ -78,7 +78,7 @@ class ModularIO(Device):
         super().__init__()
 
     def with_module(self, slot: int, module: str) -> Device:
-        """The same island with another module in a slot."""
+        """Makes the same island with another module in a slot."""
         if not 1 <= slot <= len(self._names):
             raise UsageError(f"{self.order} has slots 1 to {len(self._names)}, not {slot}")
         names = self._names.copy()
@@ -96,7 +96,7 @@ def _find(name: str) -> _Module | None:
 
 
 def _pdo(module: _Module, name: str, slot: int) -> Pdo:
-    """The PDO of a module; `slot` counts from 0 here."""
+    """Makes the PDO of a module; `slot` counts from 0 here."""
     index = (0x7000 if module.output else 0x6000) + slot * _DISTANCE
     entries = [
         Entry(index, channel, f"Channel {channel}", module.type, module.bits)

@@ -70,7 +70,7 @@ class ProfilePosition(Operation):
         self._reached = Window()
 
     def start(self) -> None:
-        """Makes the point where the axis can stop, with the deceleration 0x6084, its target."""
+        """Sets the target to the point where the axis can stop with the deceleration 0x6084."""
         self._acknowledged = False
         self._waiting.clear()
         self._target = self._axis.position
@@ -80,7 +80,7 @@ class ProfilePosition(Operation):
             self._target += math.copysign(braking, self._motion.speed)
 
     def resume(self) -> None:
-        """Continues to the set-point from where the axis is."""
+        """Continues to the set-point from the present position."""
         self._motion = Trapezoid(self._axis.position, self._axis.speed)
 
     def command(self, word: int, elapsed: float) -> None:
@@ -100,7 +100,7 @@ class ProfilePosition(Operation):
         self._axis.command_position(motion.position, motion.speed)
 
     def status(self, word: int, elapsed: float) -> int:
-        """Bit 10: target reached; bit 12: set-point acknowledged."""
+        """Returns bit 10, target reached, and bit 12, set-point acknowledged."""
         objects, axis = self._objects, self._axis
         if word & HALT:
             inside = abs(axis.speed) <= objects[0x606F, 0]

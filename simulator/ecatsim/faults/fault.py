@@ -1,4 +1,4 @@
-"""The base classes of faults: their schedule, and how they are written down."""
+"""The base classes of faults, with their schedule and parameters."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Fault(Described):
     ] = 1
     count: Annotated[int, Is("number of strikes; 0 = for ever", minimum=0, maximum=_MAX_32)] = 1
     probability: Annotated[float, Is("chance of each strike", minimum=0.0, maximum=1.0)] = 1.0
-    seed: Annotated[int, Is("of the random numbers", minimum=0, maximum=_MAX_32)] = 1
+    seed: Annotated[int, Is("seed of the random numbers", minimum=0, maximum=_MAX_32)] = 1
 
     def check_slave(self, count: int) -> None:
         """Checks that the slave of the fault, if it has one, exists in a rig of `count` slaves.
@@ -52,7 +52,7 @@ class Fault(Described):
             raise UsageError(f"{self.kind}: there is no slave {position}; the rig has {there}")
 
     def relative_to(self, folder: Path) -> Self:
-        """The same fault, with its file paths taken relative to a folder."""
+        """Returns the same fault with absolute paths; relative paths count from a folder."""
         paths: dict[str, Any] = {
             p.name: named_devices.absolute(getattr(self, p.name), folder)
             for p in parameters(type(self))

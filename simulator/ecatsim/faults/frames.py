@@ -27,7 +27,7 @@ class FrameFault(Fault):
     )
 
     def on_segment(self, now: int) -> SegmentFault:
-        """The same fault in the form for the segment, if the bus is in cycle `now`."""
+        """Converts the fault for the segment of a bus that is in cycle `now`."""
         return SegmentFault(
             self.on_wire,
             first=self.at_cycle if self.at_cycle or self.every == 1 else now + 1,
@@ -53,7 +53,9 @@ class Drop(FrameFault):
 
     kind: ClassVar[str] = "drop"
     on_wire: ClassVar[FaultKind] = FaultKind.DROP
-    way_back: Annotated[bool, Is("the slaves have seen them")] = False
+    way_back: Annotated[
+        bool, Is("lose frames on their way back, after the slaves have seen them")
+    ] = False
 
     def _value(self) -> int:
         return int(self.way_back)
@@ -81,11 +83,11 @@ class Duplicate(FrameFault):
 
 @dataclass(frozen=True)
 class Corrupt(FrameFault):
-    """Frames come back with wrong bits, which lie side by side."""
+    """Frames come back with some adjacent bits inverted."""
 
     kind: ClassVar[str] = "corrupt"
     on_wire: ClassVar[FaultKind] = FaultKind.CORRUPT
-    bits: Annotated[int, Is("how many", minimum=1, maximum=_MAX_BITS)] = 1
+    bits: Annotated[int, Is("number of bits", minimum=1, maximum=_MAX_BITS)] = 1
 
     def _value(self) -> int:
         return self.bits
@@ -109,7 +111,7 @@ class Wkc(FrameFault):
 
     kind: ClassVar[str] = "wkc"
     on_wire: ClassVar[FaultKind] = FaultKind.WKC
-    value: Annotated[int, Is("added to it", minimum=-0xFFFF, maximum=0xFFFF)]
+    value: Annotated[int, Is("number to add", minimum=-0xFFFF, maximum=0xFFFF)]
 
     def _value(self) -> int:
         return self.value

@@ -13,7 +13,7 @@ _IMAGES = (".bin", ".sii", ".eeprom")
 
 
 def absolute(device: str, folder: Path) -> str:
-    """The same device name; a file gets an absolute path."""
+    """Returns a device name, with an absolute path if it is a file."""
     return str((folder / device).absolute()) if _is_file(device) else device
 
 

@@ -1,4 +1,4 @@
-"""The faults of a simulation: when they strike, and how often they have."""
+"""The faults of a simulation, with the schedule and the state of each."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Faults(FaultMethods):
 
     Each fault has a method that adds it and returns its number: `faults.drop(count=3,
     at_cycle=1000)`, `faults.al_error(2, code=0x001D)`. All methods are thread-safe while the
-    simulation runs, but for `run`.
+    simulation runs, except `run`.
 
     Args:
         target: The simulation in which they strike.
@@ -113,7 +113,7 @@ class Faults(FaultMethods):
             return len(gone)
 
     def list(self) -> list[FaultState]:
-        """All faults that strike or will strike, and the last that have struck, oldest first."""
+        """Returns all faults that may strike, and the last finished ones, oldest first."""
         with self._target.lock:
             self._look_at_segment()
             return [
@@ -137,7 +137,7 @@ class Faults(FaultMethods):
 
     def _withdraw(self, entry: _Entry) -> None:
         if entry.on_segment is not None:
-            with contextlib.suppress(UsageError):  # the segment has forgotten it, since it is done
+            with contextlib.suppress(UsageError):  # finished, and forgotten by the segment
                 self._target.segment.clear(entry.on_segment)
 
     def _look_at_segment(self) -> None:
@@ -164,7 +164,7 @@ class Faults(FaultMethods):
             fault.check(self._target)
 
     def _strike(self, entry: _Entry, cycle: int, *, at_once: bool = False) -> None:
-        """Strikes once. Only a strike at the time of adding raises its error; others keep it."""
+        """Strikes once. A strike `at_once` raises its error; any other one stores it."""
         fault = entry.fault
         assert isinstance(fault, SlaveFault)
         if fault.probability < 1.0 and entry.random.random() >= fault.probability:

@@ -16,7 +16,7 @@ from .fault import SlaveFault
 from .target import Target
 
 _MAX_16 = 0xFFFF
-_CHECKSUM = 14  # its byte in the SII image
+_CHECKSUM = 14  # byte of the checksum in the SII image
 _HEADER = 128  # bytes of an SII image before its categories
 
 Port = Annotated[
@@ -27,7 +27,7 @@ Port = Annotated[
 
 @dataclass(frozen=True)
 class BreakLink(SlaveFault):
-    """A cable breaks: frames turn round at both ends, and what is behind it is not reached."""
+    """A cable breaks: frames turn round at both ends and do not reach the slaves behind it."""
 
     kind: ClassVar[str] = "break-link"
     port: Port = 0
@@ -39,7 +39,7 @@ class BreakLink(SlaveFault):
 
 @dataclass(frozen=True)
 class HealLink(SlaveFault):
-    """A broken cable is whole again; slaves keep state and address, as they kept their power."""
+    """A broken cable is whole again; slaves behind it have kept their state and address."""
 
     kind: ClassVar[str] = "heal-link"
     port: Port = 0
@@ -51,7 +51,7 @@ class HealLink(SlaveFault):
 
 @dataclass(frozen=True)
 class PowerOff(SlaveFault):
-    """A slave loses its power: links at all its ports are lost, and its state and address."""
+    """A slave loses its power, and with it the links at all ports, its state and its address."""
 
     kind: ClassVar[str] = "power-off"
 
@@ -185,7 +185,7 @@ class Emergency(SlaveFault):
 
 @dataclass(frozen=True)
 class Mailbox(SlaveFault):
-    """A mailbox answers late, never, or nonsense; or it takes no mail. `none` ends that."""
+    """A mailbox answers late, never or with nonsense, or takes no mail. `none` ends the fault."""
 
     kind: ClassVar[str] = "mailbox"
     mode: Annotated[
@@ -208,10 +208,10 @@ class Mailbox(SlaveFault):
 
 @dataclass(frozen=True)
 class Eeprom(SlaveFault):
-    """The EEPROM of a slave holds something else; `restore` brings its first content back.
+    """The EEPROM of a slave gets another content; `restore` brings the original one back.
 
-    The master reads the new content at once. What the slave controller loads from it (alias, PDI
-    configuration, loaded bit) follows when it loads the EEPROM again.
+    The master reads the new content at once. The values that the slave controller loads from it
+    (alias, PDI configuration, loaded bit) change when it loads the EEPROM again.
     """
 
     kind: ClassVar[str] = "eeprom"

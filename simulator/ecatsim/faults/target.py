@@ -29,7 +29,7 @@ class Target(Protocol):
         ...
 
     def powered(self, position: int) -> Device:
-        """The device of a slave; raises StateError if the slave has no power."""
+        """Returns the device of a slave; raises StateError if the slave has no power."""
         ...
 
     def power(self, position: int, on: bool) -> None:
@@ -41,7 +41,7 @@ class Target(Protocol):
         ...
 
     def original_eeprom(self, position: int) -> bytes:
-        """The SII image of a slave before any fault."""
+        """Returns the SII image of a slave before any fault."""
         ...
 
     def eeprom_at_power_on(self, position: int, image: bytes) -> None:

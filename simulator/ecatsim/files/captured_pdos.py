@@ -19,7 +19,7 @@ _DIRECTIONS = ((OUTPUTS, USAGE_OUTPUTS), (INPUTS, USAGE_INPUTS))
 
 
 def captured_pdos(slave: CapturedSlave, base: Device) -> list[Pdo] | None:
-    """The PDOs of a slave; None if they are those of its SII.
+    """Returns the PDOs of a slave; None if they are those of its SII.
 
     Args:
         slave: The captured slave.
@@ -52,7 +52,7 @@ def captured_pdos(slave: CapturedSlave, base: Device) -> list[Pdo] | None:
 
 
 def _facts(pdos: list[Pdo]) -> tuple[list[object], dict[int, object]]:
-    """What defines the process data: the assigned PDOs in order, and the mapping of each PDO."""
+    """Returns the assigned PDOs in order, and the mapping of each PDO, for a comparison."""
     return (
         [(pdo.sync_manager, pdo.index) for pdo in pdos if pdo.sync_manager != UNASSIGNED],
         {pdo.index: [(e.index, e.subindex, e.bit_length) for e in pdo.entries] for pdo in pdos},
@@ -60,7 +60,7 @@ def _facts(pdos: list[Pdo]) -> tuple[list[object], dict[int, object]]:
 
 
 def _uploads(slave: CapturedSlave, index: int) -> list[int]:
-    """The values in an array of the dictionary; 0 for each that was not read."""
+    """Returns the values in an array of the dictionary, with 0 for values that were not read."""
     count = number(slave.values.get((index, 0)))
     return [number(slave.values.get((index, i))) for i in range(1, count + 1)]
 

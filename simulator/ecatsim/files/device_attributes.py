@@ -90,7 +90,7 @@ _MAX_SLOTS = 0xFE
 
 
 def attributes() -> dict[str, str]:
-    """The attributes of `Device` and its bases, with their annotated types as text."""
+    """Returns the attributes of `Device` and its bases, with their annotated types as text."""
     found: dict[str, str] = {}
     for kind in reversed(Device.__mro__):
         found |= vars(kind).get("__annotations__", {})
@@ -98,14 +98,14 @@ def attributes() -> dict[str, str]:
 
 
 def _scalars() -> dict[str, str]:
-    """The attributes that are numbers, texts or truth values, with their types as text."""
+    """Returns the attributes that are numbers, texts or truth values, with their types as text."""
     simple = ("int", "str", "bool", "float")
     plain = {name: kind.removesuffix(" | None") for name, kind in attributes().items()}
     return {name: kind for name, kind in plain.items() if kind in simple}
 
 
 def keys() -> tuple[str, ...]:
-    """The keys that this module reads."""
+    """Returns the keys that this module reads."""
     return (*_scalars(), *_READERS)
 
 
@@ -140,7 +140,7 @@ def _scalar(table: Table, key: str, kind: str) -> int | float | str | bool:
 def _numbers(
     table: Table, kind: type[T], bounds: Bounds, old: T, more: tuple[str, ...] = ()
 ) -> dict[str, Any]:
-    """The fields of a dataclass of numbers and truth values, with the changes of a table.
+    """Reads the fields of a dataclass of numbers and truth values; the others stay as in `old`.
 
     `more` are further keys that the table may have.
     """

@@ -1,7 +1,7 @@
 """Device files: a slave described in TOML (`docs/simulator-rigs.md`, "Rig and device files").
 
 Every attribute of `Device` has a key of the same name; a missing one is derived from the others or
-has its default. A description may also begin with an SII image, and then change it and add to it.
+has its default. A description may also start from an SII image, and then change it and add to it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _LATE_OBJECTS = (0x1C00,)
 
 
 def keys() -> tuple[str, ...]:
-    """All keys that a device file may have."""
+    """Returns all keys that a device file may have."""
     return (*device_attributes.keys(), *_OTHERS)
 
 
@@ -55,7 +55,9 @@ def read(table: Table, name: str) -> Device:
     """
     strict = table.boolean("strict", True)
     if "strict" in table and "sii" not in table:
-        table.fail("strict", "belongs beside `sii`: whether an image with mistakes is refused")
+        table.fail(
+            "strict", "belongs beside `sii`: it says whether an image with mistakes is refused"
+        )
     base = sources.sii(table, "sii", strict=strict) if "sii" in table else None
     return _Reader(table, base, name).device()
 
@@ -98,7 +100,7 @@ class DescribedDevice(Device):
                 self.dictionary.remove(item.index)
 
     def sii_image(self) -> bytes:
-        """The SII image that the description began with, or one built from the attributes."""
+        """Returns the SII image that the description started from, or builds one."""
         if self._image is None:
             return super().sii_image()
         return sources.patched(self._image, self.alias, self.serial)
@@ -176,7 +178,7 @@ class _Reader:
             self._attributes[key] = tuple(pdo for pdo in pdos.values() if pdo.index in indices)
 
     def _channel(self, table: Table, output: bool, any_outputs: bool) -> int:
-        """The number of the sync manager that carries a PDO."""
+        """Returns the number of the sync manager that carries a PDO."""
         managers = self._attributes.get("sync_managers")
         if managers is not None:
             wanted = SmType.OUTPUTS if output else SmType.INPUTS

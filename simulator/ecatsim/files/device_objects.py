@@ -213,12 +213,12 @@ def _apply_array(objects: Dictionary, table: Table, index: int) -> set[int]:
 def _apply_entries(objects: Dictionary, table: Table, index: int) -> set[int]:
     for key in ("value", "names", "data", "abort", "min", "max", "bits"):
         if key in table:
-            table.fail(key, "does not belong beside `entry`; say it of an entry")
+            table.fail(key, "does not belong beside `entry`; write it in an entry")
     if index not in objects:
         objects.record(index, f"Object 0x{index:04X}", [])
     item = objects.object(index)
     if item.code == ObjectCode.VAR and item.max_subindex == 0 and 0 in item.entries:
-        table.fail("entry", "does not belong to a variable, which this object is in a PDO")
+        table.fail("entry", "does not belong here: a PDO has this object as a variable")
     described: set[int] = set()
     added = False
     for row in table.tables("entry"):
@@ -290,10 +290,10 @@ def _variable(
         new.on_read = _refuse(table.integer("abort", 1, 0xFFFFFFFF))
     if old is None:
         return new
-    said = {"min": "minimum", "max": "maximum"}
+    attributes = {"min": "minimum", "max": "maximum"}
     for key in ("min", "max", "default", "unit", "zero_keeps"):
         if key in table:
-            setattr(old, said.get(key, key), getattr(new, said.get(key, key)))
+            setattr(old, attributes.get(key, key), getattr(new, attributes.get(key, key)))
     for key in ("name", "type", "bits", "access", "value"):
         setattr(old, key, getattr(new, key))
     old.on_read = new.on_read or old.on_read
@@ -325,7 +325,7 @@ def read_type(table: Table) -> DataType:
     value = table.data.get("type")
     if type(value) is int:
         number = table.integer("type", 0, 0xFFFF)
-        # Types without a name keep their number; values are bytes.
+        # A type without a name keeps its number; its value is bytes.
         return DataType(number) if number in tuple(DataType) else number  # type: ignore[return-value]
     if type(value) is not str:
         text = f"not {table.show('type')}" if value is not None else "which is missing"

@@ -59,8 +59,7 @@ def device_from_esi(
             Slots behind the last one are empty.
 
     Raises:
-        ConfigError: The file cannot be used, or not exactly one of its devices fits, or not exactly
-            one module.
+        ConfigError: The file cannot be used, or it has no matching device or module, or several.
     """
     path = Path(path)
     state = _state(path)
@@ -80,7 +79,7 @@ def device_from_esi(
 
 
 def _idents(esi: EsiDevice, modules: Sequence[str | int]) -> list[int]:
-    """The ident of the module in each slot of a device, slot 1 first.
+    """Finds the ident of the module in each slot of a device, slot 1 first.
 
     Raises:
         UsageError: The file has no such module, or several with this type.
@@ -102,7 +101,7 @@ def _idents(esi: EsiDevice, modules: Sequence[str | int]) -> list[int]:
 
 
 def _state(path: Path) -> tuple[int, int]:
-    """Time and size of a file, which change when it is written."""
+    """Returns time and size of a file, which change when it is written."""
     try:
         info = path.stat()
     except (OSError, ValueError):  # the reader reports the error

@@ -60,10 +60,10 @@ def get(path: Path, name: str) -> Any:
 
 
 def explained(path: Path, call: Callable[[], T]) -> T:
-    """Calls a function that a file defines; an error names the line.
+    """Calls a function that a file defines.
 
     Raises:
-        ConfigError: The call fails.
+        ConfigError: The call fails; the message names the line.
     """
     try:
         return call()
@@ -74,7 +74,7 @@ def explained(path: Path, call: Callable[[], T]) -> T:
 
 
 def place(error: BaseException) -> str:
-    """The last place in a user's file that an error passed, `file:line`; "" if there is none."""
+    """Returns the last place in a user's file that an error passed, `file:line`, or ""."""
     found = ""
     trace = error.__traceback__
     while trace is not None:

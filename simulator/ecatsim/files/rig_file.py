@@ -39,7 +39,7 @@ def load(path: Path) -> Rig:
     if "product" in table and "slave" not in table:
         table.fail(
             "product",
-            "belongs to a device; `ecatsim` wants a rig file, which takes this one as a slave: "
+            "belongs to a device file, but this must be a rig file: write one with "
             f'[[slave]] and device = "{path.name}"',
         )
     table.only(_KEYS)
@@ -80,7 +80,7 @@ def _slave(table: Table, number: int) -> Device:
         table.only(dict.fromkeys(known))
         table.fail(
             None,
-            'says no device: it needs `device = "EL2004"` (see `ecatsim devices`) or the name of '
+            'names no device: it needs `device = "EL2004"` (see `ecatsim devices`) or the name of '
             "a file, `sii`, `esi`, or `vendor` and `product`",
         )
     _identify(table, device)
@@ -90,7 +90,7 @@ def _slave(table: Table, number: int) -> Device:
 def _identify(table: Table, device: Device) -> None:
     """Sets alias, serial number and device identification.
 
-    Those that are in the SII also for a device whose SII image comes from a file.
+    Alias and serial number also change in the SII image, even if the image comes from a file.
     """
     if not any(key in table for key in _IDENTITY):
         return
@@ -170,11 +170,11 @@ def _module(table: Table, key: Key) -> str | int:
     return table.text(key) if isinstance(table.data[key], str) else table.integer(key, 0, _U32)
 
 
-# --- what connects them --------------------------------------------------------------------------
+# --- connections ---------------------------------------------------------------------------------
 
 
 def _terminal(table: Table, key: str, rig: Rig) -> Terminal:
-    """The terminal that `from` (an output) or `to` (an input) names."""
+    """Reads the terminal that `from` (an output) or `to` (an input) names."""
     where = table.table(key)
     where.only(("slave", "entry"))
     count = len(rig.devices)
@@ -202,7 +202,7 @@ def _terminal(table: Table, key: str, rig: Rig) -> Terminal:
 
 
 def _driven(table: Table, rig: Rig, driven: set[Terminal]) -> Terminal:
-    """The terminal that `to` names; only one wire, waveform or `loopback` may drive it."""
+    """Reads the terminal in `to`, which only one wire, waveform or `loopback` may drive."""
     target = _terminal(table, "to", rig)
     device, index, subindex = target
     loops = device.loops if isinstance(device, device_file.DescribedDevice) else ()
@@ -228,6 +228,6 @@ def _add_plant(table: Table, rig: Rig) -> None:
     path = _existing(table, "python", name)
     made = _call(path, python_file.get(path, function), _parameters(table), rig)
     if not callable(made):
-        table.fail("python", f"{function} in '{path}' makes nothing that takes the time")
+        table.fail("python", f"{function} in '{path}' does not make a function of the time")
     period = table.number("period", 0.001, low=1e-6, high=3600.0)
     rig.add_plant(made, period, table.number("catch_up", 0.1, low=0.0))

@@ -36,7 +36,7 @@ def connect(table: Table, rows: list[Table], rig: Rig) -> None:
             row.fail(
                 "at",
                 "is not in the order of the frames: behind a slave come those at its port 3, then "
-                f"at port 1, then at port 2, by which this is slave {rig.devices.index(device)}",
+                f"at port 1, then at port 2; this one must be slave {rig.devices.index(device)}",
             )
     _close_ring(table, rig)
     table.explain("ring" if rig.ring else "slave", rig.wiring)

@@ -30,7 +30,7 @@ _CHIP_KEYS = ("type", "revision", "build", "fmmus", "sync_managers", "ram_kib", 
 
 
 def rig_text(name: str, slaves: Sequence[CapturedSlave]) -> str:
-    """The text of the rig file for a captured segment.
+    """Returns the text of the rig file for a captured segment.
 
     Args:
         name: Name of the rig.
@@ -43,7 +43,7 @@ def rig_text(name: str, slaves: Sequence[CapturedSlave]) -> str:
         if slave.position:
             ports = slaves[parent].chip[_PORT_DESCRIPTOR]
             known = slave.chip[_PORT_DESCRIPTOR] & 3 >= _EBUS and ports >> 2 * port & 3 >= _EBUS
-            hidden = "" if known else "# against the port descriptors: "
+            hidden = "" if known else "# contradicts the port descriptors: "
             lines.append(f"{hidden}at = {{ slave = {parent}, port = {port} }}")
         lines += _slave(slave)
     return "\n".join(lines) + "\n"
@@ -74,7 +74,7 @@ def _slave(slave: CapturedSlave) -> Iterator[str]:
 
 
 def _chip(slave: CapturedSlave) -> Iterator[str]:
-    """The chip: registers 0x0000 to 0x0009, and other properties that are not the default."""
+    """Writes the chip: registers 0x0000 to 0x0009, and properties that differ from the default."""
     chip, usual = from_registers(slave.chip, clock=slave.clock), Chip()
     keys = [field.name for field in fields(Chip)]
     values = {key: getattr(chip, key) for key in keys}
@@ -84,7 +84,7 @@ def _chip(slave: CapturedSlave) -> Iterator[str]:
 
 
 def _rights(slave: CapturedSlave, base: Device) -> Iterator[str]:
-    """The write access to PDOs, if the dictionary says otherwise than the SII."""
+    """Writes the write access to PDOs, where the dictionary differs from the SII."""
     rights = {item.index: item.entries for item in slave.objects or ()}
 
     def writable(index: int) -> bool:
@@ -151,7 +151,7 @@ def _object(item: DictionaryObject, slave: CapturedSlave) -> Iterator[str]:
 def _unreadable(
     item: DictionaryObject, subindex: int, entry: DictionaryEntry, slave: CapturedSlave
 ) -> Iterator[str]:
-    """A comment for an entry whose value could not be read."""
+    """Writes a comment for an entry whose value could not be read."""
     upload = slave.values.get((item.index, subindex), Upload())
     reason = upload.problem
     if upload.abort and not (upload.abort == WRITE_ONLY and not entry.access & Access.READ):
@@ -161,7 +161,7 @@ def _unreadable(
 
 
 def _members(entry: DictionaryEntry, upload: Upload) -> list[str]:
-    """The keys of an entry, without subindex and name."""
+    """Returns the keys of an entry, without subindex and name."""
     row = [f"type = {_type(entry.data_type)}"]
     if entry.bit_length != bit_length(entry.data_type):
         row.append(f"bits = {entry.bit_length}")
@@ -174,7 +174,7 @@ def _members(entry: DictionaryEntry, upload: Upload) -> list[str]:
 
 
 def _value(entry: DictionaryEntry, data: bytes) -> str:
-    """`value`, or `data` if no value of the type gives exactly these bytes."""
+    """Writes `value`, or `data` if no value of the type gives exactly these bytes."""
     kind, bits = entry.data_type, entry.bit_length
     raw = f'data = "{data.hex(" ")}"'
     if kind not in tuple(DataType):
@@ -210,7 +210,7 @@ _NAMED = tuple(kind for kind in DataType if kind != DataType.PADDING)
 
 
 def _access(rights: int) -> str:
-    """Access rights in words, or as a number if there are no words for all of them."""
+    """Writes access rights in words, or as a number if there are no words for all of them."""
     mapping = {Access.RX_PDO: "rxpdo", Access.TX_PDO: "txpdo"}
     words = {int(bits): word for word, bits in ACCESS_WORDS.items() if bits not in mapping}
     plain = rights & 0x3F
@@ -226,7 +226,7 @@ def _list(key: str, rows: Iterable[str]) -> Iterator[str]:
 
 
 def _text(text: str) -> str:
-    """The text as a TOML string."""
+    """Converts a text to a TOML string."""
     quoted = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04X}" for c in quoted) + '"'
 

@@ -59,7 +59,7 @@ class DeviceFromSii(Device):
         super().__init__()
 
     def sii_image(self) -> bytes:
-        """The content of the EEPROM, unchanged."""
+        """Returns the content of the EEPROM, unchanged."""
         return self._image
 
 
@@ -71,8 +71,8 @@ def device_from_sii(
     Args:
         image: The whole EEPROM.
         source: Origin of the image, for messages.
-        strict: Whether to refuse a damaged image. If False, the device leaves out what makes no
-            sense, and the master reads the image as it is, which shows how a master handles it. An
+        strict: Whether to refuse a damaged image. If False, the device leaves out the damaged
+            parts, but the master reads the whole image, which shows how it handles the damage. An
             image that is only unusual is never refused.
         chip: The slave controller; None chooses the smallest common one that has all it needs.
 
@@ -81,7 +81,7 @@ def device_from_sii(
             EEPROM.
     """
     if len(image) > MAX_IMAGE:
-        raise ConfigError(f"{source}: {len(image)} bytes are no EEPROM, which has up to 512 KiB")
+        raise ConfigError(f"{source}: {len(image)} bytes: an EEPROM has at most 512 KiB")
     sii = check_sii(image)
     if strict and sii.damaged:
         damage = [problem for problem in sii.problems if problem.damage]
@@ -115,7 +115,7 @@ def _mailbox(sii: Sii, box: SiiMailbox) -> Mailbox | None:
 
 
 def _chip(sii: Sii) -> Chip:
-    """The smallest common controller that has everything the SII needs."""
+    """Chooses the smallest common controller that has everything the SII needs."""
     ends = [sm.start + sm.length for sm in sii.sync_managers if in_memory(sm.start, sm.length)]
     if sii.mailbox_protocols:
         ends += [sii.mailbox.send + sii.mailbox.send_size]
@@ -159,7 +159,7 @@ def _entry(entry: Entry) -> Entry:
 
 
 def _type(data_type: int, bits: int) -> DataType:
-    """The data type of an entry; by its size if the SII has none or one that does not fit."""
+    """Returns the data type of an entry, by its size if the SII has no fitting type."""
     try:
         known = DataType(data_type)
     except ValueError:

@@ -63,7 +63,7 @@ def sii(table: Table, key: str, *, strict: bool = True) -> Device:
 
 
 def patched(image: bytes, alias: int, serial: int) -> bytes:
-    """An SII image with another alias and serial number, and a correct checksum."""
+    """Returns an SII image with another alias and serial number, and a correct checksum."""
     if len(image) < _SERIAL + 4:
         return image  # too short on purpose: `strict = false`
     data = bytearray(image)

@@ -1,4 +1,4 @@
-"""Creates virtual Ethernet pairs through rtnetlink, and watches interfaces; needs no tools."""
+"""Creates virtual Ethernet pairs through rtnetlink, and watches interfaces; runs no programs."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class Interfaces:
         self._socket.close()
 
     def index(self, name: str) -> int:
-        """Index of an interface, which changes when it is made again; 0 if there is none."""
+        """Returns the index of an interface, or 0; it changes when the interface is made again."""
         try:
             reply = fcntl.ioctl(self._socket, _SIOCGIFINDEX, struct.pack("16s24x", name.encode()))
         except OSError:
@@ -121,7 +121,7 @@ class Interfaces:
 
     def has_carrier(self, name: str) -> bool:
         """Whether an interface is up and has a link; False if there is none of this name."""
-        # IFF_RUNNING would follow up to a second later.
+        # IFF_RUNNING would change up to a second later.
         value = (ctypes.c_uint32 * 2)(_ETHTOOL_GLINK, 0)
         request = struct.pack("16sP8x", name.encode(), ctypes.addressof(value))
         try:

@@ -40,11 +40,9 @@ _SLOW_STEPS = 1000  # consecutive steps longer than the period that cause a warn
 class Connection:
     """Connects a variable of an FMU with a PDO entry of a device.
 
-    The direction follows from the variable: an input or parameter of the FMU gets the entry's value
-    * scale + offset; an output or local variable * scale + offset becomes the entry's value. The
-    value of an entry is in its unit, which is volts at analog terminals.
-    * scale + offset; an output or local variable * scale + offset becomes the entry's value. The
-    value of an entry is in its unit, which is volts at analog terminals.
+    The direction follows from the variable. An input or parameter of the FMU becomes
+    entry * scale + offset. An output or local variable sets the entry to variable * scale + offset.
+    The value of an entry is in its unit, which is volts at analog terminals.
 
     Attributes:
         variable: Name of the variable.
@@ -122,7 +120,7 @@ class FmuPlant:
         self._period = period
         self._number = self._slow = 0
         self._total = self._worst = 0.0
-        self._said = ""
+        self._message = ""
         self._fmu: Any = None
         self._folder: str | None = None
         fmpy = _fmpy()
@@ -184,42 +182,42 @@ class FmuPlant:
 
         self._folder = fmpy.extract(str(self._path))
         self._fmu = instantiate_fmu(
-            self._folder, self._description, "CoSimulation", logger=self._hear
+            self._folder, self._description, "CoSimulation", logger=self._keep_message
         )
 
     def _begin(self, values: Sequence[tuple[Any, float | int | bool | str]]) -> None:
         fmu = self._fmu
-        if self._is_2:
+        if self._is_fmi2:
             fmu.setupExperiment(startTime=0.0)
         for variable, value in values:
             kind, convert = self._kind(variable)
             getattr(fmu, f"set{kind}")([variable.valueReference], [convert(value)])
-        if self._is_2:
+        if self._is_fmi2:
             fmu.enterInitializationMode()
         else:
             fmu.enterInitializationMode(startTime=0.0)
         fmu.exitInitializationMode()
 
-    def _hear(self, *arguments: Any) -> None:
+    def _keep_message(self, *arguments: Any) -> None:
         """Keeps the last message of the FMU for error messages."""
         text = arguments[-1]
-        self._said = (text.decode("utf-8", "replace") if isinstance(text, bytes) else "").strip()
+        self._message = (text.decode("utf-8", "replace") if isinstance(text, bytes) else "").strip()
 
     def _failed(self, what: str, error: Exception) -> Exception:
         if isinstance(error, EcatError):
             return error
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-        said = f"; it says: {' '.join(self._said.split())}" if self._said else ""
+        said = f"; it says: {' '.join(self._message.split())}" if self._message else ""
         return StateError(f"{self._path}: {what}: {reason}{said}")
 
     # --- variables -----------------------------------------------------------------------------
 
     @property
-    def _is_2(self) -> bool:
+    def _is_fmi2(self) -> bool:
         return str(self._description.fmiVersion).startswith("2.")
 
     def _variable(self, name: str) -> Any:
-        """A variable of the FMU that is a single number.
+        """Finds a variable of the FMU, which must be a single number.
 
         Raises:
             ConfigError: There is no such variable.
@@ -242,10 +240,10 @@ class FmuPlant:
         return f"its inputs and outputs are {', '.join(names) or 'none'}"
 
     def _kind(self, variable: Any) -> tuple[str, Callable[[Any], Any]]:
-        """The type in the names of get and set functions, and the conversion from a number."""
+        """Returns the type in the names of get and set functions, and the conversion to it."""
         kind = variable.type
         if kind == "Enumeration":
-            return ("Integer" if self._is_2 else "Int64"), round
+            return ("Integer" if self._is_fmi2 else "Int64"), round
         if kind == "Boolean":
             return kind, lambda value: bool(value >= 0.5)
         return kind, float if kind in ("Real", "Float64", "Float32") else round

@@ -15,7 +15,7 @@ class Paced:
     """Runs a plant with a fixed step size.
 
     A late plant catches up, but only for a few milliseconds per call. A plant whose steps take
-    longer than their period therefore slows down itself and not the bus.
+    longer than their period therefore slows down only itself, not the bus.
 
     Args:
         plant: Function that is called with the time of each step.

@@ -55,7 +55,7 @@ class Point:
         self._high = (1 << bits - is_signed(kind)) - 1
 
     def get(self) -> float:
-        """The physical value; 0 if a master has written a value that is no finite number."""
+        """Returns the physical value; 0 if a master has written an infinite value or NaN."""
         raw = self.variable.value
         if not isinstance(raw, int | float) or not math.isfinite(raw):
             return 0.0
@@ -79,6 +79,6 @@ class Point:
 
 
 def _entries(device: Device) -> list[Entry]:
-    """The PDO entries of a device, without gaps."""
+    """Returns the PDO entries of a device, without gaps."""
     pdos = (*device.rx_pdos, *device.tx_pdos)
     return [entry for pdo in pdos for entry in pdo.entries if not entry.is_gap]

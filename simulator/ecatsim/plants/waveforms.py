@@ -15,12 +15,12 @@ Waveform = Callable[[float], float]
 
 
 def constant(value: float) -> Waveform:
-    """A constant."""
+    """Makes a constant."""
     return lambda now: value
 
 
 def sine(amplitude: float, frequency: float, phase: float = 0.0, offset: float = 0.0) -> Waveform:
-    """A sine; frequency in Hz, phase in rad."""
+    """Makes a sine; frequency in Hz, phase in rad."""
     omega = 2 * math.pi * frequency
     return lambda now: offset + amplitude * math.sin(omega * now + phase)
 
@@ -31,7 +31,7 @@ def square(frequency: float, low: float = 0, high: float = 1) -> Waveform:
 
 
 def ramp(low: float, high: float, frequency: float) -> Waveform:
-    """A saw tooth: rises from `low` to `high` and drops at once; frequency in Hz."""
+    """Rises from `low` to `high` and drops at once (a saw tooth); frequency in Hz."""
     return lambda now: low + (high - low) * (now * frequency % 1.0)
 
 
@@ -41,7 +41,7 @@ def triangle(low: float, high: float, frequency: float) -> Waveform:
 
 
 def noise(deviation: float, mean: float = 0.0, seed: int = 1) -> Waveform:
-    """Normally distributed noise, the same for the same seed.
+    """Makes normally distributed noise, the same for the same seed.
 
     Args:
         deviation: Standard deviation.
@@ -55,7 +55,7 @@ def noise(deviation: float, mean: float = 0.0, seed: int = 1) -> Waveform:
 def table(
     path: Path | str, column: str | int = 1, time: str | int = 0, *, repeat: bool = False
 ) -> Waveform:
-    """A waveform from a CSV file, linear between its points; it starts when it is first evaluated.
+    """Makes a waveform from a CSV file, linear between its points; its first use starts it.
 
     Args:
         path: A CSV file; a first line with names is skipped.
@@ -64,8 +64,8 @@ def table(
         repeat: Whether to start again after the last point; otherwise the last value stays.
 
     Raises:
-        UsageError: The file cannot be read, or (ConfigError) not be used; the message says where
-            and why.
+        UsageError: The file cannot be read, or a column number is negative.
+        ConfigError: The content of the file cannot be used; the message says where and why.
     """
     times, values = _read(Path(path), time, column)
     start: list[float] = []
@@ -103,7 +103,7 @@ def _read(path: Path, time: str | int, column: str | int) -> tuple[list[float], 
         try:
             at, value = (float(row[i]) for i in columns)
         except (ValueError, IndexError):
-            raise ConfigError(f"{path}:{number}: a time and a value are wanted here") from None
+            raise ConfigError(f"{path}:{number}: expected a time and a value here") from None
         if not math.isfinite(at) or not math.isfinite(value) or (times and at <= times[-1]):
             raise ConfigError(f"{path}:{number}: times must ascend, and all must be numbers")
         times.append(at)

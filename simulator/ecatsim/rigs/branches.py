@@ -1,6 +1,6 @@
 """The rig `branches`: a coupler with a junction, and a coupler with terminals in each branch.
 
-Position, device, and what it is connected to:
+Position, device, and its connections:
 0 EK1100 · 1 EL2008, wired to the EL1008 · 2 EL1008 · 3 EK1122 · at its port 3: 4 EK1100,
 5 EL2004, wired to channels 1 to 4 of the EL1018 · 6 EL1018 · at its port 1: 7 EK1100, 8 EL4004,
 channels 1 and 2 wired to the EL3102 · 9 EL3102 · on its E-bus: 10 EL2008, wired to nothing.

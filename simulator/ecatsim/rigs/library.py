@@ -40,7 +40,7 @@ def _terminals(argument: str) -> Rig:
 
 @dataclass(frozen=True, slots=True)
 class _Named:
-    """A rig of the library: pattern of its name, name and text in lists, and function."""
+    """A rig of the library: pattern of its name, name and text for lists, and its function."""
 
     pattern: re.Pattern[str]
     usage: str
@@ -83,12 +83,12 @@ _LIBRARY = (
 
 
 def library() -> list[tuple[str, str]]:
-    """The names and descriptions of the rigs that come with ecatsim."""
+    """Returns the names and descriptions of the rigs that come with ecatsim."""
     return [(item.usage, item.text) for item in _LIBRARY]
 
 
 def make(name: str) -> Rig:
-    """Makes the rig with a name: of the library, or of a TOML file or a Python file with `rig()`.
+    """Makes the rig with a name in the library, or from a TOML file or a Python file with `rig()`.
 
     Raises:
         UsageError: There is no such rig.

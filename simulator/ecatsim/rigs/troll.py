@@ -1,6 +1,6 @@
 """The rig `troll`: the wheel drive test bench of the reference plant.
 
-Position, device, and what it is connected to:
+Position, device, and its connections:
 0 drive with the wheel motor · 1 coupler · 2 EL1018: channels 1 to 4 are wired to channels 1 to 4
 of the EL2008, 5 to 8 blink at 1, 2, 5 and 10 Hz · 3 EL2008 · 4 EL3008: sines of 8 V and
 0.1 to 0.8 Hz · 5 EL3008: constants -8, -4, -1, 0, 1, 4, 8 and 10 V · 6, 7 CANopen terminals.

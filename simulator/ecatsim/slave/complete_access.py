@@ -25,12 +25,12 @@ def check(item: DictionaryObject, subindex: int) -> None:
 
 
 def size(item: DictionaryObject, subindex: int) -> int:
-    """Size of the object from a subindex on, in bytes."""
+    """Returns the size of the object from a subindex on, in bytes."""
     return (_layout(item, subindex)[1] + 7) // 8
 
 
 def read(item: DictionaryObject, subindex: int, readable: Callable[[Variable], bool]) -> bytes:
-    """The data of the object from a subindex on; entries that cannot be read are 0."""
+    """Returns the data of the object from a subindex on; entries that cannot be read are 0."""
     entries, bits = _layout(item, subindex)
     image = 0
     for entry, bit in entries:
@@ -73,7 +73,7 @@ def write(
 
 
 def _layout(item: DictionaryObject, subindex: int) -> tuple[list[tuple[Variable, int]], int]:
-    """The entries with their bit offsets, and the total number of bits."""
+    """Returns the entries with their bit offsets, and the total number of bits."""
     entries, bit = [], 0
     for number, entry in sorted(item.entries.items()):
         if number >= subindex:

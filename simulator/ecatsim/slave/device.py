@@ -36,7 +36,7 @@ from .synchronization import Synchronization
 
 _AL_CONTROL = 0x0120
 _EVENT_MASK = 0x0204  # register: the events that interrupt the device
-_EVENTS, _SYNC0_EVENT = 0x00FFFF03, 0x00000004  # SYNC0 and SYNC1 are masked: too frequent
+_EVENTS, _SYNC0_EVENT = 0x00FFFF03, 0x00000004  # without SYNC0 and SYNC1: too frequent
 _TIMEOUT = 1.0  # seconds that a change to OP waits for the master
 
 
@@ -125,7 +125,7 @@ class Device(DeviceType):
         self.files[name] = data
 
     def with_module(self, slot: int, module: str) -> Device:
-        """Makes the same device with another module in a slot, which somebody has exchanged.
+        """Makes the same device with another module in a slot.
 
         Args:
             slot: The slot, 1 first.
@@ -136,10 +136,10 @@ class Device(DeviceType):
         """
         raise UsageError(f"{self.order or self.name} takes no modules (slot {slot}, {module})")
 
-    # --- what a device, a rig or a test may do ---------------------------------------------------
+    # --- for devices, rigs and tests -----------------------------------------------------------
 
     def connection(self, index: int, subindex: int) -> Variable:
-        """The entry that a wire or plant uses: the PDO entry, unless the device converts it."""
+        """Returns the entry for a wire or plant: the PDO entry, unless the device converts it."""
         return self.dictionary[index, subindex]
 
     def fail(self, code: int, state: AlState = AlState.SAFEOP) -> None:
@@ -214,7 +214,7 @@ class Device(DeviceType):
         self._services.server.fault = fault
 
     def __getitem__(self, key: tuple[int, int]) -> int:
-        """The integer value of the entry (index, subindex)."""
+        """Returns the integer value of the entry (index, subindex)."""
         value = self.dictionary[key].value
         return value if isinstance(value, int) else 0
 
@@ -225,7 +225,7 @@ class Device(DeviceType):
     # --- description ---------------------------------------------------------------------------
 
     def sii_image(self) -> bytes:
-        """The content of the EEPROM; by default it is built from the attributes."""
+        """Returns the content of the EEPROM; by default it is built from the attributes."""
         return self._build_sii(self._process_data.settings)
 
     def _add_objects(self) -> None:
@@ -379,8 +379,8 @@ class Device(DeviceType):
         if self._services and new == AlState.INIT:
             self._services.close()
         if new == AlState.OP and self.mailbox:
-            # A device with a processor enters OP only after the first outputs, and after a SYNC0 if
-            # it uses that.
+            # A device with a processor enters OP only after the first outputs, and after a SYNC0
+            # pulse if it uses SYNC0.
             outputs = Event.OUTPUTS if self._process_data.outputs.size else Event(0)
             self._wait_for(outputs | (Event.SYNC0 if self._sync.is_watched else Event(0)))
         return not self._awaited

@@ -124,7 +124,7 @@ class DeviceType:
     period: float = 0.001
 
     def _settings(self) -> Sequence[SyncManager]:
-        """The given sync managers, or the usual ones for the PDOs."""
+        """Returns the given sync managers, or the usual ones for the PDOs."""
         if self.sync_managers is not None:
             return list(self.sync_managers)
         room = byte_length(replace(pdo, sync_manager=0) for pdo in self.rx_pdos)

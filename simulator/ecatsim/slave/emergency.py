@@ -14,7 +14,7 @@ PREOP_TO_SAFEOP, SAFEOP_TO_OP = 0xA000, 0xA001
 
 
 def encode(code: int, register: int, data: bytes = b"") -> bytes:
-    """The body of the mail: CoE header, error code, error register, and five bytes of data.
+    """Encodes the body: CoE header, error code, error register, and five bytes of data.
 
     Raises:
         ValueError: A number does not fit, or there are more than five bytes.
@@ -28,7 +28,7 @@ def encode(code: int, register: int, data: bytes = b"") -> bytes:
 
 
 def refused(old: AlState, new: AlState) -> int | None:
-    """The error code for a refused state change; None if the standard has none."""
+    """Returns the error code for a refused state change; None if the standard has none."""
     return {
         (AlState.PREOP, AlState.SAFEOP): PREOP_TO_SAFEOP,
         (AlState.SAFEOP, AlState.OP): SAFEOP_TO_OP,

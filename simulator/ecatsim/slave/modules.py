@@ -1,4 +1,4 @@
-"""The slots of a modular device: which modules it expects, and which are there (ETG.5001)."""
+"""The slots of a modular device, with the expected and the present modules (ETG.5001)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .state_machine import AlCode, RefusedError
 
 _PROFILE, _CONFIGURED, _DETECTED = 0xF000, 0xF030, 0xF050
 MODULE_OBJECTS = (_PROFILE, _CONFIGURED, _DETECTED)
-"""The profile of the device; the idents of the modules that a master expects; of those there."""
+"""The profile of the device, the idents of expected modules, and those of present modules."""
 
 
 class ModuleSlots:
@@ -45,7 +45,7 @@ class ModuleSlots:
         objects.array(_DETECTED, "Detected module ident list", u32, idents)
 
     def check(self) -> None:
-        """Compares the modules that a master expects, if it has written any, with those there.
+        """Compares the modules that a master expects, if it has written any, with the present ones.
 
         Raises:
             RefusedError: They differ.

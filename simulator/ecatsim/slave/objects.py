@@ -30,7 +30,7 @@ class Variable:
         minimum: Smallest value that a master may write, or None.
         maximum: Largest value that a master may write, or None.
         default: Default value for SDO information; None takes `initial`.
-        unit: Unit code, see `units.code`; 0 for no unit.
+        unit: Unit code, see `ecatd.model.unit_codes.code`; 0 for no unit.
         initial: Value at power-on, set by `Dictionary.remember`.
         on_read: Called when a master reads the entry; returns the value.
         on_write: Called with a value that a master writes by SDO, before it is stored. It may raise
@@ -59,11 +59,11 @@ class Variable:
             self.bits = bit_length(self.type) or 8 * len(self.encode())
 
     def encode(self) -> bytes:
-        """The current value as SDO data (little endian)."""
+        """Returns the current value as SDO data (little endian)."""
         return self.pack(self.on_read() if self.on_read else self.value)
 
     def pack(self, value: Value) -> bytes:
-        """A value of this entry's type as SDO data (little endian)."""
+        """Converts a value of this entry's type to SDO data (little endian)."""
         if isinstance(value, str):
             unicode = self.type == DataType.UNICODE_STRING
             return value.encode("utf-16-le" if unicode else "latin-1", "replace")
@@ -152,7 +152,7 @@ class Dictionary:
         return iter(sorted(self._objects.values(), key=lambda item: item.index))
 
     def __getitem__(self, key: tuple[int, int]) -> Variable:
-        """The entry at (index, subindex), for the device itself.
+        """Returns the entry at (index, subindex), for the device itself.
 
         Raises:
             ConfigError: There is no such entry, which is a mistake in the code of the device.

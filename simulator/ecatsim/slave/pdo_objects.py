@@ -28,7 +28,7 @@ _CONFIGURABLE = Access.READ | Access.WRITE_PREOP
 
 
 class ProcessDataObjects:
-    """The PDOs of one direction: which objects may be mapped, and which are.
+    """The PDOs of one direction, with their mapping and assignment objects.
 
     Args:
         objects: The dictionary, to which mapping objects, assignments and mapped entries are added.
@@ -142,7 +142,7 @@ class ProcessDataObjects:
             check_all = partial(self._check_assignment, channel)
             follow_list_procedure(item, self._check_assigned, check_all)
 
-    # --- what the master writes ----------------------------------------------------------------
+    # --- writes of the master ------------------------------------------------------------------
 
     def _pdo(self, index: int) -> Pdo:
         default = self._defaults[index]
@@ -198,7 +198,7 @@ def _type_of(entry: Entry) -> DataType:
 
 
 def _members(item: DictionaryObject) -> list[int]:
-    """The valid entries of a mapping or assignment object."""
+    """Returns the valid entries of a mapping or assignment object."""
     return [int(item.entries[i].value) for i in range(1, int(item.entries[0].value) + 1)]
 
 

@@ -1,4 +1,4 @@
-"""The process data of a device: the mapped PDOs, and their way to the sync managers."""
+"""The process data of a device: the mapped PDOs, and their connection to the sync managers."""
 
 from __future__ import annotations
 
@@ -65,7 +65,11 @@ class ProcessData:
         self.at = (0, 0)
 
     def _channels(self, kind: SmType, usual: int) -> list[int]:
-        """The channels of a kind; without any, the usual one if it is free, for an empty list."""
+        """Returns the channels of a kind.
+
+        If there are none, this is the usual channel, for an assignment without PDOs, unless the
+        other kind uses it.
+        """
         others = {SmType.OUTPUTS, SmType.INPUTS} - {kind}
         free = usual >= len(self.settings) or self.settings[usual].type not in others
         return channels_of(self.settings, kind) or [usual] * free

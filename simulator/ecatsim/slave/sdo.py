@@ -84,7 +84,7 @@ class SdoServer:
         self._transfer = None
 
     def handle(self, request: bytes) -> bytes:
-        """The reply to an SDO request, both without the CoE header; empty for an abort."""
+        """Answers an SDO request, without CoE headers; the answer to an abort is empty."""
         command, index, subindex = _SDO.unpack_from(request)
         kind = command >> 5
         if kind in (_Command.DOWNLOAD_SEGMENT, _Command.UPLOAD_SEGMENT) and self._transfer:
@@ -151,7 +151,7 @@ class SdoServer:
         return _SDO.pack(0x60 | (command & 0x10), index, subindex) + bytes(4)
 
     def _own_size(self, index: int, subindex: int) -> int:
-        """Size of an expedited download that does not state its size."""
+        """Returns the size of an expedited download that does not state its size."""
         return min(4, (self._dictionary.entry(index, subindex).bits + 7) // 8)
 
     def _download_segment(self, command: int, request: bytes) -> bytes:

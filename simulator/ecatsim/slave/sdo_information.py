@@ -28,7 +28,7 @@ class InformationServer:
         self._room = max(1, room - _HEADER.size)  # the smallest mailboxes carry one byte per mail
 
     def handle(self, request: bytes) -> list[bytes]:
-        """The fragments of the answer to a request; both are without the CoE header."""
+        """Answers a request in fragments, without CoE headers."""
         opcode = request[0] & ~_MORE
         data = request[_HEADER.size :].ljust(4, b"\0")
         try:
@@ -50,7 +50,7 @@ class InformationServer:
         ]
 
     def _object_list(self, kind: int) -> bytes:
-        """The indices of the objects in a list.
+        """Returns the indices of the objects in a list.
 
         List 0 has the lengths of all lists, 1 all objects, 2 and 3 the objects that RxPDOs and
         TxPDOs may map, 4 the objects to back up for an exchange of the device, and 5 the settings
@@ -81,7 +81,7 @@ class InformationServer:
         return fixed + item.name.encode("latin-1", "replace")
 
     def _entry_description(self, index: int, subindex: int, wanted: int) -> bytes:
-        """The description of an entry, with those requested optional parts that the entry has."""
+        """Describes an entry, with the requested optional parts if the entry has them."""
         entry = self._dictionary.entry(index, subindex)
         given, parts = wanted & 0x07, b""  # access, category and mapping are always there
         for bit, data in (
@@ -98,5 +98,5 @@ class InformationServer:
 
 
 def _value(entry: Variable, value: Value | None) -> bytes:
-    """A value, padded to the length of its entry so that the next part can be found."""
+    """Encodes a value, padded to the length of its entry so that the next part can be found."""
     return b"" if value is None else entry.pack(value).ljust((entry.bits + 7) // 8, b"\0")

@@ -51,7 +51,7 @@ class Services:
         self._foe = FoeServer(host)
         self._bus: tuple[Segment, int] | None = None
         self._is_open = False
-        self._waiting = False  # there may be a mail of the master in the mailbox
+        self._waiting = False  # whether there may be a mail of the master in the mailbox
         self.server = MailboxServer({}, self._put)
 
     def attach(self, segment: Segment | None, position: int) -> None:

@@ -80,13 +80,18 @@ class StateMachine:
 
     Args:
         enter: Checks and carries out a change; called with the old and the new state. It returns
-            whether the change is complete; if not, `finish` or `refuse` follows. To refuse, it
-            raises `RefusedError` before it changes anything; it never refuses a change to a lower
-            state.
+            whether the change is complete; if not, a call of `finish` or `refuse` must follow. To
+            refuse a change, it raises `RefusedError` before it changes anything. It never refuses a
+            change to a lower state.
         publish: Called with each new AL status and AL status code.
         bootstrap: Whether the slave has the state BOOT.
         identification: Returns the device identification (explicit device ID, ETG.1020), or None if
             the device has none.
+
+    Attributes:
+        state: The AL state.
+        error: Whether the error flag is set.
+        pending: The requested state while a change to it is not complete, or None.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Sync managers: the settings that a device needs, and checks of what a master set (ETG.1000.4)."""
+"""Sync managers: the settings that a device needs, and checks of those of a master (ETG.1000.4)."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ _LENGTH, _ADDRESS, _SETTINGS = 0, 1, 2
 
 
 def default_size(pdos: Iterable[Pdo]) -> int:
-    """Size of the PDOs that are assigned by default, in bytes."""
+    """Returns the size of the PDOs that are assigned by default, in bytes."""
     return byte_length(pdo for pdo in pdos if pdo.sync_manager != UNASSIGNED)
 
 
 def derive(
     mailbox: Mailbox | None, output_size: int, input_size: int, output_room: int = 0
 ) -> list[SyncManager]:
-    """The usual sync managers: mailboxes if there are any, then outputs, then inputs.
+    """Makes the usual sync managers: mailboxes if there are any, then outputs, then inputs.
 
     With a mailbox, outputs are always SM2 and inputs SM3. Without one, unused sync managers are
     left out.
@@ -67,11 +67,11 @@ def derive(
 
 
 def channels_of(sync_managers: Sequence[SyncManager], kind: SmType) -> list[int]:
-    """The numbers of the sync managers with a purpose."""
+    """Returns the numbers of the sync managers with a purpose."""
     return [channel for channel, sm in enumerate(sync_managers) if sm.type == kind]
 
 
-def _as_set(segment: Segment, position: int, channel: int) -> tuple[int, int, int, bool]:
+def _read_channel(segment: Segment, position: int, channel: int) -> tuple[int, int, int, bool]:
     """Reads the settings of a channel: start, size, control register, and whether it is enabled."""
     registers = segment.read(position, _BASE + 8 * channel, 8)
     start, size, control, _, activate, _ = _REGISTERS.unpack(registers)
@@ -79,7 +79,7 @@ def _as_set(segment: Segment, position: int, channel: int) -> tuple[int, int, in
 
 
 def _refusal(code: AlCode, channel: int, reason: int, wanted: int) -> RefusedError:
-    """The refusal whose diagnosis has channel, reason, and the only allowed value as range."""
+    """Makes a refusal. Its diagnosis has channel, reason, and the only allowed value as a range."""
     return RefusedError(code, struct.pack("<BHH", 4 * channel + reason, wanted, wanted))
 
 
@@ -95,7 +95,7 @@ def check_mailbox(
         (0, mailbox.receive, mailbox.receive_size, _MASTER_WRITES),
         (1, mailbox.send, mailbox.send_size, _MASTER_READS),
     ):
-        start, size, control, enabled = _as_set(segment, position, channel)
+        start, size, control, enabled = _read_channel(segment, position, channel)
         mode = control & _MODE_MASK == _MODE_MAILBOX and control & _DIRECTION_MASK == direction
         if not (enabled and mode and start == at and size == room):
             raise RefusedError(code)
@@ -128,7 +128,7 @@ def check_process_data(
             if sync_managers[channel].virtual:
                 continue
             wanted = sizes.get(channel, 0)
-            start, size, control, enabled = _as_set(segment, position, channel)
+            start, size, control, enabled = _read_channel(segment, position, channel)
             if wanted != (size if enabled else 0):
                 raise _refusal(code, channel, _LENGTH, wanted)
             if wanted and start != sync_managers[channel].start:
@@ -145,7 +145,7 @@ def check_unused(segment: Segment, position: int, used: int, existing: int) -> N
         RefusedError: One of them is on.
     """
     for channel in range(used, existing):
-        if _as_set(segment, position, channel)[3]:
+        if _read_channel(segment, position, channel)[3]:
             raise _refusal(AlCode.SYNC_MANAGERS, channel, _SETTINGS, 0)
 
 
@@ -166,7 +166,7 @@ def check_watchdog(
     channels = channels_of(sync_managers, SmType.OUTPUTS)
     if not channels:
         return
-    triggers = any(_as_set(segment, position, channel)[2] & _WATCHDOG for channel in channels)
+    triggers = any(_read_channel(segment, position, channel)[2] & _WATCHDOG for channel in channels)
     divider, count = (
         int.from_bytes(segment.read(position, register, 2), "little")
         for register in (_WATCHDOG_DIVIDER, _WATCHDOG_DATA)

@@ -29,7 +29,7 @@ class SyncType(IntEnum):
     SM = 0x01  # with the sync manager of the same direction
     SYNC0 = 0x02
     SYNC1 = 0x03
-    SM2 = 0x22  # inputs with the outputs
+    SM2 = 0x22  # inputs, with the sync manager of the outputs
 
 
 class Synchronization:
@@ -55,7 +55,7 @@ class Synchronization:
 
         Args:
             objects: The dictionary.
-            outputs: Whether the device has outputs, with which its inputs are then synchronised.
+            outputs: Whether the device has outputs; they then synchronise its inputs.
         """
         self._add(objects, 0x1C32, "SM output parameter", SyncType.SM)
         self._add(objects, 0x1C33, "SM input parameter", SyncType.SM2 if outputs else SyncType.SM)
@@ -126,7 +126,7 @@ class Synchronization:
         objects.record(index, name, entries, type=_STRUCTURE)
 
     def _type(self, entry: Variable) -> Value:
-        """The type in use: that of the SYNC unit if it runs, else the one that the master wrote."""
+        """Returns the type in use: that of the running SYNC unit, else that of the master."""
         if self._active & _SYNC1:
             return SyncType.SYNC1
         return SyncType.SYNC0 if self._active & _SYNC0 else entry.value

@@ -34,7 +34,7 @@ _SETTINGS = (
 
 
 def _pdos(channels: int, reserved: Sequence[Entry]) -> tuple[Pdo, ...]:
-    """Two PDOs per channel: status and value, which is assigned by default, and value alone.
+    """Makes two PDOs per channel: status and value (assigned by default), and value alone.
 
     Args:
         channels: Number of channels.
@@ -161,7 +161,7 @@ class _AnalogInput(Terminal):
             )
 
     def connection(self, index: int, subindex: int) -> Variable:
-        """A wire to a value ends at the analog side of its channel."""
+        """Returns the analog side of a channel for its value, so that a wire ends there."""
         if subindex == 0x11 and 0 <= index - 0x6000 < 16 * len(self._channels):
             return self._channels[(index - 0x6000) // 16].measured
         return super().connection(index, subindex)

@@ -83,11 +83,11 @@ class _AnalogOutput(Terminal):
             item.entries[0x05].maximum = _HOLD
 
     def voltage(self, channel: int) -> float:
-        """Voltage at a channel, counted from 0."""
+        """Returns the voltage at a channel, counted from 0."""
         return self._at_terminal(channel) / _MAX * _FULL_SCALE
 
     def connection(self, index: int, subindex: int) -> Variable:
-        """A wire from a value begins at the analog side of its channel."""
+        """Returns the analog side of a channel for its value, so that a wire begins there."""
         if subindex == 1 and 0 <= index - 0x7000 < 16 * len(self.rx_pdos):
             return self._outputs_at_terminal[(index - 0x7000) // 16]
         return super().connection(index, subindex)

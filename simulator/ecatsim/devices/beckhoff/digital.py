@@ -1,7 +1,7 @@
 """Digital terminals: a chip without a processor, one bit per channel.
 
 Their chip answers AL control itself (device emulation). EL1018 and EL2008 are simulated without
-device emulation, so that they check each request and the rig `troll` reveals mistakes of a master.
+device emulation: they check each request, so that the rig `troll` reveals mistakes of a master.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _DIGITAL_IO = 0x0104  # SII word 0: digital I/O, AL control is answered by the c
 
 
 def _channels(count: int, mapping: int, index: int, name: str) -> tuple[Pdo, ...]:
-    """One PDO of one bit for each channel."""
+    """Makes one PDO of one bit for each channel."""
     return tuple(
         Pdo(
             mapping + i,
@@ -41,7 +41,7 @@ class _Inputs(Terminal):
 
 
 class _Outputs(Terminal):
-    """Digital outputs. They go off when the process data watchdog expires."""
+    """Digital outputs. They switch off when the process data watchdog expires."""
 
     group = "DigOut"
     group_name = "Digitale Ausgangsklemmen (EL2xxx)"
