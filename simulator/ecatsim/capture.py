@@ -20,6 +20,7 @@ from ecatd.model.dictionary import DictionaryObject
 from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
 from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS
 from ecatd.model.sii_check import check_sii
+from ecatd.model.sii_reader import whole_image
 
 from .slave.pdo_objects import ASSIGNMENTS
 
@@ -34,9 +35,6 @@ _CHIP, _DL_STATUS = 0x0000, 0x0110
 _CHIP_SIZE = 10
 _COE = 0x04
 _STATE = 0x0F  # the state bits of the AL status
-_SIZE_WORD, _FIRST_CATEGORY, _END = 0x3E, 0x40, 0xFFFF
-_MAX_WORDS = 0x40000  # 4 MBit, the largest EEPROM of ETG.1000.6
-_MAX_CATEGORIES = 256
 _PROGRESS_OBJECTS = 25
 
 
@@ -133,7 +131,7 @@ def _slave(
     name = master.name(position)
     here = f"slave {position + 1} of {count}: {name}"
     progress(f"{here}: EEPROM")
-    (sii,) = master.read_eeproms(_whole_eeprom, [position])
+    (sii,) = master.read_eeproms(whole_image, [position])
     (protocols,) = struct.unpack_from("<H", sii.ljust(0x40, b"\0"), 2 * 0x1C)
     slave = CapturedSlave(
         position,
@@ -169,24 +167,6 @@ def _read_objects(slave: CapturedSlave, coe: Coe, progress: Progress | None) -> 
         for subindex in item.entries:
             slave.values[item.index, subindex] = yield from _upload(coe, item.index, subindex)
     yield from _read_pdos(slave, coe)
-
-
-def _whole_eeprom(words: Callable[[int, int], bytes]) -> bytes:
-    """Reads the whole EEPROM: the size in word 0x3E, or more if the categories need it."""
-
-    def word(address: int) -> int:
-        return int.from_bytes(words(address, 1), "little")
-
-    size = 64 * (word(_SIZE_WORD) + 1)  # word 0x3E has the size in KiBit, less 1
-    at = _FIRST_CATEGORY
-    for _ in range(_MAX_CATEGORIES):
-        if at >= _MAX_WORDS - 1 or word(at) == _END:
-            break
-        at += 2 + word(at + 1)
-    end = min(at + 1, _MAX_WORDS)
-    if size > _MAX_WORDS or size < end:
-        size = 1 << (end - 1).bit_length()
-    return words(0, size)
 
 
 def _upload(coe: Coe, index: int, subindex: int) -> Talk[Upload]:

@@ -9,6 +9,7 @@ import pytest
 
 from conftest import Daemon, names, one_line_error, wait_for
 from ecatsim.control import Simulator
+from ecatsim.devices.beckhoff import EL3102
 
 pytestmark = pytest.mark.bus
 
@@ -120,3 +121,21 @@ def test_wrong_arguments(bus: Daemon, arguments: str, status: int, tokens: tuple
     wrong = bus.ctl(*arguments.split(), check=False)
     assert wrong.returncode == status, wrong.stderr
     names(one_line_error(wrong.stderr, "ecatctl"), *tokens)
+
+
+def test_an_eeprom_is_read(bus: Daemon, simulator: Simulator, tmp_path: Path) -> None:
+    file = tmp_path / "eeprom.bin"
+    bus.ctl("sii-read", "9", "-o", str(file))
+    image = file.read_bytes()
+    assert image == EL3102().sii_image()
+    text = bus.ctl("sii-read", "9").stdout
+    names(text, "EL3102", "0x00000002", f"{len(image)} bytes", "CoE", "0x1A00", "sync manager 3")
+    assert "problem" not in text
+    simulator.faults.eeprom(9, "checksum")
+    names(bus.ctl("sii-read", "9").stdout, "problem", "byte 0x000E")
+    simulator.faults.eeprom(9, "restore")
+    found = bus.ctl_json("sii-read", "9")["sii"]
+    assert (found["order"], found["problems"]) == ("EL3102", [])
+    wrong = bus.ctl("sii-read", "9", "-o", str(tmp_path / "no" / "file"), check=False)
+    assert wrong.returncode == 7
+    one_line_error(wrong.stderr, "ecatctl")

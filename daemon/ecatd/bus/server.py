@@ -32,6 +32,7 @@ from ecatd.model.messages import (
     ReadInfo,
     ReadLogLevels,
     ReadRegister,
+    ReadSii,
     ReadStates,
     Request,
     ResetErrors,
@@ -50,6 +51,7 @@ from .master.master import SlaveState
 from .master.worker import Worker
 from .requests.conversations import Conversations
 from .requests.dictionaries import Dictionaries
+from .requests.eeproms import Eeproms
 from .requests.frames import read_frames
 from .requests.objects import Objects
 from .requests.registers import Registers
@@ -114,6 +116,7 @@ class BusServer:
         self._known_objects: Objects | None = None
         self._known_dictionaries: Dictionaries | None = None
         self._known_registers: Registers | None = None
+        self._known_eeproms: Eeproms | None = None
         self._started = 0.0
 
     @property
@@ -137,6 +140,7 @@ class BusServer:
         conversations = Conversations(self._up.master, self._worker, self._monitor.emergencies.note)
         self._known_objects = Objects(self.bus, conversations)
         self._known_dictionaries = Dictionaries(self.bus, conversations)
+        self._known_eeproms = Eeproms(self.bus, self._up.master, self._worker)
         self._known_registers = Registers(self.bus, self._up.master, self._worker, self._log)
         self._monitor.start(asyncio.get_running_loop())
 
@@ -227,6 +231,11 @@ class BusServer:
         assert self._known_registers is not None, "asked before the bus was brought up"
         return self._known_registers
 
+    @property
+    def _eeproms(self) -> Eeproms:
+        assert self._known_eeproms is not None, "asked before the bus was brought up"
+        return self._known_eeproms
+
     async def answer(self, request: Request) -> dict[str, Any]:
         """Carries a request out.
 
@@ -265,6 +274,8 @@ class BusServer:
                 return await self._registers.errors()
             case ResetErrors():
                 return await self._registers.reset_errors(request)
+            case ReadSii():
+                return await self._eeproms.read(request)
             case ReadEvents():
                 return self._events.since(request.since)
             case ReadFrames():

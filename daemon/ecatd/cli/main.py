@@ -50,6 +50,7 @@ _COMMANDS = (
     ("sdo-restore", "sdo_file", "Write the values in such a file back, where they differ."),
     ("events", "events", "Show what has happened on the bus, and what happens."),
     ("errors", "errors", "Show the error counters of the slaves, and which cables they are about."),
+    ("sii-read", "sii", "Show what is in the EEPROM of a slave, or save it."),
     ("reg-read", "registers", "Read registers of a slave."),
     ("reg-write", "registers", "Write registers of a slave."),
     ("log-level", "log_level", "Show the levels of the log, or change one while the bus runs."),

@@ -55,6 +55,11 @@ def _entries(bus: Bus, *, outputs: bool) -> int:
 
 
 def save(path: Path, text: str) -> None:
+    """Writes a text file; raises as `save_bytes`."""
+    save_bytes(path, text.encode())
+
+
+def save_bytes(path: Path, data: bytes) -> None:
     """Writes a file; if that fails, an old one stays unchanged.
 
     Raises:
@@ -63,9 +68,9 @@ def save(path: Path, text: str) -> None:
     """
     try:
         if path.exists() and not path.is_file():  # /dev/stdout, a pipe
-            path.write_text(text, "utf-8")
+            path.write_bytes(data)
             return
-        write_whole(path, text.encode(), f".{path.name}-")
+        write_whole(path, data, f".{path.name}-")
     except PermissionError as error:
         raise NotPermittedError(f"{path} cannot be written: {error.strerror}") from error
     except OSError as error:

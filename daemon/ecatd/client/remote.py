@@ -29,6 +29,7 @@ from ecatd.model.messages import (
     ReadInfo,
     ReadLogLevels,
     ReadRegister,
+    ReadSii,
     ReadStates,
     Request,
     ResetErrors,
@@ -51,6 +52,10 @@ if TYPE_CHECKING:
     from ecatd.model.port_errors import SlaveErrors
     from ecatd.stats import Snapshot
 
+
+_SII_PART = 64
+"""Words of an EEPROM that one request reads: the size of the smallest one. Other requests wait
+meanwhile, for some milliseconds."""
 
 _GATEWAY_PATIENCE, _GATEWAY_PAUSE = 5.0, 0.05
 """Seconds for which a gateway is waited for that starts while the bus runs, and between tries."""
@@ -342,6 +347,28 @@ class Remote:
     def register_write(self, slave: int | str, address: int, data: bytes) -> bytes:
         """Writes registers; returns what they have afterwards. Raises as `register_read`."""
         return bytes(self.request(WriteRegister(slave, address, data, _who()))["data"])
+
+    def sii(self, slave: int | str) -> bytes:
+        """Reads the whole EEPROM of a slave, which is given by its position or name.
+
+        Raises:
+            StateError: There is no such slave, or its EEPROM cannot be read.
+        """
+        from ecatd.model.sii_reader import whole_image
+
+        parts: dict[int, bytes] = {}  # by number, `_SII_PART` words each
+
+        def words(word: int, count: int) -> bytes:
+            first, last = word // _SII_PART, (word + count - 1) // _SII_PART
+            for number in range(first, last + 1):
+                if number not in parts:
+                    request = ReadSii(slave, number * _SII_PART, _SII_PART)
+                    parts[number] = bytes(self.request(request)["data"])
+            data = b"".join(parts[number] for number in range(first, last + 1))
+            start = 2 * (word - first * _SII_PART)
+            return data[start : start + 2 * count]
+
+        return whole_image(words)
 
     def errors(self) -> list[SlaveErrors]:
         """The error counters of all slaves that answer."""

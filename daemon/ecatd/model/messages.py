@@ -281,6 +281,22 @@ class ResetErrors(Request):
     by: str = ""
 
 
+class ReadSii(Request):
+    """Reads a part of the EEPROM of a slave (SII).
+
+    Attributes:
+        slave: Position or name; see `Bus.find`.
+        word: Address of the first word.
+        count: How many words.
+    """
+
+    op = "read_sii"
+    key = "ro/sii/{slave}"
+    slave: int | str
+    word: int = 0
+    count: int = 64
+
+
 class ReadEvents(Request):
     """Asks for the last events.
 
@@ -319,6 +335,8 @@ _RANGES = {
     "size": (1, 0xFFFF),
     "position": (0, 1 << 62),
     "since": (0, 1 << 62),
+    "word": (0, 0x3FFFF),
+    "count": (1, 256),
 }
 _DATA_MAX = 32 * 1024
 _REGISTERS_END, _REGISTER_BYTES_MAX = 0x1000, 256

@@ -43,6 +43,7 @@ PDO_INDICES = (0x1600, 0x1BFF)
 
 _PROTOCOLS, _SIZE = 0x1C, 0x3E  # words
 _WORDS_MAX = 0x10000
+_IMAGE_WORDS_MAX = 0x40000  # 4 MBit, the largest EEPROM of ETG.1000.6
 _WORDS_PER_KIBIT = 64
 _CATEGORIES_MAX = 256
 _PROBLEMS_MAX = 100
@@ -93,6 +94,24 @@ def read_mailbox(words: Words) -> list[SiiSyncManager]:
         SiiSyncManager(box.receive, box.receive_size, _MAILBOX_WRITTEN, 1, 1),
         SiiSyncManager(box.send, box.send_size or box.receive_size, _MAILBOX_READ, 1, 2),
     ]
+
+
+def whole_image(words: Words) -> bytes:
+    """Reads a whole EEPROM: the size in word 0x3E, or more if the categories need it."""
+
+    def word(address: int) -> int:
+        return int.from_bytes(words(address, 1), "little")
+
+    size = _WORDS_PER_KIBIT * (word(_SIZE) + 1)  # word 0x3E has the size in KiBit, less 1
+    at = FIRST_CATEGORY
+    for _ in range(_CATEGORIES_MAX):
+        if at >= _IMAGE_WORDS_MAX - 1 or word(at) == CATEGORY_END:
+            break
+        at += 2 + word(at + 1)
+    end = min(at + 1, _IMAGE_WORDS_MAX)
+    if size > _IMAGE_WORDS_MAX or size < end:
+        size = 1 << (end - 1).bit_length()
+    return words(0, size)
 
 
 class _Stop(Exception):  # noqa: N818  no error, but the end of a part

@@ -50,7 +50,7 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands slaves graph pdos read write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore events errors reg-read reg-write log-level config startup scan generate library capture doctor service client-flags
+set -g _shtab_ecatctl_commands slaves graph pdos read write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore events errors sii-read reg-read reg-write log-level config startup scan generate library capture doctor service client-flags
 set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --duration --esi --every --fmi --for --from --histogram --interface --last --latency --output --raw --root --since --size --slave --templates --timeout --type --watch -o -p
 
 complete -c ecatctl -e
@@ -256,6 +256,13 @@ complete -c ecatctl -n '_shtab_ecatctl_using errors' -s a -l all -d 'show the co
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l reset -d 'clear the counters, after showing them'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l watch -x -d 'show it again every SECONDS (default: 1); statistics also those of the last interval'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l count -x -d 'with --watch: end after N times'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a sii-read -d 'Show what is in the EEPROM of a slave, or save it.'
+complete -c ecatctl -n '_shtab_ecatctl_using sii-read' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using sii-read' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using sii-read' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using sii-read' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using sii-read' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using sii-read' -s o -xka "(__fish_complete_path (commandline -ct))" -d 'save the bytes to this file'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a reg-read -d 'Read registers of a slave.'
 complete -c ecatctl -n '_shtab_ecatctl_using reg-read' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using reg-read' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

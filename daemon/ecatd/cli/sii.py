@@ -1,0 +1,158 @@
+"""Command `sii-read`: what is in the EEPROM of a slave."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ecatd.model.pdo import Pdo
+from ecatd.model.sii import UNASSIGNED, Sii, SiiMailbox
+from ecatd.model.sii_check import check_sii
+
+from .arguments import slave
+from .output import print_json
+from .scan import save_bytes
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
+
+_PROTOCOLS = ("AoE", "EoE", "CoE", "FoE", "SoE", "VoE")
+_COE = ("SDO", "SDO information", "PDO assignment", "PDO configuration", "upload at the start")
+_COMPLETE = 0x20
+_USAGES = ("not used", "mailbox out", "mailbox in", "outputs", "inputs")
+_FMMUS = {1: "outputs", 2: "inputs", 3: "mailbox state"}
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """Adds the arguments of the command."""
+    command.set_defaults(run=sii_read)
+    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    command.add_argument(
+        "-o", dest="out", metavar="FILE", type=Path, help="save the bytes to this file"
+    )
+
+
+def sii_read(remote: Remote, options: argparse.Namespace) -> None:
+    """Reads an EEPROM, and shows or saves it."""
+    found = remote.describe().find(options.slave)
+    image = remote.sii(found.position)
+    sii = check_sii(image)
+    if options.out is not None:
+        save_bytes(options.out, image)
+    if options.json:
+        file = None if options.out is None else str(options.out)
+        document = {"bus": remote.bus, "slave": found.position, "bytes": len(image), "file": file}
+        print_json({**document, "sii": _document(sii)})
+    elif options.out is not None:
+        print(f"{options.out}: {len(image)} bytes of the EEPROM of {found.label}")
+    else:
+        print("\n".join(_lines(sii, len(image))))
+
+
+def _names(bits: int, names: tuple[str, ...]) -> list[str]:
+    return [name for number, name in enumerate(names) if bits & 1 << number]
+
+
+def _document(sii: Sii) -> dict[str, Any]:
+    return {
+        "vendor": sii.vendor,
+        "product": sii.product,
+        "revision": sii.revision,
+        "serial": sii.serial,
+        "alias": sii.alias,
+        "name": sii.name,
+        "order": sii.order,
+        "group": sii.group,
+        "mailbox_protocols": _names(sii.mailbox_protocols, _PROTOCOLS),
+        "coe": _names(sii.coe, _COE),
+        "complete_access": bool(sii.coe & _COMPLETE),
+        "ebus_current_ma": sii.ebus_current,
+        "fmmus": [_FMMUS.get(item, "not used") for item in sii.fmmus],
+        "sync_managers": [
+            {
+                "start": item.start,
+                "length": item.length,
+                "control": item.control,
+                "enable": item.enable,
+                "usage": _usage(item.usage),
+            }
+            for item in sii.sync_managers
+        ],
+        "outputs": [_pdo_document(pdo) for pdo in sii.outputs],
+        "inputs": [_pdo_document(pdo) for pdo in sii.inputs],
+        "clock_modes": [item.name for item in sii.dc],
+        "problems": [str(problem) for problem in sii.problems],
+    }
+
+
+def _pdo_document(pdo: Pdo) -> dict[str, Any]:
+    return {
+        "index": pdo.index,
+        "name": pdo.name,
+        "sync_manager": None if pdo.sync_manager == UNASSIGNED else pdo.sync_manager,
+        "entries": [
+            {
+                "index": entry.index,
+                "subindex": entry.subindex,
+                "name": entry.name,
+                "bits": entry.bit_length,
+            }
+            for entry in pdo.entries
+        ],
+    }
+
+
+def _usage(usage: int) -> str:
+    return _USAGES[usage] if usage < len(_USAGES) else f"usage {usage}"
+
+
+def _lines(sii: Sii, size: int) -> Iterator[str]:
+    protocols = ", ".join(_names(sii.mailbox_protocols, _PROTOCOLS)) or "none"
+    coe = [*_names(sii.coe, _COE), *(["complete access"] if sii.coe & _COMPLETE else [])]
+    for name, value in (
+        ("size", f"{size} bytes"),
+        ("vendor", f"0x{sii.vendor:08X}"),
+        ("product", f"0x{sii.product:08X}"),
+        ("revision", f"0x{sii.revision:08X}"),
+        ("serial", f"0x{sii.serial:08X}" if sii.serial else "none"),
+        ("alias", str(sii.alias)),
+        ("name", sii.name),
+        ("order code", sii.order),
+        ("group", sii.group),
+        ("mailbox", _mailbox(sii.mailbox)),
+        ("mailbox in BOOT", _mailbox(sii.bootstrap)),
+        ("protocols", protocols),
+        ("CoE", ", ".join(coe)),
+        ("E-bus current", f"{sii.ebus_current} mA" if sii.ebus_current else ""),
+        ("FMMUs", ", ".join(_FMMUS.get(item, "not used") for item in sii.fmmus)),
+        ("clock modes", ", ".join(item.name for item in sii.dc)),
+    ):
+        if value:
+            yield f"{name:<16}{value}"
+    if sii.sync_managers:
+        yield "sync managers"
+    for number, manager in enumerate(sii.sync_managers):
+        yield (
+            f"  {number}  0x{manager.start:04X}  {manager.length:>4} bytes  "
+            f"control 0x{manager.control:02X}  {_usage(manager.usage)}"
+        )
+    for what, pdos in (("outputs", sii.outputs), ("inputs", sii.inputs)):
+        if pdos:
+            yield what
+        for pdo in pdos:
+            place = "" if pdo.sync_manager == UNASSIGNED else f"sync manager {pdo.sync_manager}"
+            bits = sum(entry.bit_length for entry in pdo.entries)
+            yield f"  0x{pdo.index:04X}  {bits:>4} bits  {place or 'not assigned':<14}  {pdo.name}"
+    for problem in sii.problems:
+        yield f"problem: {problem}"
+
+
+def _mailbox(mailbox: SiiMailbox) -> str:
+    if not mailbox.exists:
+        return "none"
+    return (
+        f"out 0x{mailbox.receive:04X} ({mailbox.receive_size} bytes), "
+        f"in 0x{mailbox.send:04X} ({mailbox.send_size} bytes)"
+    )
