@@ -7,6 +7,7 @@ same way back: safe outputs, SAFEOP, INIT, no more frames.
 from __future__ import annotations
 
 import asyncio
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -287,6 +288,7 @@ class BusServer:
         wire = self._up.wire
         return {
             "version": VERSION,
+            "host": socket.gethostname(),
             "interface": self._interface,
             "started": self._started,
             "cycle_time_us": self._config.cycle_time_us,

@@ -29,6 +29,7 @@ The daemon of this machine is used; --connect tcp/HOST:7447 asks one of another 
 """
 
 _COMMANDS = (
+    ("buses", "buses", "List the buses of this machine, or all in reach of --connect."),
     ("slaves", "show", "List the slaves in the order of the wire."),
     ("graph", "graph", "Show which slave is plugged in at which port, as a tree or a picture."),
     ("pdos", "show", "List the process data of the slaves."),

@@ -209,6 +209,22 @@ class Remote:
             return answer
         raise self._silence(key)
 
+    def ask_all(self, what: str) -> dict[str, dict[str, Any]]:
+        """Asks all buses in reach at once; the answers by the name of the bus.
+
+        Args:
+            what: The key below `ro`: `info` or `state`.
+        """
+        found = {}
+        selector = bus_key("*", "ro", what)
+        for reply in self._session.get(
+            selector, target=zenoh.QueryTarget.ALL, timeout=self._timeout
+        ):
+            if reply.ok is not None:
+                answer = unpack(bytes(reply.ok.payload), MAX_REPLY)
+                found[str(reply.ok.key_expr).split("/")[2]] = answer
+        return found
+
     def _silence(self, key: tuple[str, ...]) -> EcatError:
         """Why no answer came: a change that is asked for from the network gets none at all."""
         alive = any(

@@ -39,17 +39,10 @@ _CLOSE_PATIENCE = 1.0
 _REMEMBERED = 1024
 """Number of changes whose answers are kept: a change that arrives twice is carried out once."""
 
-_ALL_MESSAGES = [
-    "put",
-    "delete",
-    "declare_subscriber",
-    "query",
-    "declare_queryable",
-    "reply",
-    "liveliness_token",
-    "declare_liveliness_subscriber",
-    "liveliness_query",
-]
+_ASKING = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
+_TELLING = ["put", "reply", "declare_queryable", "liveliness_token"]
+"""Messages of Zenoh that others may send to the gateway, and that it may send to them. Nothing else
+passes, so nobody but the gateway can publish, answer or be alive under the keys of a bus."""
 
 
 class Gateway:
@@ -159,8 +152,7 @@ class Gateway:
         return session
 
     def _session_config(self, endpoints: list[str]) -> zenoh.Config:
-        name = self._name
-        rule = {"messages": _ALL_MESSAGES, "flows": ["ingress", "egress"], "permission": "allow"}
+        read = ["ro/**", "alive"]
         return session_config(
             "peer",
             {
@@ -172,12 +164,13 @@ class Gateway:
                     "enabled": True,
                     "default_permission": "deny",
                     "rules": [
-                        {"id": "all", "key_exprs": ["**"], **rule},
-                        {
-                            "id": "read",
-                            "key_exprs": [bus_key(name, "ro", "**"), bus_key(name, "alive")],
-                            **rule,
-                        },
+                        # Others may ask all buses at once, to find out which there are.
+                        self._rule("ask", "ingress", _ASKING, "*", read),
+                        self._rule("tell", "egress", _TELLING, self._name, read),
+                        self._rule("want", "ingress", ["query"], self._name, ["rw/**"]),
+                        self._rule(
+                            "obey", "egress", ["reply", "declare_queryable"], self._name, ["rw/**"]
+                        ),
                     ],
                     "subjects": [
                         {"id": "local", "link_protocols": ["unixsock-stream"]},
@@ -187,12 +180,25 @@ class Gateway:
                         },
                     ],
                     "policies": [
-                        {"rules": ["all"], "subjects": ["local"]},
-                        {"rules": ["read"], "subjects": ["network"]},
+                        {"rules": ["ask", "tell", "want", "obey"], "subjects": ["local"]},
+                        {"rules": ["ask", "tell"], "subjects": ["network"]},
                     ],
                 },
             },
         )
+
+    @staticmethod
+    def _rule(
+        name: str, flow: str, messages: list[str], bus: str, keys: list[str]
+    ) -> dict[str, Any]:
+        """A rule of the access control: messages in one direction that are allowed for keys."""
+        return {
+            "id": name,
+            "flows": [flow],
+            "messages": messages,
+            "key_exprs": [bus_key(bus, key) for key in keys],
+            "permission": "allow",
+        }
 
     def _receive(self, query: zenoh.Query) -> None:
         """Starts to answer a query; the reply is sent when the bus server has answered."""
@@ -213,7 +219,9 @@ class Gateway:
             took_ms = 1e3 * (time.monotonic() - begin)
             self._log.debug(f"{str(query.selector)!r}: {how} after {took_ms:.1f} ms")
             try:
-                query.reply(query.key_expr, pack({"schema": SCHEMA, **answer.result()}))
+                # The query may be for all buses, so the answer says which one this is.
+                key = bus_key(self._name, *_parts(query))
+                query.reply(key, pack({"schema": SCHEMA, **answer.result()}))
             except EcatError as error:
                 query.reply_err(pack({"schema": SCHEMA, "error": error.to_reply()}))
             except Exception as error:
@@ -223,7 +231,7 @@ class Gateway:
                 query.reply_err(pack({"schema": SCHEMA, "error": reply}))
 
     def _carry_out(self, query: zenoh.Query) -> Answer:
-        parts = str(query.key_expr).split("/")[3:]
+        parts = _parts(query)
         payload = b"" if query.payload is None else bytes(query.payload)
         if len(payload) > MAX_MESSAGE:
             raise UsageError(f"a request of {len(payload)} bytes is too long")
@@ -284,6 +292,11 @@ class Gateway:
             closing.start()
             await asyncio.to_thread(closing.join, _CLOSE_PATIENCE)
         remove_zenoh_socket(self._runtime_dir, self._name)
+
+
+def _parts(query: zenoh.Query) -> list[str]:
+    """The parts of the key of a query below the bus."""
+    return str(query.key_expr).split("/")[3:]
 
 
 def _known(parameters: str, make: Callable[..., dict[str, Any]], *flags: str) -> Answer:

@@ -50,7 +50,7 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands slaves graph pdos read write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore events errors sii-read reg-read reg-write log-level config startup scan generate library capture doctor service client-flags
+set -g _shtab_ecatctl_commands buses slaves graph pdos read write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore events errors sii-read reg-read reg-write log-level config startup scan generate library capture doctor service client-flags
 set -g _shtab_ecatctl_opts_with_value --bus --config --connect --count --devices --duration --esi --every --fmi --for --from --histogram --interface --last --latency --output --raw --root --since --size --slave --templates --timeout --type --watch -o -p
 
 complete -c ecatctl -e
@@ -62,6 +62,12 @@ complete -c ecatctl -n _shtab_ecatctl_using -l bus -x -d 'name of the bus (defau
 complete -c ecatctl -n _shtab_ecatctl_using -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
 complete -c ecatctl -n _shtab_ecatctl_using -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n _shtab_ecatctl_using -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a buses -d 'List the buses of this machine, or all in reach of --connect.'
+complete -c ecatctl -n '_shtab_ecatctl_using buses' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using buses' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using buses' -l connect -x -d 'Zenoh endpoint of a daemon, for example tcp/host:7447'
+complete -c ecatctl -n '_shtab_ecatctl_using buses' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using buses' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a slaves -d 'List the slaves in the order of the wire.'
 complete -c ecatctl -n '_shtab_ecatctl_using slaves' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using slaves' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

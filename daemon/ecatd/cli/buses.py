@@ -1,0 +1,82 @@
+"""Command `buses`: all buses of this machine, or all in reach of a Zenoh endpoint."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from ecatd.model.errors import EcatError
+from ecatd.model.health import look_at
+from ecatd.paths import search_dirs, served_buses
+
+from .output import print_json, print_table
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """Sets the function of the command; it has no arguments of its own."""
+    command.set_defaults(alone=buses)
+
+
+def buses(options: argparse.Namespace) -> None:
+    """Lists buses: of this machine, or with `--connect` those that answer there."""
+    rows = list(_there(options) if options.connect else _here(options))
+    if options.json:
+        print_json({"buses": rows})
+    elif rows:
+        head = ("BUS", "HOST", "INTERFACE", "CYCLE", "SINCE", "SLAVES")
+        print_table(head, map(_cells, rows))
+    elif options.connect:
+        print(f"no bus answers at {options.connect}")
+    else:
+        print("no bus is served on this machine; with --connect, buses of other machines are asked")
+
+
+def _here(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """The buses of this machine, also those that do not answer."""
+    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+
+    names = {bus: None for folder in search_dirs() for bus in served_buses(folder)}
+    for bus in names:
+        try:
+            with Remote(bus, timeout=options.timeout) as remote:
+                yield _row(bus, remote.info(), remote.states())
+        except EcatError as error:
+            yield {"bus": bus, "error": error.to_reply()}
+
+
+def _there(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """The buses that answer at an endpoint: of one gateway, or of all behind a router."""
+    from ecatd.client.remote import Remote
+
+    with Remote(options.bus, options.connect, options.timeout) as remote:
+        infos, states = remote.ask_all("info"), remote.ask_all("state")
+    for bus, info in sorted(infos.items()):
+        yield _row(bus, info, list(states.get(bus, {}).get("slaves", ())))
+
+
+def _row(bus: str, info: dict[str, Any], states: list[dict[str, Any]]) -> dict[str, Any]:
+    health = look_at(states)
+    return {
+        "bus": bus,
+        **{key: info.get(key) for key in ("host", "interface", "cycle_time_us", "started")},
+        "version": info.get("version"),
+        "slaves": health.expected,
+        "in_op": health.in_op,
+        "problems": health.problems,
+    }
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    if "error" in row:
+        return row["bus"], "", "", "", "", row["error"]["message"]
+    since = time.strftime("%Y-%m-%d %H:%M", time.localtime(row["started"]))
+    return (
+        row["bus"],
+        row["host"] or "",
+        row["interface"],
+        f"{row['cycle_time_us']:g} µs",
+        since,
+        f"{row['in_op']} of {row['slaves']} in OP",
+    )
