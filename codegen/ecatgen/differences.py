@@ -1,4 +1,4 @@
-"""Compares two buses by what their libraries show: slaves and connectors."""
+"""Compares two buses by what their libraries contain: slaves and connectors."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _ASPECTS = (
     ("pdo_name", "PDO"),
     ("entry_name", "name on the slave"),
 )
-"""Attributes of a connector that are compared, and how messages call them."""
+"""Attributes of a connector that are compared, with their names in messages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Difference:
 
 
 def lines(differences: Iterable[Difference]) -> list[str]:
-    """The differences as lines; consecutive slaves moved by the same distance share one."""
+    """Returns the differences as lines; neighbouring slaves that moved equally far share a line."""
 
     def row(numbered: tuple[int, Difference]) -> tuple[int, int] | None:
         number, item = numbered
@@ -129,14 +129,14 @@ def _alike(one: Slave, other: Slave) -> bool:
     return replace(one, position=0) == replace(other, position=0)
 
 
-# --- which slave is which ------------------------------------------------------------------------
+# --- matching slaves -----------------------------------------------------------------------------
 
 
 def _pairs(old: Sequence[Slave], new: Sequence[Slave]) -> list[tuple[int, int]]:
     """Pairs the old and new positions of the same slaves.
 
-    Slaves are the same if vendor and product are. Pairs come from the equal beginning of both
-    buses, then from the longest equal runs, and at last from any slave of the same type.
+    Two slaves match if they have the same vendor and product. First the equal beginning of both
+    buses is paired, then the longest equal runs, and finally the remaining slaves that match.
     """
     one, other = ([(slave.vendor, slave.product) for slave in slaves] for slaves in (old, new))
     start = 0
@@ -155,7 +155,7 @@ def _pairs(old: Sequence[Slave], new: Sequence[Slave]) -> list[tuple[int, int]]:
     return pairs
 
 
-# --- what is different ---------------------------------------------------------------------------
+# --- differences ---------------------------------------------------------------------------------
 
 
 def _of_bus(old: Bus, new: Bus) -> Iterator[Difference]:

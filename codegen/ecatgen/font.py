@@ -1,4 +1,4 @@
-"""Widths of texts in Helvetica and fonts of the same widths: Arial, Liberation Sans."""
+"""Widths of texts in Helvetica and in fonts with the same widths: Arial and Liberation Sans."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def width(text: str, *, bold: bool = False) -> float:
 
 
 def fitted(text: str, box_width: float, box_height: float, *, bold: bool = False) -> float:
-    """The largest font size at which a text fits into a box; width 0: any width."""
+    """Returns the largest font size at which a text fits into a box; width 0 means any width."""
     lines = text.split("\n")
     size = box_height / (LINE * len(lines))
     widest = max(width(line, bold=bold) for line in lines)

@@ -27,7 +27,7 @@ _VALID = "valid"  # name of the connector of PartialSlave
 
 
 def icon(title: str, left: Iterable[str], right: Iterable[str]) -> Extent:
-    """The box of an icon with this title and these connectors on its sides."""
+    """Returns the box of an icon with this title and these connectors on its sides."""
     left, right = list(left), list(right)
     rows = max(len(left), len(right))
     names = _widest(left) + _widest(right) + _GAP
@@ -42,7 +42,7 @@ def _widest(names: Iterable[str]) -> float:
 
 
 def _width(text: str, height: int, *, bold: bool = False) -> float:
-    # 5 % more, since tools use different fonts.
+    # 5 % are added, since tools use different fonts.
     return 1.05 * font.width(text, bold=bold) * height / font.LINE
 
 
@@ -108,20 +108,20 @@ def port_label(icon: Extent, row: int, name: str, *, left: bool) -> Extent:
 
 
 def port_point(icon: Extent, row: int, centre: Point, *, left: bool, scale: int = _SCALE) -> Point:
-    """The point at which a line ends at a connector of a block drawn around `centre` in a diagram.
+    """Returns the point at which a line meets a connector of a block in a diagram.
 
     Args:
         icon: The icon of the block.
         row: Row of the connector.
         centre: Centre of the block.
         left: Whether the connector is on the left side.
-        scale: Units of the icon in one of the diagram.
+        scale: Units of the icon in one unit of the diagram.
     """
     return _at(icon, _row_y(row), centre, left=left, scale=scale)
 
 
 def valid_point(icon: Extent, centre: Point, scale: int = _SCALE) -> Point:
-    """The same for the connector `valid`."""
+    """Returns the point at which a line meets the connector `valid`; see `port_point`."""
     return _at(icon, _TOP - _HEADER // 2, centre, left=False, scale=scale)
 
 
@@ -148,7 +148,7 @@ def in_diagram(icon: Extent, centre: Point, scale: int = _SCALE) -> Extent:
 
 
 def route(start: Point, end: Point, x: int | None = None) -> tuple[Point, ...]:
-    """A line with right angles whose vertical part is at `x`, by default in the middle."""
+    """Returns a line with right angles; its vertical part is at `x`, by default in the middle."""
     if start.y == end.y:
         return (start, end)
     middle = (start.x + end.x) // 2 if x is None else x

@@ -41,8 +41,8 @@ def install_library(out: Path, *, check: bool = False, force: bool = False) -> R
 
     Args:
         out: The directory, which is made if it does not exist.
-        check: As `install`.
-        force: As `install`.
+        check: See `install`.
+        force: See `install`.
 
     Raises:
         StateError: Files of the user are in the way.

@@ -16,7 +16,7 @@ _DARK, _FILL = "{64, 64, 64}", "{95, 158, 160}"
 
 
 def slave_kind(slave: Slave, writes: Collection[Kind], reads: Collection[Kind]) -> SlaveKind:
-    """The kind of a slave, by its process data; a slave without any is a coupler by its name.
+    """Returns the kind of a slave by its process data, or by its name if it has none.
 
     Args:
         slave: The slave.

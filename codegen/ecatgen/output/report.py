@@ -1,4 +1,4 @@
-"""The report of a run: what it has done, or would do."""
+"""The report of a run: the changes that it has made or would make."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ class Report:
         library: Folder of the generated library.
         packages: Names of all packages that were written, in the order in which a tool loads them.
         written: Files that are new or have changed.
-        unchanged: Files that are as they were.
+        unchanged: Files that have not changed.
         removed: Files of an earlier run that are no longer generated.
         kept: Files of the user.
-        copies: Files of the user that had to make room, with their new names.
+        copies: Files of the user that were in the way, with their new names.
         conflicts: Files of the user that are in the way, with the reason.
         regenerated: Files whose generated content differs from that of the run before.
-        differences: What is different on the bus, by slave and connector.
+        differences: Differences of the bus, by slave and connector.
         otherwise: The files of `regenerated` that would differ for the same bus, too.
-        notes: A sentence for each part of the bus that has no block, and why.
+        notes: A sentence for each block that is missing or has another name, with the reason.
     """
 
     library: Path
@@ -84,7 +84,7 @@ class Report:
         )
 
     def would(self) -> str:
-        """What a run would do, as one sentence."""
+        """Returns the changes that a run would make, as one sentence."""
         if not self.is_change:
             return f"{self.library}: nothing would change"
         text = f"{self.library} would change: {self._counts()}"
