@@ -154,7 +154,7 @@ def _ports(block: Block, *, left: bool) -> dict[str, Point]:
 
 
 def _point(block: Block, group: Sequence[Connector], *, left: bool) -> Point:
-    """The place of a vector in the diagram, at the height of its middle member."""
+    """Returns the place of a vector in the diagram, at the height of its middle member."""
     middle = _ports(block, left=left)[group[(len(group) - 1) // 2].name]
     slave = placement.in_diagram(block.icon, _CENTRE)
     return Point(slave.a.x - _REACH if left else slave.b.x + _REACH, middle.y)

@@ -59,7 +59,7 @@ class Difference:
         return one_line(f"{label}: {self.text}")
 
     def to_dict(self) -> dict[str, str | int | None]:
-        """The difference as data, for JSON."""
+        """Returns the difference as data, for JSON."""
         return asdict(self) | {"text": self.sentence}
 
 

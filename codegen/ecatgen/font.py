@@ -26,7 +26,7 @@ _LATIN, _WIDE = 556, 1000  # widths of letters with accents, and of letters of E
 
 
 def width(text: str, *, bold: bool = False) -> float:
-    """The width of one line of text, in units of the font size."""
+    """Returns the width of one line of text, in units of the font size."""
     widths = _WIDTHS[bold]
     return (
         sum(

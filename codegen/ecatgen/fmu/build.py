@@ -115,14 +115,14 @@ class _Value:
     declared: str = ""
 
     def attributes(self) -> Attributes:
-        """XML attributes of the type."""
+        """Returns the XML attributes of the type."""
         found = {"declaredType": self.declared, "unit": self.unit}
         for name, number in (("min", self.minimum), ("max", self.maximum), ("start", self.start)):
             found[name] = "" if number is None else _number(number)
         return tuple((name, value) for name, value in found.items() if value)
 
     def limits(self) -> str:
-        """The limits for the documentation."""
+        """Returns the limits for the documentation."""
         if self.minimum is None or self.maximum is None:
             return ""
         return f"{_number(self.minimum)} to {_number(self.maximum)}"
@@ -192,7 +192,7 @@ class _Builder:
         )
 
     def _value(self, connector: Connector, entry: Entry, *, start: bool) -> _Value:
-        """The FMI type, limits and start value of an entry."""
+        """Returns the FMI type, limits and start value of an entry."""
         zero = 0 if start else None
         low, high = _raw_limits(entry)
         physical = connector.scale != 1 or connector.offset != 0 or connector.unit_name
@@ -235,7 +235,7 @@ class _Builder:
         return _Value("Enumeration", access, item.start, declared=item.kind)
 
     def _start_of_text(self) -> Attributes:
-        """The start attribute of a text; empty for FMI 3.0, which has an element for it."""
+        """Returns the start attribute of a text; empty for FMI 3.0, which uses an element."""
         return (("start", self._bus.name),) if self._fmi == 2 else ()
 
     def _variable(

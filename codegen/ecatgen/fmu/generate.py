@@ -45,7 +45,7 @@ class FmuReport:
     otherwise: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """The report as data, for JSON."""
+        """Returns the report as data, for JSON."""
         return {
             "fmu": str(self.fmu),
             "fmi": f"{self.fmi}.0",
@@ -58,13 +58,13 @@ class FmuReport:
         }
 
     def details(self) -> list[str]:
-        """The differences, one sentence per line."""
+        """Returns the differences, one sentence per line."""
         if self.otherwise:
             return ["the bus is the same, but the version of ecatd or FMI is not"]
         return lines(self.differences)
 
     def summary(self) -> str:
-        """The report as one sentence."""
+        """Returns the report as one sentence."""
         return (
             f"{self.fmu}: FMI {self.fmi}.0, {self.slaves} slaves, {self.inputs} inputs, "
             f"{self.outputs} outputs, {'written' if self.is_change else 'unchanged'}; import it "

@@ -115,13 +115,13 @@ def _read_manifest(folder: Folder) -> None:
 
 
 def manifest_of(tree: Tree) -> bytes:
-    """The manifest for the generated files, as JSON."""
+    """Returns the manifest for the generated files, as JSON."""
     files = {path: digest(tree[path]) for path in sorted(tree)}
     return (json.dumps({"schema": _SCHEMA, "files": files}, indent=1) + "\n").encode()
 
 
 def digest(data: bytes) -> str:
-    """The hash of a file in the manifest (SHA-256, hexadecimal)."""
+    """Returns the hash of a file in the manifest (SHA-256, hexadecimal)."""
     return hashlib.sha256(data).hexdigest()
 
 

@@ -50,7 +50,7 @@ class Report:
         return bool(self.written or self.removed or self.conflicts)
 
     def to_dict(self) -> dict[str, Any]:
-        """The report as data, for JSON."""
+        """Returns the report as data, for JSON."""
         return {
             "library": str(self.library),
             "changed": self.is_change,
@@ -66,7 +66,7 @@ class Report:
         }
 
     def details(self) -> list[str]:
-        """Notes, differences and renamed files, one sentence per line."""
+        """Returns notes, differences and renamed files, one sentence per line."""
         text = [*self.notes, *lines(self.differences)]
         if self.otherwise:
             text.append(
@@ -77,7 +77,7 @@ class Report:
         return text
 
     def summary(self) -> str:
-        """The report as one sentence."""
+        """Returns the report as one sentence."""
         names = [str(self.library.parent / name / "package.mo") for name in self.packages]
         return (
             f"{self.library}: {self._counts()}; open {' and then '.join(names)} in a Modelica tool"
