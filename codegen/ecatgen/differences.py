@@ -178,37 +178,37 @@ def _domains(bus: Bus) -> str:
 
 
 def _of_block(old: Block, new: Block) -> Iterator[Difference]:
-    def told(
+    def difference(
         kind: str, text: str, before: str = "", after: str = "", connector: str = ""
     ) -> Difference:
         return Difference(new.position, new.name, connector, kind, text, before, after)
 
     if old.name != new.name:
         text = f"its class was {old.name}, is {new.name}: models that use it must follow"
-        yield told("renamed", text, old.name, new.name)
+        yield difference("renamed", text, old.name, new.name)
     if old.slave_name != new.slave_name:
         text = f"calls itself '{new.slave_name}', was '{old.slave_name}'"
-        yield told("changed", text, old.slave_name, new.slave_name)
+        yield difference("changed", text, old.slave_name, new.slave_name)
     if old.revision != new.revision:
         before, after = f"0x{old.revision:08X}", f"0x{new.revision:08X}"
-        yield told("changed", f"revision was {before}, is {after}", before, after)
+        yield difference("changed", f"revision was {before}, is {after}", before, after)
     ours, theirs = _connectors(old), _connectors(new)
     for place in [*ours, *(place for place in theirs if place not in ours)]:
         direction, address = place
         one, other = ours.get(place), theirs.get(place)
         if other is None and one is not None:
             text = f"connector {one.name} is gone ({direction} {address})"
-            yield told("gone", text, one.name, "", one.name)
+            yield difference("gone", text, one.name, "", one.name)
         elif one is None and other is not None:
             text = f"connector {other.name} is new ({direction} {address}, {other.type_name})"
-            yield told("new", text, "", other.name, other.name)
+            yield difference("new", text, "", other.name, other.name)
         elif one is not None and other is not None:
             if one.name != other.name:
                 text = f"connector {one.name} is now called {other.name} ({direction} {address})"
-                yield told("renamed", text, one.name, other.name, other.name)
+                yield difference("renamed", text, one.name, other.name, other.name)
             for what, before, after in _aspects(one, other):
                 text = f"connector {other.name}: {what}was {before}, is {after}"
-                yield told("changed", text, before, after, other.name)
+                yield difference("changed", text, before, after, other.name)
 
 
 def _connectors(block: Block) -> dict[tuple[str, str], Connector]:

@@ -101,8 +101,8 @@ def _si_scale(quantity: _Quantity, connector: Connector) -> float | None:
         )
     if connector.scale < 0:
         raise UnsuitableError(
-            f"{connector.address} has the negative scale {connector.scale:g}; let gearRatio turn "
-            f"the drive round"
+            f"{connector.address} has the negative scale {connector.scale:g}; use a negative "
+            f"gearRatio instead"
         )
     return connector.scale * unit.factor
 

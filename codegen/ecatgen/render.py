@@ -64,7 +64,7 @@ def _check(folders: Iterable[Path], known: Sequence[str]) -> None:
     """
     for folder in folders:
         if not folder.is_dir():
-            raise ConfigError(f"{folder}: is no folder; templates are *.j2 files in one")
+            raise ConfigError(f"{folder}: is no folder; give a folder with *.j2 files")
         for file in sorted(folder.rglob("*.j2")):
             if file.relative_to(folder).as_posix() not in known:
                 raise ConfigError(
@@ -92,7 +92,7 @@ def render(library: Library, templates: Iterable[Path] = ()) -> dict[str, bytes]
         except Exception as error:
             if not templates:
                 raise
-            raise ConfigError(_told(template, error)) from error
+            raise ConfigError(_description(template, error)) from error
 
     files = {
         "package.mo": write("package.mo.j2"),
@@ -123,7 +123,7 @@ def render(library: Library, templates: Iterable[Path] = ()) -> dict[str, bytes]
     return files
 
 
-def _told(template: str, error: Exception) -> str:
+def _description(template: str, error: Exception) -> str:
     """Returns file, line and reason of an error in a template of the user."""
     reason = str(error) or type(error).__name__
     if isinstance(error, TemplateSyntaxError):

@@ -71,7 +71,7 @@ class Report:
         if self.otherwise:
             text.append(
                 f"{_files(len(self.otherwise))} would differ for the same bus, too "
-                f"({_named(self.otherwise)}): ecatd or a template is not what it was"
+                f"({_named(self.otherwise)}): ecatd or a template has changed"
             )
         text += [f"{path} is kept as {copy}" for path, copy in self.copies]
         return text
