@@ -29,7 +29,7 @@ enum reading { READ_UNSIGNED, READ_SIGNED, READ_OTHERWISE };
 /* Why claims ended other than by a lapse: the daemon ended, or another program wrote over the slot. */
 enum lost { LOST_NOTHING, LOST_DAEMON, LOST_PLACE };
 
-/* Where one entry lies in the image of its domain, and how it is decoded. */
+/* The place of one entry in the image of its domain, and its decoding. */
 struct signal {
   const uint64_t *at; /* the word of the last sample in which it begins */
   uint32_t bit;    /* first bit in the domain's image */

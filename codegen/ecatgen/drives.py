@@ -54,7 +54,7 @@ class _Kind:
         modes: Elements of EtherCAT.Types.DriveMode.
         target: Index of the object with the target value.
         actual: Indices of the objects with the actual value; the drive must map one of them.
-        what: How a message names the target.
+        what: Name of the target in messages.
     """
 
     modes: tuple[str, str]

@@ -28,7 +28,7 @@ _CAUTION = (
 def build_examples(
     bus: Bus, library: str, blocks: Sequence[Block], drives: Sequence[Drive]
 ) -> tuple[Example, ...]:
-    """Builds the example models that suit the bus: those of drives need a drive with their mode."""
+    """Builds the example models that suit the bus; some of them need a drive with their mode."""
     examples = [_all_slaves(bus, library, blocks)]
     for mode, example in (
         ("CyclicVelocity", _point_to_point),

@@ -39,7 +39,7 @@ def generate(
         bus: Description of the bus.
         name: Name of the library, a Modelica identifier.
         out: Directory that the folders `name` and `EtherCAT` are written to.
-        templates: Folders with templates of the user; those of an earlier folder come first.
+        templates: Folders with templates of the user; an earlier folder takes precedence.
         check: Write nothing, only report what would change.
         force: Replace generated files that the user has changed, and keep these under another name.
             Without it they are an error.

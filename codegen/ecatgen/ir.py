@@ -349,7 +349,7 @@ class Drive:
     """A block in SI units around the block of a CiA 402 drive.
 
     Attributes:
-        name: Class name, that of the slave.
+        name: Class name, the same as that of the block of the slave.
         instance: Usual name of a component.
         title: Text in the icon.
         description: Description of the class.
@@ -426,7 +426,7 @@ class Channels:
     """A block around the block of a slave, with vectors for equal channels.
 
     Attributes:
-        name: Class name, that of the slave.
+        name: Class name, the same as that of the block of the slave.
         instance: Usual name of a component.
         title: Text in the icon.
         description: Description of the class.

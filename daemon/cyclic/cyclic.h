@@ -89,7 +89,7 @@ CYCLIC_API int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, ui
 /* Makes the cycle follow a reference clock, and distributes its time to the slaves in each cycle.
  * Call it before cyclic_start(). */
 CYCLIC_API void cyclic_set_clock(cyclic_t *c, const cyclic_clock *clock);
-/* Sets the safe values of a slave's outputs: bits set in `hold` keep what was last sent, the others
+/* Sets the safe values of a slave's outputs: bits set in `hold` keep their last value, the others
  * take `value`. Both have output_bytes of the slave. */
 CYCLIC_API int cyclic_set_safe(cyclic_t *c, uint32_t slave, const uint8_t *value,
                                const uint8_t *hold);

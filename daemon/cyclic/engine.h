@@ -131,7 +131,7 @@ struct copy {
   uint8_t source_bits, source_sign, source_real;
   uint8_t whole;               /* an integer becomes an integer without conversion */
   uint8_t plain;               /* the bits are copied as they are */
-  uint32_t told;               /* ecat_reason that is published */
+  uint32_t told;               /* ecat_reason that was published last */
   double factor, offset;       /* raw output = raw input * factor + offset */
   struct rule rule;            /* for the values of the output */
 };
@@ -146,7 +146,7 @@ struct cyclic {
   ecat_shm_health *health;
 
   struct domain domain[ECAT_MAX_DOMAINS];
-  struct datagram datagram[MAX_DATAGRAMS]; /* the status, the time, then those of the domains */
+  struct datagram datagram[MAX_DATAGRAMS]; /* the status, the time, then the data of the domains */
   uint32_t domains, datagrams;
 
   /* The frames of this cycle. */
@@ -249,7 +249,7 @@ int cyclic_slots_init(cyclic_t *c);
 void cyclic_slots_read(cyclic_t *c);      /* before sending */
 void cyclic_slots_sent(cyclic_t *c);      /* after sending */
 void cyclic_slots_publish(cyclic_t *c);   /* at the end of the cycle */
-/* All clients with outputs in a domain lose what they own. */
+/* Ends the claims of all clients that own outputs in a domain. */
 void cyclic_slots_lapse_domain(cyclic_t *c, uint32_t domain);
 
 /* copies.c */

@@ -23,7 +23,7 @@ enum {
   FRAME_MIN = FIRST_DATAGRAM + DATAGRAM_FRAMING,
   SECOND_COPY_NS = 500000,   /* how long the second copy may come after the first */
   NS_PER_BYTE = 80,          /* at 100 Mbit/s */
-  AT_ONCE = 64               /* frames taken before the time is looked at again */
+  AT_ONCE = 64               /* frames taken before the time is read again */
 };
 
 #define FREE_PART_MIN 0.1 /* so that a cycle without free time does not stop mailboxes altogether */

@@ -3,7 +3,7 @@
  *
  *     pace -> sample -> reads -> the model -> writes -> commit
  *
- * A model may run without a bus: slaves and entries hold what is expected of them. Whenever a bus is
+ * A model may run without a bus: slaves and entries hold their expected properties. Whenever a bus is
  * connected, all of them are looked up in it, and identities, layout and meanings are compared.
  * `settings` says what happens while there is no bus.
  *

@@ -42,7 +42,7 @@ class Folder:
         path: The folder.
         exists: Whether it exists.
         manifest: Hashes of the files that an earlier run has written, by path.
-        problem: Why the generated files cannot be told from others, or empty.
+        problem: Why generated files cannot be distinguished from others, or empty.
         files: Everything in it except folders, by path; links are not followed.
         folders: The folders in it, with their permission bits; its own path is "".
     """
