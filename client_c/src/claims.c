@@ -1,4 +1,4 @@
-/* Claims: who owns which outputs, and for how long. */
+/* Claims: the ownership of outputs, and its lease. */
 #include "internal.h"
 
 #include <string.h>
@@ -24,8 +24,8 @@ static int ring_claims(ecat_t *bus) {
   return 0;
 }
 
-/* Computes the part of the output image that holds all claimed outputs (the engine computes the same part
- * from the claims), and the longest lease of them. */
+/* Computes the part of the output image that holds all claimed outputs, and their longest lease. The
+ * engine computes the same part from the claims. */
 static void measure(ecat_t *bus) {
   uint32_t first = UINT32_MAX, end = 0;
   int i;
@@ -74,7 +74,7 @@ static void name_of(const ecat_out_slot *slot, char name[33]) {
     if (name[i] < ' ' || name[i] > '~') name[i] = '?';
 }
 
-/* Says that a copy cannot be claimed, and what is copied. */
+/* Sets the error text for an output that cannot be claimed because an input is copied to it. */
 static int refused_copy(ecat_t *bus, int number) {
   uint32_t source = bus->outputs[number].source;
   const ecat_shm_signal *entry = &bus->signals[number];
@@ -127,7 +127,7 @@ static int begin_claim(ecat_t *bus, double lease) {
   return 0;
 }
 
-/* Writes the claims that this client has into its slot, without any wish. */
+/* Writes the claims that this client has into its slot, without `bus->wish`. */
 static void want_claims(ecat_t *bus) {
   memcpy(bus->out_claims, bus->claims, bus->sets * sizeof *bus->claims);
   bus->out->lease_ns = bus->longest_ns;

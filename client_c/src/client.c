@@ -101,8 +101,8 @@ int ecat_check_domain(ecat_t *bus, int number) {
                    ecat_domain_count(bus));
 }
 
-/* Who decides the outputs of a slave as a whole: ACTIVE if one of them is, else the state of the first
- * one that is not SAFE, else SAFE. */
+/* Sets the state of the outputs of a slave as a whole: ACTIVE if one of them is ACTIVE, else the state
+ * of the first output that is not SAFE, else SAFE. */
 static void describe_outputs(const ecat_t *bus, const ecat_shm_slave *slave, ecat_slave_info *info) {
   uint32_t i;
   info->outputs = ECAT_OUTPUTS_SAFE;

@@ -1,6 +1,6 @@
-/* How PDO entries lie in a process image and how their bits become numbers; client and engine share this
- * file. Bit 0 is the lowest bit of the first byte (ETG.1000.6). Images are padded, since 9 bytes may be
- * read from the first byte of an entry on. */
+/* The places of PDO entries in a process image, and the conversion of their bits to numbers. Client and
+ * engine share this file. Bit 0 is the lowest bit of the first byte (ETG.1000.6). Images need padding,
+ * since up to 9 bytes are read from the first byte of an entry on. */
 #ifndef ECAT_ENTRIES_H
 #define ECAT_ENTRIES_H
 

@@ -1,4 +1,4 @@
-/* Sampling, reading and waiting. All data comes from loads from the daemon's shared memory. */
+/* Sampling, reading and waiting. All data is loaded from the daemon's shared memory. */
 #include "internal.h"
 
 #include <errno.h>

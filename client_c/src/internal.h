@@ -13,23 +13,23 @@
 #include "values.h"
 
 #define NS_PER_S 1000000000u
-#define GIVE_WAY_NS 20000u        /* pause of a client that hinders the engine to read its outputs */
-#define LATE_NS 20000000u         /* age of the last cycle from which on the daemon's lock is checked */
+#define GIVE_WAY_NS 20000u        /* pause of a client that keeps the engine from reading its outputs */
+#define LATE_NS 20000000u         /* the daemon's lock is checked if the last cycle is older than this */
 #define TICK_NS 10000000u         /* how far CLOCK_MONOTONIC_COARSE may be behind */
 #define RETURN_PAUSE_NS 20000000u /* between two attempts to find the daemon again */
 
-/* Kernel file locks (ECAT_LOCK_DAEMON, ECAT_LOCK_SLOT) tell whether a process is alive: the kernel drops
- * them however their holder ends, they work across pid namespaces, and a reused process number cannot
- * fool them. */
+/* File locks of the kernel (ECAT_LOCK_DAEMON, ECAT_LOCK_SLOT) tell whether a process is alive. The kernel
+ * drops them in whatever way the process ends. They also work between pid namespaces, and a reused
+ * process ID makes no difference. */
 
-/* How an entry is read: as an integer that lies within one word and that int64_t holds, or by the slow
- * way. */
+/* How an entry is read: fast, as an integer that lies within one word and fits into int64_t, or in the
+ * slow way. */
 enum reading { READ_UNSIGNED, READ_SIGNED, READ_OTHERWISE };
 
 /* Why claims ended other than by a lapse: the daemon ended, or another program wrote over the slot. */
 enum lost { LOST_NOTHING, LOST_DAEMON, LOST_PLACE };
 
-/* Where one entry lies in the image of its domain, and how it is decoded. */
+/* The place of one entry in the image of its domain, and its decoding. */
 struct signal {
   const uint64_t *at; /* the word of the last sample in which it begins */
   uint32_t bit;    /* first bit in the domain's image */
@@ -64,7 +64,7 @@ struct ecat_client {
   const uint8_t *map;
   size_t map_size;
   int down;              /* error code if the daemon has gone, 0: it is there */
-  char why[512];         /* the error text that belongs to it */
+  char why[512];         /* the error text of `down` */
   uint64_t tried_ns;     /* time of the last attempt to find the daemon again */
   const ecat_shm_header *header;
   const ecat_shm_slave_status *slave_status;
@@ -92,7 +92,7 @@ struct ecat_client {
   ecat_out_header layout; /* a copy, since other clients could change the mapped one */
   int slot;              /* -1: none */
   uint32_t generation;
-  uint32_t overtaken;    /* of the slot status, when it was last looked at */
+  uint32_t overtaken;    /* last value read from the slot status */
   ecat_out_doorbell *doorbell;
   ecat_out_slot *out;
   uint64_t *out_claims;  /* in the slot: the outputs that this client wants */
@@ -100,7 +100,7 @@ struct ecat_client {
   uint64_t *claims, *written;  /* sets of signals: owned, and written since they were claimed */
   uint64_t *wish;              /* set of signals that the current call claims or releases */
   uint64_t *lease_ns;          /* of each signal in `claims` */
-  uint64_t longest_ns;         /* the longest of them, which is the lease of the client */
+  uint64_t longest_ns;         /* longest of `lease_ns`: the lease of the client */
   uint64_t *stage, *mask;      /* output image of the next commit, and the bits of it that were written */
   uint32_t first, bytes; /* part of the output image with all claims; multiples of 8 */
   uint32_t request_seq;
@@ -109,8 +109,8 @@ struct ecat_client {
   unsigned handles;
   uint8_t ended[ECAT_REQUESTS]; /* 1: the request ended with the daemon, and was not polled since */
   enum lost lost;        /* why the claims ended, until outputs are claimed again */
-  const char *program;   /* how messages call it; NULL: "this client", which is advised to claim again */
-  char *home;            /* contains 0 in a process that was forked since; mapped with `out_map` */
+  const char *program;   /* name in messages; NULL: "this client", and messages advise to claim again */
+  char *home;            /* contains 0 in a process that was forked later; mapped with `out_map` */
 };
 
 /* Sets the text of ecat_error() and returns `code`. */
@@ -165,9 +165,9 @@ void ecat_slot_free(ecat_t *bus);
 void ecat_slot_forget(ecat_t *bus); /* ends all claims and requests */
 void ecat_slot_begin(ecat_t *bus); /* starts a new generation: the engine drops the last one */
 int ecat_slot_lapsed(const ecat_t *bus);
-int ecat_slot_overwritten(const ecat_t *bus); /* ended by another program that wrote over it */
-int ecat_slot_foreign(const ecat_t *bus);     /* forked from the process that owns it */
-int ecat_slot_check_home(ecat_t *bus);        /* ECAT_EARG if so */
+int ecat_slot_overwritten(const ecat_t *bus); /* whether another program wrote over the slot */
+int ecat_slot_foreign(const ecat_t *bus);     /* whether this process was forked from the slot's owner */
+int ecat_slot_check_home(ecat_t *bus);        /* ECAT_EARG if the slot is foreign */
 const ecat_out_slot *ecat_slot_of(ecat_t *bus, int slot); /* of any client; NULL: not readable */
 
 #endif

@@ -129,8 +129,8 @@ int ecat_write_physical(ecat_t *bus, int number, double value) {
   return stage(bus, number, &given);
 }
 
-/* Gives the engine the time to read an image. A client that commits without end would always come round
- * to the image before the engine has read it, and none of its values would go out. */
+/* Gives the engine the time to read an image. Otherwise a client that commits without a pause would
+ * always overwrite the image before the engine has read it, and none of its values would go out. */
 static void give_way(ecat_t *bus) {
   uint32_t overtaken = __atomic_load_n(&bus->slot_status[bus->slot].overtaken, __ATOMIC_RELAXED);
   uint64_t until;
@@ -158,8 +158,9 @@ int ecat_commit(ecat_t *bus) {
   seq = bus->doorbell->commit_seq + 1;
   image = (void *)((uint8_t *)bus->out + bus->layout.images_offset +
                    (size_t)(seq % ECAT_IMAGES) * bus->layout.image_stride);
-  /* The engine reads `commit_seq` again after an image, and trusts the image if it is not about to be
-   * overwritten: the number of the last commit must be visible before any byte of this one. */
+  /* The engine reads `commit_seq` again after an image, and accepts the image only if the next commits
+   * cannot have overwritten it. The number of the last commit must therefore be visible before any byte
+   * of this one. */
   __atomic_thread_fence(__ATOMIC_RELEASE);
   image->seq = seq;
   image->first = bus->first;

@@ -3,8 +3,8 @@
 
 #include <string.h>
 
-/* Takes a free cell for a request and fills in all but its object and data. `*cell` is the number of the
- * cell. Returns NULL on failure, with the error code in `*cell`. */
+/* Takes a free cell for a request and fills in all fields except its object and data. Sets `*cell` to the
+ * number of the cell. Returns NULL on failure, with the error code in `*cell`. */
 static ecat_out_request *take(ecat_t *bus, int position, uint32_t op, int *cell) {
   ecat_out_request *request;
   int free_one = 0;

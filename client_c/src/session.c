@@ -1,4 +1,4 @@
-/* The connection of a session: how it is made, what happens without a bus, and how the bus comes back. */
+/* The connection of a session: connecting, the behaviour without a bus, and the return of the bus. */
 #include "session.h"
 
 #include <stdarg.h>
@@ -9,7 +9,7 @@
 
 #include "internal.h"
 
-/* --- sentences ------------------------------------------------------------------------------ */
+/* --- messages ------------------------------------------------------------------------------- */
 
 int ecat_session_fail(ecat_session *session, int code, const char *format, ...) {
   char text[sizeof session->problem]; /* the arguments may contain the old text */
@@ -38,8 +38,8 @@ void session_tell(ecat_session *session, int warning, const char *format, ...) {
   session->settings.tell(session->settings.context, warning, text);
 }
 
-/* Fails because the bus is not the one that the product was generated for: what is found, and what is
- * expected. */
+/* Fails because the bus is not the one that the product was generated for. `here` describes what the bus
+ * has, `expected` what the product needs. */
 static int another(const ecat_session_slave *slave, const char *here, const char *expected) {
   ecat_session *session = slave->session;
   const char *name = ecat_name(session->bus);
@@ -49,7 +49,7 @@ static int another(const ecat_session_slave *slave, const char *here, const char
                            slave->command, usual ? "" : " --bus ", usual ? "" : name);
 }
 
-/* --- what is expected ----------------------------------------------------------------------- */
+/* --- expected slaves and entries ------------------------------------------------------------ */
 
 static void identity(char *text, size_t size, const char *name, unsigned vendor, unsigned product,
                      unsigned revision) {
@@ -57,7 +57,7 @@ static void identity(char *text, size_t size, const char *name, unsigned vendor,
            revision);
 }
 
-/* Finds a slave by its name, or without one by its position; only its identity is to be checked then. */
+/* Finds a slave by its given name, or by its position if it has none. Does not check its identity. */
 static int locate(ecat_session_slave *slave) {
   ecat_t *bus = slave->session->bus;
   int named = slave->given_name != NULL && slave->given_name[0] != '\0';
@@ -125,9 +125,9 @@ static void meaning(char *text, size_t size, const ecat_signal_info *entry) {
            number(scale, entry->scale), offset);
 }
 
-/* Checks that an entry is the expected one. Its layout is compared only if the fingerprint differs. What
- * its values mean is no part of the fingerprint and always compared, unless there is no fingerprint
- * (product written by hand). */
+/* Checks that an entry is the expected one. Its layout is compared only if the fingerprint differs. The
+ * meaning of its values is not a part of the fingerprint and is always compared, unless there is no
+ * fingerprint (product written by hand). */
 static int compare_entry(const ecat_session_entry *entry, const ecat_signal_info *found) {
   const ecat_session_slave *slave = entry->slave;
   const ecat_signal_info *expected = &entry->expected;
@@ -212,7 +212,7 @@ static void disconnect(ecat_session *session) {
   session->bus = NULL;
 }
 
-/* Tries once to connect, without waiting; not more often than every RETURN_PAUSE_NS during an outage. */
+/* Tries once to connect, without waiting. During an outage it tries at most every RETURN_PAUSE_NS. */
 static int attach(ecat_session *session) {
   uint64_t now = ecat_now();
   int code;
@@ -232,7 +232,7 @@ int session_refresh(ecat_session *session) {
   int code;
   if (session->bus == NULL && (code = attach(session)) != 0) return code;
   code = ecat_session_client(session, ecat_sample(session->bus));
-  if (code == ECAT_EBUS) { /* it came back with other slaves, which may not be those of the program */
+  if (code == ECAT_EBUS) { /* the bus came back with other slaves: check the slaves of the program again */
     disconnect(session);
     if ((code = attach(session)) != 0) return code;
     return ecat_session_client(session, ecat_sample(session->bus));
@@ -291,8 +291,8 @@ void session_end_outage(ecat_session *session) {
                (double)(ecat_now() - session->outage_ns) * 1e-9);
 }
 
-/* Waits until the bus, which has failed with `code`, is there again: at most `patience` seconds, 0: for
- * ever. */
+/* Waits until the bus, which has failed with `code`, is there again: at most `patience` seconds, or for
+ * ever if `patience` is 0. */
 static int await(ecat_session *session, int code) {
   double patience = session->settings.patience;
   char what[60] = "waits for it";

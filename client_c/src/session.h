@@ -8,16 +8,16 @@
 const char *session_heading(const ecat_session_slave *slave);
 /* Whether a failure may end by itself. */
 int session_passes(int code);
-/* What the program has set for this failure (enum ecat_failure); ECAT_FAILURE_ERROR if it cannot end by
- * itself. */
+/* The setting of the program for this failure (enum ecat_failure); ECAT_FAILURE_ERROR for a failure that
+ * cannot end by itself. */
 int session_wish(const ecat_session *session, int code);
 /* Connects if necessary and takes a sample, without waiting. Returns 0 or a negative code. */
 int session_refresh(ecat_session *session);
-/* Handles a failure as the program has set it: ends, waits or goes on. 0: the bus is there again, or the
+/* Handles a failure according to session_wish(): ends, waits or goes on. 0: the bus is there again, or the
  * program goes on without it (`outage` is set then). */
 int session_endure(ecat_session *session, int code);
 void session_end_outage(ecat_session *session);
-void session_observe_nothing(ecat_session *session); /* bus and slaves are not available */
+void session_observe_nothing(ecat_session *session); /* marks bus and slaves as not available */
 void session_sleep_until(uint64_t ns); /* CLOCK_MONOTONIC */
 
 __attribute__((format(printf, 3, 4))) void session_tell(ecat_session *session, int warning,

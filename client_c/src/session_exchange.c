@@ -1,4 +1,4 @@
-/* What a session exchanges with the bus: outputs and their claims, and samples and their state. */
+/* The exchange of a session with the bus: outputs and their claims, samples and their state. */
 #include "session.h"
 
 #include <stdio.h>
@@ -9,11 +9,11 @@
 #include "internal.h"
 
 #define RECLAIM_NS 100000000u /* between two attempts to claim outputs again */
-#define QUIET_NS 1000000000u  /* within which the same message is not repeated */
-#define PATIENCE 1.0          /* seconds, added to 10 cycles, after which a missing cycle is a failure */
-#define BEHIND 0.1            /* seconds that a program without a bus may be behind and catch up */
+#define QUIET_NS 1000000000u  /* the same message is not repeated within this time */
+#define PATIENCE 1.0          /* a missing cycle is a failure after this time in s plus 10 cycles */
+#define BEHIND 0.1            /* largest delay in s that a program without a bus makes up for */
 
-/* --- who owns the outputs ------------------------------------------------------------------- */
+/* --- owning outputs ------------------------------------------------------------------------- */
 
 static int writes(const ecat_session *session, int position) {
   const ecat_session_slave *slave = session->slaves;
@@ -26,7 +26,7 @@ static void forget_claims(ecat_session *session) {
   for (slave = session->slaves; slave != NULL; slave = slave->next) slave->claimed = 0;
 }
 
-/* A claim was refused: names the slave of the session concerned, and what can be done about it. */
+/* Sets the error text of a refused claim: the slave of the session, and what the user can do. */
 static int owned_by_another(ecat_session *session, const int *signals, size_t count) {
   char text[sizeof session->problem];
   const ecat_session_slave *slave;
@@ -46,7 +46,7 @@ static int owned_by_another(ecat_session *session, const int *signals, size_t co
       output.pid == (unsigned)getpid() ? "" : ", or set readOnly where nothing is to be written");
 }
 
-/* Claims all outputs of all slaves that the program writes, together: all of them or none. */
+/* Claims all outputs of all slaves that the program writes: all of them or none. */
 static int claim(ecat_session *session) {
   int i, code, last = -1, wanted = 0, count = ecat_signal_count(session->bus);
   int *signals = malloc(((size_t)count + 1) * sizeof *signals);
@@ -87,8 +87,8 @@ void ecat_session_write_int(ecat_session_entry *entry, int64_t value) {
   entry->pending = 1;
 }
 
-/* Stages one value: an analog quantity is cut to the limits of the entry, a number beyond them is
- * refused. */
+/* Stages one value. An analog quantity is cut to the limits of the entry; any other value beyond the
+ * limits is refused. */
 static int stage_entry(ecat_t *bus, const ecat_session_entry *entry) {
   const ecat_signal_info *expected = &entry->expected;
   if (entry->is_whole) return ecat_write_int(bus, entry->signal, entry->whole);
@@ -97,7 +97,7 @@ static int stage_entry(ecat_t *bus, const ecat_session_entry *entry) {
   return ecat_write_scaled(bus, entry->signal, entry->real, expected->scale, expected->offset);
 }
 
-/* Stages all pending values of a slave, and claims its outputs first if needed. Returns ECAT_ELEASE also
+/* Stages all pending values of a slave, and claims its outputs first if needed. Also returns ECAT_ELEASE
  * if it is too early to claim lost outputs again. */
 static int stage(ecat_session_slave *slave) {
   ecat_session *session = slave->session;
@@ -184,8 +184,8 @@ int ecat_session_pace(ecat_session *session, unsigned cycles, double time) {
   int code = 0;
   if (session->bus != NULL && session->outage == 0) {
     if (cycles > 0) code = wait_cycles(session, cycles);
-    /* A failure that may end by itself is left to the next sample, which finds it too, unless it has
-     * ended. */
+    /* A failure that may end by itself is left to the next sample. If the failure still lasts, the
+     * sample finds it, too. */
     if (code != 0 && session_wish(session, ECAT_EDOWN) == ECAT_FAILURE_ERROR)
       return session_endure(session, code);
     session->origin = (double)ecat_now() * 1e-9 - time;

@@ -1,5 +1,5 @@
-/* The daemon's shared memory: opening it, checking what is in it, and noticing that the daemon has
- * gone. */
+/* The daemon's shared memory: opening it, checking its contents, and noticing that the daemon has
+ * ended. */
 #include "internal.h"
 
 #include <errno.h>
@@ -262,8 +262,7 @@ void ecat_memory_close(ecat_t *bus) {
 
 /* --- a daemon that goes and comes back ------------------------------------------------------ */
 
-/* Remembers why the daemon is not there: until the next attempt to find it, calls return the same
- * error. */
+/* Remembers why the daemon is not there. Until the next attempt to find it, calls return this error. */
 static int down(ecat_t *bus, int code) {
   bus->down = code;
   snprintf(bus->why, sizeof bus->why, "%s", bus->error);
@@ -350,8 +349,8 @@ static void keep_images(ecat_t *bus, ecat_t *fresh) {
   }
 }
 
-/* Replaces the connection by a fresh one. Texts, tables and images that the program may point to keep
- * their addresses. */
+/* Replaces the connection by a fresh one. Texts, tables and images keep their addresses, since the
+ * program may have pointers to them. */
 static void replace(ecat_t *bus, ecat_t *fresh) {
   const ecat_shm_header *h = fresh->header;
   uint32_t i;
@@ -373,8 +372,8 @@ static void replace(ecat_t *bus, ecat_t *fresh) {
   ecat_memory_close(bus);
   *bus = *fresh;
   place_signals(bus);
-  /* The layout of an image may have changed, so old values could be misread: copies the new images, which
-   * reads see until the next sample. */
+  /* The layout of an image may have changed, so that old values would be misread. Reads therefore get the
+   * new images until the next sample. */
   for (i = 0; i < bus->header->domain_count; i++) (void)ecat_page_copy(&bus->snapshot[i]);
 }
 

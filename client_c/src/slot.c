@@ -19,7 +19,8 @@ static void unmap_out(ecat_t *bus) {
 }
 
 /* A forked child inherits the descriptor, and with it the lock of the slot, but the slot belongs to its
- * parent. To tell a child apart without a system call, the kernel is told to clear one page in it. */
+ * parent. The kernel clears one page in the child, so that a process can tell without a system call
+ * whether it is the child. */
 static int mark_home(ecat_t *bus) {
   bus->home = mmap(NULL, 1, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (bus->home == MAP_FAILED) {
@@ -116,16 +117,16 @@ void ecat_slot_begin(ecat_t *bus) {
   bus->first = bus->bytes = 0;
   bus->longest_ns = 0;
   bus->request_seq = bus->doorbell->request_seq;
-  do bus->generation = ++bus->out->generation; /* skips 0, and the last one in a wiped slot */
+  do bus->generation = ++bus->out->generation; /* skips 0, and in a wiped slot the last generation */
   while (bus->generation == 0 || bus->generation == before);
-  /* Freed only after the new generation is stored, so that no number is used twice even if this client is
-   * killed here, and so that the engine can tell that the previous owner did not release the slot. */
+  /* The slot is freed only after the new generation is stored. So no number is used twice even if this
+   * client is killed here, and the engine can tell that the previous owner did not release the slot. */
   __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
   bus->out->lease_ns = 0;
   bus->out->since_ns = ecat_now();
   memcpy(bus->out->program, name, sizeof bus->out->program);
   bus->out->pid = (uint32_t)getpid();
-  /* Clears requests and claims, and whatever a later version may have put between them. */
+  /* Clears requests, claims and anything that a later version may have put between them. */
   memset(bus->out + 1, 0, bus->layout.images_offset - sizeof *bus->out);
   /* The counters in the doorbell continue where the last client of the slot left them: a repeated number
    * could be taken for the earlier one (tests/proof/claim.pml, request.pml). */

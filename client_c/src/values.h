@@ -1,5 +1,5 @@
-/* How a value becomes the bits of an entry: the one rule for rounding, for limits and for what is refused
- * (docs/process-image.md, "What is written"). */
+/* The conversion of a value to the bits of an entry: the only rule for rounding, limits and refused
+ * values (docs/process-image.md, "What is written"). */
 #ifndef ECAT_VALUES_H
 #define ECAT_VALUES_H
 
@@ -18,7 +18,7 @@ struct value {
   int64_t whole;       /* an unsigned 64-bit value is kept bit by bit */
   double scale, offset; /* the raw value is (real - offset) / scale */
   int is_whole;
-  int analog; /* beyond the limits it is cut to them instead of being refused */
+  int analog; /* 1: a value beyond the limits is cut to them instead of being refused */
 };
 
 struct rule value_rule(uint32_t type, uint32_t bits, double minimum, double maximum);

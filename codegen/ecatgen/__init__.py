@@ -4,13 +4,13 @@
 bus description -> build -> ir -> render (templates) -> output (files)
 ```
 
-- `origin`: the part of a bus description that a library or FMU is made from and carries in it
+- `origin`: the part of a bus description that a library or FMU is made from and contains
 - `names`, `words`: Modelica identifiers from the names of slaves, PDOs and entries
 - `connectors`, `blocks`: a connector for each entry and a block for each slave; `drives`,
   `drive_units`: blocks in SI units around those of drives; `channels`: blocks with vectors
 - `placement`, `labels`, `symbols`, `font`: the layout of icons and diagrams; `examples`, `diagram`:
   example models
-- `build`: puts all parts together in the `ir`, which the templates write down (`render`, `text`);
+- `build`: puts all parts together in the `ir`, from which templates write files (`render`, `text`);
   `generate`: goes all the way from the bus description to the folder
 - `static_library`: the library EtherCAT; `output`: writes both libraries into a folder;
   `differences`: what has changed since an earlier run

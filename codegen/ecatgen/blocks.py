@@ -23,7 +23,7 @@ EXAMPLE_COMPONENTS = (
 )
 """Names that the example models use themselves, so no block instance can have them."""
 
-# What a generated library contains beside its blocks.
+# Names in a generated library that are not those of blocks.
 _PACKAGES = ("UsersGuide", "Examples", "Drives", "Channels", "fingerprint", "generateCommand")
 
 # Names that the blocks and their base class use, so no connector can have them.
@@ -56,9 +56,9 @@ def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
 
 
 def renamed(blocks: Iterable[Block]) -> tuple[str, ...]:
-    """A sentence for each slave whose block is called otherwise than the configuration says.
+    """Returns a sentence for each slave whose block does not have the name in the configuration.
 
-    Capital letters, `-` and `_` do not count: they follow the conventions of Modelica.
+    Capital letters, `-` and `_` are not compared: they follow the conventions of Modelica.
     """
     return tuple(
         f"slave {block.position}: its name {block.given_name} becomes {block.name}, since no class "

@@ -1,4 +1,4 @@
-"""Builds the intermediate representation of a library: all parts of it come together here."""
+"""Builds the intermediate representation of a library from its parts."""
 
 from __future__ import annotations
 

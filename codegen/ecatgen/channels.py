@@ -79,7 +79,7 @@ def _channels(block: Block) -> Channels | None:
 
 
 def _groups(connectors: Sequence[Connector]) -> Iterator[list[Connector]]:
-    """Groups equal connectors that are numbered from 1 on; any other one is alone."""
+    """Groups equal connectors that are numbered from 1 on; any other connector is a group alone."""
     alike: dict[tuple[object, ...], list[Connector]] = {}
     for connector in connectors:
         alike.setdefault(_likeness(connector), []).append(connector)
@@ -108,7 +108,7 @@ def _likeness(connector: Connector) -> tuple[object, ...]:
 
 
 def _numbers(group: Sequence[Connector]) -> list[int]:
-    """The first number in each name, -1 where there is none."""
+    """Returns the first number in each name, or -1 if the name has no number."""
     found = (_NUMBER.search(connector.name) for connector in group)
     return [int(match[0]) if match else -1 for match in found]
 
@@ -146,7 +146,7 @@ def _vector(
 
 
 def _ports(block: Block, *, left: bool) -> dict[str, Point]:
-    """The points at which lines end at the connectors of the slave, by connector name."""
+    """Returns the points at which lines meet the connectors of the slave, by connector name."""
     return {
         connector.name: placement.port_point(block.icon, row, _CENTRE, left=left)
         for row, connector in enumerate(block.left if left else block.right)
@@ -154,7 +154,7 @@ def _ports(block: Block, *, left: bool) -> dict[str, Point]:
 
 
 def _point(block: Block, group: Sequence[Connector], *, left: bool) -> Point:
-    """The place of a vector in the diagram, at the height of its middle member."""
+    """Returns the place of a vector in the diagram, at the height of its middle member."""
     middle = _ports(block, left=left)[group[(len(group) - 1) // 2].name]
     slave = placement.in_diagram(block.icon, _CENTRE)
     return Point(slave.a.x - _REACH if left else slave.b.x + _REACH, middle.y)

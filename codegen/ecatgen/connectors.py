@@ -15,12 +15,12 @@ _START = {"Boolean": "false", "Integer": "0", "Real": "0"}
 
 
 def kind_of(entry: Entry) -> Kind:
-    """The Modelica type of an entry: Real for a physical value, else that of the raw value."""
+    """Returns the Modelica type of an entry: Real if it is physical, else the raw value's type."""
     return "Real" if entry.is_physical else raw_kind_of(entry)
 
 
 def raw_kind_of(entry: Entry) -> Kind:
-    """The Modelica type of a raw value; an integer that needs more than 32 signed bits is Real."""
+    """Returns the Modelica type of a raw value; integers beyond 32 signed bits are Real."""
     if entry.data_type == DataType.BOOLEAN or entry.bit_length == 1:
         return "Boolean"
     if is_real(entry.data_type):
@@ -41,9 +41,9 @@ def connectors(
     Args:
         entries: The entries, each with its PDO.
         names: Names of the connectors.
-        labels: Their names in the icon; empty for variables.
+        labels: Names of the connectors in the icon; empty for variables.
         icon: Extent of the icon.
-        outputs: Whether the model writes them.
+        outputs: Whether the model writes the entries.
     """
     result: list[Connector] = []
     row = 0
@@ -124,7 +124,7 @@ def _modifiers(kind: Kind, entry: Entry, *, outputs: bool) -> Iterator[str]:
 
 
 def _scaling(entry: Entry) -> str:
-    """Further arguments, scale and offset; Modelica and C write numbers alike."""
+    """Returns scale and offset as further arguments; numbers look the same in Modelica and C."""
     if not entry.is_physical:
         return ""
     return f", {entry.scale!r}, {entry.offset!r}"

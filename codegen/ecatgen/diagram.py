@@ -106,11 +106,11 @@ class Diagram:
         self.connections.append(Connection(source, target, points, _COLORS[kind]))
 
     def place(self, connector: str) -> Point:
-        """The point at which lines to a connector end."""
+        """Returns the point at which lines meet a connector."""
         return self._ports[connector]
 
     def result(self, name: str, unit: str, description: str, expression: str) -> None:
-        """Adds a variable that gives a result a name of its own."""
+        """Adds a variable that gives a result a short name."""
         self.variables.append(Variable(name, unit, description, expression))
 
     @property

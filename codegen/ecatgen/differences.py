@@ -1,4 +1,4 @@
-"""Compares two buses by what their libraries show: slaves and connectors."""
+"""Compares two buses by what their libraries contain: slaves and connectors."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _ASPECTS = (
     ("pdo_name", "PDO"),
     ("entry_name", "name on the slave"),
 )
-"""Attributes of a connector that are compared, and how messages call them."""
+"""Attributes of a connector that are compared, with their names in messages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +59,12 @@ class Difference:
         return one_line(f"{label}: {self.text}")
 
     def to_dict(self) -> dict[str, str | int | None]:
-        """The difference as data, for JSON."""
+        """Returns the difference as data, for JSON."""
         return asdict(self) | {"text": self.sentence}
 
 
 def lines(differences: Iterable[Difference]) -> list[str]:
-    """The differences as lines; consecutive slaves moved by the same distance share one."""
+    """Returns the differences as lines; neighbouring slaves that moved equally far share a line."""
 
     def row(numbered: tuple[int, Difference]) -> tuple[int, int] | None:
         number, item = numbered
@@ -129,14 +129,14 @@ def _alike(one: Slave, other: Slave) -> bool:
     return replace(one, position=0) == replace(other, position=0)
 
 
-# --- which slave is which ------------------------------------------------------------------------
+# --- matching slaves -----------------------------------------------------------------------------
 
 
 def _pairs(old: Sequence[Slave], new: Sequence[Slave]) -> list[tuple[int, int]]:
     """Pairs the old and new positions of the same slaves.
 
-    Slaves are the same if vendor and product are. Pairs come from the equal beginning of both
-    buses, then from the longest equal runs, and at last from any slave of the same type.
+    Two slaves match if they have the same vendor and product. First the equal beginning of both
+    buses is paired, then the longest equal runs, and finally the remaining slaves that match.
     """
     one, other = ([(slave.vendor, slave.product) for slave in slaves] for slaves in (old, new))
     start = 0
@@ -155,7 +155,7 @@ def _pairs(old: Sequence[Slave], new: Sequence[Slave]) -> list[tuple[int, int]]:
     return pairs
 
 
-# --- what is different ---------------------------------------------------------------------------
+# --- differences ---------------------------------------------------------------------------------
 
 
 def _of_bus(old: Bus, new: Bus) -> Iterator[Difference]:
@@ -178,37 +178,37 @@ def _domains(bus: Bus) -> str:
 
 
 def _of_block(old: Block, new: Block) -> Iterator[Difference]:
-    def told(
+    def difference(
         kind: str, text: str, before: str = "", after: str = "", connector: str = ""
     ) -> Difference:
         return Difference(new.position, new.name, connector, kind, text, before, after)
 
     if old.name != new.name:
         text = f"its class was {old.name}, is {new.name}: models that use it must follow"
-        yield told("renamed", text, old.name, new.name)
+        yield difference("renamed", text, old.name, new.name)
     if old.slave_name != new.slave_name:
         text = f"calls itself '{new.slave_name}', was '{old.slave_name}'"
-        yield told("changed", text, old.slave_name, new.slave_name)
+        yield difference("changed", text, old.slave_name, new.slave_name)
     if old.revision != new.revision:
         before, after = f"0x{old.revision:08X}", f"0x{new.revision:08X}"
-        yield told("changed", f"revision was {before}, is {after}", before, after)
+        yield difference("changed", f"revision was {before}, is {after}", before, after)
     ours, theirs = _connectors(old), _connectors(new)
     for place in [*ours, *(place for place in theirs if place not in ours)]:
         direction, address = place
         one, other = ours.get(place), theirs.get(place)
         if other is None and one is not None:
             text = f"connector {one.name} is gone ({direction} {address})"
-            yield told("gone", text, one.name, "", one.name)
+            yield difference("gone", text, one.name, "", one.name)
         elif one is None and other is not None:
             text = f"connector {other.name} is new ({direction} {address}, {other.type_name})"
-            yield told("new", text, "", other.name, other.name)
+            yield difference("new", text, "", other.name, other.name)
         elif one is not None and other is not None:
             if one.name != other.name:
                 text = f"connector {one.name} is now called {other.name} ({direction} {address})"
-                yield told("renamed", text, one.name, other.name, other.name)
+                yield difference("renamed", text, one.name, other.name, other.name)
             for what, before, after in _aspects(one, other):
                 text = f"connector {other.name}: {what}was {before}, is {after}"
-                yield told("changed", text, before, after, other.name)
+                yield difference("changed", text, before, after, other.name)
 
 
 def _connectors(block: Block) -> dict[tuple[str, str], Connector]:

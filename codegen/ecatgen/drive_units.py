@@ -21,7 +21,7 @@ class _Quantity:
     """A quantity of a drive.
 
     Attributes:
-        objects: Indices of the objects that have this quantity, all of them in the same raw unit.
+        objects: Indices of the objects that have this quantity, all in the same raw unit.
         unit: SI unit of its physical value.
         parameter: Parameter of EtherCAT.Interfaces.DriveParameters.
         member: The same parameter in `ecatm_drive_settings`.
@@ -36,7 +36,7 @@ class _Quantity:
     inverse: bool
 
     def value(self, scale: float) -> float:
-        """The parameter for a scale in SI units per digit."""
+        """Returns the parameter for a scale in SI units per digit."""
         return 2 * math.pi / scale if self.inverse else 1000 * scale
 
 
@@ -47,18 +47,18 @@ _QUANTITIES = (
     _Quantity(frozenset({0x6078}), "A", "ratedCurrent", "rated_current", False),
 )
 _CLOSE = 1e-9
-"""Relative difference up to which two scales are the same: people round them."""
+"""Relative difference up to which two scales count as equal, since people round them."""
 
 
 class UnsuitableError(Exception):
-    """An entry has a meaning that a block in SI units cannot have; the text names both."""
+    """A block in SI units cannot represent the meaning of an entry; the text says why."""
 
 
 def parameters(connectors: Iterable[Connector]) -> Iterator[DriveParameter]:
     """Computes the parameters that follow from the meaning of the connectors of one axis.
 
     Args:
-        connectors: The connectors that the state machine is connected with.
+        connectors: The connectors that are connected to the state machine.
 
     Raises:
         UnsuitableError: Two meanings contradict each other, or an entry has an offset or a negative
@@ -84,7 +84,11 @@ def parameters(connectors: Iterable[Connector]) -> Iterator[DriveParameter]:
 
 
 def _si_scale(quantity: _Quantity, connector: Connector) -> float | None:
-    """SI units per digit; None if the connector does not have this quantity."""
+    """Returns SI units per digit, or None if the connector does not have this quantity.
+
+    Raises:
+        UnsuitableError: The entry has an offset or a negative scale.
+    """
     unit, wanted = si_unit(connector.unit_name), si_unit(quantity.unit)
     if connector.index not in quantity.objects or unit is None or wanted is None:
         return None
@@ -97,8 +101,8 @@ def _si_scale(quantity: _Quantity, connector: Connector) -> float | None:
         )
     if connector.scale < 0:
         raise UnsuitableError(
-            f"{connector.address} has the negative scale {connector.scale:g}; let gearRatio turn "
-            f"the drive round"
+            f"{connector.address} has the negative scale {connector.scale:g}; use a negative "
+            f"gearRatio instead"
         )
     return connector.scale * unit.factor
 

@@ -11,7 +11,7 @@ from .ir import Block, Connection, Connector, Drive, DriveLine, Point
 from .labels import label
 
 # The connectors of EtherCAT.Drives.CiA402 by object, with their x positions in the diagram: first
-# those that lead to the slave, then those that come from it. See PartialDrive.
+# the outputs to the slave, then the inputs from it. See PartialDrive.
 _PINS_Y = -35
 _TO_SLAVE = {
     0x6060: ("modeOfOperation", -140),
@@ -53,8 +53,8 @@ class _Kind:
     Attributes:
         modes: Elements of EtherCAT.Types.DriveMode.
         target: Index of the object with the target value.
-        actual: Indices of the objects with the actual value; one of them is needed.
-        what: How a message names the target.
+        actual: Indices of the objects with the actual value; the drive must map one of them.
+        what: Name of the target in messages.
     """
 
     modes: tuple[str, str]
@@ -73,7 +73,7 @@ _KINDS = (
 
 
 def build_drives(blocks: Iterable[Block]) -> tuple[tuple[Drive, ...], tuple[str, ...]]:
-    """Builds the drives among the slaves: those that map all objects that one of the modes needs.
+    """Builds a drive for each slave that maps all objects that at least one of the modes needs.
 
     Returns:
         The drives, and a sentence for each drive whose units do not fit a block in SI units.
@@ -138,7 +138,10 @@ def _drive(block: Block) -> Drive | None:
 
 
 def _by_object(connectors: Sequence[Connector]) -> dict[int, Connector]:
-    """The connectors that CiA402 can use, by object: integers of the first axis, raw or scaled."""
+    """Returns the connectors that CiA402 can use: integers of the first axis, raw or scaled.
+
+    The keys are the indices of the objects.
+    """
     known = _TO_SLAVE.keys() | _FROM_SLAVE.keys()
     return {
         c.index: c

@@ -28,7 +28,7 @@ _CAUTION = (
 def build_examples(
     bus: Bus, library: str, blocks: Sequence[Block], drives: Sequence[Drive]
 ) -> tuple[Example, ...]:
-    """Builds the example models that suit the bus; those of drives need a drive with their mode."""
+    """Builds the example models that suit the bus; some of them need a drive with their mode."""
     examples = [_all_slaves(bus, library, blocks)]
     for mode, example in (
         ("CyclicVelocity", _point_to_point),
@@ -101,7 +101,7 @@ def _column(diagram: Diagram, library: str, blocks: Sequence[Block], left: int) 
 
 
 def _columns(diagram: Diagram, library: str, blocks: Sequence[Block]) -> None:
-    """Puts blocks to the right of all others, in columns no higher than the diagram is so far."""
+    """Puts blocks to the right of all others, in columns no taller than the diagram is so far."""
     box = diagram.box
     most = max(box.b.y - box.a.y, 150)
     column: list[Block] = []
@@ -142,7 +142,7 @@ def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
 
 
 def _drive_parts(bus: Bus, library: str, drive: Drive, mode: str) -> Diagram:
-    """A diagram with master, enabled drive and reference speed, which is not connected yet."""
+    """Returns a diagram with master, enabled drive and a reference speed without a connection."""
     diagram = Diagram()
     _master(diagram, bus, Point(-80, 70))
     known = {parameter.name for parameter in drive.parameters}

@@ -1,4 +1,4 @@
-"""Widths of texts in Helvetica and fonts of the same widths: Arial, Liberation Sans."""
+"""Widths of texts in Helvetica and in fonts with the same widths: Arial and Liberation Sans."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LATIN, _WIDE = 556, 1000  # widths of letters with accents, and of letters of E
 
 
 def width(text: str, *, bold: bool = False) -> float:
-    """The width of one line of text, in units of the font size."""
+    """Returns the width of one line of text, in units of the font size."""
     widths = _WIDTHS[bold]
     return (
         sum(
@@ -38,7 +38,7 @@ def width(text: str, *, bold: bool = False) -> float:
 
 
 def fitted(text: str, box_width: float, box_height: float, *, bold: bool = False) -> float:
-    """The largest font size at which a text fits into a box; width 0: any width."""
+    """Returns the largest font size at which a text fits into a box; width 0 means any width."""
     lines = text.split("\n")
     size = box_height / (LINE * len(lines))
     widest = max(width(line, bold=bold) for line in lines)

@@ -39,7 +39,7 @@ def generate(
         bus: Description of the bus.
         name: Name of the library, a Modelica identifier.
         out: Directory that the folders `name` and `EtherCAT` are written to.
-        templates: Folders with templates of the user; those of an earlier folder come first.
+        templates: Folders with templates of the user; an earlier folder takes precedence.
         check: Write nothing, only report what would change.
         force: Replace generated files that the user has changed, and keep these under another name.
             Without it they are an error.
@@ -82,14 +82,14 @@ class _Generator:
 
 
 def _before(folder: Path) -> Bus | None:
-    """The bus from which an earlier run made the library; None if it is not known."""
+    """Returns the bus from which an earlier run made the library, or None if it is not known."""
     with suppress(OSError):
         return read_origin((folder / _ORIGIN).read_bytes())
     return None
 
 
 def _otherwise(report: Report, files: Tree, again: Tree) -> tuple[str, ...]:
-    """The files that have changed for another reason than the bus: a new ecatd or template.
+    """Returns the files that a new version of ecatd or a new template has changed, not the bus.
 
     Args:
         report: The report of this run.

@@ -1,4 +1,4 @@
-"""What the generated library contains, with every decision made; templates only write it down.
+"""The contents of a generated library. All decisions are made here; templates only write files.
 
 Texts are plain here: the templates escape them for the language that they write.
 """
@@ -78,7 +78,7 @@ class Connector:
         direction: `output` of the bus, which the model writes, or `input`, which it reads.
         access: What the model does with it: `write` or `read`.
         kind: Type of the value in the model: `Boolean`, `Integer` or `Real`.
-        raw_kind: The same of the raw value.
+        raw_kind: Type of the raw value: `Boolean`, `Integer` or `Real`.
         class_name: Modelica class of the connector, or prefix and type of a variable.
         function: Suffix of the C functions: `boolean`, `integer`, `real`.
         index: Object index.
@@ -87,7 +87,7 @@ class Connector:
         data_type: Number of the CoE data type.
         type_name: Name of the CoE data type.
         bit_length: Bits in the process image.
-        description: What the slave calls it, with its address.
+        description: Names of the PDO and the entry, with the address.
         pdo_name: Name of its PDO.
         entry_name: Name of the entry.
         modifiers: Modifications of the connector: unit, quantity, and start where it is read.
@@ -97,11 +97,11 @@ class Connector:
         offset: See `scale`.
         unit: Unit of the value as Modelica writes it, or empty.
         unit_name: Unit as people write it, or empty.
-        conversion: How the value follows from the raw one, for the documentation, or empty.
-        note: What else the documentation says, or empty.
-        values: What the numbers stand for.
-        placement: Its annotation: the place in the icon; empty if it is a variable only.
-        label: Its name in the icon, shortened if it is long; empty if it is a variable only.
+        conversion: Formula for the value from the raw value, for the documentation, or empty.
+        note: A further remark for the documentation, or empty.
+        values: The named values: numbers with a meaning.
+        placement: Annotation with the place in the icon; empty for a variable without a connector.
+        label: Name in the icon, shortened if it is long; empty for a variable without a connector.
         label_extent: Place of the label.
     """
 
@@ -165,25 +165,25 @@ class Block:
         name: Class name.
         instance: Usual name of a component of this class.
         position: Position on the bus.
-        kind: What kind of device it is, as far as its process data tell: `drive`, `digital inputs`,
+        kind: Kind of the device, derived from its process data: `drive`, `digital inputs`,
             `digital outputs`, `digital inputs and outputs`, `analog inputs`, `analog outputs`,
             `coupler` or `other`.
         description: Description of the class.
         title: Title in the icon.
-        slave_name: What the slave calls itself.
-        slave_label: How messages name the expected slave.
-        given_name: Its name in the configuration, which it must have; empty for none.
+        slave_name: Name that the slave itself reports.
+        slave_label: Name of the expected slave in messages.
+        given_name: Name that the slave must have in the configuration; empty for no name.
         vendor: Vendor ID.
         product: Product code.
         revision: Revision number.
-        profiles: Device profiles that units and meanings are from, each with its source.
+        profiles: Device profiles that define the units and meanings, each with its source.
         reads: Inputs of the bus: connectors with values that the block delivers.
         writes: Outputs of the bus: connectors with values that the block takes.
         skipped: Entries without connector.
-        explained: Connectors with a note, or whose numbers stand for something.
-        left: Those of `writes` that are drawn: all of them.
-        right: Those of `reads` that are drawn.
-        variables: Those of `reads` that are not: variables without a connector.
+        explained: Connectors with a note or with named values.
+        left: Connectors on the left side of the icon: all of `writes`.
+        right: Connectors on the right side of the icon: those of `reads` that are drawn.
+        variables: Elements of `reads` that are variables without a connector.
         icon: Extent of the icon, which is the box that is drawn.
         symbol: Graphical primitives, as Modelica writes them, that show the kind of the device.
         name_extent: Place of the component's name, above the icon.
@@ -246,9 +246,9 @@ class Connection:
     """A connection of an example model.
 
     Attributes:
-        source: The connector that it begins at.
-        target: The connector that it ends at.
-        points: Its line in the diagram.
+        source: The connector at its beginning.
+        target: The connector at its end.
+        points: Points of its line in the diagram.
         color: Colour of the line, as Modelica writes it.
     """
 
@@ -266,7 +266,7 @@ class Variable:
         name: Its name.
         unit: Its unit.
         description: Its description.
-        expression: What it is equal to.
+        expression: Expression for its value.
     """
 
     name: str
@@ -304,16 +304,16 @@ class Example:
 
 @dataclass(frozen=True, slots=True)
 class DriveLine:
-    """A connector of EtherCAT.Drives.CiA402 with that of the slave that it belongs to.
+    """A connector of EtherCAT.Drives.CiA402, with the slave's connector for the same object.
 
     Attributes:
         drive: Name in CiA402, which has raw values.
         slave: Name in the block of the slave.
-        conversion: Block between them, where the slave has a physical value; else empty.
-        class_name: Its class.
-        size: Its extent, around its origin.
-        origin: Its origin in the diagram.
-        rotation: Its rotation in the diagram in degrees.
+        conversion: Name of the block between the two if the slave has a physical value, else empty.
+        class_name: Class of that block.
+        size: Extent of that block, around its origin.
+        origin: Origin of that block in the diagram.
+        rotation: Rotation of that block in the diagram in degrees.
         scale: Physical value = raw value * scale + offset.
         offset: See scale.
     """
@@ -331,7 +331,7 @@ class DriveLine:
 
 @dataclass(frozen=True, slots=True)
 class DriveParameter:
-    """A parameter of a drive that follows from what its process data mean.
+    """A parameter of a drive that follows from the units of its process data.
 
     Attributes:
         name: Name in EtherCAT.Interfaces.DriveParameters.
@@ -349,21 +349,22 @@ class Drive:
     """A block in SI units around the block of a CiA 402 drive.
 
     Attributes:
-        name: Class name, that of the slave.
+        name: Class name, the same as that of the block of the slave.
         instance: Usual name of a component.
         title: Text in the icon.
         description: Description of the class.
         block: The block of the slave.
         mode: Its usual mode, an element of EtherCAT.Types.DriveMode.
-        modes: The modes that the process data are enough for.
+        modes: The modes for which the process data are sufficient.
         modifiers: Modifications of the state machine.
-        parameters: Parameters that follow from what the process data mean.
-        mode_object: Object by which the mode is written, 0 if it is in the process data.
-        entries: What is mapped, as C has it (enum ecatm_drive_entries).
-        missing: For each quantity that is not mapped a condition on the mode, and its name.
+        parameters: Parameters that follow from the units of the process data.
+        mode_object: Index of the object for writing the mode by SDO, 0 if the process data have it.
+        entries: The mapped objects in C (enum ecatm_drive_entries).
+        missing: For each quantity that is not mapped: a condition that the mode must meet, and the
+            name of its target.
         writes: Values that go to the slave.
-        reads: Values that come from it.
-        unused: Outputs of the slave that the state machine does not know: they have parameters.
+        reads: Values that come from the slave.
+        unused: Outputs of the slave that the state machine does not use; each has a parameter.
         slave_extent: Place of the slave in the diagram.
         connections: Lines between state machine and slave.
         diagram: Extent of the diagram.
@@ -391,7 +392,7 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Vector:
-    """A connector of a block with vectors: channels that are alike, or a single one.
+    """A connector of a block with vectors, for several equal channels or for a single one.
 
     Attributes:
         name: Name of the connector.
@@ -399,8 +400,8 @@ class Vector:
         class_name: Modelica class of the connector.
         dimension: Its dimension in brackets, empty for a single connector.
         modifiers: Modifications of the connector: unit and quantity.
-        description: What the slave calls it, with its addresses.
-        members: The connectors of the slave's block that are its elements.
+        description: Names of the entries, with their addresses.
+        members: The connectors of the slave's block that are the elements of the vector.
         place: Its place in the icon.
         diagram_place: Its place in the diagram.
         label: Its name in the icon, shortened if it is long.
@@ -422,23 +423,23 @@ class Vector:
 
 @dataclass(frozen=True, slots=True)
 class Channels:
-    """A block around that of a slave, with vectors for channels that are alike.
+    """A block around the block of a slave, with vectors for equal channels.
 
     Attributes:
-        name: Class name, that of the slave.
+        name: Class name, the same as that of the block of the slave.
         instance: Usual name of a component.
         title: Text in the icon.
         description: Description of the class.
         block: The block of the slave.
         vectors: Its connectors.
-        left: Those on the left, which the model writes.
-        right: Those on the right, which it reads.
+        left: Connectors on the left, which the model writes.
+        right: Connectors on the right, which the model reads.
         icon: Extent of the icon.
-        symbol: What the icon shows, as Modelica.
+        symbol: Graphical primitives, as Modelica writes them, that show the kind of the device.
         name_extent: Place of the component's name.
         title_extent: Place of the title.
         valid_label: Place of the label of the connector `valid`.
-        valid_place: Place of that connector in the diagram.
+        valid_place: Place of the connector `valid` in the diagram.
         rule: Line below the title.
         slave_extent: Place of the slave in the diagram.
         connections: Lines between the vectors and the slave.
@@ -478,9 +479,9 @@ class Library:
         command: Command that generates the library again.
         version: Version of the library EtherCAT that it uses.
         blocks: Blocks by position.
-        drives: Blocks in SI units around those of drives.
-        channels: Blocks with vectors around those of slaves with channels that are alike.
-        notes: What could not be made, or not with its name, and why; a sentence each.
+        drives: Blocks in SI units around the blocks of drives.
+        channels: Blocks with vectors around the blocks of slaves with equal channels.
+        notes: A sentence for each block that is missing or has another name, with the reason.
         examples: Example models.
     """
 

@@ -17,7 +17,7 @@ _WORD = re.compile(r"[A-Z]+(?![a-z])[0-9_]*|[A-Za-z][a-z]*[0-9_]*|[0-9_]+")
 
 @lru_cache(maxsize=4096)  # equal slaves have equal names
 def label(name: str) -> str:
-    """The name, with its longest words cut if it is too long for a label.
+    """Returns the name, with its longest words cut if it is too long for a label.
 
     Numbers stay, since they tell channels apart: `aiStandardChannel12StatusUnderrange` becomes
     `aiStandardChannel12StatusUnd…`.

@@ -21,14 +21,13 @@ MAX_LENGTH = 48
 """Longest name made from a text, without the counter that may follow."""
 
 FOREIGN_LIBRARIES = frozenset({"EtherCAT", "Modelica", "ModelicaServices", "Complex"})
-"""Libraries that a generated library uses, and whose names it therefore cannot have."""
+"""Libraries that a generated library uses; it cannot have the name of one of them."""
 
 FILES = frozenset(
     {"package", "Resources", "con", "prn", "aux", "nul"}
     | {f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10)}
 )
-"""Names that no class can have because of its file: they are taken, or Windows forbids such files.
-"""
+"""Names that no class can have, because its file name is taken already or forbidden in Windows."""
 
 _LETTERS = str.maketrans(
     {"µ": "u", "μ": "u", "Ω": "Ohm", "°": " deg ", "%": " percent ", "ß": "ss"}
@@ -40,7 +39,8 @@ def library_name(name: str) -> str:
     """Returns the name after checking that a Modelica library can have it.
 
     Raises:
-        UsageError: The name is no Modelica identifier, is too long, or has another meaning already.
+        UsageError: The name is no Modelica identifier or too long, a word of Modelica or C, or the
+            name of a library that the generated one uses.
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or len(name) > MAX_LENGTH:
         raise UsageError(
@@ -55,9 +55,10 @@ def library_name(name: str) -> str:
 
 
 def class_name(text: str, fallback: str) -> str:
-    """A class name for a slave: its order number if the text begins with one, else all words.
+    """Returns a class name for a slave.
 
-    The word EtherCAT is left out, since all slaves are EtherCAT slaves.
+    The class name is the order number if the text begins with one, else all words of the text. The
+    word EtherCAT is left out, since all slaves are EtherCAT slaves.
 
     Args:
         text: Name of the slave.
@@ -75,7 +76,7 @@ def class_name(text: str, fallback: str) -> str:
 
 @lru_cache(maxsize=4096)  # equal slaves have equal texts
 def component_name(text: str, fallback: str = "") -> str:
-    """A component name; empty if neither the text nor the fallback has a letter or digit."""
+    """Returns a component name; empty if neither text nor fallback has a letter or digit."""
     words = _even_case(_words(text)) or _words(fallback)
     if not words:
         return ""
@@ -84,7 +85,7 @@ def component_name(text: str, fallback: str = "") -> str:
 
 
 def instance_name(class_: str) -> str:
-    """The usual component name for a class: `el3008_2` for `EL3008_2`."""
+    """Returns the usual component name for a class: `el3008_2` for `EL3008_2`."""
     return _small(class_)
 
 
@@ -114,11 +115,11 @@ def connector_names(
 
 
 class Namespace:
-    """The names of one scope. Upper and lower case are the same, as in many file systems.
+    """The names of one scope. Upper and lower case are equal, as in many file systems.
 
     Args:
-        reserved: Names that have another meaning in the scope, beside the words of Modelica and C:
-            the same names are used in both languages.
+        reserved: Names that have another meaning in the scope. The words of Modelica and of C are
+            always reserved, since both languages use the same names.
         suffix: The text that is added to a reserved name.
     """
 
@@ -132,7 +133,7 @@ class Namespace:
         return name.casefold() not in self._reserved | self._taken
 
     def take(self, name: str) -> str:
-        """Takes the name, with the suffix or a counter from 2 on added if it is not free."""
+        """Takes and returns the name; if it is not free, adds the suffix or a counter from 2 on."""
         if name.casefold() in self._reserved:
             name += self._suffix
         free, count = name, 1
@@ -150,14 +151,14 @@ def _words(text: str) -> list[str]:
 
 
 def _even_case(words: list[str]) -> list[str]:
-    """Capitalizes the words of a text in capitals, unless only one of them has letters alone."""
+    """Capitalizes words if all are in capitals and at least two of them consist of letters only."""
     if sum(word.isalpha() for word in words) > 1 and all(word.upper() == word for word in words):
         return [word.capitalize() for word in words]
     return words
 
 
 def _small(word: str) -> str:
-    """Makes the leading capitals of a word small, except one that begins the next word."""
+    """Makes the leading capitals of a word small, except a capital that begins the next word."""
     acronym = re.match(r"[A-Z]+(?![a-z])|[A-Z]", word)
     return word[: acronym.end()].lower() + word[acronym.end() :] if acronym else word
 

@@ -1,4 +1,4 @@
-"""The bus that a library or an FMU is made from, and that it carries as a file."""
+"""The bus that a library or an FMU is made from, and contains as a file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ecatd.model.errors import UsageError
 
 
 def essence(bus: Bus) -> Bus:
-    """The bus without everything that may differ on another bus of the same slaves.
+    """Returns the bus without all facts that may differ on another bus of the same slaves.
 
     A library must not change when a slave is replaced by one of the same type, or when the clocks
     are measured again. Serial numbers, addresses, delays and places in the process image are
@@ -21,12 +21,12 @@ def essence(bus: Bus) -> Bus:
 
 
 def dump_origin(bus: Bus) -> bytes:
-    """The content of the file that a library or an FMU carries."""
+    """Returns the content of the file in a library or an FMU that describes its bus."""
     return bus_file.dump(bus).encode()
 
 
 def read_origin(data: bytes | None) -> Bus | None:
-    """The bus in such a file; None if `data` is None or cannot be read as a bus description."""
+    """Returns the bus in such a file; None if `data` is None or is no bus description."""
     if data is None:
         return None
     with suppress(UsageError, UnicodeDecodeError):

@@ -27,7 +27,7 @@ _VALID = "valid"  # name of the connector of PartialSlave
 
 
 def icon(title: str, left: Iterable[str], right: Iterable[str]) -> Extent:
-    """The box of an icon with this title and these connectors on its sides."""
+    """Returns the box of an icon with this title and these connectors on its sides."""
     left, right = list(left), list(right)
     rows = max(len(left), len(right))
     names = _widest(left) + _widest(right) + _GAP
@@ -42,7 +42,7 @@ def _widest(names: Iterable[str]) -> float:
 
 
 def _width(text: str, height: int, *, bold: bool = False) -> float:
-    # 5 % more, since tools use different fonts.
+    # 5 % are added, since tools use different fonts.
     return 1.05 * font.width(text, bold=bold) * height / font.LINE
 
 
@@ -51,34 +51,34 @@ def _up(size: float) -> int:
 
 
 def extent(x1: int, y1: int, x2: int, y2: int) -> Extent:
-    """A rectangle."""
+    """Returns a rectangle."""
     return Extent(Point(x1, y1), Point(x2, y2))
 
 
 def above(icon: Extent) -> Extent:
-    """The place of the component's name, above the icon."""
+    """Returns the place of the component's name, above the icon."""
     return extent(icon.a.x, _TOP + 50, _RIGHT, _TOP + 10)
 
 
 def symbol_corner(icon: Extent) -> Point:
-    """The lower left corner of the symbol, which is left of the title."""
+    """Returns the lower left corner of the symbol, which is left of the title."""
     return Point(icon.a.x + _MARGIN, _TOP - (_HEADER + _SYMBOL) // 2)
 
 
 def title(icon: Extent) -> Extent:
-    """The place of the title, at the top of the box."""
+    """Returns the place of the title, at the top of the box."""
     x = _RIGHT - round(_width(_VALID, _LABEL)) - _MARGIN - _GAP // 2
     return _text(icon.a.x + _SYMBOL + 2 * _MARGIN, x, _TOP - _HEADER // 2, _TITLE)
 
 
 def valid_label() -> Extent:
-    """The place of the name of the connector `valid`."""
+    """Returns the place of the name of the connector `valid`."""
     x = _RIGHT - _MARGIN
     return _text(x - round(_width(_VALID, _LABEL)), x, _TOP - _HEADER // 2, _LABEL)
 
 
 def rule(icon: Extent) -> Extent:
-    """The line below the title, from point to point."""
+    """Returns the line below the title, from point to point."""
     return extent(icon.a.x, _TOP - _HEADER, _RIGHT, _TOP - _HEADER)
 
 
@@ -91,14 +91,14 @@ def _row_y(row: int) -> int:
 
 
 def port(icon: Extent, row: int, *, left: bool) -> Extent:
-    """The place of a connector."""
+    """Returns the place of a connector."""
     y, half = _row_y(row), _PORT // 2
     x = icon.a.x - _PORT if left else _RIGHT
     return extent(x, y - half, x + _PORT, y + half)
 
 
 def port_label(icon: Extent, row: int, name: str, *, left: bool) -> Extent:
-    """The place of a connector's name beside it."""
+    """Returns the place of a connector's name beside it."""
     width = round(_width(name, _LABEL)) + 1
     if left:
         x = icon.a.x + _MARGIN
@@ -108,20 +108,20 @@ def port_label(icon: Extent, row: int, name: str, *, left: bool) -> Extent:
 
 
 def port_point(icon: Extent, row: int, centre: Point, *, left: bool, scale: int = _SCALE) -> Point:
-    """The point at which a line ends at a connector of a block drawn around `centre` in a diagram.
+    """Returns the point at which a line meets a connector of a block in a diagram.
 
     Args:
         icon: The icon of the block.
         row: Row of the connector.
         centre: Centre of the block.
         left: Whether the connector is on the left side.
-        scale: Units of the icon in one of the diagram.
+        scale: Units of the icon in one unit of the diagram.
     """
     return _at(icon, _row_y(row), centre, left=left, scale=scale)
 
 
 def valid_point(icon: Extent, centre: Point, scale: int = _SCALE) -> Point:
-    """The same for the connector `valid`."""
+    """Returns the point at which a line meets the connector `valid`; see `port_point`."""
     return _at(icon, _TOP - _HEADER // 2, centre, left=False, scale=scale)
 
 
@@ -132,23 +132,23 @@ def _at(icon: Extent, icon_y: int, centre: Point, *, left: bool, scale: int) -> 
 
 
 def half_width(icon: Extent, scale: int = _SCALE) -> int:
-    """Half of the width of a block in a diagram."""
+    """Returns half of the width of a block in a diagram."""
     return (icon.b.x - icon.a.x) // 2 // scale
 
 
 def half_height(icon: Extent, scale: int = _SCALE) -> int:
-    """Half of the height of a block in a diagram."""
+    """Returns half of the height of a block in a diagram."""
     return (icon.b.y - icon.a.y) // 2 // scale
 
 
 def in_diagram(icon: Extent, centre: Point, scale: int = _SCALE) -> Extent:
-    """The place of a block in a diagram."""
+    """Returns the place of a block in a diagram."""
     x, y = half_width(icon, scale), half_height(icon, scale)
     return extent(centre.x - x, centre.y - y, centre.x + x, centre.y + y)
 
 
 def route(start: Point, end: Point, x: int | None = None) -> tuple[Point, ...]:
-    """A line with right angles whose vertical part is at `x`, by default in the middle."""
+    """Returns a line with right angles; its vertical part is at `x`, by default in the middle."""
     if start.y == end.y:
         return (start, end)
     middle = (start.x + end.x) // 2 if x is None else x

@@ -25,7 +25,7 @@ from . import text
 from .ir import Library
 
 OURS = "ecatgen"
-"""The folder name by which a template of the user includes one of ours."""
+"""The folder name in front of one of our templates when a template of the user includes it."""
 
 FILTERS = {
     "string": text.modelica_string,
@@ -57,10 +57,14 @@ def _environment(folders: tuple[Path, ...] = ()) -> Environment:
 
 
 def _check(folders: Iterable[Path], known: Sequence[str]) -> None:
-    """Refuses unreadable files and misspelt names: templates that have no counterpart in ours."""
+    """Checks that the templates of the user are readable and that each replaces one of ours.
+
+    Raises:
+        ConfigError: A folder does not exist, a file cannot be read, or a name may be misspelt.
+    """
     for folder in folders:
         if not folder.is_dir():
-            raise ConfigError(f"{folder}: is no folder; templates are *.j2 files in one")
+            raise ConfigError(f"{folder}: is no folder; give a folder with *.j2 files")
         for file in sorted(folder.rglob("*.j2")):
             if file.relative_to(folder).as_posix() not in known:
                 raise ConfigError(
@@ -88,7 +92,7 @@ def render(library: Library, templates: Iterable[Path] = ()) -> dict[str, bytes]
         except Exception as error:
             if not templates:
                 raise
-            raise ConfigError(_told(template, error)) from error
+            raise ConfigError(_description(template, error)) from error
 
     files = {
         "package.mo": write("package.mo.j2"),
@@ -119,8 +123,8 @@ def render(library: Library, templates: Iterable[Path] = ()) -> dict[str, bytes]
     return files
 
 
-def _told(template: str, error: Exception) -> str:
-    """Describes an error in a template of the user: file, line and reason."""
+def _description(template: str, error: Exception) -> str:
+    """Returns file, line and reason of an error in a template of the user."""
     reason = str(error) or type(error).__name__
     if isinstance(error, TemplateSyntaxError):
         return f"{error.filename or template}:{error.lineno}: {error.message}"

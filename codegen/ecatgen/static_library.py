@@ -19,7 +19,7 @@ _PLATFORMS = {"x86_64": "linux64", "aarch64": "aarch64-linux"}
 
 
 def static_files() -> dict[str, bytes]:
-    """The files of the library, by their path in it.
+    """Returns the files of the library, by their path in it.
 
     Raises:
         EcatError: The C client is not installed, or there is none for this platform.
@@ -41,8 +41,8 @@ def install_library(out: Path, *, check: bool = False, force: bool = False) -> R
 
     Args:
         out: The directory, which is made if it does not exist.
-        check: As `install`.
-        force: As `install`.
+        check: See `install`.
+        force: See `install`.
 
     Raises:
         StateError: Files of the user are in the way.
@@ -64,7 +64,7 @@ def _platform() -> str:
 
 
 def built_folder(name: str, what: str) -> Path:
-    """A folder of the package that holds data or files made by the build.
+    """Returns a folder of the package that holds data or files made by the build.
 
     Raises:
         EcatError: The folder does not exist.

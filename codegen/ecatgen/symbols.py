@@ -16,7 +16,7 @@ _DARK, _FILL = "{64, 64, 64}", "{95, 158, 160}"
 
 
 def slave_kind(slave: Slave, writes: Collection[Kind], reads: Collection[Kind]) -> SlaveKind:
-    """The kind of a slave, by its process data; a slave without any is a coupler by its name.
+    """Returns the kind of a slave by its process data, or by its name if it has none.
 
     Args:
         slave: The slave.
@@ -43,7 +43,7 @@ def _has(slave: Slave, address: tuple[int, int], *, outputs: bool) -> bool:
 
 
 def symbol(kind: SlaveKind, corner: Point) -> tuple[str, ...]:
-    """The Modelica graphics of the symbol for a kind of slave.
+    """Returns the Modelica graphics of the symbol for a kind of slave.
 
     Args:
         kind: Kind of the slave.
@@ -85,7 +85,7 @@ class _Pen:
 
 
 def _drive(pen: _Pen) -> Iterator[str]:
-    """A motor, seen from the side."""
+    """Draws a motor, seen from the side."""
     yield pen.rectangle((2, 8), (22, 26))
     for y in (12, 17, 22):
         yield pen.line((5, y), (19, y))
@@ -94,7 +94,7 @@ def _drive(pen: _Pen) -> Iterator[str]:
 
 
 def _coupler(pen: _Pen) -> Iterator[str]:
-    """A bus that continues on both sides."""
+    """Draws a bus that continues on both sides."""
     yield pen.line((0, 8), (32, 8))
     for x in (2, 12, 22):
         yield pen.line((x + 4, 8), (x + 4, 16))
@@ -102,14 +102,14 @@ def _coupler(pen: _Pen) -> Iterator[str]:
 
 
 def _chip(pen: _Pen) -> Iterator[str]:
-    """An electronic device."""
+    """Draws an electronic device."""
     for y in (10, 16, 22):
         yield pen.line((2, y), (30, y))
     yield pen.rectangle((7, 5), (25, 27))
 
 
 def _signal(pen: _Pen, kind: SlaveKind) -> Iterator[str]:
-    """A signal: an output comes from the model on the left, an input goes to it on the right."""
+    """Draws a signal with an arrow: on the left for outputs, on the right for inputs."""
     if kind.startswith("digital"):
         points = ((7, 6), (11, 6), (11, 26), (18, 26), (18, 6), (25, 6), (25, 26))
         yield pen.line(*points)

@@ -10,7 +10,7 @@ _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]+")
 
 
 def one_line(text: str) -> str:
-    """The text with each run of control characters as a space; lone surrogates become `?`."""
+    """Replaces each run of control characters by a space, and each lone surrogate by `?`."""
     return _CONTROL.sub(" ", text).encode("utf-8", "replace").decode().strip()
 
 

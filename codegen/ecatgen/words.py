@@ -1,4 +1,4 @@
-"""Words that no generated name may be, because they mean something in Modelica or C."""
+"""Words that cannot be generated names, because they have a meaning in Modelica or C."""
 
 from __future__ import annotations
 

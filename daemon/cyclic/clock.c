@@ -1,23 +1,23 @@
 /* The cycle follows the reference clock of the distributed clocks (ETG.1000.4, 9.1).
  *
- * In each cycle the frame reads the time of the reference clock as it passes it. From this time, the
- * engine subtracts how long after its deadline the frame left. The result is the deadline in the time
- * of the reference clock, whatever the delay of the host's wake-up was. A PI controller moves the
- * next deadline; its integral is the difference in speed of the two clocks. A frame that is held up
- * on its way gives too late a time. So the effect of one measurement is limited, and more tightly
- * once the cycle is locked.
+ * In each cycle a frame reads the time of the reference clock when it passes that slave. The engine
+ * subtracts the time from the deadline to the sending of the frame. The result is the deadline in the
+ * time of the reference clock, independent of the delay of the host's wake-up. A PI controller moves
+ * the next deadline; its integral is the difference in speed of the two clocks. The time is too late
+ * if something holds the frame up on its way. Therefore the effect of one measurement is limited, and
+ * the limit is tighter while the cycle is locked.
  */
 #include "engine.h"
 
 enum {
-  DRIFT_BITS = 12,         /* of the unit of the integral, in which its mean is kept */
-  FRACTION_BITS = 12,      /* of a nanosecond, in which deadlines are corrected */
-  PROPORTIONAL_BITS = 7,   /* gains: 2^(7-12) = 1/32, and 1/4096 */
-  FILTER_BITS = 4,         /* of the phase that decides about the lock: 16 cycles */
+  DRIFT_BITS = 12,         /* further fraction bits for the mean of the integral */
+  FRACTION_BITS = 12,      /* fraction bits of a nanosecond in corrections of deadlines */
+  PROPORTIONAL_BITS = 7,   /* gains: proportional 2^(7-12) = 1/32, integral 1/4096 */
+  FILTER_BITS = 4,         /* of the filter for the phase that decides about the lock: 16 cycles */
   SETTLED_CYCLES = 100,
-  SILENT_CYCLES = 100,     /* without a measurement until the lock counts as lost */
-  DRIFT_CYCLES = 4096,     /* over which the published drift is averaged: noise moves the integral */
-  LIMIT = 1000             /* a deadline moves by 1/LIMIT of the cycle at most */
+  SILENT_CYCLES = 100,     /* the lock is lost after this many cycles without a measurement */
+  DRIFT_CYCLES = 4096,     /* the published drift is a mean over these cycles: the integral is noisy */
+  LIMIT = 1000             /* a deadline moves by at most 1/LIMIT of the cycle */
 };
 
 static int64_t clamp(int64_t value, int64_t limit) {
@@ -29,7 +29,8 @@ uint64_t cyclic_clock_estimate(const cyclic_t *c) {
   return c->clock.measured ? c->clock.time_ns + (c->send_ns - c->clock.send_ns) : 0;
 }
 
-/* The deadline's place in the reference clock's cycle, less the wanted one: -period/2 to period/2. */
+/* The phase of the deadline in the cycle of the reference clock, less the wanted phase: -period/2 to
+ * period/2. */
 static int64_t phase(const cyclic_t *c) {
   int64_t period = (int64_t)c->header->cycle_time_ns;
   int64_t at = (int64_t)(c->clock.time_ns - (c->send_ns - c->deadline_ns)) - c->clock.phase_ns;
@@ -54,8 +55,9 @@ static void decide(cyclic_t *c, struct clock *clock, int64_t offset) {
     cyclic_count(&c->health->dc_offset, (uint64_t)(offset < 0 ? -offset : offset));
 }
 
-/* Deadlines come sooner (negative integral) when the reference clock is the faster one. A cycle that
- * approaches the clock corrects more than the drift: it does not count, but before the first lock. */
+/* The integral is negative, so that deadlines come sooner, if the reference clock is the faster one. While
+ * the cycle still approaches the clock, the integral is more than the drift. Such cycles do not count,
+ * except before the first lock. */
 static void publish_drift(cyclic_t *c, struct clock *clock, int64_t period) {
   int64_t now = -clock->integral * (1 << DRIFT_BITS);
   if (clock->state == ECAT_DC_LOCKED) {
@@ -73,8 +75,8 @@ void cyclic_clock_measure(cyclic_t *c, uint64_t time_ns) {
   struct clock *clock = &c->clock;
   int64_t period = (int64_t)c->header->cycle_time_ns, limit = period / LIMIT, offset, wanted;
   int first = !clock->measured;
-  /* A clock of 32 bits starts again every 4.3 s; how often it did so while no frame came back tells
-   * the time that has passed here. */
+  /* A 32-bit clock starts again every 4.3 s. The local time that has passed since the last measurement
+   * tells how often it has done so. */
   if (!first && time_ns >> 32 == 0) {
     uint64_t expected = cyclic_clock_estimate(c);
     time_ns = expected + (uint64_t)(int64_t)(int32_t)((uint32_t)time_ns - (uint32_t)expected);
@@ -91,7 +93,7 @@ void cyclic_clock_measure(cyclic_t *c, uint64_t time_ns) {
   }
   decide(c, clock, offset);
   offset = clamp(offset, clock->state == ECAT_DC_LOCKED ? clock->lock_ns / 4 : period / 2);
-  /* The integral is kept within twice what the limit can use, or it would have to come back. */
+  /* Anti-windup: the integral stays within twice the value that the limit lets through. */
   clock->integral = clamp(clock->integral - clamp(offset, period / 64),
                           (2 * limit) << FRACTION_BITS);
   wanted = clock->fraction + clock->integral - offset * (1 << PROPORTIONAL_BITS);
@@ -105,12 +107,12 @@ void cyclic_clock_follow(cyclic_t *c) {
   c->deadline_ns += (uint64_t)clock->correction;
   if (clock->send_ns == c->send_ns) {
     clock->silent = 0;
-  } else if (++clock->silent >= SILENT_CYCLES) { /* whatever it shows now, nobody follows it */
+  } else if (++clock->silent >= SILENT_CYCLES) { /* the cycle no longer follows the clock */
     clock->silent = SILENT_CYCLES;
     clock->settled = 0;
     clock->state = ECAT_DC_LOCKING;
   }
-  /* Without a measurement in the next cycle the speed stays, and the phase is not corrected. */
+  /* Valid if the next cycle brings no measurement: the speed is kept, the phase is not corrected. */
   clock->correction = clamp(clock->integral >> FRACTION_BITS,
                             (int64_t)c->header->cycle_time_ns / LIMIT);
 }

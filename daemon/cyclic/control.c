@@ -1,4 +1,4 @@
-/* Between engine and control side: events one way, answers to clients the other. */
+/* The interface between engine and control side: events from the engine, answers for clients. */
 #include "engine.h"
 
 #include <linux/futex.h>
@@ -6,8 +6,9 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-/* What a client can bring about in every cycle leaves half of the room to the rest, and is tried
- * again later. */
+/* Number of events that may be unread after an event of this type is added. Events that a client can
+ * cause in every cycle leave half of the room to the others. All of them but conflicts are tried again
+ * later. */
 static uint32_t room_for(uint32_t type) {
   return type == CYCLIC_EVENT_REQUEST || type == CYCLIC_EVENT_REFUSED ||
                  type == CYCLIC_EVENT_MALFORMED || type == CYCLIC_EVENT_CONFLICT

@@ -1,7 +1,7 @@
-/* Copies: outputs that an input of another slave decides, in every cycle.
+/* Copies: outputs that get the value of an input of another slave in every cycle.
  *
- * An input of one cycle goes out with the next. While the input is not valid, the output has its safe
- * value; also while the drive that it belongs to is brought to a stop. Nobody can claim such an output. */
+ * The input of one cycle goes out with the next one. The output has its safe value while the input is not
+ * valid, and while the drive of the output is brought to a stop. No client can claim such an output. */
 #include "engine.h"
 
 #include <errno.h>
@@ -25,7 +25,7 @@ static void tell(cyclic_t *c, struct copy *copy, uint32_t reason) {
   __atomic_store_n(&output->since_ns, c->now_ns, __ATOMIC_RELEASE);
 }
 
-/* An integer that needs no conversion: a 64-bit one would lose digits as a double. */
+/* The value of an integer that needs no conversion. A double would lose digits of a 64-bit integer. */
 static struct value whole_value(const struct copy *copy, uint64_t bits) {
   struct value value = {.scale = 1, .analog = 1, .is_whole = 1};
   value.whole = copy->source_sign ? sign_extended(bits, copy->source_bits) : (int64_t)bits;
@@ -41,8 +41,8 @@ static struct value converted_value(const struct copy *copy, uint64_t bits) {
   return (struct value){.scale = 1, .analog = 1, .real = real};
 }
 
-/* The value of the input as bits of the output; 0 if it is not valid. It is valid as `valid` of a session
- * is, and a finite number. */
+/* Sets `*bits` to the value of the input as bits of the output. Returns 0 if the input is not valid. The
+ * input must meet the conditions of `valid` in a session, and be a finite number. */
 static int read_source(const cyclic_t *c, const struct copy *copy, uint64_t *bits) {
   const struct domain *domain = &c->domain[copy->domain];
   struct value value;
@@ -55,7 +55,8 @@ static int read_source(const cyclic_t *c, const struct copy *copy, uint64_t *bit
   return value_encode(&copy->rule, &value, bits) == 0;
 }
 
-/* Why an output must have its safe value; ECAT_REASON_START: it has the value of the input, `bits`. */
+/* The reason for the safe value of an output. ECAT_REASON_START: no reason, the output has the value of
+ * the input, `*bits`. */
 static uint32_t why_safe(const cyclic_t *c, const struct copy *copy, int stopping, uint64_t *bits) {
   if (stopping) return ECAT_REASON_STOPPING;
   if (copy->stop >= 0 && c->stop_sequence[copy->stop].running)
@@ -80,14 +81,14 @@ void cyclic_copies_run(cyclic_t *c) {
   }
 }
 
-/* The stop of the drive with this controlword, -1: none. */
+/* The number of the stop of the drive with this controlword, -1: none. */
 static int32_t find_stop(const cyclic_t *c, int32_t controlword) {
   int32_t i = (int32_t)c->stops;
   while (--i >= 0 && (int32_t)c->stop_sequence[i].signal != controlword) continue;
   return i;
 }
 
-/* Where an input is, and what it is. */
+/* Fills in place and type of an input. */
 static void set_source(const cyclic_t *c, struct copy *copy, const ecat_shm_signal *from) {
   const ecat_shm_slave_status *status =
       (const void *)((const uint8_t *)c->header + c->header->slave_status_offset);

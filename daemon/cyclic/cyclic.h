@@ -1,5 +1,5 @@
 /* The cyclic engine: a thread that exchanges process data with the slaves and shares it with
- * clients. This header is what the control side (ecatd/bus/engine/engine.py, over ctypes) calls.
+ * clients. The control side (ecatd/bus/engine/engine.py) calls the functions below through ctypes.
  *
  * After cyclic_start() the engine allocates nothing, takes no lock and enters the kernel only to
  * sleep (and set the timer that ends waiting for frames), send, receive, read the clients' slots
@@ -21,7 +21,7 @@ enum cyclic_command { CYCLIC_LRD = 10, CYCLIC_LWR = 11, CYCLIC_LRW = 12 };
 /* Ranges of the index of a frame's first datagram: each socket accepts only frames of its range. */
 enum cyclic_index {
   CYCLIC_INDEX_CONTROL = 0x00, /* mailboxes and registers, by the control side */
-  CYCLIC_INDEX_ENGINE = 0x80,  /* the engine, to the end */
+  CYCLIC_INDEX_ENGINE = 0x80,  /* from here on: the engine */
   CYCLIC_INDEX_LAST = 0xFF
 };
 
@@ -37,7 +37,7 @@ enum cyclic_event_type {
   CYCLIC_EVENT_OVERRUN = 9, /* value: deadlines missed since the last such event */
   CYCLIC_EVENT_REFUSED = 10, /* a value of slot is out of the declared range; value: signal */
   CYCLIC_EVENT_MALFORMED = 11, /* content of slot is malformed; value: generation */
-  CYCLIC_EVENT_STOPPED = 12, /* stop of a drive of slave is over; value 1: it stands, 0: out of time */
+  CYCLIC_EVENT_STOPPED = 12, /* stop of a drive of slave is over; value 1: it stands still, 0: time-out */
   CYCLIC_EVENT_CONFLICT = 13 /* slot is refused outputs of slave; value: signal with another owner */
 };
 
@@ -55,7 +55,7 @@ typedef struct cyclic_settings {
   int32_t lock_memory;   /* 1: lock the memory of the process */
   int32_t busy_receive;  /* 1: poll for the answer and never sleep */
   int32_t poll_ns;       /* how long to poll before sleeping, if answers usually come that soon */
-  int32_t wkc_limit;     /* bad working counters in a row that make outputs safe, 0: never do */
+  int32_t wkc_limit;     /* outputs become safe after so many bad working counters in a row, 0: never */
   int32_t free_running;  /* 1: cycles follow each other without a pause; only for measurements */
 } cyclic_settings;
 
@@ -63,8 +63,8 @@ typedef struct cyclic_settings {
 typedef struct cyclic_clock {
   uint32_t address;  /* configured station address of the reference clock */
   int32_t position;  /* its position */
-  int32_t phase_ns;  /* when in a cycle of the reference clock the frames leave */
-  uint32_t lock_ns;  /* locked when the phase is this close */
+  int32_t phase_ns;  /* phase of the deadlines in the cycle of the reference clock */
+  uint32_t lock_ns;  /* the cycle counts as locked once the phase stays this close */
 } cyclic_clock;
 
 /* Opens a raw socket for EtherCAT frames whose first datagram has an index from `first` to `last`.
@@ -79,21 +79,22 @@ CYCLIC_API int cyclic_filter_index(int fd, uint32_t first, uint32_t last);
  * tells this run from others. Returns NULL on failure, and sets errno. */
 CYCLIC_API cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int second_fd, uint32_t run);
 /* Adds a datagram that exchanges `length` bytes of the image of `domain` from `offset` on, at the
- * logical address `address + offset`. Add them in the order of the domains. `group` is -1, or the
- * group of optional slaves (0 to ECAT_MAX_GROUPS - 1) of which it has all of these bytes: they may be
- * absent, and then the working counter of this datagram says nothing about the domain. Returns 0, or
- * -EINVAL, -ENOSPC. */
+ * logical address `address + offset`. Add datagrams in the order of the domains. `group` is -1, or the
+ * group of optional slaves (0 to ECAT_MAX_GROUPS - 1) that all of these bytes belong to. These slaves
+ * may be absent; then the working counter of this datagram says nothing about the domain. Returns 0,
+ * or -EINVAL, -ENOSPC. */
 CYCLIC_API int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, uint32_t address,
                                    uint32_t offset, uint32_t length, uint32_t wkc_expected,
                                    int group);
 /* Makes the cycle follow a reference clock, and distributes its time to the slaves in each cycle.
  * Call it before cyclic_start(). */
 CYCLIC_API void cyclic_set_clock(cyclic_t *c, const cyclic_clock *clock);
-/* Sets the safe values of a slave's outputs: bits set in `hold` keep what was last sent, the others
+/* Sets the safe values of a slave's outputs: bits set in `hold` keep their last value, the others
  * take `value`. Both have output_bytes of the slave. */
 CYCLIC_API int cyclic_set_safe(cyclic_t *c, uint32_t slave, const uint8_t *value,
                                const uint8_t *hold);
-/* Refuses raw values of an output below `minimum` or above `maximum`. Before cyclic_start(). */
+/* Makes the engine refuse raw values of an output below `minimum` or above `maximum`. Call it before
+ * cyclic_start(). */
 CYCLIC_API int cyclic_set_limit(cyclic_t *c, uint32_t signal, double minimum, double maximum);
 /* Sets how a drive is stopped when its controlword loses its owner: the controlword is `value` until
  * the statusword (CiA 402) says that the drive no longer moves, for at most `patience_ns`. Then it
@@ -101,15 +102,16 @@ CYCLIC_API int cyclic_set_limit(cyclic_t *c, uint32_t signal, double minimum, do
 CYCLIC_API int cyclic_set_stop(cyclic_t *c, uint32_t controlword, uint32_t statusword,
                                uint32_t value, uint64_t patience_ns);
 /* Copies an input to an output in every cycle: raw output = raw input * factor + offset, rounded to the
- * nearest number and held at the limits of the output. While the input is not valid, the output has its
- * safe value; also while the drive with `controlword` (-1: none) is brought to a stop. Nobody can claim the
- * output, also if the input is not on the bus (`source` UINT32_MAX). Call it after cyclic_set_stop() of that drive, and before cyclic_start(). */
+ * nearest number and cut to the limits of the output. The output has its safe value while the input is
+ * not valid, and while the drive with `controlword` (-1: none) is brought to a stop. No client can claim
+ * the output, even if the input is not on the bus (`source` UINT32_MAX). Call it after cyclic_set_stop()
+ * of that drive, and before cyclic_start(). */
 CYCLIC_API int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor,
                                double offset, int32_t controlword);
 /* Number of drives that are being stopped; valid from two cycles after cyclic_make_safe() on. */
 CYCLIC_API uint32_t cyclic_stopping(const cyclic_t *c);
-/* Starts the thread; 0 or -errno. It also starts if the system refuses a real-time setting: then
- * cyclic_..._error() returns the errno of that (0: granted). */
+/* Starts the thread. Returns 0 or -errno. The thread starts even if the system refuses a real-time
+ * setting; cyclic_..._error() returns the errno of the refusal (0: granted). */
 CYCLIC_API int cyclic_start(cyclic_t *c, const cyclic_settings *settings);
 CYCLIC_API int cyclic_scheduling_error(const cyclic_t *c);
 CYCLIC_API int cyclic_affinity_error(const cyclic_t *c);
@@ -120,14 +122,15 @@ CYCLIC_API int cyclic_slack_error(const cyclic_t *c);
 CYCLIC_API void cyclic_set_socket(cyclic_t *c, uint32_t port, int fd);
 /* CLOCK_MONOTONIC of the next cycle, in ns; 0 before the first one. */
 CYCLIC_API uint64_t cyclic_deadline(const cyclic_t *c);
-/* Sets all counters and histograms of the engine back to zero, and returns when that is done. Used
- * when the slaves are in OP: what was counted before says nothing about the bus. */
+/* Sets all counters and histograms of the engine back to zero, and returns when that is done. Call it
+ * when the slaves are in OP: counts of the time before say nothing about the bus. */
 CYCLIC_API void cyclic_restart_counting(cyclic_t *c);
 /* Sets all outputs to their safe values from the next cycle on, and refuses claims. */
 CYCLIC_API void cyclic_make_safe(cyclic_t *c);
-/* Says that the control side works. If it is not called again within `cycles` cycles, the engine does what
- * cyclic_make_safe() does: nobody would notice a lost slave or answer a request. Cycles and not time: a
- * machine that stood still for a while must not find its outputs safe. 0, or -ETIMEDOUT: too late. */
+/* Says that the control side works. If no other call follows within `cycles` cycles, the engine does the
+ * same as cyclic_make_safe(), since nothing would notice a lost slave or answer a request. The limit is
+ * in cycles and not in time, so that outputs do not become safe because the whole machine stood still
+ * for a while. Returns 0, or -ETIMEDOUT if the call comes too late. */
 CYCLIC_API int cyclic_attend(cyclic_t *c, uint32_t cycles);
 /* Ends the thread after the current cycle and waits for it. */
 CYCLIC_API void cyclic_stop(cyclic_t *c);
@@ -136,18 +139,18 @@ CYCLIC_API void cyclic_free(cyclic_t *c);
 /* Writes the layout version: from now on clients may open the shared memory at `header`. */
 CYCLIC_API void cyclic_publish_layout(void *header);
 
-/* Next event: 1, or 0 when none came within `timeout_ns`. For one thread at a time. */
+/* Waits for the next event. Returns 1, or 0 if none came within `timeout_ns`. For one thread at a time. */
 CYCLIC_API int cyclic_wait_event(cyclic_t *c, cyclic_event *event, int64_t timeout_ns);
 /* Lets the engine send one more CYCLIC_EVENT_REQUEST for a slot. After that event it sends no other
- * for this slot until the next call, so a client that rings without end cannot fill the events. */
+ * for this slot until the next call, so a client with endless requests cannot fill the event queue. */
 CYCLIC_API void cyclic_listen(cyclic_t *c, uint32_t slot);
 /* Answers a request of a client (see ecat_shm_reply). */
 CYCLIC_API void cyclic_reply(cyclic_t *c, uint32_t slot, uint32_t cell, uint32_t generation,
                              uint32_t seq, int32_t status, uint32_t abort_code, const void *data,
                              uint32_t length);
 
-/* Sleeps `count` times until the next of times that are `period_ns` apart, as the calling thread, and counts
- * in `late`, an ecat_shm_histogram of zeros, how much later than that it ran. */
+/* Measures wake-ups of the calling thread: sleeps `count` times until deadlines that are `period_ns` apart,
+ * and counts the delays after the deadlines in `late`, an ecat_shm_histogram of zeros. */
 CYCLIC_API void cyclic_measure_wakeup(uint64_t period_ns, uint64_t count, void *late);
 
 #endif

@@ -25,9 +25,9 @@ static void take_part(cyclic_t *c, uint32_t number) {
 }
 
 /* Chooses the domains of this cycle: those that are due. A domain that was due in a missed cycle is
- * exchanged late, and then keeps to its old grid. It does not join domains that are never due in the
- * same cycle as it: the wire may have no room for all of them. Then it waits for a later cycle, at
- * most until it is due again. */
+ * exchanged late, and then returns to its old grid. A late domain does not join domains that are never
+ * due in the same cycle with it, because the wire may not have room for all of them. It waits for a
+ * later cycle, at most until it is due again. */
 static void choose_domains(cyclic_t *c) {
   uint32_t i, late = 0;
   c->due = 0;
@@ -85,17 +85,18 @@ static void adopt_sockets(cyclic_t *c) {
                      __ATOMIC_RELEASE);
 }
 
-/* A frame that is not back after nine tenths of the cycle counts as lost, so that waiting for it
- * does not cost the next cycle its deadline. After a late wake-up it still gets a quarter: a
- * deadline missed is better than a frame sent for nothing. */
+/* Returns the time until which the engine waits for frames. A frame that is not back after nine tenths
+ * of the cycle counts as lost, so that waiting for it does not make the engine miss the next deadline.
+ * After a late wake-up the engine still waits for a quarter of the cycle: a missed deadline is better
+ * than a useless frame. */
 static uint64_t patience(const cyclic_t *c, uint64_t period) {
   uint64_t until = c->deadline_ns + period / 10 * 9;
   if (c->settings.free_running) return c->now_ns + FREE_RUNNING_PATIENCE_NS;
   return until < c->now_ns + period / 4 ? c->now_ns + period / 4 : until;
 }
 
-/* On a busy machine missed cycles count, too. If the machine stood still, they count as a few: the control
- * side stood still as well. */
+/* Missed cycles also count against the control side, see cyclic_attend(). The limit is for a machine that
+ * stood still: then the control side stood still as well, and only a few of the missed cycles count. */
 enum { MISSED_AT_ONCE = 4 };
 
 static void count_unattended(cyclic_t *c, uint32_t cycles) {

@@ -18,7 +18,7 @@ enum {
   MAX_FRAMES = 64,        /* in one cycle; an index is not used again for twice as many */
   MAX_PORTS = 2,
   FRAME_BYTES = 1518,
-  EVENTS = 2048           /* power of two; more than slaves, all of which may lose their owner at once */
+  EVENTS = 2048           /* power of two; more than the slaves, which may all lose their owner at once */
 };
 
 /* Ethernet and EtherCAT framing (ETG.1000.4, 5.3 and 5.4). */
@@ -36,7 +36,7 @@ enum {
   INDEX_AT = FIRST_DATAGRAM + 1
 };
 
-/* What every cycle carries for the bus as a whole, in front of the domains: the AL status of all
+/* The data of the bus as a whole, which every cycle exchanges before the domains: the AL status of all
  * slaves, and the time of the reference clock. */
 enum {
   STATUS_BYTES = 2,
@@ -55,12 +55,12 @@ struct datagram {
   uint64_t group;        /* bit of the group of optional slaves whose bytes it has, 0: none */
 };
 
-/* A frame of this cycle: where its datagrams are, and who has answered. */
+/* A frame of this cycle: its datagrams, and the copies of it that are back. */
 struct frame {
   uint32_t first, count;   /* in `order` */
   uint32_t length;         /* on the wire */
   uint32_t domains;        /* bit per domain with data in it */
-  uint8_t pending;         /* bit per port: sent there, and not back yet */
+  uint8_t pending;         /* bit per port: the copy sent there is not back yet */
   uint8_t copies;          /* number of copies that are back; with two ports merged in `answer` */
   uint8_t bytes[FRAME_BYTES];
   uint8_t answer[FRAME_BYTES];
@@ -76,7 +76,7 @@ struct domain {
   uint32_t wkc, wkc_state, told_state;
   uint32_t bad;            /* exchanges in a row without a complete working counter */
   int32_t complete;        /* all datagrams of this cycle so far had their expected counter */
-  uint64_t absent;         /* groups of optional slaves that did not */
+  uint64_t absent;         /* bit per group of optional slaves that did not take part */
 };
 
 /* How the deadlines follow the reference clock; see clock.c. */
@@ -91,12 +91,12 @@ struct clock {
   uint32_t settled, silent, state, told_state;
 };
 
-/* What the engine knows about a client. */
+/* The state of a client, as the engine has read it. */
 struct slot {
   uint32_t generation, heartbeat, claim_seq, commit_seq, request_seq;
-  uint32_t first, bytes;   /* part of the output image with all that it owns; multiples of 8 */
-  uint64_t *claims;        /* set of signals that it owns */
-  uint64_t *mask, *active; /* bits of the output image that it owns, and that it has written */
+  uint32_t first, bytes;   /* part of the output image with all outputs of the client; multiples of 8 */
+  uint64_t *claims;        /* set of signals that the client owns */
+  uint64_t *mask, *active; /* bits of the output image that the client owns, and that it has written */
   uint64_t beat_ns, lease_ns;
   uint64_t commit_ns, sample_cycle; /* of a commit that goes out in this cycle; 0: none */
   int told_malformed;
@@ -111,8 +111,8 @@ struct limit {
   uint64_t before;
 };
 
-/* How a CiA 402 drive without owner is brought to a stop: the controlword is `value` until the
- * statusword says that the drive no longer moves, or patience ends; then it is its safe value. */
+/* The stop of a CiA 402 drive without an owner. The controlword is `value` until the statusword says that
+ * the drive no longer moves, or until patience ends. Then the controlword takes its safe value. */
 struct stop {
   uint32_t signal, bit;    /* of the controlword; bit: of the output image */
   uint32_t domain, status_bit;
@@ -121,17 +121,17 @@ struct stop {
   int running;
 };
 
-/* An output that an input of another slave decides; see copies.c. */
+/* An output that gets the value of an input of another slave; see copies.c. */
 struct copy {
   uint32_t target, target_bit; /* signal, and bit of the output image */
   uint32_t domain, source_bit; /* of the input: its domain, and bit of its image */
   uint64_t group;              /* bit of its group of optional slaves, 0: none */
-  const uint32_t *al_state;    /* of its slave, in the shared memory; NULL: it is not on the bus */
+  const uint32_t *al_state;    /* of its slave, in the shared memory; NULL: the input is not on the bus */
   int32_t stop;                /* of the drive that the output belongs to; -1: none */
   uint8_t source_bits, source_sign, source_real;
   uint8_t whole;               /* an integer becomes an integer without conversion */
   uint8_t plain;               /* the bits are copied as they are */
-  uint32_t told;               /* ecat_reason that is published */
+  uint32_t told;               /* ecat_reason that was published last */
   double factor, offset;       /* raw output = raw input * factor + offset */
   struct rule rule;            /* for the values of the output */
 };
@@ -146,15 +146,15 @@ struct cyclic {
   ecat_shm_health *health;
 
   struct domain domain[ECAT_MAX_DOMAINS];
-  struct datagram datagram[MAX_DATAGRAMS]; /* the status, the time, then those of the domains */
+  struct datagram datagram[MAX_DATAGRAMS]; /* the status, the time, then the data of the domains */
   uint32_t domains, datagrams;
 
   /* The frames of this cycle. */
-  uint32_t due, packed;                    /* bit per domain: exchanged in it; laid out */
-  uint16_t order[MAX_DATAGRAMS];           /* datagrams as they follow each other in the frames */
-  uint16_t position[MAX_DATAGRAMS];        /* where they begin in their frame */
+  uint32_t due, packed;                    /* bit per domain: exchanged in this cycle; in the layout */
+  uint16_t order[MAX_DATAGRAMS];           /* datagrams in their order in the frames */
+  uint16_t position[MAX_DATAGRAMS];        /* of these datagrams in their frame */
   struct frame frame[MAX_FRAMES];
-  uint32_t frames, waiting;                /* waiting: not all back */
+  uint32_t frames, waiting;                /* waiting: frames that are not back completely */
   uint32_t sent;                           /* frames since the start: index and tag */
   uint32_t lost[128];                      /* by index: domains of a frame that was given up */
   uint8_t source[6];
@@ -164,48 +164,48 @@ struct cyclic {
   uint32_t ports;
   int timer_fd;                            /* ends waiting for frames */
   int send_error[MAX_PORTS];
-  uint32_t ring, ring_break;               /* of this cycle, ECAT_RING_NONE: nothing is known */
+  uint32_t ring, ring_break;               /* of this cycle, ECAT_RING_NONE: not known */
   uint32_t told_ring, told_break;
   uint32_t found, al_status, told_found, told_al_status, silent;
 
   struct clock clock;
 
   int out_fd;
-  void *out_map;                  /* never touched: there so that its pages are locked */
+  void *out_map;                  /* never accessed: the mapping exists so that its pages are locked */
   size_t out_size;
   ecat_out_header out;            /* copy from the start; a client cannot change it */
   ecat_out_doorbell doorbell[ECAT_SLOTS];
   struct slot slot[ECAT_SLOTS];
   uint32_t used;                  /* bit per slot that has a client in this cycle, or just lost it */
-  uint32_t request_told;          /* bit per slot: control is going to look at its requests */
-  uint32_t claim_turn;            /* slot whose claims are looked at first */
+  uint32_t request_told;          /* bit per slot: control has the event and will read the requests */
+  uint32_t claim_turn;            /* slot whose claims are read in this cycle */
   uint8_t *outputs, *safe, *hold; /* output images */
-  uint8_t *slot_image;            /* ecat_out_image and what follows it, as read */
+  uint8_t *slot_image;            /* ecat_out_image with its mask and values, as read */
   uint64_t *claimable, *wanted;   /* sets of signals: outputs that may have an owner; claims as read */
-  uint64_t *copied;               /* set of signals: outputs that an input decides */
-  void *output_memory;            /* of these sets, and those of the slots */
+  uint64_t *copied;               /* set of signals: outputs that an input is copied to */
+  void *output_memory;            /* memory of these sets and of the sets of the slots */
   struct limit *limit;
   struct stop *stop_sequence;
   struct copy *copy;
   uint32_t copies;
   uint32_t limits, stops, stopping; /* stopping: drives that are being stopped now */
   int make_safe, restart;         /* set by control */
-  uint32_t attend;                /* set by control: cycles until it calls cyclic_attend() again; 0: taken */
-  uint32_t attended;              /* cycles that are left of them; 0: never called, or too late */
+  uint32_t attend;                /* set by control: new value for `attended`; 0: already taken over */
+  uint32_t attended;              /* cycles left until outputs become safe; 0: never called, or too late */
 
-  struct cyclic_frame_ring *frame_ring; /* of what is sent and received, or NULL */
-  struct cyclic_relay *relay;     /* that follows this engine, or NULL; control */
+  struct cyclic_frame_ring *frame_ring; /* records sent and received frames, or NULL */
+  struct cyclic_relay *relay;     /* relay that follows this engine, or NULL; control */
   cyclic_settings settings;
   uint64_t cycle;
   uint64_t deadline_ns;           /* of the current cycle, until its end */
-  uint64_t next_ns;               /* the same for other threads */
+  uint64_t next_ns;               /* the deadline, for other threads */
   uint64_t now_ns;                /* start of the current cycle */
   uint64_t send_ns;
   int64_t typical_ns;             /* of an exchange, averaged */
   uint64_t overrun_told_ns;
-  uint32_t overruns;              /* not told yet */
+  uint32_t overruns;              /* missed deadlines that no event has reported yet */
   pthread_t thread, wake_thread;
-  uint32_t crowd;                 /* futex: who else is to be woken, bits as in ECAT_WAKE_CYCLE */
+  uint32_t crowd;                 /* futex: clients that `wake_thread` must wake, bits as in ECAT_WAKE_CYCLE */
   int started, stop;
   int scheduling_error, affinity_error, memory_error, slack_error;
 
@@ -225,14 +225,14 @@ int cyclic_emit(cyclic_t *c, uint32_t type, int32_t slave, int32_t slot, uint32_
 /* frames.c */
 void cyclic_frames_init(cyclic_t *c);
 int cyclic_frames_fit(const cyclic_t *c); /* whether a cycle with all domains has room */
-void cyclic_frames_fill(cyclic_t *c);     /* the frames of this cycle, ready to be sent */
+void cyclic_frames_fill(cyclic_t *c);     /* makes the frames of this cycle ready to be sent */
 /* Whether `bytes` is the answer to a frame: all its datagrams are where they were sent. */
 int cyclic_frame_is_answer(const cyclic_t *c, const struct frame *frame, const uint8_t *bytes,
                            size_t length);
 /* Adds the copy that came back by another port to `frame->answer`. */
 void cyclic_frame_merge(const cyclic_t *c, struct frame *frame, const uint8_t *bytes);
 int cyclic_frame_complete(const cyclic_t *c, const struct frame *frame, const uint8_t *bytes);
-/* Takes over what a frame has brought. */
+/* Takes over the data that a frame has brought back. */
 void cyclic_frame_take(cyclic_t *c, const struct frame *frame, const uint8_t *bytes);
 
 /* wire.c */
@@ -242,14 +242,14 @@ void cyclic_wire_receive(cyclic_t *c, uint64_t deadline_ns);
 /* clock.c */
 uint64_t cyclic_clock_estimate(const cyclic_t *c); /* of the reference clock's time, at send_ns */
 void cyclic_clock_measure(cyclic_t *c, uint64_t time_ns);
-void cyclic_clock_follow(cyclic_t *c); /* at the end of the cycle: `correction` for the next one */
+void cyclic_clock_follow(cyclic_t *c); /* at the end of the cycle: corrects the next deadline */
 
 /* slots.c */
 int cyclic_slots_init(cyclic_t *c);
 void cyclic_slots_read(cyclic_t *c);      /* before sending */
 void cyclic_slots_sent(cyclic_t *c);      /* after sending */
 void cyclic_slots_publish(cyclic_t *c);   /* at the end of the cycle */
-/* All clients with outputs in a domain lose what they own. */
+/* Ends the claims of all clients that own outputs in a domain. */
 void cyclic_slots_lapse_domain(cyclic_t *c, uint32_t domain);
 
 /* copies.c */
@@ -258,15 +258,15 @@ void cyclic_copies_run(cyclic_t *c); /* in every cycle, after the commits of cli
 /* outputs.c */
 enum { CYCLIC_CONFLICT_NONE = -1, CYCLIC_CONFLICT_STOPPING = -2 };
 int cyclic_outputs_init(cyclic_t *c);
-/* Calls `prefault` with all memory that is this part's own. */
+/* Calls `prefault` for all memory that outputs.c has allocated. */
 void cyclic_outputs_prefault(cyclic_t *c, void (*prefault)(void *memory, size_t size));
-/* Makes a slot the owner of exactly the signals in `c->wanted`. If another slot owns one of them, it
- * gets no new one. Signals that it no longer wants are released in any case. Returns a signal in
- * conflict, or CYCLIC_CONFLICT_... */
+/* Makes a slot the owner of exactly the signals in `c->wanted`. If another slot owns one of them, this
+ * slot gets no new signal. Signals that it no longer wants are released in any case. Returns a signal
+ * in conflict, or CYCLIC_CONFLICT_... */
 int32_t cyclic_outputs_claim(cyclic_t *c, uint32_t slot);
-void cyclic_outputs_drop(cyclic_t *c, uint32_t slot, uint32_t reason); /* all that it owns */
+void cyclic_outputs_drop(cyclic_t *c, uint32_t slot, uint32_t reason); /* all outputs of the slot */
 int cyclic_outputs_has_domain(const cyclic_t *c, uint32_t slot, uint32_t domain);
-/* Takes a commit over: a mask of the part that the slot owns, and its values. */
+/* Takes a commit over. `part`: a mask and values for the part of the output image that the slot owns. */
 void cyclic_outputs_take(cyclic_t *c, uint32_t slot, const uint64_t *part);
 void cyclic_outputs_stop_drives(cyclic_t *c);                          /* in every cycle */
 void cyclic_outputs_make_all_safe(cyclic_t *c, uint32_t reason);

@@ -1,6 +1,6 @@
 /* The last frames: see frame_ring.h. `tail` and `head` count bytes since the start. The writer moves
- * `tail` on before it overwrites a record, so a reader that looks at it afterwards knows what of its copy
- * is still what it was. */
+ * `tail` on before it overwrites a record. A reader that reads `tail` after copying therefore knows which
+ * part of its copy is intact. */
 #include "frame_ring.h"
 
 #include "engine.h"
@@ -32,7 +32,7 @@ cyclic_frame_ring_t *cyclic_frame_ring_new(uint64_t bytes) {
   ring = calloc(1, sizeof *ring);
   if (ring == NULL) return NULL;
   ring->size = bytes & ~(uint64_t)7;
-  /* Its pages must be there before the engine writes into them. */
+  /* MAP_POPULATE: the engine must not cause page faults when it writes. */
   ring->words = mmap(NULL, ring->size, PROT_READ | PROT_WRITE,
                     MAP_PRIVATE | MAP_ANONYMOUS | MAP_POPULATE, -1, 0);
   if (ring->words != MAP_FAILED) return ring;
@@ -48,8 +48,8 @@ void cyclic_frame_ring_free(cyclic_frame_ring_t *ring) {
 
 void cyclic_set_frame_ring(cyclic_t *c, cyclic_frame_ring_t *ring) { c->frame_ring = ring; }
 
-/* Words are copied one by one, since the reader may copy what the writer overwrites: relaxed atomics keep
- * that from being a data race. `at` is a multiple of 8. */
+/* Copies word by word with relaxed atomics: the reader may copy words while the writer overwrites them,
+ * and this must not be a data race. `at` is a multiple of 8. */
 static void put(cyclic_frame_ring_t *ring, uint64_t at, const void *from, size_t length) {
   size_t words = (size_t)ring->size / sizeof(uint64_t), index = (size_t)(at / sizeof(uint64_t) % words), done;
   for (done = 0; done < length; done += sizeof(uint64_t)) {
@@ -93,7 +93,7 @@ void cyclic_frame_ring_write(cyclic_frame_ring_t *ring, const uint8_t *frame, si
   __atomic_store_n(&ring->head, ring->head + need, __ATOMIC_RELEASE);
 }
 
-/* The part of `bytes` that whole records fill. */
+/* The number of bytes, at most `bytes`, that whole records fill. */
 static uint32_t whole_records(const uint8_t *from, uint32_t bytes) {
   uint32_t at = 0;
   cyclic_frame_record record;

@@ -1,5 +1,6 @@
-/* The last frames that a thread has sent and received, for `ecatctl capture`. One thread writes them
- * into memory of a fixed size, over the oldest ones; others may read meanwhile. The writer never waits.
+/* The last frames that a thread has sent and received, for `ecatctl capture`. The thread writes them into
+ * memory of a fixed size, over the oldest frames. Other threads may read at the same time. The writer
+ * never waits.
  */
 #ifndef ECAT_FRAME_RING_H
 #define ECAT_FRAME_RING_H
@@ -9,9 +10,9 @@
 
 typedef struct cyclic_frame_ring cyclic_frame_ring_t;
 
-/* What stands in front of each frame. The frame follows, filled up to a multiple of 8 bytes. */
+/* The header of each frame in the ring. The frame follows, filled up to a multiple of 8 bytes. */
 typedef struct cyclic_frame_record {
-  uint64_t time_ns; /* CLOCK_MONOTONIC, when it was handed to the kernel or taken from it */
+  uint64_t time_ns; /* CLOCK_MONOTONIC when the kernel took or delivered the frame */
   uint32_t length;  /* bytes of the frame */
   uint8_t port;     /* 0 or 1 */
   uint8_t sent;     /* 1: sent, 0: received */
@@ -24,10 +25,10 @@ CYCLIC_API cyclic_frame_ring_t *cyclic_frame_ring_new(uint64_t bytes);
  * still owns the ring, and frees it after the engine or the relay. */
 CYCLIC_API void cyclic_set_frame_ring(cyclic_t *c, cyclic_frame_ring_t *ring);
 CYCLIC_API void cyclic_relay_set_frame_ring(cyclic_relay_t *r, cyclic_frame_ring_t *ring);
-/* Copies whole records to `to`, which has room for `room` bytes, at least 2048. `position` counts all bytes
- * ever written: it says where to begin, and becomes where to go on. If what was there is overwritten
- * already, the oldest that is left comes, and `position` has advanced by more than what is returned: the
- * number of bytes in `to`. */
+/* Copies whole records to `to`, which has room for `room` bytes, at least 2048. Returns the number of bytes
+ * in `to`. `*position` counts all bytes ever written: the copy begins there, and the next call continues
+ * at its new value. If the records there are overwritten already, the copy begins with the oldest record
+ * that is left; then `*position` advances by more than the returned number. */
 CYCLIC_API uint32_t cyclic_frame_ring_read(const cyclic_frame_ring_t *ring, uint64_t *position, void *to,
                                            uint32_t room);
 CYCLIC_API void cyclic_frame_ring_free(cyclic_frame_ring_t *ring);

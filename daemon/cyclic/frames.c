@@ -1,10 +1,10 @@
-/* Frames: what is in them, and what they bring back.
+/* Frames: their layout, their contents, and the data that they bring back.
  *
- * A cycle begins with a broadcast read of the AL status, which costs no frame of its own and tells
- * how many slaves there are, and, with distributed clocks, a read of the reference clock that all
- * slaves behind it take over (FRMW). The datagrams of the domains that are due follow, in as few
- * frames as their order allows. Frames are laid out anew only when other domains are due than in
- * the cycle before; else index, time and outputs are all that is written.
+ * The first datagram of a cycle is a broadcast read of the AL status. It needs no separate frame, and
+ * its working counter is the number of slaves. With distributed clocks, the second datagram reads the
+ * reference clock, and all slaves behind this clock take its time over (FRMW). The datagrams of the
+ * domains that are due follow, in as few frames as their order allows. The layout changes only when
+ * other domains are due than in the cycle before. Otherwise only indices, time and outputs are written.
  */
 #include "engine.h"
 
@@ -82,7 +82,7 @@ static void end_frame(struct frame *frame) {
   if (frame->length < ETHERNET_MIN) frame->length = ETHERNET_MIN;
 }
 
-/* Whether a datagram goes into a frame that carries so much already. */
+/* Whether a datagram still fits into a frame with this many bytes of datagrams. */
 static int has_room(uint32_t payload, const struct datagram *d) {
   return payload + d->length + DATAGRAM_FRAMING <= PAYLOAD_MAX;
 }
@@ -121,9 +121,9 @@ static void pack(cyclic_t *c) {
   c->packed = c->due;
 }
 
-/* The index of the first datagram chooses the socket and counts to 127. The last byte of the source
- * address and, where there are any, the indices of the other datagrams go on counting, so that a
- * frame that was under way for long is not taken for a new one. */
+/* Fills in index, time and outputs. The index of the first datagram selects the socket and has 7 bits
+ * for a count of frames. The higher bits of this count are in the last byte of the source address and
+ * in the indices of the other datagrams, so that a very late frame is not taken for a new one. */
 static void fill(cyclic_t *c, struct frame *frame) {
   uint32_t i;
   uint8_t tag = (uint8_t)(c->sent >> 7);
@@ -156,7 +156,7 @@ int cyclic_frame_is_answer(const cyclic_t *c, const struct frame *frame, const u
   for (i = 0; i < frame->count; i++) {
     uint32_t at = c->position[frame->first + i];
     uint64_t sent = get64(frame->bytes + at), back = get64(bytes + at);
-    /* Command, index, address, length; each slave counts the position of a broadcast on. */
+    /* Compares command, index, address and length. Each slave increments the position of a broadcast. */
     if (c->order[frame->first + i] == 0) sent &= ~0xFFFF0000ull, back &= ~0xFFFF0000ull;
     if (sent != back) return 0;
   }
@@ -173,8 +173,8 @@ int cyclic_frame_complete(const cyclic_t *c, const struct frame *frame, const ui
   return 1;
 }
 
-/* Inputs are sent as zeros, and each bit is written by one slave at most: so ORed they are those
- * of both sides of a break. The time is that of the side where the reference clock is. */
+/* Inputs are sent as zeros, and at most one slave writes each bit. ORing therefore gives the inputs of
+ * both sides of a break. The time comes from the side with the reference clock. */
 void cyclic_frame_merge(const cyclic_t *c, struct frame *frame, const uint8_t *bytes) {
   uint32_t i, k;
   if (frame->copies++ == 0) {
@@ -218,7 +218,7 @@ void cyclic_frame_take(cyclic_t *c, const struct frame *frame, const uint8_t *by
       c->al_status = get16(bytes + at);
       c->silent = 0;
     } else if (get64(bytes + at) != get64(frame->bytes + at)) {
-      cyclic_clock_measure(c, get64(bytes + at)); /* else it was not at the reference clock */
+      cyclic_clock_measure(c, get64(bytes + at)); /* unchanged: the frame has not met the clock */
     }
   }
 }

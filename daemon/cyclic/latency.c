@@ -1,4 +1,4 @@
-/* Measures how late a thread wakes up that sleeps as the engine does; for `ecatctl doctor`. */
+/* Measures the delay of the wake-ups of a thread that sleeps like the engine, for `ecatctl doctor`. */
 #include "engine.h"
 
 #include <errno.h>
@@ -23,6 +23,6 @@ void cyclic_measure_wakeup(uint64_t period_ns, uint64_t count, void *histogram) 
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL) == EINTR) continue;
     uint64_t now = now_ns();
     cyclic_count(late, now - deadline_ns);
-    if (now > deadline_ns + period_ns) deadline_ns = now; /* the periods it missed are one late wake-up */
+    if (now > deadline_ns + period_ns) deadline_ns = now; /* missed periods count as one late wake-up */
   }
 }

@@ -1,4 +1,4 @@
-/* Outputs: who decides each of them, and what they are while nobody does.
+/* Outputs: their owners, and their values while they have no owner.
  *
  * Ownership of a slot is stored twice: as a set of signals, which is published to clients, and as a
  * mask over the output image. With the mask a commit is copied word by word, however many entries it
@@ -94,7 +94,7 @@ static int goes_on(cyclic_t *c, const struct stop *stop) {
   bits_put(c->outputs, stop->bit, 16, bits_get(c->safe, stop->bit, 16));
   if (output->owner < 0)
     tell_owner(c, stop->signal, -1, ECAT_OUTPUTS_SAFE, output->reason);
-  if (c->now_ns > stop->until_ns - stop->patience_ns) /* else there was nothing to stop */
+  if (c->now_ns > stop->until_ns - stop->patience_ns) /* otherwise there was nothing to stop */
     (void)cyclic_emit(c, CYCLIC_EVENT_STOPPED, c->signals[stop->signal].slave, -1,
                       (uint32_t)stands);
   return 0;
@@ -146,7 +146,7 @@ void cyclic_outputs_make_all_safe(cyclic_t *c, uint32_t reason) {
 
 /* --- owners --------------------------------------------------------------------------------- */
 
-/* What a slot owns as a part of the output image, after a change. */
+/* Computes the part of the output image with all outputs that a slot owns. */
 static void measure(cyclic_t *c, struct slot *slot) {
   uint32_t words = (c->header->output_bytes + 7) / 8, first = 0, end = words;
   while (end > 0 && slot->mask[end - 1] == 0) end--;
@@ -249,7 +249,7 @@ static void save_limited(cyclic_t *c, uint32_t number) {
       c->limit[i].before = bits_get(c->outputs, c->limit[i].bit, c->limit[i].bits);
 }
 
-/* Undoes values of a commit that are out of their declared range: the value before stays. */
+/* Undoes values of a commit that are out of their declared range: the earlier value stays. */
 static void enforce_limits(cyclic_t *c, uint32_t number) {
   ecat_shm_slot_status *status = &c->slot_status[number];
   uint32_t i;
@@ -259,7 +259,7 @@ static void enforce_limits(cyclic_t *c, uint32_t number) {
     if (c->output[limit->signal].owner != (int32_t)number) continue;
     value = raw_to_double(bits_get(c->outputs, limit->bit, limit->bits), limit->bits, limit->sign,
                           limit->real);
-    /* Not a number is out of every range. */
+    /* The comparison is false for NaN, so NaN is out of every range. */
     if (value >= limit->minimum && value <= limit->maximum) {
       limit->told = 0;
       continue;
@@ -304,7 +304,7 @@ void cyclic_outputs_take(cyclic_t *c, uint32_t number, const uint64_t *part) {
   if (fresh != 0) tell_active(c, number);
 }
 
-/* --- what control decides before the start -------------------------------------------------- */
+/* --- settings before the start -------------------------------------------------------------- */
 
 int cyclic_set_limit(cyclic_t *c, uint32_t signal, double minimum, double maximum) {
   const ecat_shm_signal *s;

@@ -21,11 +21,11 @@ void cyclic_publish_domain(cyclic_t *c, struct domain *domain, uint64_t time_ns)
   __atomic_store_n(&page->seq, seq + 2, __ATOMIC_RELEASE);
 }
 
-enum { SILENT_CYCLES = 3 }; /* without a frame until the slaves count as gone */
+enum { SILENT_CYCLES = 3 }; /* the slaves count as gone after this many cycles without a frame */
 
 void cyclic_publish_bus(cyclic_t *c) {
   if (c->silent >= SILENT_CYCLES) c->found = c->al_status = 0;
-  /* What is published must not depend on whether there is room for an event. */
+  /* Published even if there is no room for an event. */
   __atomic_store_n(&c->health->slaves_found, c->found, __ATOMIC_RELAXED);
   __atomic_store_n(&c->health->al_status, c->al_status, __ATOMIC_RELAXED);
   if ((c->found != c->told_found || c->al_status != c->told_al_status) &&
@@ -51,7 +51,7 @@ void cyclic_publish_bus(cyclic_t *c) {
 
 static void forget(void *base, size_t from, size_t to) { memset((uint8_t *)base + from, 0, to - from); }
 
-/* Those of the relay, which another thread counts, stay. */
+/* Keeps the counters of the relay, since another thread writes them. */
 void cyclic_publish_restart(cyclic_t *c) {
   ecat_shm_health *health = c->health;
   uint32_t i;

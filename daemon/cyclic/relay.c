@@ -1,6 +1,6 @@
 /* The relay: see relay.h. One frame at a time is on the wire. The relay sleeps in ppoll() or in a
- * futex, and allocates nothing after its start. Its lock is for control, which changes sockets or
- * the engine that is followed; the engine never waits for it. */
+ * futex, and allocates nothing after its start. Its lock is for control, which changes the sockets or
+ * the engine of the relay. The engine never waits for this lock. */
 #include "relay.h"
 
 #include "engine.h"
@@ -23,10 +23,10 @@ enum {
   FRAME_MIN = FIRST_DATAGRAM + DATAGRAM_FRAMING,
   SECOND_COPY_NS = 500000,   /* how long the second copy may come after the first */
   NS_PER_BYTE = 80,          /* at 100 Mbit/s */
-  AT_ONCE = 64               /* frames taken before the time is looked at again */
+  AT_ONCE = 64               /* frames taken before the time is read again */
 };
 
-#define FREE_PART_MIN 0.1 /* a cycle that leaves less must not stop mailboxes altogether */
+#define FREE_PART_MIN 0.1 /* so that a cycle without free time does not stop mailboxes altogether */
 
 /* Commands with positions (ETG.1000.4). */
 enum { APRD = 1, APWR = 2, APRW = 3, ARMW = 13 };
@@ -34,24 +34,24 @@ enum { APRD = 1, APWR = 2, APRW = 3, ARMW = 13 };
 struct cyclic_relay {
   pthread_mutex_t lock;
   cyclic_relay_settings settings;
-  int client;           /* -1: gone */
+  int client;           /* -1: the client has closed its socket */
   int port[MAX_PORTS];
   uint32_t ports;
   int stop_fd;
   cyclic_t *engine;
-  cyclic_frame_ring_t *frame_ring; /* of what is sent and received, or NULL */
+  cyclic_frame_ring_t *frame_ring; /* records sent and received frames, or NULL */
   pthread_t thread;
 
-  uint64_t free_ns;     /* when the share allows the next frame */
-  double free_part;     /* of the cycle that the exchange leaves free, averaged */
-  uint64_t typical_ns;  /* that a frame is on the wire, averaged */
+  uint64_t free_ns;     /* time from which on the share allows the next frame */
+  double free_part;     /* part of the cycle that the exchange leaves free, averaged */
+  uint64_t typical_ns;  /* time of a frame on the wire, averaged */
 
   /* The frame that is being served. */
   size_t length;
   uint32_t pending;     /* bit per port: its copy is on the wire */
-  uint32_t copies;      /* that are back */
-  uint32_t back_at;     /* port at which the last one came back */
-  int in_turn;          /* by one port after the other */
+  uint32_t copies;      /* number of copies that are back */
+  uint32_t back_at;     /* port at which the last copy came back */
+  int in_turn;          /* 1: the frame leaves by one port after the other */
   uint32_t number;      /* frames served so far */
   uint8_t frame[2048], answer[2048], received[2048];
 };
@@ -63,7 +63,7 @@ static void sleep_until(uint64_t at_ns) {
   while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL) == EINTR) continue;
 }
 
-/* Sleeps until the cycle with the futex value `word` is no longer the last one that has ended. */
+/* Sleeps until a cycle ends after the one with the futex value `word`, at most until `until_ns`. */
 static void wait_for_end_of_cycle(const ecat_shm_header *header, uint32_t word, uint64_t until_ns) {
   struct timespec at = {(time_t)(until_ns / 1000000000u), (long)(until_ns % 1000000000u)};
   /* FUTEX_WAIT_BITSET has an absolute time-out. */
@@ -71,10 +71,10 @@ static void wait_for_end_of_cycle(const ecat_shm_header *header, uint32_t word, 
           FUTEX_BITSET_MATCH_ANY);
 }
 
-/* Whether a frame that is on the wire for `need_ns` should leave now: if it is back before the next
- * deadline. One for which the free time is too short anyway leaves at its beginning. */
+/* Whether a frame that is on the wire for `need_ns` should leave now. It should if it will be back before
+ * the next deadline. If the whole free time is too short for it, it leaves in the first half of it. */
 static int is_free(uint64_t now, uint64_t end_ns, uint64_t deadline_ns, uint64_t need_ns) {
-  if (end_ns >= deadline_ns) return 1; /* that cycle is over, and the next deadline not set yet */
+  if (end_ns >= deadline_ns) return 1; /* the cycle is over, and the next deadline is not set yet */
   if (now >= deadline_ns) return 0;    /* the exchange is under way */
   if (now + need_ns <= deadline_ns) return 1;
   return end_ns + need_ns > deadline_ns && now < end_ns + (deadline_ns - end_ns) / 2;
@@ -86,7 +86,7 @@ static void wait_for_share(const cyclic_relay_t *r, uint64_t now) {
   if (r->free_ns > now) sleep_until(r->free_ns < until ? r->free_ns : until);
 }
 
-/* Sleeps until the exchange leaves the wire to a frame. */
+/* Sleeps until the exchange of process data leaves time for a frame on the wire. */
 static void wait_for_window(const cyclic_relay_t *r) {
   const ecat_shm_header *header = r->engine->header;
   uint64_t wire_ns = r->length * NS_PER_BYTE, until = cyclic_now() + CYCLIC_RELAY_WINDOW_NS;
@@ -103,8 +103,8 @@ static void wait_for_window(const cyclic_relay_t *r) {
 
 /* --- the wire ------------------------------------------------------------------------------- */
 
-/* Copies of the second port differ in the last bit of the source address, so that it is known which
- * one came back, and one that comes twice is not taken for both. */
+/* Copies of the second port differ in the last bit of the source address. So the relay knows which copy
+ * has come back, and does not count a copy twice. */
 static void mark(uint8_t *frame, uint32_t port) { frame[SOURCE_PORT_AT] ^= (uint8_t)port; }
 
 static void send_copy(cyclic_relay_t *r, uint32_t port) {
@@ -116,8 +116,8 @@ static void send_copy(cyclic_relay_t *r, uint32_t port) {
   mark(r->frame, port);
 }
 
-/* The datagrams of a frame, one after the other: the offset of the next one, 0 after the last, or
- * -1 if it does not fit into `length`. */
+/* Returns the offset of the datagram after the one at `at`, 0 if that is the last one, or -1 if a
+ * datagram does not fit into `length`. */
 static int next_datagram(const uint8_t *frame, size_t length, size_t at) {
   size_t size = get16(frame + at + 6) & 0x7FFu, next = at + DATAGRAM_FRAMING + size;
   if (next > length) return -1;
@@ -132,7 +132,7 @@ static int is_sound(const uint8_t *frame, size_t length) {
   return at == 0;
 }
 
-/* Whether a frame asks slaves by their position, which they count along its way. */
+/* Whether a frame addresses slaves by position, which each slave increments. */
 static int is_positional(const uint8_t *frame, size_t length) {
   int at = FIRST_DATAGRAM;
   while (at > 0) {
@@ -142,8 +142,8 @@ static int is_positional(const uint8_t *frame, size_t length) {
   return 0;
 }
 
-/* Sends a frame by all ports; but one with positions, which a second copy would count anew behind
- * a break, by the first alone: receive() sends it on. */
+/* Sends a frame by all ports. A frame with positions leaves by the first port alone, and receive() sends
+ * it on, since the slaves behind a break would count the positions of a second copy from its start. */
 static void send_copies(cyclic_relay_t *r) {
   uint32_t port;
   r->pending = r->copies = 0;
@@ -152,8 +152,8 @@ static void send_copies(cyclic_relay_t *r) {
     if (port == 0 || !r->in_turn) send_copy(r, port);
 }
 
-/* Whether the datagrams of `other` are those of our sound frame: command, index, register or the
- * upper half of the logical address, and length. Slaves count positions up, in the lower half. */
+/* Whether the datagrams of `other` are those of our sound frame. Compares command, index, length and the
+ * upper half of the address. The lower half may hold a position, which slaves increment. */
 static int is_answer(const cyclic_relay_t *r, const uint8_t *other, size_t length) {
   int at = FIRST_DATAGRAM;
   if (length < r->length) return 0;
@@ -169,8 +169,8 @@ static int is_answer(const cyclic_relay_t *r, const uint8_t *other, size_t lengt
   return 1;
 }
 
-/* Adds a copy to the answer: working counters are added; of data, that counts which a slave has
- * seen, and where both copies have met slaves, as in a broadcast, it is ORed. */
+/* Adds a copy to the answer. Working counters are added. Data comes from the copy that has met slaves;
+ * if both copies have, as in a broadcast, the data is ORed. */
 static void merge(cyclic_relay_t *r, const uint8_t *copy) {
   int at = FIRST_DATAGRAM;
   if (r->copies++ == 0) {
@@ -189,19 +189,20 @@ static void merge(cyclic_relay_t *r, const uint8_t *copy) {
   }
 }
 
-/* Takes what a port has, but not for ever if others flood it; 0 when it is of no use for now. */
+/* Takes the frames that a port has received, a limited number in case of a flood. Returns 0 if the port
+ * cannot be used for now. */
 static int take(cyclic_relay_t *r, uint32_t port) {
   int left = AT_ONCE;
   while (r->pending && left-- > 0) {
     ssize_t length = recv(r->port[port], r->received, sizeof r->received, MSG_DONTWAIT);
     uint32_t sent_by;
     if (length < 0 && errno == EINTR) continue;
-    if (length < 0) return errno == EAGAIN; /* if not, ENETDOWN and its kind */
+    if (length < 0) return errno == EAGAIN; /* others, such as ENETDOWN: cannot be used */
     if (length == 0) return 0;
     cyclic_frame_ring_write(r->frame_ring, r->received, (size_t)length, port, 0);
     if (!is_answer(r, r->received, (size_t)length)) continue;
     sent_by = r->received[SOURCE_PORT_AT] != r->frame[SOURCE_PORT_AT];
-    if (!(r->pending >> sent_by & 1)) continue; /* twice the same */
+    if (!(r->pending >> sent_by & 1)) continue; /* the copy has come already */
     r->pending &= ~(1u << sent_by);
     r->back_at = port;
     merge(r, r->received);
@@ -209,7 +210,8 @@ static int take(cyclic_relay_t *r, uint32_t port) {
   return 1;
 }
 
-/* Receives until all copies are back, or time is up. When that was, or 0 if nothing came. */
+/* Receives until all copies are back, or until `until_ns`. Returns the time at which the last copy came
+ * back, or 0 if none did. */
 static uint64_t receive_copies(cyclic_relay_t *r, uint64_t until_ns) {
   int usable[MAX_PORTS] = {1, 1};
   uint64_t now = cyclic_now(), back = 0;
@@ -220,7 +222,7 @@ static uint64_t receive_copies(cyclic_relay_t *r, uint64_t until_ns) {
     uint32_t port, copies = r->copies;
     for (port = 0; port < r->ports; port++)
       ports[port] = (struct pollfd){usable[port] ? r->port[port] : -1, POLLIN, 0};
-    (void)ppoll(ports, r->ports, &left, NULL); /* whatever it says, recv() knows */
+    (void)ppoll(ports, r->ports, &left, NULL); /* result not needed: recv() tells */
     for (port = 0; port < r->ports; port++)
       if (usable[port]) usable[port] = take(r, port);
     now = cyclic_now();
@@ -232,9 +234,10 @@ static uint64_t receive_copies(cyclic_relay_t *r, uint64_t until_ns) {
   return back;
 }
 
-/* The same, also of a frame that goes by one port after the other. If the first copy comes back where
- * it left, the ring is broken: as it is, with what it has counted, it meets the slaves behind the
- * break by the other port. If it does not come back, all slaves are there. */
+/* Receives the answer to a frame; returns as receive_copies(). If the frame goes by one port after the
+ * other and comes back at the first port, the ring is broken. The frame is then sent by the second port
+ * with its data, positions and working counters, and meets the slaves behind the break. If it does not
+ * come back at all, the original frame is sent by the second port. */
 static uint64_t receive(cyclic_relay_t *r, uint64_t until_ns) {
   uint64_t now = cyclic_now(), back, second;
   if (!r->in_turn) return receive_copies(r, until_ns);
@@ -250,13 +253,13 @@ static uint64_t receive(cyclic_relay_t *r, uint64_t until_ns) {
 
 /* --- serving -------------------------------------------------------------------------------- */
 
-/* How much of the cycle is free: from the end of the last exchange to the deadline that follows. */
+/* Measures the free part of the cycle, from the end of the last exchange to the next deadline. */
 static void look_at_free_time(cyclic_relay_t *r) {
   const ecat_shm_header *header = r->engine->header;
   uint64_t end = __atomic_load_n(&header->cycle_end_ns, __ATOMIC_RELAXED);
   uint64_t deadline = cyclic_deadline(r->engine), period = header->cycle_time_ns;
   double part;
-  if (end >= deadline || deadline - end > period) return; /* that one is not known yet */
+  if (end >= deadline || deadline - end > period) return; /* the next deadline is not known yet */
   part = (double)(deadline - end) / (double)period;
   r->free_part += (part - r->free_part) / 8;
   if (r->free_part < FREE_PART_MIN) r->free_part = FREE_PART_MIN;
@@ -266,7 +269,7 @@ static void account(cyclic_relay_t *r, uint64_t came_ns, uint64_t sent_ns, uint6
   uint64_t on_wire = back_ns > 0 ? back_ns - sent_ns : r->typical_ns;
   ecat_shm_health *health;
   if (back_ns > 0) {
-    uint64_t most = 4 * r->typical_ns + 10000; /* one that was held up says little about others */
+    uint64_t most = 4 * r->typical_ns + 10000; /* limits the effect of a delayed frame on the mean */
     r->typical_ns = (7 * r->typical_ns + (on_wire < most ? on_wire : most)) / 8;
   }
   if (r->engine == NULL) return;
@@ -292,8 +295,8 @@ static void serve(cyclic_relay_t *r) {
   if (r->length > FRAME_BYTES || !is_sound(r->frame, r->length) ||
       r->frame[INDEX_AT] >= CYCLIC_INDEX_ENGINE)
     return;
-  /* Above the port a number, so that a frame given up that comes late is not taken for one with the
-   * same index. */
+  /* The bits above the port number the frames. So a late frame that was given up is not taken for a new
+   * one with the same index. */
   r->frame[SOURCE_PORT_AT] = (uint8_t)(++r->number << 1);
   came = cyclic_now();
   if (r->engine != NULL) {
@@ -304,7 +307,7 @@ static void serve(cyclic_relay_t *r) {
   send_copies(r);
   back = receive(r, sent + r->settings.answer_ns);
   account(r, came, sent, back);
-  /* A client that does not read is not waited for. */
+  /* Does not wait for a client that does not read. */
   if (back > 0) (void)send(r->client, r->answer, r->length, MSG_DONTWAIT | MSG_NOSIGNAL);
 }
 

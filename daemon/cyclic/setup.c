@@ -1,4 +1,4 @@
-/* The life of an engine: what is allocated, locked and started before the first cycle. */
+/* The life of an engine: memory, locking, start and end. */
 #include "engine.h"
 #include "relay.h"
 #include "thread.h"
@@ -16,7 +16,7 @@
 
 static void *at_offset(cyclic_t *c, uint32_t offset) { return (uint8_t *)c->header + offset; }
 
-/* Two domains are exchanged in the same cycle at some time if their phases differ by a multiple of
+/* Whether there are cycles in which both domains are exchanged: if their phases differ by a multiple of
  * the greatest common divisor of their dividers. */
 static int meet(const ecat_shm_domain *one, const ecat_shm_domain *other) {
   uint32_t a = one->divider, b = other->divider, rest;
@@ -28,7 +28,7 @@ static int meet(const ecat_shm_domain *one, const ecat_shm_domain *other) {
   return a == 0 || one->phase % a == other->phase % a;
 }
 
-/* Whole words, and bits_get() reads beyond. */
+/* Includes padding, since words are copied as a whole and bits_get() reads beyond the last byte. */
 static size_t image_size(const cyclic_t *c) { return c->header->output_bytes + 16u; }
 
 static size_t slot_image_size(const cyclic_t *c) {
@@ -112,8 +112,9 @@ int cyclic_set_safe(cyclic_t *c, uint32_t slave, const uint8_t *value, const uin
   return 0;
 }
 
-/* Touches memory that the engine will use, so that it is there before it counts, also where it may
- * not be locked. For writing, but atomically: control may be at work in the shared memory. */
+/* Writes to each page of memory that the engine will use, so that cycles cause no page faults even if the
+ * memory may not be locked. The write is atomic and changes nothing, since control may write into the
+ * shared memory at the same time. */
 static void prefault(void *memory, size_t size) {
   uint8_t *bytes = memory;
   size_t i;
@@ -170,8 +171,9 @@ static void *thread_main(void *argument) {
   return NULL;
 }
 
-/* Locks all memory, now and later. Below a finite limit that only seems to work: what the process
- * asks for afterwards would be refused. A mapping beyond the limit, never touched, tells. */
+/* Locks all present and future memory of the process. Returns 0 or errno. With a finite limit mlockall()
+ * may succeed, but later allocations beyond the limit would fail. A test mapping that is larger than the
+ * limit shows whether the limit is in force. */
 static int lock_memory(void) {
   struct rlimit limit;
   void *probe;
@@ -193,7 +195,7 @@ int cyclic_start(cyclic_t *c, const cyclic_settings *settings) {
   c->settings = *settings;
   if (settings->lock_memory) c->memory_error = lock_memory();
   if ((code = cyclic_wake_start(c)) != 0) return code;
-  /* Of the stack all is locked. */
+  /* A small stack, since all of it is locked. */
   if ((code = cyclic_thread_start(&c->thread, 256 * 1024, thread_main, c)) != 0) {
     __atomic_store_n(&c->stop, 1, __ATOMIC_RELAXED);
     cyclic_wake_stop(c);

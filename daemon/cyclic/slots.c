@@ -1,8 +1,8 @@
 /* Clients: reads their claims, commits and heartbeats from the .out shared memory.
  *
- * Clients may write anything into the .out shared memory at any time, and may cut the file short. So
- * the engine reads it only with pread, and checks every number from it. A client can affect no
- * outputs except those that it owns.
+ * Clients may write anything into the .out shared memory at any time, and may truncate the file. So the
+ * engine reads it only with pread, and checks every number from it. A client can affect no outputs
+ * except those that it owns.
  */
 #include "engine.h"
 
@@ -59,8 +59,8 @@ static void read_claims(cyclic_t *c, uint32_t number) {
                 (uint32_t)conflict);
 }
 
-/* Reads commit `seq` of a slot into `slot_image`, and which commit is the newest afterwards. The client
- * goes round ECAT_IMAGES images, so what was read is whole unless it has meanwhile come round to it. */
+/* Reads commit `seq` of a slot into `slot_image`, and then the number of the newest commit. The client uses
+ * ECAT_IMAGES images in turn, so the copy is consistent unless the client has reached this image again. */
 static int read_image(cyclic_t *c, uint32_t number, uint32_t seq, uint32_t *newest) {
   size_t size = sizeof(ecat_out_image) + 2 * (size_t)c->slot[number].bytes;
   off_t at = slot_at(c, number) + (off_t)c->out.images_offset +
@@ -71,15 +71,15 @@ static int read_image(cyclic_t *c, uint32_t number, uint32_t seq, uint32_t *newe
   if (pread(c->out_fd, c->slot_image, size, at) != (ssize_t)size) return 0;
   __atomic_thread_fence(__ATOMIC_ACQUIRE);
   n = pread(c->out_fd, newest, sizeof *newest, bell);
-  __atomic_thread_fence(__ATOMIC_ACQUIRE); /* it may be the next to be read */
+  __atomic_thread_fence(__ATOMIC_ACQUIRE); /* `newest` may be the next commit to be read */
   return n == (ssize_t)sizeof *newest;
 }
 
 enum { TRIES = 4 };
 
-/* Finds the newest commit, `seq` or one that came since. A client that commits without end may come
- * round to an image before it is read: then it is asked to wait a little (`overtaken`), and the next image
- * is tried, but not without end either. */
+/* Reads the newest commit: `seq` or a later one. A client that commits without a pause may overwrite an
+ * image before it is read. Then `overtaken` asks the client to wait a little, and the engine tries the
+ * next image, at most TRIES times. */
 static int find_image(cyclic_t *c, uint32_t number, uint32_t seq) {
   ecat_shm_slot_status *status = &c->slot_status[number];
   const ecat_out_image *image = (const void *)c->slot_image;
@@ -93,12 +93,13 @@ static int find_image(cyclic_t *c, uint32_t number, uint32_t seq) {
     if (tries == 0) __atomic_store_n(&status->overtaken, status->overtaken + 1, __ATOMIC_RELAXED);
     seq = newest;
   }
-  counter_add(&c->health->torn, 1); /* looked for again in the next cycle */
+  counter_add(&c->health->torn, 1); /* read again in the next cycle */
   return 0;
 }
 
-/* Whether a correct client may believe to own other outputs than it does: either the daemon is
- * stopping, which the client learns later, or a change of its claims is not read yet. */
+/* Whether the client and the engine may disagree about the client's outputs without an error of the
+ * client: either the daemon is stopping, and the client does not know it yet, or the engine has not yet
+ * read a change of the claims. */
 static int is_out_of_date(const cyclic_t *c, uint32_t number) {
   uint32_t claim_seq;
   off_t bell = (off_t)c->out.doorbells_offset + (off_t)(number * sizeof(ecat_out_doorbell)) +
@@ -114,7 +115,7 @@ static void take_image(cyclic_t *c, uint32_t number, uint32_t seq) {
   const ecat_out_image *image = (const void *)c->slot_image;
   if (!find_image(c, number, seq)) return;
   if (image->first != slot->first || image->bytes != slot->bytes) {
-    if (is_out_of_date(c, number)) return; /* looked at again in the next cycle */
+    if (is_out_of_date(c, number)) return; /* read again in the next cycle */
     slot->commit_seq = image->seq;
     refuse(c, number);
     return;
@@ -126,9 +127,9 @@ static void take_image(cyclic_t *c, uint32_t number, uint32_t seq) {
   counter_add(&c->health->commits, 1);
 }
 
-/* Why a slot has lost its client. A client that leaves writes only generation 0 to its doorbell. A
- * client that takes the slot of a dead one first writes its own generation into the slot. If the slot
- * cannot be read, the file was cut short. */
+/* The reason why a slot has lost its client. A client that leaves only writes generation 0 into its
+ * doorbell. A client that takes the slot of a dead client first writes its own generation into the slot.
+ * If the slot cannot be read, the file was truncated. */
 static uint32_t why_ended(const cyclic_t *c, uint32_t number, uint32_t generation) {
   ecat_out_slot slot;
   if (generation == 0 && pread(c->out_fd, &slot, sizeof slot, slot_at(c, number)) == sizeof slot &&
@@ -137,7 +138,8 @@ static uint32_t why_ended(const cyclic_t *c, uint32_t number, uint32_t generatio
   return ECAT_REASON_GONE;
 }
 
-/* The new client may have claimed and asked already, but has not committed: it owns nothing. */
+/* Begins a generation. The new client may have sent claims and requests already, but no commits, since it
+ * owns nothing yet. */
 static void begin(cyclic_t *c, uint32_t number, const ecat_out_doorbell *bell) {
   uint32_t generation = bell->generation;
   struct slot *slot = &c->slot[number];
@@ -174,8 +176,8 @@ void cyclic_slots_lapse_domain(cyclic_t *c, uint32_t domain) {
     if (cyclic_outputs_has_domain(c, i, domain)) lapse(c, i, ECAT_REASON_WKC);
 }
 
-/* Sends an event about new requests, but only one until control has called cyclic_listen(): a client
- * that rings without end must not fill the events. */
+/* Sends an event about new requests, but only one until control has called cyclic_listen(): a client with
+ * endless requests must not fill the event queue. */
 static void tell_requests(cyclic_t *c, uint32_t number, uint32_t seq) {
   uint32_t bit = 1u << number;
   if (__atomic_load_n(&c->request_told, __ATOMIC_ACQUIRE) & bit) return;
@@ -200,9 +202,9 @@ static void look_at_slot(cyclic_t *c, uint32_t number, const ecat_out_doorbell *
     __atomic_store_n(&status->beat_ns, c->now_ns, __ATOMIC_RELAXED);
   }
   if (status->state == ECAT_SLOT_LAPSED) {
-    slot->claim_seq = bell->claim_seq; /* refused until it comes back as a new generation */
+    slot->claim_seq = bell->claim_seq; /* claims are refused until a new generation begins */
   } else {
-    /* A commit before the claims: it has been made of what the client owned then. */
+    /* The commit is read before the claims, since the client made it with its earlier claims. */
     if (bell->commit_seq != slot->commit_seq) take_image(c, number, bell->commit_seq);
     if (bell->claim_seq != slot->claim_seq && c->claim_turn == number) {
       slot->claim_seq = bell->claim_seq;
@@ -213,8 +215,8 @@ static void look_at_slot(cyclic_t *c, uint32_t number, const ecat_out_doorbell *
   if (bell->request_seq != slot->request_seq) tell_requests(c, number, bell->request_seq);
 }
 
-/* Claims are looked at for one slot a cycle, in turns, so that clients that change theirs without
- * end cost no more than one. */
+/* Chooses the slot whose claims are read in this cycle. There is one slot in each cycle, in turn, so that
+ * many clients that change their claims all the time cost no more than one such client. */
 static void choose_claims(cyclic_t *c) {
   uint32_t i;
   for (i = 1; i <= c->out.slot_count; i++) {
@@ -230,8 +232,8 @@ void cyclic_slots_read(cyclic_t *c) {
   size_t size = c->out.slot_count * sizeof(ecat_out_doorbell);
   uint32_t i;
   ssize_t n = pread(c->out_fd, c->doorbell, size, (off_t)c->out.doorbells_offset);
-  if (n != (ssize_t)size) memset(c->doorbell, 0, size); /* cut short: all clients are gone */
-  __atomic_thread_fence(__ATOMIC_ACQUIRE); /* what a doorbell announces is read after it */
+  if (n != (ssize_t)size) memset(c->doorbell, 0, size); /* truncated: drops all clients */
+  __atomic_thread_fence(__ATOMIC_ACQUIRE); /* claims, commits and requests are read after the doorbells */
   c->used = 0;
   for (i = 0; i < c->out.slot_count; i++) {
     uint32_t generation = c->doorbell[i].generation;
@@ -250,7 +252,7 @@ void cyclic_slots_sent(cyclic_t *c) {
     struct slot *slot = &c->slot[__builtin_ctz(left)];
     uint64_t cycles;
     if (slot->commit_ns == 0) continue;
-    /* Both numbers come from the client; a wrong one may spoil a statistic, nothing else. */
+    /* Both numbers come from the client. A wrong number only falsifies a statistic. */
     if (slot->commit_ns <= c->send_ns) {
       cycles = c->cycle - slot->sample_cycle;
       cyclic_count(&c->health->delay, c->send_ns - slot->commit_ns);

@@ -1,5 +1,5 @@
-/* Threads of this library: small stacks, since all memory may be locked, and no signals, which are
- * for the threads of the control side. */
+/* Threads of this library. Their stacks are small, since all memory may be locked. They block all signals,
+ * which are for the threads of the control side. */
 #ifndef ECAT_THREAD_H
 #define ECAT_THREAD_H
 

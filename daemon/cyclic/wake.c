@@ -1,6 +1,6 @@
-/* Wakes the clients that wait for a cycle. To wake one costs microseconds, so the engine does it for
- * the first few, which are all there are on most buses, and leaves a crowd to a thread of its own:
- * however many wait, the cycle has no more to do. */
+/* Wakes the clients that wait for a cycle. Waking a client takes microseconds. The engine therefore wakes
+ * only the first few, which is enough on most buses, and leaves the others to a separate thread. So the
+ * work of the cycle does not grow with the number of clients. */
 #include "engine.h"
 #include "thread.h"
 

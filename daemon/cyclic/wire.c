@@ -1,8 +1,8 @@
-/* The wire: sockets, sending, receiving, and telling the answers from frames of others.
+/* The wire: sockets, sending, receiving, and telling answers from foreign frames.
  *
- * With cable redundancy each frame leaves by both ports. On a closed ring the copy of the first
- * port meets all slaves and arrives at the second, and the other one passes them unprocessed. On a
- * broken ring each copy comes back where it left, with the slaves of its side.
+ * With cable redundancy each frame leaves by both ports. On a closed ring the copy of the first port
+ * meets all slaves and arrives at the second port; the other copy passes the slaves unprocessed. On a
+ * broken ring each copy comes back at its own port and has met the slaves on this side of the break.
  */
 #include "engine.h"
 #include "frame_ring.h"
@@ -49,7 +49,7 @@ int cyclic_open_socket(const char *interface, uint32_t first, uint32_t last) {
   int fd, code;
   address.sll_ifindex = (int)if_nametoindex(interface);
   if (address.sll_ifindex == 0) return -ENODEV;
-  /* Protocol 0 until it is bound: otherwise frames of every interface would come in meanwhile. */
+  /* Protocol 0 until the socket is bound: otherwise it would receive frames of all interfaces. */
   fd = socket(AF_PACKET, SOCK_RAW | SOCK_CLOEXEC, 0);
   if (fd < 0) return -errno;
   code = configure(fd, &address, first, last);
@@ -58,7 +58,7 @@ int cyclic_open_socket(const char *interface, uint32_t first, uint32_t last) {
   return code;
 }
 
-/* A failure of a port is told once, and once more when it is over. */
+/* Sends one event when a port begins to fail, and one when it works again. */
 static void tell(cyclic_t *c, uint32_t port, int error) {
   if (!error == !c->send_error[port]) return;
   if (cyclic_emit(c, CYCLIC_EVENT_SEND, -1, (int32_t)port, (uint32_t)error))
@@ -93,10 +93,10 @@ void cyclic_wire_send(cyclic_t *c) {
   for (port = 0; port < c->ports; port++) tell(c, port, error[port]);
 }
 
-/* A frame that is no answer to this cycle: back too late, or not ours. */
+/* Counts a frame that is not an answer of this cycle, if it is a late frame of ours. */
 static void pass_over(cyclic_t *c, uint8_t index) {
   uint32_t domains = c->lost[index & 0x7F], i;
-  if (domains == 0) return; /* a second copy of what was complete already */
+  if (domains == 0) return; /* a second copy of a frame that was complete already */
   c->lost[index & 0x7F] = 0;
   counter_add(&c->health->late, 1);
   for (i = 0; i < c->domains; i++)
@@ -111,7 +111,7 @@ static void note_ring(cyclic_t *c, const struct frame *frame, const uint8_t *byt
     c->ring = ECAT_RING_OPEN;
     c->ring_break = get16(bytes + FIRST_DATAGRAM + DATAGRAM_HEADER + STATUS_BYTES);
   } else if (c->ring == ECAT_RING_NONE && port == 1 && frame == &c->frame[0]) {
-    c->ring = ECAT_RING_OPEN; /* so far nothing came back on the first port */
+    c->ring = ECAT_RING_OPEN; /* so far no frame has come back at the first port */
     c->ring_break = 0;
   }
 }
@@ -129,7 +129,7 @@ static void accept_frame(cyclic_t *c, uint32_t port, size_t length) {
     pass_over(c, bytes[INDEX_AT]);
     return;
   }
-  if (!(frame->pending >> sent_by & 1)) return; /* twice the same */
+  if (!(frame->pending >> sent_by & 1)) return; /* the copy has come already */
   if (c->ports == 1) {
     frame->pending = 0;
     c->waiting--;
@@ -145,9 +145,9 @@ static void accept_frame(cyclic_t *c, uint32_t port, size_t length) {
   cyclic_frame_take(c, frame, frame->answer);
 }
 
-enum { DRAIN_FRAMES = 128 }; /* between two looks at the clock, whoever floods the wire */
+enum { DRAIN_FRAMES = 128 }; /* frames taken before the time is read again, in case of a flood */
 
-/* Takes what is there; 0 when the socket of a port is of no use in this cycle. */
+/* Takes the frames that a port has received. Returns 0 if its socket cannot be used in this cycle. */
 static int drain(cyclic_t *c, uint32_t port) {
   int i;
   for (i = 0; c->waiting > 0 && i < DRAIN_FRAMES; i++) {
@@ -157,7 +157,7 @@ static int drain(cyclic_t *c, uint32_t port) {
     else if (length < 0 && errno == EAGAIN)
       return 1;
     else if (length == 0 || errno != EINTR)
-      return 0; /* ENETDOWN and its kind: the next cycle is soon enough to try again */
+      return 0; /* such as ENETDOWN: the next cycle tries again */
   }
   return 1;
 }
@@ -174,13 +174,13 @@ static void sleep_until_readable(cyclic_t *c, const int *usable) {
   uint32_t i;
   for (i = 0; i < c->ports; i++) sources[i] = (struct pollfd){usable[i] ? c->fd[i] : -1, POLLIN, 0};
   sources[i] = (struct pollfd){c->timer_fd, POLLIN, 0};
-  (void)ppoll(sources, c->ports + 1, NULL, NULL); /* whatever it says, the next recv knows */
+  (void)ppoll(sources, c->ports + 1, NULL, NULL); /* result not needed: the next recv tells */
 }
 
-/* Waits for a frame; returns 0 when time is over. If answers usually come within poll_ns, it first
- * returns at once, so that the caller polls: going to sleep and waking up takes longer than a short
- * round trip. After that it sets the timer once, returns for one more look at the socket, and then
- * sleeps. Setting a time-out in ppoll would cost time in each call, when the answer may be there. */
+/* Waits for a frame; returns 0 after the deadline. If answers usually come within poll_ns, it first
+ * returns at once, so that the caller polls: sleeping and waking up takes longer than a short round
+ * trip. Then it sets the timer once, returns so that the caller checks the sockets once more, and after
+ * that sleeps. A time-out of ppoll would cost time in each call, even if the answer is there. */
 static int wait_for_frame(cyclic_t *c, uint64_t deadline_ns, const int *usable, int *timer_set) {
   uint64_t now = cyclic_now();
   int soon = c->typical_ns < c->settings.poll_ns;
@@ -195,7 +195,7 @@ static int wait_for_frame(cyclic_t *c, uint64_t deadline_ns, const int *usable, 
   return 1;
 }
 
-/* A frame of which one copy is back still counts, with what that brought. */
+/* Gives up waiting for a frame. If one of its copies is back, the data of this copy is taken over. */
 static void give_up(cyclic_t *c, struct frame *frame) {
   uint32_t i;
   if (frame->copies > 0) {
@@ -208,13 +208,13 @@ static void give_up(cyclic_t *c, struct frame *frame) {
         c->domain[i].complete = 0;
         counter_add(&c->domain[i].status->lost, 1);
       }
-    c->lost[index] = frame->domains | 1u << 31; /* so that it is known when it comes late */
+    c->lost[index] = frame->domains | 1u << 31; /* to recognize the frame if it comes late */
     if (frame == &c->frame[0]) c->silent++;
   }
   frame->pending = 0;
 }
 
-/* A frame that could not be sent brings nothing either. */
+/* Marks the domains of a frame that could not be sent as incomplete. */
 static void leave_out(cyclic_t *c, const struct frame *frame) {
   uint32_t i;
   for (i = 0; i < c->domains; i++)

@@ -79,7 +79,7 @@ typedef struct ecat_slave_info {
   int absent;           /* 1: it is optional, and it or its group did not take part in the last sample */
   int has_outputs;      /* 1: the slave has outputs to claim */
   int outputs;          /* enum ecat_outputs */
-  int owned;            /* 1: by this client */
+  int owned;            /* 1: this client owns outputs of the slave */
 } ecat_slave_info;
 
 typedef struct ecat_signal_info {
@@ -103,13 +103,13 @@ typedef struct ecat_signal_info {
 
 typedef struct ecat_output_info {
   int owner;            /* client slot, -1: nobody */
-  int owned;            /* 1: by this client */
+  int owned;            /* 1: this client is the owner */
   int state;            /* enum ecat_outputs */
   int reason;           /* enum ecat_reason: why it is, or was last, at its safe value */
   uint64_t since_cycle; /* of the last change of owner or state */
   double age;           /* seconds since then */
-  unsigned pid;         /* of the owner, as it wrote it; 0 if this user may not know */
-  char program[33];     /* its name, as it wrote it, in ASCII */
+  unsigned pid;         /* process ID that the owner wrote; 0 if this user may not know it */
+  char program[33];     /* program name that the owner wrote, in ASCII */
 } ecat_output_info;
 
 typedef struct ecat_domain_info {
@@ -158,7 +158,7 @@ ECAT_API int ecat_find(ecat_t *bus, uint32_t vendor, uint32_t product, unsigned 
 /* The position of the only slave with this name. A position written as text is accepted, too. */
 ECAT_API int ecat_find_name(ecat_t *bus, const char *name);
 /* Checks that the slave at `position` is the expected one. `revision` 0 accepts any. Returns the
- * position or ECAT_EBUS; the error text names expected and found. */
+ * position or ECAT_EBUS; the error text names the expected and the found slave. */
 ECAT_API int ecat_expect(ecat_t *bus, int position, uint32_t vendor, uint32_t product,
                          uint32_t revision);
 /* The handle of a PDO entry; `direction`: enum ecat_direction. */
@@ -185,13 +185,13 @@ ECAT_API int ecat_release(ecat_t *bus, int position);
 ECAT_API int ecat_claim_entry(ecat_t *bus, int signal, double lease);
 ECAT_API int ecat_release_entry(ecat_t *bus, int signal);
 /* The same for `count` outputs, which may be of several slaves: all of them are granted at once, or
- * none. If a claim fails, this client keeps what it owned before, and its lease. An output may be in
- * the list twice; an empty list does nothing. */
+ * none. If a claim fails, this client keeps the outputs that it owned before, and its lease. An output may
+ * be in the list twice; an empty list does nothing. */
 ECAT_API int ecat_claim_entries(ecat_t *bus, const int *signals, size_t count, double lease);
 ECAT_API int ecat_release_entries(ecat_t *bus, const int *signals, size_t count);
 /* Releases all outputs, drops all requests, and frees the client's slot. Reading is still possible. */
 ECAT_API void ecat_release_all(ecat_t *bus);
-/* Who decides an output now, and since when. */
+/* The owner and the state of an output now, and since when. */
 ECAT_API int ecat_output(ecat_t *bus, int signal, ecat_output_info *info);
 
 /* --- Reading ---------------------------------------------------------------------------------- */
@@ -274,7 +274,7 @@ ECAT_API int ecat_sdo_start(ecat_t *bus, int position, unsigned index, unsigned 
 /* Asks for an AL state of a slave (enum ecat_al_state), and returns the handle of the request. */
 ECAT_API int ecat_state_start(ecat_t *bus, int position, unsigned state);
 /* ECAT_EBUSY while the request runs. Any other result ends it and frees its handle; then `data` (up to
- * `size` bytes) and `*length` hold what was uploaded. With ECAT_EABORT, `*abort_code` is the SDO abort
+ * `size` bytes) and `*length` hold the uploaded bytes. With ECAT_EABORT, `*abort_code` is the SDO abort
  * code. All three pointers may be NULL. If a client ends, its requests are dropped, unless they have
  * begun. If the daemon ends, requests return ECAT_EDOWN. */
 ECAT_API int ecat_poll(ecat_t *bus, int request, void *data, size_t size, size_t *length,

@@ -165,7 +165,7 @@ class Output : public Signal<T> {
   void write_physical(double value) {
     detail::check(this->bus_, ecat_write_physical(this->bus_, this->number_, value));
   }
-  // Who decides this output now, and since when.
+  // The owner and the state of this output now, and since when.
   ecat_output_info owner() const {
     ecat_output_info info{};
     detail::check(this->bus_, ecat_output(this->bus_, this->number_, &info));

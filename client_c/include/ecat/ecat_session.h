@@ -3,7 +3,7 @@
  *
  *     pace -> sample -> reads -> the model -> writes -> commit
  *
- * A model may run without a bus: slaves and entries hold what is expected of them. Whenever a bus is
+ * A model may run without a bus: slaves and entries hold their expected properties. Whenever a bus is
  * connected, all of them are looked up in it, and identities, layout and meanings are compared.
  * `settings` says what happens while there is no bus.
  *
@@ -24,7 +24,7 @@ extern "C" {
 
 #define ECAT_SESSION_TEXT 1024 /* longest message, with its NUL */
 
-/* What to do without a bus; the numbers are those of EtherCAT.Types.BusFailure. */
+/* The reaction to a missing bus; the numbers are those of EtherCAT.Types.BusFailure. */
 enum ecat_failure { ECAT_FAILURE_ERROR = 1, ECAT_FAILURE_WAIT = 2, ECAT_FAILURE_CONTINUE = 3 };
 
 /* State of the bus; the numbers are those of EtherCAT.Types.BusState. */
@@ -55,36 +55,36 @@ typedef struct ecat_session_settings {
   int read_only;                 /* nothing is claimed or written, whatever the program stages */
   int require_op;                /* a slave of the session that is not in OP is a failure */
   /* Words for messages: */
-  const char *product;           /* what was generated: "this library" */
-  const char *program;           /* what runs: "the model" */
-  const char *patience_name;     /* where `patience` comes from */
+  const char *product;           /* the generated product, such as "this library" */
+  const char *program;           /* the program that runs, such as "the model" */
+  const char *patience_name;     /* the setting that `patience` comes from */
   /* Reports an event that does not end the program; `warning` 0: the bus or a slave is there (again). */
   void (*tell)(void *context, int warning, const char *sentence);
   /* Further checks at each connection: returns 0, or what ecat_session_fail() returns. May be NULL. */
   int (*check)(void *context);
-  void *context;                 /* passed to both */
+  void *context;                 /* passed to `tell` and `check` */
 } ecat_session_settings;
 
 typedef struct ecat_session_slave {
-  int position;                  /* where it is; of a slave with a name, where it was found last */
+  int position;                  /* on the bus; of a slave with a given name, where it was found last */
   uint32_t vendor, product, revision; /* expected; revision 0: any */
-  const char *given_name;        /* in the configuration, by which it is found; NULL or empty: by position */
-  const char *name;              /* of the slave, for messages */
-  const char *command;           /* that generates the product again */
-  const char *heading;           /* messages about it begin with this: "Plant.analog: "; may be NULL */
-  const char *fingerprint;       /* of the bus that it was generated for; empty: written by hand */
+  const char *given_name;        /* name in the configuration to find it by; NULL or empty: by position */
+  const char *name;              /* name of the slave in messages */
+  const char *command;           /* command that generates the product again */
+  const char *heading;           /* begin of messages about the slave: "Plant.analog: "; may be NULL */
+  const char *fingerprint;       /* of the bus that the product was generated for; empty: written by hand */
   int writes;                    /* the program owns its outputs */
   /* Of the last sample: */
   int valid;                     /* all slaves of its domain took part in the exchange, and it was in OP */
   int al_state;                  /* enum ecat_session_al_state */
   int al_code;                   /* AL status code */
 
-  struct ecat_session *session;  /* this and what follows are for the session only */
+  struct ecat_session *session;  /* this member and the following ones are for the session only */
   struct ecat_session_slave *next;
   struct ecat_session_entry *entries;
   int same_bus, claimed, domain;
-  int told;                      /* it was reported that it is not in OP */
-  int missed;                    /* it is not in OP, and it is not an optional slave that is away */
+  int told;                      /* a message has said that the slave is not in OP */
+  int missed;                    /* the slave is not in OP, and is not an optional slave that is absent */
 } ecat_session_slave;
 
 typedef struct ecat_session_entry {
@@ -92,7 +92,7 @@ typedef struct ecat_session_entry {
   /* As expected: slave, index, subindex, output, type, bit_length, unit, scale and offset. */
   ecat_signal_info expected;
 
-  struct ecat_session_entry *next; /* of the slave; this and what follows are for the session only */
+  struct ecat_session_entry *next; /* of the slave; this and the following ones are for the session only */
   int signal;                    /* handle of the client */
   int pending, is_whole;         /* there is a value to write, in `whole` or else in `real` */
   double real, raw;              /* `raw`: of the last sample */
@@ -103,24 +103,24 @@ typedef struct ecat_session {
   ecat_t *bus;                   /* NULL: there is none */
   ecat_session_settings settings;
   char problem[ECAT_SESSION_TEXT]; /* the error text of the last failure */
-  int outage;                    /* code of the failure that lasts, 0: none */
+  int outage;                    /* code of the failure that still lasts, 0: none */
   unsigned connections;          /* counts connections: handles of an earlier one are invalid */
   uint64_t missed;               /* bus cycles that the program has missed between two waits */
-  int in_step;                   /* there was a wait, from which the next one counts */
+  int in_step;                   /* there was a wait, and the next wait counts its cycles from there */
   /* Of the last sample: */
   int state;                     /* enum ecat_session_state */
   int cycle;                     /* modulo 2^31 */
   double age;                    /* seconds since its frames came back */
   int wkc, wkc_expected;         /* sums of all domains of the bus */
 
-  ecat_session_slave *slaves;    /* what follows is for the session only */
+  ecat_session_slave *slaves;    /* this member and the following ones are for the session only */
   int attached;                  /* the expected bus was connected once */
   uint64_t instance;             /* of the daemon in which slaves and entries were found */
   uint64_t tried_ns, outage_ns;  /* time of the last attempt to connect; begin of the outage */
   uint64_t lost_ns;              /* when claimed outputs were lost and claimed again */
   uint64_t waited_cycle;         /* at the last wait */
   double origin;                 /* seconds of CLOCK_MONOTONIC at time 0, since the last wait */
-  int paced;                     /* there was one */
+  int paced;                     /* there was a wait */
   uint64_t exchanged_ns;         /* when the frames of the last sample came back */
 } ecat_session;
 

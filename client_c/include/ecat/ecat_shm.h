@@ -1,6 +1,6 @@
 /* The shared memory of a bus: constants, enumerations and structs. They come from ecat_shm.def, which
- * says what each of them means and who writes it. docs/shared-memory.md has the same as tables, and
- * explains how readers and writers work together.
+ * defines the meaning and the writer of each of them. docs/shared-memory.md has the same as tables,
+ * and explains how readers and writers work together.
  *
  * C89-clean. Programs use ecat.h; this header is for the daemon, for tools, and for clients in other
  * languages.

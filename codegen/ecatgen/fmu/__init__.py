@@ -6,7 +6,7 @@ bus description -> build (variables) -> ir -> render (templates) -> archive
 ```
 
 The binary is the same for all buses: it reads the contents of the FMU from `resources/plant.txt`.
-Making an FMU therefore needs no compiler, and the binary that runs is the one that was tested.
+Making an FMU therefore needs no compiler, and every FMU contains the binary that was tested.
 """
 
 from .generate import FmuReport, generate_fmu

@@ -1,4 +1,4 @@
-"""Writes an FMU as one file: reproducible byte by byte, and never over a file of somebody else."""
+"""Writes an FMU as one file: reproducible byte by byte, and never over a file of the user."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _DAMAGED = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, E
 def pack(files: Mapping[str, bytes]) -> bytes:
     """Packs files into an archive.
 
-    The comment of the archive marks it as ours. It has a digest, which shows whether the archive
-    was changed since.
+    The comment of the archive marks it as ours. A digest in the comment shows whether somebody has
+    changed the archive since.
     """
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
@@ -50,8 +50,8 @@ def write(path: Path, data: bytes, *, check: bool = False) -> bool:
         Whether there was no archive before, or a different one.
 
     Raises:
-        StateError: There is a file that this program has not written, or that was changed since; or
-            the disk is full.
+        StateError: Another program has written or changed the file that is there, or the disk is
+            full.
         NotPermittedError: The directory cannot be written.
     """
     with failures_in_words(path):
@@ -66,7 +66,7 @@ def write(path: Path, data: bytes, *, check: bool = False) -> bool:
 
 
 def member(path: Path, name: str) -> bytes | None:
-    """The content of one file in an archive; None if the archive or the file cannot be read."""
+    """Returns the content of one file in an archive, or None if it cannot be read."""
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.read(name)

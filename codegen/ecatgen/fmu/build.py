@@ -1,4 +1,4 @@
-"""Builds the intermediate representation of an FMU: every decision about its variables."""
+"""Builds the intermediate representation of an FMU, with all decisions about its variables."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> F
 
     Args:
         bus: Description of the bus.
-        library: Library for the bus, whose names the variables have.
+        library: Library for the bus; the variables have its names.
         fmi: Major version of FMI: 2 or 3.
         sources: C files to compile.
     """
@@ -65,7 +65,7 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> F
 
 
 def _instances(blocks: Sequence[Block]) -> list[str]:
-    """The prefix of each slave's variables: the usual name of its block, made unique."""
+    """Returns the prefix of each slave's variables: the usual name of its block, made unique."""
     own = [item.name for item in common.PARAMETERS + common.DIAGNOSTICS]
     namespace = names.Namespace([*own, "time"], suffix="Slave")
     return [namespace.take(block.instance) for block in blocks]
@@ -98,7 +98,7 @@ class _Value:
 
     Attributes:
         element: XML element.
-        access: Type of the FMI functions that get and set it.
+        access: Type of the FMI functions that get and set the variable.
         start: Start value, or None.
         minimum: Smallest value, or None.
         maximum: Largest value, or None.
@@ -115,14 +115,14 @@ class _Value:
     declared: str = ""
 
     def attributes(self) -> Attributes:
-        """XML attributes of the type."""
+        """Returns the XML attributes of the type."""
         found = {"declaredType": self.declared, "unit": self.unit}
         for name, number in (("min", self.minimum), ("max", self.maximum), ("start", self.start)):
             found[name] = "" if number is None else _number(number)
         return tuple((name, value) for name, value in found.items() if value)
 
     def limits(self) -> str:
-        """The limits for the documentation."""
+        """Returns the limits for the documentation."""
         if self.minimum is None or self.maximum is None:
             return ""
         return f"{_number(self.minimum)} to {_number(self.maximum)}"
@@ -192,7 +192,7 @@ class _Builder:
         )
 
     def _value(self, connector: Connector, entry: Entry, *, start: bool) -> _Value:
-        """The FMI type, limits and start value of an entry."""
+        """Returns the FMI type, limits and start value of an entry."""
         zero = 0 if start else None
         low, high = _raw_limits(entry)
         physical = connector.scale != 1 or connector.offset != 0 or connector.unit_name
@@ -235,7 +235,7 @@ class _Builder:
         return _Value("Enumeration", access, item.start, declared=item.kind)
 
     def _start_of_text(self) -> Attributes:
-        """The start attribute of a text; empty for FMI 3.0, which has an element for it."""
+        """Returns the start attribute of a text; empty for FMI 3.0, which uses an element."""
         return (("start", self._bus.name),) if self._fmi == 2 else ()
 
     def _variable(
@@ -271,13 +271,13 @@ class _Builder:
 
 
 def _sized(entry: Entry) -> str:
-    """The smallest integer type of FMI 3.0 that holds the entry."""
+    """Returns the smallest integer type of FMI 3.0 that holds the entry."""
     bits = next(size for size in (8, 16, 32, 64) if entry.bit_length <= size)
     return f"{'' if is_signed(entry.data_type) else 'U'}Int{bits}"
 
 
 def _raw_limits(entry: Entry) -> tuple[float | int, float | int]:
-    """The smallest and largest raw value of an entry, by its type and its declared range."""
+    """Returns the smallest and largest raw value of an entry, by its type and declared range."""
     low: float | int
     high: float | int
     if is_real(entry.data_type):
@@ -292,13 +292,13 @@ def _raw_limits(entry: Entry) -> tuple[float | int, float | int]:
 
 
 def _below(value: float | int) -> float:
-    """The largest floating-point number up to a value: 2^63 - 1, for example, is none."""
+    """Returns the largest float that is not above a value; 2^63 - 1, for example, is no float."""
     nearest = float(value)
     return math.nextafter(nearest, -math.inf) if nearest > value else nearest
 
 
 def _bits(value: float) -> str:
-    """The IEEE 754 bits of a number as 16 hexadecimal digits."""
+    """Returns the IEEE 754 bits of a number as 16 hexadecimal digits."""
     return struct.pack(">d", value).hex()
 
 

@@ -57,7 +57,7 @@ class Fixed:
     Attributes:
         name: Name, which is also its role in `resources/plant.txt`.
         kind: `Real`, `Boolean`, `String`, `Counter`, or the name of an enumeration.
-        description: What it is.
+        description: Description for the user.
         start: Start value of a parameter; None for an output.
         unit: Unit of a Real.
     """

@@ -9,7 +9,7 @@ from ecatd.model.errors import EcatError
 
 from ..static_library import built_folder
 
-# FMI 2.0 defines no name for ARM: importers search one of these.
+# FMI 2.0 defines no name for ARM; importers search for one of these.
 _PLATFORMS: dict[int, dict[str, tuple[str, ...]]] = {
     2: {"x86_64": ("linux64",), "aarch64": ("aarch64-linux", "linux64")},
     3: {"x86_64": ("x86_64-linux",), "aarch64": ("aarch64-linux",)},
@@ -19,11 +19,11 @@ _ICONS = {
     3: {f"terminalsAndIcons/{name}": name for name in ("icon.png", "icon.svg")},
 }
 _SOURCES = Path(__file__).parent / "source"
-_CLIENT_ONLY = ("layout.c",)  # only Python needs it
+_CLIENT_ONLY = ("layout.c",)  # needed by Python, not by an FMU
 
 
 def fixed_files(fmi: int, name: str) -> dict[str, bytes]:
-    """Binary, sources, headers, icons and license, by their path in the FMU.
+    """Returns binary, sources, headers, icons and license, by their path in the FMU.
 
     Raises:
         EcatError: The binary is not built, or there is none for this platform.

@@ -22,16 +22,16 @@ _ORIGIN = "resources/bus.json"
 
 @dataclass(frozen=True, slots=True)
 class FmuReport:
-    """The result of `generate_fmu`: what it has done, or would do.
+    """The result of `generate_fmu`: the changes that it has made or would make.
 
     Attributes:
         fmu: The file.
         fmi: Major version of FMI.
         slaves: Number of slaves.
-        inputs: Number of inputs of the FMU, which it writes to the bus.
+        inputs: Number of inputs of the FMU; it writes them to the bus.
         outputs: Number of outputs of the FMU.
         is_change: Whether the file is new or differs from the one before.
-        differences: What has changed on the bus since the file was made, by slave and connector.
+        differences: Changes of the bus since the file was made, by slave and connector.
         otherwise: Whether the file differs although nothing has changed on the bus.
     """
 
@@ -45,7 +45,7 @@ class FmuReport:
     otherwise: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """The report as data, for JSON."""
+        """Returns the report as data, for JSON."""
         return {
             "fmu": str(self.fmu),
             "fmi": f"{self.fmi}.0",
@@ -58,13 +58,13 @@ class FmuReport:
         }
 
     def details(self) -> list[str]:
-        """The differences, one sentence per line."""
+        """Returns the differences, one sentence per line."""
         if self.otherwise:
             return ["the bus is the same, but the version of ecatd or FMI is not"]
         return lines(self.differences)
 
     def summary(self) -> str:
-        """The report as one sentence."""
+        """Returns the report as one sentence."""
         return (
             f"{self.fmu}: FMI {self.fmi}.0, {self.slaves} slaves, {self.inputs} inputs, "
             f"{self.outputs} outputs, {'written' if self.is_change else 'unchanged'}; import it "
@@ -72,7 +72,7 @@ class FmuReport:
         )
 
     def would(self) -> str:
-        """What a run would do, as one sentence."""
+        """Returns the changes that a run would make, as one sentence."""
         return f"{self.fmu} would change" if self.is_change else f"{self.fmu}: nothing would change"
 
 
@@ -128,7 +128,7 @@ def generate_fmu(
 
 
 def _token(files: dict[str, bytes]) -> str:
-    """A GUID that changes with anything in the FMU."""
+    """Returns a GUID that changes whenever a file in the FMU changes."""
     digest = hashlib.sha256()
     for path in sorted(files):
         digest.update(path.encode() + b"\0" + files[path] + b"\0")

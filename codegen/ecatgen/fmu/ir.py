@@ -1,4 +1,4 @@
-"""The contents of an FMU, with every decision made; templates only write it down.
+"""The contents of an FMU. All decisions are made here; templates only write files from them.
 
 Texts are plain here: the templates escape them for XML and HTML.
 """
@@ -57,12 +57,12 @@ class Variable:
     Attributes:
         reference: Value reference, which is its place in the list of variables.
         name: Structured name.
-        description: What it is.
+        description: Description for the user.
         causality: `parameter`, `input`, `output` or `independent`, seen from the FMU.
         element: Name of the XML element of its type.
         attributes: Attributes of the variable.
         type_attributes: Attributes that belong to its type.
-        start_texts: Start value of a text, for FMI 3.0, where it is an element of its own.
+        start_texts: Start value of a text in FMI 3.0, in which it is a separate element.
         unit: Unit, or empty.
         kind: Type for the documentation, as FMI calls it.
         limits: Smallest and largest value for the documentation, or empty.
@@ -93,8 +93,8 @@ class Slave:
         vendor: Vendor ID.
         product: Product code.
         revision: Revision number.
-        given_name: Its name in the configuration, which it must have; empty for none.
-        label: How messages name it.
+        given_name: Name that the slave must have in the configuration; empty for no name.
+        label: Name of the slave in messages.
         variables: Names of its variables, each with and without the prefix.
     """
 
@@ -131,13 +131,13 @@ class Fmu:
         description: Description of the model.
         token: GUID (FMI 2.0) or instantiation token (FMI 3.0); empty until everything else is
             known.
-        tool: Program that made it, with its version.
+        tool: Program that made the FMU, with its version.
         bus: Name of the bus.
         fingerprint: Fingerprint of the bus, 16 hex digits.
         command: Command that makes the FMU again.
         step_size: Bus cycle in seconds.
         unit_groups: The units of the variables as one group; empty if no variable has a unit.
-        enumerations: Enumerations that variables have.
+        enumerations: Enumerations that are types of variables.
         categories: Categories of messages.
         variables: Variables by value reference.
         slaves: Slaves by position.

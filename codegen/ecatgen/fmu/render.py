@@ -32,7 +32,7 @@ def _environment() -> Environment:
 
 
 def render(fmu: Fmu) -> dict[str, bytes]:
-    """The files that differ from FMU to FMU, by their path in it."""
+    """Returns the files that differ between FMUs, by their path in the FMU."""
     environment = _environment()
     files = {
         "modelDescription.xml": f"fmi{fmu.fmi}.xml.j2",

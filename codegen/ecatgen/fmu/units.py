@@ -10,12 +10,12 @@ from .ir import Unit
 
 
 def units(names: Iterable[str]) -> tuple[Unit, ...]:
-    """The definitions of the units with these names, each once, sorted by name."""
+    """Returns the definitions of the units with these names, each once, sorted by name."""
     return tuple(Unit(name, _attributes(name)) for name in sorted(set(names) - {""}))
 
 
 def _attributes(name: str) -> tuple[tuple[str, str], ...]:
-    """Attributes of the element BaseUnit; empty for an unknown unit."""
+    """Returns the attributes of the element BaseUnit; empty for an unknown unit."""
     unit = si_unit(name)
     if unit is None:
         return ()

@@ -1,12 +1,12 @@
 """Writes generated packages into a directory, all or nothing, and never loses a file of the user.
 
 ```
-folder   what is in the folder of a package now, and which of it is ours (the manifest)
-order    package.order with the classes of the user behind the generated ones
-plan     what is written, removed and kept; what stands in the way
-swap     the new folder is made beside the old one, and then takes its place
-failures what is said where that cannot be done
-report   what was done
+folder   reads the folder of a package, and the manifest, which lists the generated files in it
+order    adds the classes of the user to package.order, after the generated classes
+plan     decides which files are written, removed and kept, and finds files in the way
+swap     builds the new folder beside the old one and then replaces the old one by it
+failures turns errors of the file system into messages
+report   reports the result
 ```
 """
 

@@ -10,16 +10,16 @@ from pathlib import Path
 from ecatd.model.errors import NotPermittedError, StateError
 
 TEMPORARY = ".ecatgen-"
-"""The beginning of the names under which something is written before it takes its place."""
+"""The beginning of the names of temporary files and folders."""
 
 
 @contextmanager
 def failures_in_words(place: Path, verb: str = "written") -> Iterator[None]:
-    """Converts errors of the system into errors of ecatd, which name the file in question.
+    """Converts errors of the system into errors of ecatd that name the file in question.
 
     Args:
         place: The file or folder that is named if the system does not name one.
-        verb: What is done to it, for the message.
+        verb: The participle in the message "... cannot be ...".
 
     Raises:
         NotPermittedError: A permission is missing.
@@ -43,6 +43,6 @@ def failures_in_words(place: Path, verb: str = "written") -> Iterator[None]:
 
 
 def _named(error: OSError, place: Path) -> str:
-    """The name in the error of the system, or `place` if it is a temporary name."""
+    """Returns the name in the error of the system, or `place` if that name is a temporary one."""
     name = str(error.filename or place)
     return str(place) if any(part.startswith(TEMPORARY) for part in Path(name).parts) else name

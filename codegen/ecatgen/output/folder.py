@@ -1,4 +1,4 @@
-"""Reads the folder of a package: what is in it, and which files an earlier run has written."""
+"""Reads the folder of a package: its files, and which of them an earlier run has written."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Folder:
         path: The folder.
         exists: Whether it exists.
         manifest: Hashes of the files that an earlier run has written, by path.
-        problem: Why it is not known which files are generated, or empty.
+        problem: Why generated files cannot be distinguished from others, or empty.
         files: Everything in it except folders, by path; links are not followed.
         folders: The folders in it, with their permission bits; its own path is "".
     """
@@ -55,7 +55,7 @@ class Folder:
     folders: dict[str, int] = field(default_factory=dict)
 
     def data(self, path: str) -> bytes | None:
-        """The content of a regular file, None for anything else."""
+        """Returns the content of a regular file, None for anything else."""
         mark = self.files.get(path)
         return (self.path / path).read_bytes() if mark is not None and mark.is_regular else None
 
@@ -115,18 +115,18 @@ def _read_manifest(folder: Folder) -> None:
 
 
 def manifest_of(tree: Tree) -> bytes:
-    """The manifest for the generated files, as JSON."""
+    """Returns the manifest for the generated files, as JSON."""
     files = {path: digest(tree[path]) for path in sorted(tree)}
     return (json.dumps({"schema": _SCHEMA, "files": files}, indent=1) + "\n").encode()
 
 
 def digest(data: bytes) -> str:
-    """The hash of a file in the manifest (SHA-256, hexadecimal)."""
+    """Returns the hash of a file in the manifest (SHA-256, hexadecimal)."""
     return hashlib.sha256(data).hexdigest()
 
 
 def parents(path: str) -> Iterable[str]:
-    """The folders that a path is in, the innermost first."""
+    """Yields the folders that contain a path, the innermost first."""
     while "/" in path:
         path = path.rpartition("/")[0]
         yield path

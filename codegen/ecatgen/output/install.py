@@ -35,8 +35,7 @@ def install(
             these under another name. Without it this is an error.
 
     Raises:
-        StateError: Files of the user are in the way, or the disk is full; nothing that was there is
-            lost.
+        StateError: Files of the user are in the way, or the disk is full; no earlier file is lost.
         NotPermittedError: The directory cannot be written.
     """
     with failures_in_words(out, "read" if check else "written"), ExitStack() as stack:

@@ -1,7 +1,7 @@
 """Completes `package.order`: generated classes first, then the classes of the user in the folder.
 
-The file must name exactly the classes in its folder. Modelica tools write it, too, so a changed
-file is no conflict: its order of the user's classes is kept.
+The file must name exactly the classes in its folder. Modelica tools write this file, too.
+Therefore a changed file is no conflict, and the order of the user's classes in it is kept.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def merge(tree: Tree, folder: Folder, foreign: Iterable[str]) -> tuple[dict[str,
 
 
 def _class(path: str) -> tuple[str, str, str]:
-    """The parent folder, the name and the path of the class of a file; no name if it makes none."""
+    """Returns the parent folder, name and path of the class in a file; name "" means no class."""
     folder, _, file = path.rpartition("/")
     if file == _PACKAGE:
         parent, _, name = folder.rpartition("/")

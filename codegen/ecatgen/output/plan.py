@@ -21,13 +21,13 @@ class Plan:
     Attributes:
         folder: The folder as it is now.
         tree: The generated files, by path.
-        files: The same with the manifest, and with the user's classes in every `package.order`.
+        files: `tree` with the manifest, and with the user's classes in every `package.order`.
         written: Generated files that are new or differ.
         unchanged: Generated files that are in the folder already.
         removed: Files of an earlier run that are no longer generated.
-        kept: Paths of the user's files: the new path, and the old one.
-        conflicts: Paths of the user's files that are in the way, and why.
-        copies: The names under which these files are kept if `force` is given.
+        kept: The user's files: old path by new path.
+        conflicts: The user's files that are in the way: reason by path.
+        copies: New names by path, under which these files are kept if `force` is given.
         empty: Empty folders of the user.
     """
 
@@ -46,9 +46,8 @@ class Plan:
     def regenerated(self) -> list[str]:
         """Files whose generated content differs from that of the run before.
 
-        A file that only one of the two runs has generated counts, too.
-
-        Empty if the manifest of such a run is missing.
+        A file that only one of the two runs has generated counts, too. The list is empty if the
+        manifest of the run before is missing.
         """
         before = self.folder.manifest
         if not before:
@@ -67,14 +66,14 @@ class Plan:
         return bool(self.written or self.removed or self.conflicts)
 
     def place(self, path: str) -> str:
-        """The path of a user's file in the new folder."""
+        """Returns the path of a user's file in the new folder."""
         for item in (path, *parents(path)):
             if item in self.copies:
                 return self.copies[item] + path[len(item) :]
         return path
 
     def copy_name(self, path: str) -> str:
-        """A free name for a file that has to make room: with `.orig`, `.orig2` and so on."""
+        """Returns a free name for a file in the way: with `.orig`, `.orig2` and so on."""
         name, number = path + _COPY, 1
         taken = {*self.folder.files, *self.folder.folders, *self.files, *self.copies.values()}
         while name in taken:
@@ -127,7 +126,7 @@ def _compare(plan: Plan, path: str) -> None:
 
 
 def _is_ours(folder: Folder, path: str) -> bool:
-    """Whether a file is still as an earlier run has written it."""
+    """Whether a file is unchanged since an earlier run has written it."""
     data = folder.data(path)
     return data is not None and digest(data) == folder.manifest[path]
 
@@ -148,8 +147,7 @@ def refuse(plan: Plan) -> None:
     """Refuses the plan if it needs `force`.
 
     Raises:
-        StateError: Files of the user would have to make room, or the manifest is missing or
-            damaged.
+        StateError: Files of the user are in the way, or the manifest is missing or damaged.
     """
     path = plan.folder.path
     if plan.folder.problem:

@@ -1,4 +1,4 @@
-"""The report of a run: what it has done, or would do."""
+"""The report of a run: the changes that it has made or would make."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ class Report:
         library: Folder of the generated library.
         packages: Names of all packages that were written, in the order in which a tool loads them.
         written: Files that are new or have changed.
-        unchanged: Files that are as they were.
+        unchanged: Files that have not changed.
         removed: Files of an earlier run that are no longer generated.
         kept: Files of the user.
-        copies: Files of the user that had to make room, with their new names.
+        copies: Files of the user that were in the way, with their new names.
         conflicts: Files of the user that are in the way, with the reason.
         regenerated: Files whose generated content differs from that of the run before.
-        differences: What is different on the bus, by slave and connector.
+        differences: Differences of the bus, by slave and connector.
         otherwise: The files of `regenerated` that would differ for the same bus, too.
-        notes: A sentence for each part of the bus that has no block, and why.
+        notes: A sentence for each block that is missing or has another name, with the reason.
     """
 
     library: Path
@@ -50,7 +50,7 @@ class Report:
         return bool(self.written or self.removed or self.conflicts)
 
     def to_dict(self) -> dict[str, Any]:
-        """The report as data, for JSON."""
+        """Returns the report as data, for JSON."""
         return {
             "library": str(self.library),
             "changed": self.is_change,
@@ -66,25 +66,25 @@ class Report:
         }
 
     def details(self) -> list[str]:
-        """Notes, differences and renamed files, one sentence per line."""
+        """Returns notes, differences and renamed files, one sentence per line."""
         text = [*self.notes, *lines(self.differences)]
         if self.otherwise:
             text.append(
                 f"{_files(len(self.otherwise))} would differ for the same bus, too "
-                f"({_named(self.otherwise)}): ecatd or a template is not what it was"
+                f"({_named(self.otherwise)}): ecatd or a template has changed"
             )
         text += [f"{path} is kept as {copy}" for path, copy in self.copies]
         return text
 
     def summary(self) -> str:
-        """The report as one sentence."""
+        """Returns the report as one sentence."""
         names = [str(self.library.parent / name / "package.mo") for name in self.packages]
         return (
             f"{self.library}: {self._counts()}; open {' and then '.join(names)} in a Modelica tool"
         )
 
     def would(self) -> str:
-        """What a run would do, as one sentence."""
+        """Returns the changes that a run would make, as one sentence."""
         if not self.is_change:
             return f"{self.library}: nothing would change"
         text = f"{self.library} would change: {self._counts()}"

@@ -1,7 +1,8 @@
 """Replaces a folder as a whole: the new one is built beside it and then takes its place.
 
-Files that stay are hard links to those in the old folder, so what a user saves into them meanwhile
-is in both. New files that came into the old folder meanwhile are moved to the new one.
+Files that stay are hard links to the files in the old folder. A change that a user saves into such
+a file meanwhile is therefore in both folders. Files that are added to the old folder meanwhile are
+moved to the new one.
 """
 
 from __future__ import annotations
@@ -72,8 +73,8 @@ def locked(out: Path, *, shared: bool = False) -> Iterator[None]:
 def clean_up(out: Path) -> None:
     """Removes the temporary folders of killed runs; the caller holds the lock.
 
-    If folders cannot be exchanged in one step, a killed run may have moved a folder away: it is
-    moved back.
+    If the file system cannot exchange folders in one step, a killed run may have moved a folder
+    away. That folder is moved back.
     """
     for stage in sorted(out.glob(f"{TEMPORARY}*")):
         if not stage.is_dir() or not {path.name for path in stage.iterdir()} <= {_NEW, _OLD}:

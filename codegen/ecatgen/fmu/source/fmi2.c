@@ -35,7 +35,7 @@ static char *copy(const char *text) {
   return result;
 }
 
-/* The plant if the call may be made now, else NULL and a message. */
+/* Returns the plant if the call is allowed now, else NULL after a message. */
 static plant *allowed(fmi2Component c, const char *call, unsigned states) {
   const instance *self = c;
   if (self == NULL) return NULL;

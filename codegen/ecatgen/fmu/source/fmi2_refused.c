@@ -29,7 +29,7 @@ REFUSED(fmi2GetRealOutputDerivatives, fmi2Component c, const fmi2ValueReference 
         size_t count, const fmi2Integer order[], fmi2Real values[])
 REFUSED(fmi2CancelStep, fmi2Component c)
 
-/* Steps end when they return, so there is never anything to tell about one under way. */
+/* A step is complete when its call returns, so there is never a pending step with a status. */
 #define NOTHING_PENDING(name, Value) \
   fmi2Status name(fmi2Component c, const fmi2StatusKind kind, Value *value) { return fmi2Discard; }
 

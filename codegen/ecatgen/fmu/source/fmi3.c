@@ -21,7 +21,7 @@ static void write_log(void *context, enum plant_status status, const char *categ
   if (self->log != NULL) self->log(self->environment, (fmi3Status)status, category, message);
 }
 
-/* The plant if the call may be made now, else NULL and a message. */
+/* Returns the plant if the call is allowed now, else NULL after a message. */
 static plant *allowed(fmi3Instance c, const char *call, unsigned states) {
   const instance *self = c;
   if (self == NULL) return NULL;

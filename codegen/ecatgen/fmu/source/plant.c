@@ -1,4 +1,4 @@
-/* The life of an instance, and what it does when the bus is missing or fails. */
+/* The life of an instance, and its steps. */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE
 #endif
@@ -10,11 +10,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define ROUNDING 1e-6 /* of a bus cycle, by which a step may be shorter */
+#define ROUNDING 1e-6 /* a step may be shorter by this part of a bus cycle */
 
 /* --- messages ------------------------------------------------------------------------------ */
 
-/* Named in the model description; by status, OK is for events. */
+/* The log categories of the model description, by status; events have the status OK. */
 enum { CATEGORIES = PLANT_FATAL + 1 };
 static const char *const log_categories[CATEGORIES] = {"logEvents", "logStatusWarning", "logStatusDiscard",
                                              "logStatusError", "logStatusFatal"};
@@ -124,7 +124,7 @@ int plant_reset(plant *p) {
   return PLANT_OK;
 }
 
-/* --- what the bus delivers ----------------------------------------------------------------- */
+/* --- outputs of the FMU -------------------------------------------------------------------- */
 
 static int publish_entry(plant_variable *v) {
   int code;
@@ -134,7 +134,8 @@ static int publish_entry(plant_variable *v) {
   return code;
 }
 
-/* Entries keep their last values while there is no bus; all else tells that nothing is delivered. */
+/* Updates all outputs. Without a bus, entries keep their last values, and the diagnostics say that there
+ * is no bus. */
 static int publish(plant *p) {
   const ecat_session *session = &p->session;
   int code = 0;
@@ -157,8 +158,8 @@ static int publish(plant *p) {
   return code;
 }
 
-/* The end of what the session was asked to do. An error ends the simulation: the outputs fall to their
- * safe values at once. */
+/* Ends a call of the session that has returned `code`. After an error the simulation ends, and the outputs
+ * of the bus go to their safe values at once. */
 static int settle(plant *p, int code) {
   if (code == 0) code = publish(p);
   if (code == 0) return PLANT_OK;
@@ -194,7 +195,7 @@ int plant_leave_initialization(plant *p) {
   return status;
 }
 
-/* Hands over what was set. */
+/* Hands the inputs that were set over to the bus. */
 static int write_inputs(plant *p) {
   size_t i;
   int code = 0;
@@ -203,7 +204,7 @@ static int write_inputs(plant *p) {
   return code != 0 ? code : ecat_session_commit(&p->session);
 }
 
-/* Waits for as many bus cycles as a step has, and keeps what is left of a cycle for the next one. */
+/* Waits for as many bus cycles as a step has, and keeps the remaining part of a cycle for the next step. */
 static int pace(plant *p, double time, double step) {
   double cycles = 0;
   if (!plant_integer(p, ROLE_WAIT_FOR_BUS)) return 0;

@@ -1,10 +1,10 @@
-/* The plant behind an FMU: its variables, and what a communication step does on the bus. The front
+/* The plant behind an FMU: its variables, and the actions of a communication step on the bus. The front
  * ends fmi2.c and fmi3.c give it the names and types of their version of FMI.
  *
  *     doStep:  commit all inputs of the FMU -> wait for the bus -> take one image of all outputs
  *
- * Which variables there are says resources/plant.txt (table.c), so that one binary serves every bus.
- * Nothing is shared by instances. No function here ends the process or changes the locale.
+ * The file resources/plant.txt lists the variables (table.c), so that one binary serves every bus.
+ * Instances share nothing. No function here ends the process or changes the locale.
  */
 #ifndef PLANT_H
 #define PLANT_H
@@ -22,10 +22,10 @@ enum plant_state {
   PLANT_INITIALIZATION,
   PLANT_STEPS,
   PLANT_TERMINATED,
-  PLANT_FAILED /* values can be read, and the instance be reset or freed */
+  PLANT_FAILED /* only reading values, reset and freeing are possible */
 };
 
-/* Types of variables. An FMU has those of its version only; enumerations are INTEGER in FMI 2 and
+/* Types of variables. An FMU uses only the types of its version. Enumerations are INTEGER in FMI 2 and
  * INT64 in FMI 3. */
 enum plant_type {
   PLANT_REAL,
@@ -43,7 +43,7 @@ enum plant_type {
   PLANT_TYPES
 };
 
-/* What a variable is for. Those from BUS to READ_ONLY are parameters. */
+/* The purpose of a variable. The roles from BUS to READ_ONLY are parameters. */
 enum plant_role {
   ROLE_TIME,
   ROLE_BUS,
@@ -61,7 +61,7 @@ enum plant_role {
   ROLE_MISSED,
   ROLE_WORKING_COUNTER,
   ROLE_WORKING_COUNTER_EXPECTED,
-  ROLE_VALID, /* this one and the next two: of a slave */
+  ROLE_VALID, /* this role and the next two belong to a slave */
   ROLE_AL_STATE,
   ROLE_AL_STATUS_CODE,
   ROLE_INPUT,  /* entry that the FMU writes to the bus */
@@ -69,7 +69,7 @@ enum plant_role {
   ROLES
 };
 
-/* A value as its type needs it: `real` for REAL, `integer` for all others but strings. */
+/* A value: `real` for the type REAL, `integer` for all other types except STRING. */
 typedef struct plant_value {
   double real;
   int64_t integer; /* UINT64: its bits */
@@ -86,7 +86,7 @@ typedef struct plant_variable {
   enum plant_role role;
   char *name;
   int slave; /* index in `slaves` */
-  ecat_session_entry on_bus; /* of an entry; the range is that of when the FMU was made */
+  ecat_session_entry on_bus; /* of an entry; its range is as it was when the FMU was made */
   char *unit;
   plant_value start, value;
 } plant_variable;
@@ -110,15 +110,15 @@ typedef struct plant {
   plant_variable *variables; /* by value reference */
   size_t variable_count;
 
-  /* Parameters; the others are values of variables. */
+  /* The parameter `bus`; the other parameters are values of variables. */
   char *bus_name, *bus_start;
 
   ecat_session session;
-  int begun;   /* initialization has attached to the bus, or decided to go on without it */
+  int begun;   /* 1: initialization has connected to the bus, or decided to go on without it */
   double owed; /* bus cycles of steps shorter than a cycle */
 } plant;
 
-/* table.c: a negative value, with the sentence in `session.problem`, on failure. */
+/* table.c: plant_load() returns a negative value on failure, with the error text in `session.problem`. */
 int plant_load(plant *p, const char *resources);
 void plant_unload(plant *p);
 
@@ -137,19 +137,20 @@ plant *plant_new(const char *token, const char *resources, plant_log *log, void 
                  int events);
 void plant_free(plant *p);
 int plant_allow(plant *p, const char *call, unsigned states); /* bits 1 << enum plant_state */
-int plant_begin(plant *p); /* attaches to the bus, unless that was done */
+int plant_begin(plant *p); /* connects to the bus and takes a first sample */
 int plant_leave_initialization(plant *p);
 int plant_step(plant *p, double time, double step);
-void plant_detach(plant *p); /* the outputs fall to their safe values */
+void plant_detach(plant *p); /* ends the connection: the outputs go to their safe values */
 int plant_terminate(plant *p);
-/* Whether events are logged; without categories all are meant. Errors and warnings always are. */
+/* Switches the logging of events on or off; a list without categories means all of them. Errors and
+ * warnings are always logged. */
 int plant_log_categories(plant *p, int on, size_t count, const char *const categories[]);
 int plant_reset(plant *p);
 
 /* Logs one sentence and returns `status`. */
 __attribute__((format(printf, 3, 4))) int plant_say(plant *p, enum plant_status status,
                                                     const char *format, ...);
-/* Logs what an importer hears only when it asks for events. */
+/* Logs an event, if the importer has asked for events. */
 __attribute__((format(printf, 2, 3))) void plant_event(plant *p, const char *format, ...);
 
 #endif

@@ -1,12 +1,12 @@
-/* resources/plant.txt: which slaves and variables the FMU has. Lines of words:
+/* Reads resources/plant.txt, the list of the slaves and variables of the FMU. Its lines consist of words:
  *
  *     ecatd-plant 1
  *     token TOKEN                        GUID or instantiation token of the model description
  *     fingerprint HEX                    of the bus
  *     bus NAME                           start value of the parameter
- *     command TEXT                       makes the FMU again
+ *     command TEXT                       command that makes the FMU again
  *     slaves COUNT
- *     slave POSITION VENDOR PRODUCT REVISION LABEL
+ *     slave POSITION VENDOR PRODUCT REVISION NAME LABEL    NAME: in the configuration, or -
  *     variables COUNT                    in the order of their value references, 0 first
  *     variable TYPE ROLE START NAME [SLAVE [INDEX SUBINDEX DATATYPE BITS SCALE OFFSET MINIMUM
  *         MAXIMUM UNIT]]             the unit is the rest of the line, and may be empty
@@ -40,13 +40,13 @@ static const char *const role_names[ROLES] = {
 
 /* --- words --------------------------------------------------------------------------------- */
 
-/* What is left to read, and whether all of it was as expected. */
+/* The text that is left to read, and whether the text so far was as expected. */
 typedef struct reader {
   char *line; /* rest of the line */
   char *next; /* the lines after it */
   int number;
   int wrong;
-  char nothing[8]; /* the word that is not there */
+  char nothing[8]; /* an empty word, returned in place of a missing one */
 } reader;
 
 static int next_line(reader *r) {
@@ -159,7 +159,8 @@ static void read_variable(reader *r, plant_variable *variable, size_t slaves) {
   if (!(entry->scale < 0 || entry->scale > 0)) r->wrong = 1;
 }
 
-/* The parameters and diagnostics that the plant asks for by role; it relies on their types. */
+/* Checks that all parameters and diagnostics exist, since the plant looks them up by role, and that only
+ * the bus name is a string. */
 static void check_roles(reader *r, const plant *p) {
   unsigned found = 0, needed = (1u << ROLE_VALID) - 1u - (1u << ROLE_TIME);
   size_t i;
@@ -194,7 +195,7 @@ static void read_table(reader *r, plant *p) {
   if (!r->wrong) check_roles(r, p);
 }
 
-/* What the session has to find on the bus. */
+/* Adds all slaves and entries to the session. */
 static void add_all(plant *p) {
   size_t i;
   for (i = 0; i < p->slave_count; i++) {
@@ -219,7 +220,8 @@ static int hex_digit(char c) {
   return c >= '0' && c <= '9' ? c - '0' : (c | 32) >= 'a' && (c | 32) <= 'f' ? (c | 32) - 'a' + 10 : -1;
 }
 
-/* The path in a URI (RFC 3986, file scheme), or the text itself, which FMI 3 gives. */
+/* Returns the path of a file in the folder of resources. FMI 2 gives this folder as a URI (RFC 3986, file
+ * scheme), FMI 3 as a path. */
 static char *path_of(const char *resources, const char *file) {
   const char *from = resources;
   char *path = malloc(strlen(resources) + strlen(file) + 2), *to = path;

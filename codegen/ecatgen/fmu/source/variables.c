@@ -1,4 +1,4 @@
-/* The values of variables, as importers get and set them. */
+/* The values of variables, which importers get and set. */
 #include "plant.h"
 
 #include <math.h>
@@ -11,7 +11,7 @@ static int is_parameter(const plant_variable *v) {
 
 static plant_variable *by_role(const plant *p, enum plant_role role) {
   size_t i = 0;
-  while (p->variables[i].role != role) i++; /* plant_load() has seen each of them, near the front */
+  while (p->variables[i].role != role) i++; /* ends: plant_load() has checked that these roles exist */
   return &p->variables[i];
 }
 
@@ -38,7 +38,7 @@ void plant_start_values(plant *p) {
   p->bus_name = strdup(p->bus_start);
 }
 
-/* The variable, or NULL and a message. */
+/* Returns the variable, or NULL after a message. */
 static plant_variable *find(plant *p, unsigned reference, enum plant_type type, const char *call) {
   plant_variable *v = reference < p->variable_count ? &p->variables[reference] : NULL;
   if (v == NULL)
@@ -52,7 +52,7 @@ static plant_variable *find(plant *p, unsigned reference, enum plant_type type, 
   return v;
 }
 
-/* Outputs have values from the initialization on. */
+/* Connects to the bus during the initialization, if necessary: outputs have values from then on. */
 static int ready(plant *p) {
   return p->state == PLANT_INITIALIZATION && !p->begun ? plant_begin(p) : PLANT_OK;
 }
@@ -72,7 +72,7 @@ int plant_get_string(plant *p, unsigned reference, const char **value) {
   return PLANT_OK;
 }
 
-/* Whether a variable may be set now. A parameter that changes takes the connection back. */
+/* Whether a variable may be set now. Setting a parameter ends the connection, if there is one. */
 static int settable(plant *p, const plant_variable *v) {
   if (v->role == ROLE_INPUT) return PLANT_OK;
   if (!is_parameter(v))

@@ -6,7 +6,7 @@ block EtherCATMaster "Connection of the model to one EtherCAT bus"
   parameter Modelica.Units.SI.Period sampleTime[:] = {0.001} "Sample time of each domain"
     annotation (Dialog(group = "Pace"));
   parameter Boolean waitForBus = false
-    "= true, if every sample of domain 1 waits for the bus, which so paces the simulation"
+    "= true, if every sample of domain 1 waits for the bus, so that the bus paces the simulation"
     annotation (choices(checkBox = true), Dialog(group = "Pace"));
   parameter Modelica.Units.SI.Time lease(min = 0) = 0.1
     "Time without samples after which outputs fall to their safe values"
@@ -45,7 +45,7 @@ block EtherCATMaster "Connection of the model to one EtherCAT bus"
   output Integer workingCounter(start = 0, fixed = true)
     "Sum of the working counters of all domains of the bus";
   output Integer workingCounterExpected(start = 0, fixed = true)
-    "What it is when all slaves take part";
+    "Working counter when all slaves take part";
 protected
   Real keepAlive(start = 0, fixed = true)
     "A co-simulation FMU of some tools needs a continuous state";
@@ -69,30 +69,30 @@ equation
     Documentation(info = "<html>
 <p>
 Every model that uses a bus has one component of this block, called <code>etherCATMaster</code> and
-declared <code>inner</code>. All blocks of slaves find it by themselves.
+declared <code>inner</code>. All blocks of slaves find it without a connection.
 </p>
 <h4>Samples</h4>
 <p>
 <code>sampleTime</code> has one element for each domain of the model. The block of a slave chooses one
 by its parameter <code>domainID</code> (1 is the first). All reads at the same simulation time see the
-same bus cycle, those of several domains, too.
+same bus cycle, even in different domains.
 </p>
 <p>
 With <code>waitForBus = true</code> each sample of domain 1 waits until as many bus cycles have passed as
 its sample time has; the sample time must be a multiple of the bus cycle. With
-<code>waitForBus = false</code> the model runs as fast as the tool runs it, and a sample takes what the bus
-has at that moment.
+<code>waitForBus = false</code> the model runs as fast as the tool runs it, and a sample takes the values that
+the bus has at that moment.
 </p>
 <p>
 With <code>readOnly = true</code> the model owns no outputs and writes nothing, neither process data nor
-objects: its blocks read what is on the bus, while another program drives it. What the blocks are given to write
-is dropped, and SDO blocks that write fail with a text that says so.
+objects. Its blocks read the bus while another program writes the outputs. Values for outputs are dropped, and
+SDO blocks that write fail with a text that says so.
 </p>
 <p>
 A simulation that is stopped, paused or killed takes no more samples. After the time <code>lease</code>
 (at most 0.5&nbsp;s, the daemon cuts longer ones; 0 takes its default) the daemon sets the outputs that the model has written
-to their safe values. Waiting for the bus is no pause, so that with <code>waitForBus</code> sample times
-may be longer.
+to their safe values. Waiting for the bus does not count as a pause, so that with <code>waitForBus</code> sample
+times may be longer.
 </p>
 <p>
 Each sample is an event for the solver. OpenModelica 1.25 may hang with the solver <code>cvode</code> when
@@ -113,20 +113,20 @@ lost its outputs, because it did not sample in time or the daemon has started ag
 </table>
 <p>
 With <code>Continue</code> and <code>waitForBus</code> the clock of the machine paces the model while there
-is no bus. When the bus comes back, the outputs of the model act at once: a model that must start
-softly then uses <code>valid</code> of its slaves.
+is no bus. When the bus comes back, the outputs of the model act at once. If the model must start softly then,
+use <code>valid</code> of its slaves.
 </p>
 <p>
-Whenever the model meets a bus, it looks whether this has the slaves and entries that its blocks stand
-for. Another bus, outputs that another program owns, and a value that does not fit its entry end the
-simulation in all cases.
+Whenever the model connects to a bus, it checks that the bus has the slaves and entries of its blocks. A wrong
+bus, outputs that another program owns, and a value that does not fit its entry end the simulation in all
+cases.
 </p>
 <h4>Slaves that leave OP</h4>
 <p>
 When a slave of the model leaves OP, or does not answer any more, the log of the simulation says so, with the
 block, the state and the AL status code, and it says when the slave is back. The model goes on, and
 <code>valid</code> of the block is false. With <code>requireOperational = true</code> the simulation ends with that
-sentence instead. A single frame that is lost ends nothing.
+sentence instead. A single lost frame does not end the simulation.
 </p>
 <h4>Diagnostics</h4>
 <p>

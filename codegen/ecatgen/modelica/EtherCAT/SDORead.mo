@@ -21,8 +21,8 @@ Uploads an object of the slave at <code>position</code> through its mailbox. Its
 request that fails: use <a href=\"modelica://EtherCAT.SDOReadReal\">SDOReadReal</a>.
 </p>
 <p>
-When the object is requested, and what happens to a request that fails, is told in
-<a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a>.
+<a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a> explains when the object is requested, and
+what happens to a request that fails.
 </p>
 </html>"),
     Icon(graphics = {

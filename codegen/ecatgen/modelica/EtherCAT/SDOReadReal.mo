@@ -21,8 +21,8 @@ when <code>done</code> becomes true and <code>count</code> advances; until then 
 Integers are exact up to 2^53, and rounded beyond.
 </p>
 <p>
-When the object is requested, and what happens to a request that fails, is told in
-<a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a>.
+<a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a> explains when the object is requested, and
+what happens to a request that fails.
 </p>
 </html>"),
     Icon(graphics = {

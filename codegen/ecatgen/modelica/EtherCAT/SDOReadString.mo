@@ -28,8 +28,8 @@ backslash, as <code>\\xNN</code></td></tr>
 <tr><td>UNICODE_STRING</td><td>UTF-16, up to the first zero</td></tr>
 </table>
 <p>
-When the object is requested, and what happens to a request that fails, is told in
-<a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a>.
+<a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a> explains when the object is requested, and
+what happens to a request that fails.
 </p>
 </html>"),
     Icon(graphics = {

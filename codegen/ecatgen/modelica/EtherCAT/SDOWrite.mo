@@ -19,8 +19,8 @@ Downloads the value that <code>u</code> has at the request to an object of the s
 it. A value that the data type cannot hold ends the simulation.
 </p>
 <p>
-When the object is requested, and what happens to a request that fails, is told in
-<a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a>.
+<a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a> explains when the object is requested, and
+what happens to a request that fails.
 </p>
 </html>"),
     Icon(graphics = {

@@ -20,8 +20,8 @@ number, of two equally near ones the even one. <code>done</code>
 becomes true when the slave has accepted it. A value that the data type cannot hold ends the simulation.
 </p>
 <p>
-When the object is requested, and what happens to a request that fails, is told in
-<a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a>.
+<a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a> explains when the object is requested, and
+what happens to a request that fails.
 </p>
 </html>"),
     Icon(graphics = {

@@ -29,8 +29,8 @@ your own with <a href=\"modelica://EtherCAT.Functions.sdoWriteString\">sdoWriteS
 parameter because tools describe String inputs of an FMU as continuous, which FMI does not allow.
 </p>
 <p>
-When the object is requested, and what happens to a request that fails, is told in
-<a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a>.
+<a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a> explains when the object is requested, and
+what happens to a request that fails.
 </p>
 </html>"),
     Icon(graphics = {

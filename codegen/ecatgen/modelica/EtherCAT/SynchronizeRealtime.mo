@@ -14,7 +14,7 @@ block SynchronizeRealtime "Pace a model without a bus by the clock of the machin
   parameter Boolean enableRealTimeScaling = false "= true, if the pace has an input connector"
     annotation (Evaluate = true, choices(checkBox = true), Dialog(group = "Advanced"));
   parameter Modelica.Units.SI.Time maxDelay(min = 0) = 0.1
-    "Largest delay that is made up for; after a longer one the clock goes on from now"
+    "Largest delay that later samples make up for; after a longer one the clock goes on from now"
     annotation (Dialog(group = "Advanced"));
 
   Modelica.Blocks.Interfaces.RealInput scaling(min = 0) if enableRealTimeScaling
@@ -38,7 +38,7 @@ protected
     "Simulation time is the time of the clock";
   parameter EtherCAT.Objects.RealtimeClock realtimeClock = EtherCAT.Objects.RealtimeClock(
     if setPriority then Integer(priority) else 0) "Clock";
-  discrete Real results[4](each start = 0, each fixed = true) "What the clock has told";
+  discrete Real results[4](each start = 0, each fixed = true) "Results of the clock";
   Real keepAlive(start = 0, fixed = true)
     "A co-simulation FMU of some tools needs a continuous state";
 equation
@@ -66,15 +66,15 @@ The first sample is the origin. Each later one waits until as much time has pass
 in the simulation, times <code>scaling</code>. A sample that comes later than that does not wait at
 all: <code>lateness</code> says by how much, <code>missed</code> counts. The following samples make up
 for a delay of at most <code>maxDelay</code>. After a longer one, such as a pause in the
-debugger, nothing is made up for: the clock goes on from there, because hardware does not like a model
-that runs through minutes in a second.
+debugger, they do not make up for it: the clock goes on from there, because a model that runs through minutes
+in a second is bad for hardware.
 </p>
 <p>
 Name, parameters and <code>calculationTime</code>, <code>availableTime</code> are those of the block in
 the library Modelica_DeviceDrivers, which the paper on the DLR EtherCAT library uses; so a model
 changes from one to the other by its prefix (and by the type of <code>priority</code>, which is an
-enumeration here). Unlike that one this block looks at the clock at sample instants only, and not in
-every step of the solver.
+enumeration here). Unlike that block, this one reads the clock at sample instants only, and not in every step
+of the solver.
 </p>
 <p>
 <strong>Priority</strong>: High and Realtime need rights (see

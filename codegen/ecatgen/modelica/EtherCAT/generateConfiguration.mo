@@ -21,8 +21,8 @@ algorithm
   annotation (Documentation(info = "<html>
 <p>
 Runs <code>ecatctl generate</code>, which asks the daemon for the slaves of its bus and writes the library
-<code>plantName</code> and a copy of this library into the folder <code>path</code>. What it says is shown
-as a message; when it fails, nothing was written, and its sentence is the error of this function.
+<code>plantName</code> and a copy of this library into the folder <code>path</code>. Its output is shown as a
+message. If it fails, nothing was written, and its error message is the error of this function.
 </p>
 <p>
 The result is the file to load:
@@ -39,12 +39,12 @@ loadFile(file);</code></td></tr>
 <td>call it, then open the file that it returns</td></tr>
 </table>
 <p>
-Without <code>-d=gen</code> OpenModelica 1.25 executes no external function outside of a simulation, and says
-nothing but that the script has failed.
+Without <code>-d=gen</code> OpenModelica 1.25 executes no external function outside of a simulation, and only
+says that the script has failed.
 </p>
 <p>
-This function does not load the file itself: that takes a scripting function of the tool, and a library
-that names one of them is in error in every other tool.
+This function does not load the file itself: that needs a scripting function of the tool, and a library that
+uses such a function is wrong in every other tool.
 </p>
 </html>"));
 end generateConfiguration;

@@ -16,7 +16,7 @@ equation
 <p>
 <code>y = range.min + (u - range.rawMin)*(range.max - range.min)/(range.rawMax - range.rawMin)</code>:
 for an analog input whose block has raw values. Values beyond the range are converted, too.
-<code>saturated</code> says that the terminal may see more than it can tell.
+<code>saturated</code> says that the signal at the terminal may be beyond the range.
 </p>
 <p>
 A block that was generated with the device profile of the terminal has physical values already and

@@ -20,8 +20,9 @@ equation
     defaultComponentName = "realToInteger",
     Documentation(info = "<html>
 <p>
-Rounds to the nearest, of two equally near integers to the even one, as entries do. Unlike the block of the same name in the Modelica Standard Library it converts only when a sample is
-taken, and so makes no event for each step of the output.
+Rounds to the nearest integer; halfway cases go to the even one, as in entries. Unlike the block of the same
+name in the Modelica Standard Library, this block converts only when a sample is taken, and so makes no event
+for each step of the output.
 </p>
 </html>"),
     Icon(graphics = {

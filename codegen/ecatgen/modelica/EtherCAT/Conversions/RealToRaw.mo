@@ -23,8 +23,8 @@ equation
 <p>
 The inverse of <a href=\"modelica://EtherCAT.Conversions.RawToReal\">RawToReal</a>, for an analog output
 whose block has raw values. It converts when a sample of its domain is taken, and so makes no event
-for each step of the output. A value beyond the range is held at its end, and <code>saturated</code>
-tells it.
+for each step of the output. A value beyond the range is cut to its end, and <code>saturated</code> is true
+then.
 </p>
 </html>"),
     Icon(graphics = {

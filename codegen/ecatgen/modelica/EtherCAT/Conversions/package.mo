@@ -10,7 +10,7 @@ package Conversions "From physical values to those of process data"
     Documentation(info = "<html>
 <p>
 Values in process data are whole numbers; models have physical values. Blocks that were generated with a
-device profile convert by themselves; for all others these blocks do.
+device profile convert the values themselves. All other blocks need these conversions.
 </p>
 </html>"));
 end Conversions;

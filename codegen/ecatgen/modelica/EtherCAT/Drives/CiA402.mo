@@ -7,7 +7,7 @@ block CiA402 "State machine and conversions of a drive with the device profile C
   parameter Integer position(min = 0) = 0 "Position of the drive on the bus, 0 first"
     annotation (Dialog(enable = slaveName == ""));
   parameter Integer axis(min = 1, max = 8) = 1
-    "Axis of the drive: its objects are 0x800*(axis - 1) behind those that are named here"
+    "Axis of the drive: the indices of its objects are greater by 0x800*(axis - 1) than those named here"
     annotation (Dialog(group = "Process data"));
   parameter Boolean modeInProcessData = true
     "= true, if modeOfOperation is connected to 0x6060; = false: the mode is written by SDO"
@@ -192,21 +192,21 @@ equation
     defaultComponentName = "cia402",
     Documentation(info = "<html>
 <p>
-The block stands between the process data of a drive (below) and a model (left and right). It leads
-the drive through the states of CiA&nbsp;402 (IEC&nbsp;61800-7-201), and converts between increments, 1/1000
-of the rated values and SI units at the output of the gear.
+The block connects the process data of a drive (below) with a model (left and right). It leads the drive
+through the states of CiA&nbsp;402 (IEC&nbsp;61800-7-201), and converts between increments, 1/1000 of the
+rated values and SI units at the output of the gear.
 </p>
 <h4>Reference</h4>
 <p>
-The parameter <code>mode</code> decides which connector there is: <code>phi_ref</code> in position modes,
-<code>w_ref</code> in velocity modes, <code>tau_ref</code> in torque modes. A mode is only changed while the
-drive is not in operation, and the drive is only enabled when it shows the mode that was asked for.
+The parameter <code>mode</code> selects the connector of the reference: <code>phi_ref</code> in position modes,
+<code>w_ref</code> in velocity modes, <code>tau_ref</code> in torque modes. The block changes the mode only
+while the drive is not in operation, and enables the drive only when the drive shows this mode.
 </p>
 <h4>Enabling without a jump</h4>
 <p>
-Until <code>enabled</code> becomes true, the targets follow the actual values (the target of the torque is
-zero). Then a position reference counts from there, <code>Relative</code>, or is approached with
-<code>approachSpeed</code>, <code>Absolute</code>: see
+Until <code>enabled</code> becomes true, the targets follow the actual values (the target torque is zero).
+After that, a position reference counts from the actual position (<code>Relative</code>), or the target
+approaches it with <code>approachSpeed</code> (<code>Absolute</code>): see
 <a href=\"modelica://EtherCAT.Types.DriveReference\">DriveReference</a>. After a quick stop, a fault, a
 loss of the bus, or when <code>enable</code> was false, the targets follow the actual values again, and
 the next enabling is like the first one.
@@ -224,42 +224,43 @@ the next enabling is like the first one.
 <tr><td>Fault</td><td>128 (fault reset) after a rising edge, else 0</td><td>0</td></tr>
 </table>
 <p>
-While <code>quickStop</code> is true the control word is 2, and if that was short, until the drive leaves its
-operation. The drive stops as its object 0x605A says, and
-is enabled again when <code>quickStop</code> is false and <code>enable</code> still true. A fault is reset by
-a rising edge of <code>faultReset</code>, which stays true until the drive has reset it; without that
-connector by a rising edge of <code>enable</code>, also by one that came before the fault was seen. One edge resets
-one fault. In profile position each change of the target is handed over by the bits 4, 5 (change
-immediately) and 12.
+While <code>quickStop</code> is true, the control word is 2. After a short request it stays 2 until the drive
+leaves its operation. The drive stops as its object 0x605A says, and is enabled again when
+<code>quickStop</code> is false and <code>enable</code> is still true. A rising edge of
+<code>faultReset</code> resets a fault; <code>faultReset</code> must stay true until the drive has reset it.
+Without that connector a rising edge of <code>enable</code> resets a fault, even if the edge came before the
+fault was seen. One edge resets one fault. In profile position, the bits 4, 5 (change immediately) and 12 hand
+each change of the target over.
 </p>
 <h4>Validity and start-up list</h4>
 <p>
-While <code>valid</code> is false the outputs keep their values. After <code>maxDropout</code> the control
-word is 0 and the state <code>NotReadyToSwitchOn</code>. Whenever the drive is there (again), the objects of
-<code>startUp</code> are written one after the other, and the drive is not enabled before all are. An object that is
-refused keeps the drive off: <code>startUpState</code> is 3, and a message says which and why; the list
-is tried again when <code>enable</code> is switched off and on. A row
+While <code>valid</code> is false, the outputs keep their values. After <code>maxDropout</code> the control
+word is 0 and the state is <code>NotReadyToSwitchOn</code>. Whenever the drive appears (again), the objects of
+<code>startUp</code> are written one after the other, and the drive is not enabled before all of them are
+written. If the drive refuses an object, it stays off: <code>startUpState</code> is 3, and a message names the
+object and the reason. The block writes the list again when <code>enable</code> is switched off and on. A row
 of <code>startUp</code> is <code>{index, subindex, Integer(DataType), value}</code>; 0x605A is
 <code>24666</code>.
 </p>
 <h4>Process data</h4>
 <p>
-Connect what the drive has, and say by <code>useTorque</code> and the like what it does not have. Without
-velocity, <code>w</code> is the difference of positions per time; torque and current stand in for each
-other. Positions are counted on when the 32 bits of the drive overflow. <code>phi</code> is zero where the
-position of the drive is. A drive with several axes has one block of this class for each, all
-connected to the one block of the slave; <code>axis</code> says which it is. The gear has no losses: <code>tau</code> is the torque of the motor times
-<code>gearRatio</code>.
+Connect the entries that the drive has, and set <code>useTorque</code> and similar parameters to false for
+entries that it does not have. Without velocity, <code>w</code> is the difference of positions per time. Torque
+and current replace each other. Positions count on when the 32 bits of the drive overflow. <code>phi</code> is
+zero where the position of the drive is zero. A drive with several axes has one block of this class for each
+axis, with the number <code>axis</code>; all of them are connected to the one block of the slave. The gear has
+no losses: <code>tau</code> is the torque of the motor times <code>gearRatio</code>.
 </p>
 <p>
-A controller may stand between the outputs and the reference: the reference takes no part in what is
-measured, so there is no algebraic loop. An integrator in it counts up while the drive does not follow, and
-the reference jumps when it does: hold or reset it until <code>enabled</code> is true.
+You may put a controller between the outputs and the reference: the measured values do not depend on the
+reference, so there is no algebraic loop. An integrator in the controller counts up while the drive does not
+follow, and then the reference jumps when the drive is enabled. Therefore hold or reset the integrator until
+<code>enabled</code> is true.
 </p>
 <p>
 <strong>Before you simulate with real hardware</strong>, set <code>encoderResolution</code>,
-<code>gearRatio</code>, <code>ratedTorque</code> and <code>tau_max</code> to what the motor has: a wrong resolution
-is a wrong speed. No output of a model is an emergency stop.
+<code>gearRatio</code>, <code>ratedTorque</code> and <code>tau_max</code> to the data of the motor: a wrong
+resolution means a wrong speed. No output of a model is an emergency stop.
 </p>
 </html>"),
     Icon(

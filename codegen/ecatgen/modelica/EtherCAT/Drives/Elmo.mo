@@ -54,8 +54,8 @@ block from the generated library of the bus.
 <p>
 <a href=\"modelica://EtherCAT.Drives.CiA402\">CiA402</a> explains connectors and parameters. Positions of this
 drive are increments of its encoder, speeds increments per second. Set
-<code>encoderResolution</code>, <code>ratedTorque</code> and <code>ratedCurrent</code> to what the motor has: the
-drive tells them in its objects 0x608F, 0x6076 (in mN.m) and 0x6075 (in mA).
+<code>encoderResolution</code>, <code>ratedTorque</code> and <code>ratedCurrent</code> to the data of the motor:
+the drive has them in its objects 0x608F, 0x6076 (in mN.m) and 0x6075 (in mA).
 </p>
 </html>"),
     Icon(graphics = {Text(extent = {{-90, 98}, {90, 74}}, textString = "Elmo", textStyle = {TextStyle.Bold})}),

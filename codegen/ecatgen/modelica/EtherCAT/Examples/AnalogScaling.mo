@@ -39,8 +39,8 @@ Start <code>ecatd --simulate troll</code>, simulate, and plot
 <ul>
 <li><code>el3008.y[4]</code> and <code>v[4]</code>: a sine of 0.4&nbsp;Hz with an amplitude of 26214
 digits, which is 8&nbsp;V;</li>
-<li><code>wanted.y</code>, <code>back.y</code> and <code>toRaw.saturated</code>: 12&nbsp;V are more than the
-range has, so the output stays at 10&nbsp;V, and <code>saturated</code> tells when.</li>
+<li><code>wanted.y</code>, <code>back.y</code> and <code>toRaw.saturated</code>: 12&nbsp;V are beyond the
+range, so the output stays at 10&nbsp;V, and <code>saturated</code> is true then.</li>
 </ul>
 <p>
 The rig has no analog outputs; to drive one, connect <code>toRaw.y</code> to its block. Blocks that were

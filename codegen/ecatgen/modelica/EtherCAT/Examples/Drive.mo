@@ -34,7 +34,7 @@ library. Until <code>drive.enabled</code> is true the drive does not follow the 
 </p>
 <p>
 Before you simulate it with real hardware, set <code>encoderResolution</code>, <code>ratedTorque</code>,
-<code>ratedCurrent</code> and the movement to what suits the motor and what is attached to it.
+<code>ratedCurrent</code> and the movement to values that suit the motor and its load.
 </p>
 </html>"));
 end Drive;

@@ -32,7 +32,7 @@ time, the second one half as fast.
 <p>
 Plot <code>follower.y</code> while it runs; then <code>synchronizeRealtime.availableTime</code> (1&nbsp;ms,
 later 2&nbsp;ms), <code>calculationTime</code>, which is much less, and <code>lateness</code> and
-<code>missed</code>, which tell how often the machine had no time for the model.
+<code>missed</code>, which show how often the machine was too slow for the model.
 </p>
 </html>"));
 end RealtimeWithoutBus;

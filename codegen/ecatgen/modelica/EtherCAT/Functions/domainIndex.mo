@@ -10,8 +10,8 @@ algorithm
 
   annotation (Documentation(info = "<html>
 <p>
-Ends the simulation with one sentence where there is no such domain. An index that a tool finds out of bounds would be
-told in words of the library, and not of the model.
+Ends the simulation with a clear message if there is no such domain. Without this check the tool would report
+an index out of bounds in the library, and not the mistake in the model.
 </p>
 </html>"));
 end domainIndex;

@@ -3,7 +3,7 @@ impure function driveCommand "Control word, mode and targets of a drive for a re
   extends Modelica.Icons.Function;
   input EtherCAT.Objects.Drive drive "Drive";
   input Real t "Simulation time";
-  input EtherCAT.Types.DriveState state "State as driveMeasure() gives it, which comes first";
+  input EtherCAT.Types.DriveState state "State from driveMeasure(), which must be called first";
   input Boolean enable "= true, if the drive shall be in operation";
   input Boolean quickStop "= true, if the drive shall stop quickly";
   input Boolean faultReset "A rising edge resets a fault";
@@ -25,8 +25,8 @@ impure function driveCommand "Control word, mode and targets of a drive for a re
   annotation (Documentation(info = "<html>
 <p>
 Call it after <a href=\"modelica://EtherCAT.Functions.driveMeasure\">driveMeasure</a> in a when-equation of
-its own: pass the <code>state</code> of that. <a href=\"modelica://EtherCAT.Drives.CiA402\">CiA402</a>
-explains what comes when.
+its own, with the <code>state</code> that <code>driveMeasure</code> returns.
+<a href=\"modelica://EtherCAT.Drives.CiA402\">CiA402</a> explains the order of states.
 </p>
 </html>"));
 end driveCommand;

@@ -1,5 +1,5 @@
 within EtherCAT.Functions;
-impure function masterState "How the bus is in the sample of this time"
+impure function masterState "State of the bus in the sample of this time"
   extends Modelica.Icons.Function;
   input EtherCAT.Objects.Master master "Connection";
   input Real t "Simulation time";
@@ -9,7 +9,7 @@ impure function masterState "How the bus is in the sample of this time"
   output Integer missed "Bus cycles that passed beside those that the model waited for";
   output EtherCAT.Types.BusState state "State of the bus";
   output Integer workingCounter "Sum of the working counters of all domains of the bus";
-  output Integer workingCounterExpected "What it is when all slaves take part";
+  output Integer workingCounterExpected "Working counter when all slaves take part";
   external "C" connected = ecatm_master_state(master, t, order, age, missed, state, workingCounter, workingCounterExpected)
     annotation (
       Include = "#include \"ecat_modelica.h\"",

@@ -1,5 +1,5 @@
 within EtherCAT.Functions;
-impure function nearestInteger "Nearest integer, of two equally near ones the even one"
+impure function nearestInteger "Nearest integer; halfway cases go to the even one"
   extends Modelica.Icons.Function;
   input Real u "Number";
   output Integer y "Nearest integer";
@@ -12,8 +12,8 @@ impure function nearestInteger "Nearest integer, of two equally near ones the ev
 
   annotation (Documentation(info = "<html>
 <p>
-As values are rounded that are written to an entry of integers (IEEE 754, roundTiesToEven): 2.5 becomes 2, 3.5
-becomes 4. A number that no Integer can hold ends the simulation.
+Rounds in the same way as a write to an integer entry (IEEE 754, roundTiesToEven): 2.5 becomes 2, 3.5 becomes
+4. A number that no Integer can hold ends the simulation.
 </p>
 </html>"));
 end nearestInteger;

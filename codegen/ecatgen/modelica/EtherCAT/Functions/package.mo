@@ -4,7 +4,7 @@ package Functions "Functions on external objects"
 
   annotation (Documentation(info = "<html>
 <p>
-For those who write blocks of their own. In each sample a block first reads, with the cycle of the
+These functions are for blocks of your own. In each sample a block first reads, with the cycle of the
 <code>EtherCATMaster</code> as <code>order</code>, and then, in a when-equation of its own, writes and
 commits:
 </p>

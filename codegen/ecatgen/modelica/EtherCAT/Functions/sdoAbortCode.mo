@@ -1,5 +1,5 @@
 within EtherCAT.Functions;
-impure function sdoAbortCode "Code of the reason why the last request has failed"
+impure function sdoAbortCode "Reason for the failure of the last request, as a code"
   extends Modelica.Icons.Function;
   input EtherCAT.Objects.SDO sdo "Object";
   input Integer order "Any value whose computation must come before this call";

@@ -1,10 +1,10 @@
 within EtherCAT.Functions;
-impure function sdoRead "Read an object: send a request when it is time to, or ask what became of it"
+impure function sdoRead "Read an object: send a request when it is due, or ask for its result"
   extends Modelica.Icons.Function;
   input EtherCAT.Objects.SDO sdo "Object";
   input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";
-  input Boolean trigger "A rising edge sends the request, if it is a triggered one";
+  input Boolean trigger "A rising edge sends a triggered request";
   output Integer state "0: no request yet, 1: busy, 2: done, 3: failed";
   external "C" state = ecatm_sdo_read(sdo, t, order, trigger)
     annotation (

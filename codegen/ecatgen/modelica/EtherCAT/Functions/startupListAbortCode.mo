@@ -1,5 +1,5 @@
 within EtherCAT.Functions;
-impure function startupListAbortCode "Code of the reason why an object of the list could not be written"
+impure function startupListAbortCode "Reason for the failure of an object of the list, as a code"
   extends Modelica.Icons.Function;
   input EtherCAT.Objects.StartupList list "Objects and values";
   input Integer order "Any value whose computation must come before this call";

@@ -6,7 +6,7 @@ impure function synchronize "Wait until the clock of the machine has reached the
   input Real scaling "Seconds of the clock for one of simulation time, 0: do not wait";
   input Real maxDelay "Largest delay that later steps make up for, in s";
   output Real results[4]
-    "Time since the end of the step before, what it should have been at most, lateness (all in s), missed steps";
+    "Time since the end of the step before, its upper limit, lateness (all in s), missed steps";
   external "C" ecatm_realtime_step(realtimeClock, t, scaling, maxDelay, results)
     annotation (
       Include = "#include \"ecat_modelica.h\"",

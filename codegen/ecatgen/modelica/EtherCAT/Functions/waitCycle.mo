@@ -1,5 +1,5 @@
 within EtherCAT.Functions;
-impure function waitCycle "Take a sample, after waiting for the bus where the master does so"
+impure function waitCycle "Take a sample, after waiting for the bus if the master does so"
   extends Modelica.Icons.Function;
   input EtherCAT.Objects.Master master "Connection";
   input Real t "Simulation time";

@@ -1,10 +1,10 @@
 within EtherCAT.Interfaces;
 partial block DriveParameters "Parameters of a drive with the device profile CiA 402"
   parameter EtherCAT.Types.DriveMode mode = EtherCAT.Types.DriveMode.CyclicVelocity
-    "Mode of operation, which decides about the reference"
+    "Mode of operation, which selects the kind of the reference"
     annotation (Evaluate = true, Dialog(group = "Operation"));
   parameter EtherCAT.Types.DriveReference reference = EtherCAT.Types.DriveReference.Relative
-    "What the reference of a position means"
+    "Meaning of the reference of a position"
     annotation (Dialog(group = "Operation", enable = mode == EtherCAT.Types.DriveMode.ProfilePosition or mode == EtherCAT.Types.DriveMode.CyclicPosition));
   parameter Modelica.Units.SI.AngularVelocity approachSpeed(min = 0) = 1
     "Largest speed on the way to an absolute position after enabling"
@@ -12,7 +12,7 @@ partial block DriveParameters "Parameters of a drive with the device profile CiA
   parameter Boolean useQuickStop = false "= true, if there is an input that stops the drive quickly"
     annotation (Evaluate = true, HideResult = true, choices(checkBox = true), Dialog(group = "Operation"));
   parameter Boolean useFaultReset = false
-    "= true, if faults are reset by an input of their own, not by switching enable on again"
+    "= true, if a separate input resets faults, and not switching enable on again"
     annotation (Evaluate = true, HideResult = true, choices(checkBox = true), Dialog(group = "Operation"));
 
   parameter Real encoderResolution(min = 0, start = 65536)
@@ -31,7 +31,7 @@ partial block DriveParameters "Parameters of a drive with the device profile CiA
     "Rated current of the motor, 1000 in the process data (0x6075)"
     annotation (Dialog(group = "Motor and gear"));
   parameter Modelica.Units.SI.Torque tau_max(min = 0) = ratedTorque
-    "Largest torque of the motor: of all targets of the torque, and for 0x6072 where that is in the process data"
+    "Largest torque of the motor: limit of all target torques, and value of 0x6072 if the process data have it"
     annotation (Dialog(group = "Motor and gear"));
 
   parameter Integer startUp[:, 4] = fill(0, 0, 4)
@@ -40,7 +40,7 @@ partial block DriveParameters "Parameters of a drive with the device profile CiA
   parameter Modelica.Units.SI.AngularVelocity standstillSpeed(min = 0) = 0.5 / abs(gearRatio)
     "Speed below which a quick stop is over" annotation (Dialog(tab = "Advanced"));
   parameter Modelica.Units.SI.Time maxDropout(min = 0) = 0.01
-    "Time without valid data of the slave that is bridged; after that the drive is switched off"
+    "Longest time without valid data of the slave; after that the drive is switched off"
     annotation (Dialog(tab = "Advanced"));
   parameter Integer domainID(min = 1) = 1
     "Domain of the slave: number of a sample time of the EtherCATMaster"
@@ -55,8 +55,8 @@ protected
 
   annotation (Documentation(info = "<html>
 <p>
-What the user of a drive decides about, in one place for
-<a href=\"modelica://EtherCAT.Drives.CiA402\">CiA402</a> and for the drives that are made with it.
+The parameters of a drive, in one place for <a href=\"modelica://EtherCAT.Drives.CiA402\">CiA402</a> and for the
+drives that contain it.
 </p>
 </html>"));
 end DriveParameters;

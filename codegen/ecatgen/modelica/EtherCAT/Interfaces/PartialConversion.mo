@@ -3,7 +3,7 @@ partial block PartialConversion "Base of the blocks that convert the values of a
   extends Modelica.Blocks.Icons.Block;
 
   parameter EtherCAT.Types.AnalogRange range = EtherCAT.Conversions.Ranges.voltage10V
-    "Raw values and the physical values that they stand for"
+    "Raw values with their physical values"
     annotation (choices(
       choice = EtherCAT.Conversions.Ranges.voltage10V "-10 V to 10 V",
       choice = EtherCAT.Conversions.Ranges.voltageUnipolar10V "0 V to 10 V",
@@ -22,8 +22,8 @@ protected
     Icon(graphics = {Text(extent = {{-30, -68}, {95, -92}}, textColor = {64, 64, 64}, textString = "saturated", horizontalAlignment = TextAlignment.Right)}),
     Documentation(info = "<html>
 <p>
-Has the range of the entry and the output that tells when it is left. The ends of
-<code>range</code> must have different raw values.
+Has the range of the entry, and an output that is true when the value is at an end of the range or beyond it.
+The ends of <code>range</code> must have different raw values.
 </p>
 </html>"));
 end PartialConversion;

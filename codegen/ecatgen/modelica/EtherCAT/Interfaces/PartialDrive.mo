@@ -130,7 +130,7 @@ equation
     Diagram(coordinateSystem(extent = {{-200, -200}, {200, 140}})),
     Documentation(info = "<html>
 <p>
-A drive as a model uses it: what extends it adds the block of the slave, and connects it with
+A drive as a model uses it. A block that extends this one adds the block of the slave, and connects it with
 <code>cia402</code>. <a href=\"modelica://EtherCAT.Drives.CiA402\">CiA402</a> explains the connectors.
 </p>
 </html>"));

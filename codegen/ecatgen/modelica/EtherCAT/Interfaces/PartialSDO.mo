@@ -17,7 +17,7 @@ partial block PartialSDO "Base of the blocks that access one object of a slave"
   parameter Integer typeNumber "CoE data type of the object"
     annotation (Dialog(group = "Object"));
   parameter Integer valueType(min = 1, max = 3)
-    "What the block has of the object, 1: Integer, 2: Real, 3: String"
+    "Type of the value in the block, 1: Integer, 2: Real, 3: String"
     annotation (Dialog(group = "Object"));
   parameter Real scale = 1 "Value of the block = value of the object * scale + offset"
     annotation (Dialog(group = "Scaling"));
@@ -73,8 +73,8 @@ equation
       Text(extent = {{-20, -68}, {95, -92}}, textColor = {64, 64, 64}, horizontalAlignment = TextAlignment.Right, textString = "abortCode")}),
     Documentation(info = "<html>
 <p>
-Parameters of a request, and what is known of it. A block that extends this one adds the value and the
-equation of <code>state</code>, as <a href=\"modelica://EtherCAT.SDORead\">SDORead</a> does.
+Parameters and results of a request. A block that extends this one adds the value and the equation of
+<code>state</code>, as <a href=\"modelica://EtherCAT.SDORead\">SDORead</a> does.
 </p>
 <h4>When the object is requested</h4>
 <table border=\"1\" cellspacing=\"0\" cellpadding=\"2\">
@@ -85,11 +85,11 @@ start</td></tr>
 <tr><td>Initial</td><td>once at the start, or as soon as there is a bus</td></tr>
 </table>
 <p>
-The slave is asked while the model runs on; nothing delays the simulation, not even a request at the start. Each
-sample of domain 1 looks whether the answer has come. Until then <code>busy</code> is true and a further
-trigger, or a period that ends, is ignored. Any number of blocks may ask at the same time: requests of one
-model wait for each other. Outputs follow <code>trigger</code> within a sample: where a trigger is made of
-<code>done</code> of the same block, a <code>Modelica.Blocks.Logical.Pre</code> belongs between them.
+The model goes on while the slave answers. No request delays the simulation, not even a request at the start.
+Each sample of domain 1 checks whether the answer has come. Until then <code>busy</code> is true, and the block
+ignores a further trigger or the end of a period. Any number of blocks may send requests at the same time:
+requests of one model wait for each other. Outputs follow <code>trigger</code> within a sample. If a trigger
+depends on <code>done</code> of the same block, put a <code>Modelica.Blocks.Logical.Pre</code> between them.
 </p>
 <h4>Requests that fail</h4>
 <p>
@@ -109,8 +109,8 @@ is no such object</td></tr>
 <tr><td>-17</td><td>the slave has no CoE mailbox, or its AL state does not allow it</td></tr>
 </table>
 <p>
-What can only be a mistake in the model ends the simulation: a slave that the bus does not have, a data
-type that the block has no use for, and a value to be written that the data type cannot hold.
+A mistake in the model ends the simulation: a slave that the bus does not have, a data type that the block
+cannot use, and a value to be written that the data type cannot hold.
 </p>
 </html>"));
 end PartialSDO;

@@ -9,7 +9,7 @@ protected
 
   annotation (Documentation(info = "<html>
 <p>
-Put what is to be done in each sample of the domain into <code>when sampled then</code>.
+Put the equations for each sample of the domain into <code>when sampled then</code>.
 </p>
 </html>"));
 end PartialSampled;

@@ -34,7 +34,7 @@ equation
 
   annotation (Documentation(info = "<html>
 <p>
-Registers one slave, and tells how it is. A block of your own extends it, and adds external objects
+Registers one slave, and has its state. A block of your own extends it, and adds external objects
 <a href=\"modelica://EtherCAT.Objects.PDO\">PDO</a> and the calls that the
 <a href=\"modelica://EtherCAT.Functions\">functions</a> explain.
 </p>
@@ -45,9 +45,8 @@ the simulation fails with one sentence when another slave is found there;
 </p>
 <p>
 <code>valid</code> is true while the daemon delivers, all slaves of the domain of the bus took part in the
-cycle of the sample (their working counter is as expected), and this slave is in OP. Else the values of
-the block are the last good ones, or zero where there were none, and what is written may not reach the
-slave.
+cycle of the sample (their working counter is as expected), and this slave is in OP. Otherwise the values of
+the block are the last good ones, or zero if there were none, and written values may not reach the slave.
 </p>
 <p>
 The connector <code>valid</code> is in the top right corner of the icon. Icons of other sizes than usual

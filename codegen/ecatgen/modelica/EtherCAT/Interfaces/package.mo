@@ -4,7 +4,7 @@ package Interfaces "Partial blocks"
 
   annotation (Documentation(info = "<html>
 <p>
-What blocks of slaves, of SDOs and of conversions have in common, and connectors with units.
+Base classes of the blocks of slaves, SDOs and conversions, and connectors with units.
 </p>
 </html>"));
 end Interfaces;

@@ -7,10 +7,10 @@ class Drive "State machine, conversions and memory of a drive with the device pr
     input Integer position "Position of the slave on the bus, 0 first";
     input String slaveName "Name of the slave in the configuration of ecatd, empty: by position";
     input EtherCAT.Types.DriveMode mode "Mode of operation";
-    input EtherCAT.Types.DriveReference reference "What the reference of a position means";
+    input EtherCAT.Types.DriveReference reference "Meaning of the reference of a position";
     input Integer entries
-      "What is mapped: 1 mode display + 2 position + 4 velocity + 8 torque + 16 current";
-    input Integer modeObject "Object by which the mode is written, 0 if it is in the process data";
+      "Mapped objects: 1 mode display + 2 position + 4 velocity + 8 torque + 16 current";
+    input Integer modeObject "Index of the object to write the mode by SDO, 0 if it is in the process data";
     input Real encoderResolution "Increments per revolution of the motor";
     input Real gearRatio "Revolutions of the motor per revolution of the output";
     input Real velocityScale "Raw velocity at one revolution of the motor per second";
@@ -19,7 +19,7 @@ class Drive "State machine, conversions and memory of a drive with the device pr
     input Real maxTorque "Largest torque of the motor in N.m";
     input Real approachSpeed "Largest speed towards an absolute reference in rad/s";
     input Real standstillSpeed "Speed in rad/s below which a quick stop is over";
-    input Real maxDropout "Time without valid data that is bridged, in s";
+    input Real maxDropout "Longest time without valid data, in s";
     input Integer startUp[:, 4]
       "Objects to write before the drive is enabled: index, subindex, data type, value";
     input String instance = "" "Name of the instance of the block, for messages";
@@ -44,8 +44,8 @@ class Drive "State machine, conversions and memory of a drive with the device pr
 
   annotation (Documentation(info = "<html>
 <p>
-What <a href=\"modelica://EtherCAT.Drives.CiA402\">CiA402</a> is made of. It remembers where the drive was
-when it was enabled, and which objects were written.
+The external object in <a href=\"modelica://EtherCAT.Drives.CiA402\">CiA402</a>. It stores the position at which
+the drive was enabled, and the progress of the start-up list.
 </p>
 </html>"));
 end Drive;

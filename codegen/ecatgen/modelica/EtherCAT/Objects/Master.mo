@@ -10,7 +10,7 @@ class Master "Connection to a bus"
     input Real lease "Time without samples after which outputs become safe, in s";
     input Integer whenMissing "Number of the EtherCAT.Types.BusFailure: before there was a bus";
     input Integer whenFailed "Number of the EtherCAT.Types.BusFailure: after that";
-    input Real patience "Longest time that is waited for the bus in s, 0: for ever";
+    input Real patience "Longest time to wait for the bus in s, 0: for ever";
     input Boolean readOnly = false "= true, if nothing is written";
     input Boolean requireOperational = false
       "= true, if the simulation ends when a slave of the model is not in OP";
@@ -36,8 +36,8 @@ class Master "Connection to a bus"
 
   annotation (Documentation(info = "<html>
 <p>
-The connection to a bus; the <a href=\"modelica://EtherCAT.EtherCATMaster\">EtherCATMaster</a> holds it. Its
-end releases all outputs that the model owns: they become safe.
+The connection to a bus; the <a href=\"modelica://EtherCAT.EtherCATMaster\">EtherCATMaster</a> holds it. The end
+of the connection releases all outputs that the model owns: they become safe.
 </p>
 </html>"));
 end Master;

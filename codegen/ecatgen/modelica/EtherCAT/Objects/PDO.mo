@@ -36,13 +36,13 @@ class PDO "One entry of the process data of a slave"
 One entry of the process data, by index and subindex. When there is a bus, the entry must be there; if the
 fingerprint of the slave is not that of the bus, its data type and number of bits must be the expected ones,
 too. If the slave has a fingerprint at all, <code>scale</code>, <code>offset</code> and <code>unit</code> must be those
-of the bus. A block that was written by hand has none, and a meaning of its own.
+of the bus. A block that was written by hand has no fingerprint, and defines these three itself.
 </p>
 <p>
 <code>dataType</code> is the number of a CoE data type (ETG.1000.6): 1 BOOLEAN, 2 INTEGER8, 3 INTEGER16, 4
 INTEGER32, 5 UNSIGNED8, 6 UNSIGNED16, 7 UNSIGNED32, 8 REAL32, 17 REAL64, and others. A physical value is the
 raw value times <code>scale</code> plus <code>offset</code>. With one of them, or a <code>unit</code>, the entry is an
-analog quantity: what is written beyond its limits is held there, and not refused.
+analog quantity: a written value beyond its limits is cut to them, and not refused.
 </p>
 </html>"));
 end PDO;

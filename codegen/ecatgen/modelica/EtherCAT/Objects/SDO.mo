@@ -9,7 +9,7 @@ class SDO "One object of a slave, accessed through its mailbox"
     input Integer index "Index of the object";
     input Integer subindex "Subindex of the object";
     input Integer dataType "CoE data type: number of the EtherCAT.Types.DataType";
-    input Integer valueType = 1 "What the model has of it, 1: Integer, 2: Real, 3: String";
+    input Integer valueType = 1 "Type of the value in the model, 1: Integer, 2: Real, 3: String";
     input Integer request = 1 "When it is requested: number of the EtherCAT.Types.Request";
     input Real period = 0 "Time between two sampled requests in s";
     input Real scale = 1 "Real value = value of the object * scale + offset";
@@ -37,7 +37,7 @@ class SDO "One object of a slave, accessed through its mailbox"
 
   annotation (Documentation(info = "<html>
 <p>
-What the SDO blocks use to access one object. It may have one request at a time.
+The SDO blocks use it to access one object. It may have one request at a time.
 </p>
 </html>"));
 end SDO;

@@ -34,9 +34,9 @@ class SlaveConfiguration "Registration of one slave"
 
   annotation (Documentation(info = "<html>
 <p>
-Which slave the model expects at a position. When there is a bus, its identity is compared: another vendor
-or product, or another revision unless this is 0, is one sentence with both slaves and the
-<code>generateCommand</code>.
+The slave that the model expects at a position. When there is a bus, its identity is compared. Another vendor
+or product, or another revision unless the expected one is 0, ends the simulation with a message that names
+both slaves and the <code>generateCommand</code>.
 </p>
 <p>
 Identity numbers have 32 bits without a sign; a Modelica Integer holds them with one, such as -1 for

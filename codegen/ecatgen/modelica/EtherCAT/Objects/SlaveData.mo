@@ -10,12 +10,12 @@ record SlaveData "Place and identity of a slave"
   annotation (Documentation(info = "<html>
 <p>
 If <code>name</code> is given, the slave is found by the name that the configuration of ecatd gives it, wherever
-it is on the bus, and <code>position</code> does not count. The start of the simulation fails with one sentence when no
-slave has this name.
+it is on the bus, and <code>position</code> is ignored. The start of the simulation fails if no slave has this
+name.
 </p>
 <p>
-The paper on the DLR EtherCAT library calls it so, too. Numbers with 32 bits without a sign are held with
-one: 0xFFFFFFFF is -1.
+The paper on the DLR EtherCAT library uses the same name. Numbers of 32 bits without a sign are stored with a
+sign: 0xFFFFFFFF is -1.
 </p>
 </html>"));
 end SlaveData;

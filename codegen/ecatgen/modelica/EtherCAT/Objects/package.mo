@@ -9,11 +9,11 @@ package Objects "External objects that the blocks are made of"
       Polygon(points = {{50, 26}, {0, 2}, {0, -56}, {50, -30}}, lineColor = {64, 64, 64}, fillColor = {120, 180, 182}, fillPattern = FillPattern.Solid)}),
     Documentation(info = "<html>
 <p>
-For those who write blocks of their own. The external objects depend on each other in the order
+These objects are for blocks of your own. The external objects depend on each other in the order
 <code>Master</code>, <code>Domain</code>, <code>SlaveConfiguration</code>, <code>PDO</code>, as in the
 paper on the DLR EtherCAT library; an <code>SDO</code> needs a <code>Master</code> only. The
-<a href=\"modelica://EtherCAT.Functions\">functions</a> work on them. How the parts make a block is told
-in the <a href=\"modelica://EtherCAT.UsersGuide\">user's guide</a>.
+<a href=\"modelica://EtherCAT.Functions\">functions</a> work on them. The
+<a href=\"modelica://EtherCAT.UsersGuide\">user's guide</a> explains how the parts make a block.
 </p>
 </html>"));
 end Objects;

@@ -8,7 +8,7 @@ type ALState = enumeration(
     Op "OP: mailbox, inputs and outputs") "State of a slave (application layer, ETG.1000.6)"
   annotation (Documentation(info = "<html>
 <p>
-Variable <code>alState</code> of the blocks of slaves. Why a slave has left OP is told by the AL status
-code, <code>alStatusCode</code>, and in words by <code>ecatctl slaves</code>.
+Variable <code>alState</code> of the blocks of slaves. The AL status code, <code>alStatusCode</code>, says why a
+slave has left OP; <code>ecatctl slaves</code> shows the reason in words.
 </p>
 </html>"));

@@ -1,5 +1,5 @@
 within EtherCAT.Types;
-record AnalogRange "Raw values of an entry and the physical values that they stand for"
+record AnalogRange "Raw values of an entry with their physical values"
   extends Modelica.Icons.Record;
   Integer rawMin = -32767 "Raw value that stands for min";
   Integer rawMax = 32767 "Raw value that stands for max";

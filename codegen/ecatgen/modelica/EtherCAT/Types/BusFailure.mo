@@ -3,7 +3,7 @@ type BusFailure = enumeration(
     Error "The simulation ends with an error",
     Wait "The simulation waits until the bus is there",
     Continue "The simulation goes on with invalid values until the bus is there")
-  "What a model does when there is no bus"
+  "Reaction of a model to a missing bus"
   annotation (Documentation(info = "<html>
 <p>
 For the parameters <code>whenMissing</code> and <code>whenFailed</code> of the

@@ -9,7 +9,7 @@ type DriveMode = enumeration(
   "Modes of operation of a drive (CiA 402)"
   annotation (Documentation(info = "<html>
 <p>
-The values of object 0x6060 for these modes are 1, 3, 4, 8, 9 and 10. Which of them a drive has, says its
-object 0x6502: bit 0 stands for mode 1, bit 9 for mode 10.
+The values of object 0x6060 for these modes are 1, 3, 4, 8, 9 and 10. Object 0x6502 of a drive says which modes
+it has: bit 0 stands for mode 1, bit 9 for mode 10.
 </p>
 </html>"));

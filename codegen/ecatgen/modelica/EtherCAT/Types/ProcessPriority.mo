@@ -8,7 +8,7 @@ type ProcessPriority = enumeration(
   annotation (Documentation(info = "<html>
 <p>
 High and Realtime need a right that ordinary users do not have: the limits <code>nice -20</code> and
-<code>rtprio 40</code> in <code>/etc/security/limits.conf</code>. The numbers of the elements are known
-to <code>ecatm_realtime.h</code>.
+<code>rtprio 40</code> in <code>/etc/security/limits.conf</code>. <code>ecatm_realtime.h</code> uses the numbers
+of the elements.
 </p>
 </html>"));

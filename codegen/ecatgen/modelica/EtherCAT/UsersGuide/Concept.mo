@@ -44,11 +44,11 @@ data: Boolean for one bit, Integer for what fits into 32 bits with a sign, Real 
 2^53) and for floating-point entries. The blocks in
 <a href=\"modelica://EtherCAT.Conversions\">Conversions</a> convert.
 </p>
-<h4>Who owns outputs</h4>
+<h4>Owner of outputs</h4>
 <p>
 The first write of a block makes the model the owner of all outputs of that slave. A second program
 that wants to write them fails with the name of the owner. Outputs that nobody has written keep their
-safe values. When the simulation ends, however it does, or takes no samples for the time <code>lease</code>, its
+safe values. When the simulation ends in any way, or takes no samples for the time <code>lease</code>, its
 outputs become safe within that time, and the bus goes on.
 </p>
 <h4>Two domains</h4>

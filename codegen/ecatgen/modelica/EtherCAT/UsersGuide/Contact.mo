@@ -4,8 +4,8 @@ class Contact "Contact"
 
   annotation (Documentation(info = "<html>
 <p>
-The library is a part of the project ecatd and has its licence (MIT). Report what is wrong or missing where you
-have got ecatd from, with the sentence of the error and the output of <code>ecatctl info</code>.
+The library is a part of the project ecatd and has its licence (MIT). Report errors and missing features to the
+place where you have got ecatd from, with the error message and the output of <code>ecatctl info</code>.
 </p>
 <p>
 It re-implements and extends the library that is described in: <em>The DLR EtherCAT Library: A template based

@@ -4,8 +4,8 @@ class Drives "Drives"
 
   annotation (Documentation(info = "<html>
 <p>
-A drive with the device profile CiA&nbsp;402 needs more than its process data: it is led through states by its
-control word, has a mode of operation, and its own units.
+A drive with the device profile CiA&nbsp;402 needs more than its process data: its control word leads it through
+states, and it has a mode of operation and its own units.
 </p>
 <table border=\"1\" cellspacing=\"0\" cellpadding=\"2\">
 <tr><th>block</th><th>is for</th></tr>
@@ -23,15 +23,16 @@ approached with a limited speed; see <a href=\"modelica://EtherCAT.Types.DriveRe
 </p>
 <h4>Before the motor turns</h4>
 <ol>
-<li>Safe outputs are no emergency stop: have one that needs no software.</li>
-<li>Set what the library cannot know: increments of the encoder for one revolution, gear ratio, rated torque
-and rated current. The objects 0x608F, 0x6076 and 0x6075 of most drives have them; <code>ecatctl sdo-read</code>
-shows them.</li>
-<li>Limit the torque by <code>tau_max</code>, or in the drive where its process data have no 0x6072 and the mode is not
-one of torque. Begin with a speed that harms nobody.</li>
+<li>Safe outputs are no emergency stop: have an emergency stop that needs no software.</li>
+<li>Set the data that the library cannot know: increments of the encoder for one revolution, gear ratio, rated
+torque and rated current. Most drives have them in the objects 0x608F, 0x6076 and 0x6075, which
+<code>ecatctl sdo-read</code> shows.</li>
+<li>Limit the torque by <code>tau_max</code>. If the process data have no 0x6072 and the mode is not a torque mode,
+limit it in the drive. Begin with a speed that harms nobody.</li>
 <li>Hold integrators of controllers in the model until <code>enabled</code> is true.</li>
-<li>A fault that is there at the start is reset when <code>enable</code> is true, unless <code>useFaultReset</code> gives
-that to an input of its own. After a quick stop the drive is enabled again as long as <code>enable</code> is true.</li>
+<li>A fault that exists at the start is reset when <code>enable</code> is true, unless <code>useFaultReset</code>
+adds a separate input for the reset. After a quick stop the drive is enabled again as long as <code>enable</code>
+is true.</li>
 <li>Watch <code>valid</code> and the state of the drive in the first simulation, with <code>enable</code>
 false.</li>
 </ol>

@@ -4,10 +4,10 @@ class Errors "Errors"
 
   annotation (Documentation(info = "<html>
 <p>
-Every error is one sentence that begins with <code>EtherCAT:</code> and ends the simulation. Where it is about a
-block, the name of that block in the model comes next. What happens
-without a bus can be chosen by <code>whenMissing</code> and <code>whenFailed</code> of the
-<a href=\"modelica://EtherCAT.EtherCATMaster\">EtherCATMaster</a>.
+Every error is one sentence that begins with <code>EtherCAT:</code> and ends the simulation. If it is about a
+block, the name of that block in the model comes next. The parameters <code>whenMissing</code> and
+<code>whenFailed</code> of the <a href=\"modelica://EtherCAT.EtherCATMaster\">EtherCATMaster</a> select the
+behaviour without a bus.
 </p>
 <table border=\"1\" cellspacing=\"0\" cellpadding=\"2\">
 <tr><th>message</th><th>what to do</th></tr>
@@ -18,7 +18,7 @@ EtherCATMaster.</td></tr>
 <tr><td>slave ... is ..., but this library was generated for ...</td><td>The bus has changed. Generate
 the library again with the command in the message, or put the right slave back.
 <code>slaveData.revisionNumber = 0</code> accepts any revision.</td></tr>
-<tr><td>slave ... has no input ..., but this library uses it</td><td>Its process data are mapped otherwise.
+<tr><td>slave ... has no input ..., but this library uses it</td><td>Its process data have another mapping.
 Generate the library again.</td></tr>
 <tr><td>entry ... has ... bits ..., but this library was generated for ...</td><td>The same.</td></tr>
 <tr><td>entry ... has values in ..., but this library was generated for ...</td><td>The configuration or a device
@@ -41,10 +41,10 @@ or do not wait for the bus.</td></tr>
 <code>sampleTime</code> or <code>lease</code> of the EtherCATMaster.</td></tr>
 <tr><td>entry ... is ..., which no Modelica Integer can hold</td><td>Read it by
 <a href=\"modelica://EtherCAT.Functions.readReal\">readReal</a>.</td></tr>
-<tr><td>object ... cannot be written, or requested ...</td><td>What follows says what is wrong with the data type, the
-value or the period of an SDO block.</td></tr>
-<tr><td>the drive of slave ... cannot work: ...</td><td>A parameter of the drive makes no sense; what follows says
-which.</td></tr>
+<tr><td>object ... cannot be written, or requested ...</td><td>The data type, the value or the period of an SDO
+block is wrong; the rest of the message says why.</td></tr>
+<tr><td>the drive of slave ... cannot work: ...</td><td>A parameter of the drive makes no sense; the rest of the
+message says which.</td></tr>
 <tr><td>the reference of the drive of slave ... is not a finite number</td><td>Look for a division by zero in the
 model.</td></tr>
 <tr><td>there is no domain ...</td><td><code>domainID</code> of a block is larger than the number of
@@ -55,15 +55,14 @@ sample times of the master.</td></tr>
 <code>ecatctl stats</code> and the log of the daemon.</td></tr>
 <tr><td>...; the model has waited for ... s, as long as patience ... allows</td><td>The bus did not come in
 time. Start the daemon; make <code>patience</code> of the EtherCATMaster longer.</td></tr>
-<tr><td>no library was generated: ...</td><td>What follows is the sentence of <code>ecatctl</code>.</td></tr>
+<tr><td>no library was generated: ...</td><td>The rest is the message of <code>ecatctl</code>.</td></tr>
 <tr><td>the program ... cannot be started</td><td>Give <code>generateConfiguration</code> the path of
 <code>ecatctl</code>.</td></tr>
 </table>
 <p>
 A message that begins with <code>EtherCAT:</code> and does not end the simulation is a note: a slave that has left
-OP or is back, an EtherCATMaster that no block uses because it is not called <code>etherCATMaster</code>, an SDO that a slave
-has refused, a priority that the system does not permit, or a bus that the model waits for or goes on
-without, and that is there again.
+OP or is back, an EtherCATMaster that no block uses because it is not called <code>etherCATMaster</code>, an SDO that a
+slave has refused, a priority that the system does not permit, the loss of a bus, or its return.
 </p>
 </html>"));
 end Errors;

@@ -4,8 +4,8 @@ class FMU "Export as FMU"
 
   annotation (Documentation(info = "<html>
 <p>
-A model with EtherCAT blocks exports as any other. The C client is linked statically, so the FMU needs no
-library of ecatd where it runs; it needs the daemon.
+A model with EtherCAT blocks is exported like any other model. The C client is linked statically. So the FMU
+needs the daemon on the machine where it runs, but no library of ecatd.
 </p>
 <ul>
 <li>Choose co-simulation, and a communication step that is not longer than the sample time: within a step some

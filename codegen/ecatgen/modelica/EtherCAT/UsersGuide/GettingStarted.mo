@@ -11,7 +11,7 @@ C compiler that the tool uses.
 <ol>
 <li>Start <code>ecatd --simulate troll</code>: a bus with a drive, digital and analog terminals.</li>
 <li>Simulate <a href=\"modelica://EtherCAT.Examples.DigitalIO\">Examples.DigitalIO</a>, then the
-other <a href=\"modelica://EtherCAT.Examples\">examples</a>. Each one tells what to plot.</li>
+other <a href=\"modelica://EtherCAT.Examples\">examples</a>. Each one says what to plot.</li>
 </ol>
 <h4>With the slaves of your bus</h4>
 <ol>

@@ -57,8 +57,8 @@ equation
 end Voltage;
 </pre>
 <p>
-Give the block a <code>generateCommand</code> if there is one; error messages have it. Arrays of external
-objects do not work in all tools: use one component for each, or arrays of blocks that hold one.
+Give the block a <code>generateCommand</code> if there is one; error messages show it. Arrays of external
+objects do not work in all tools: use one component for each object, or an array of blocks with one object each.
 </p>
 </html>"));
 end OwnBlocks;

@@ -4,11 +4,11 @@ class SDO "Objects of slaves (SDO)"
 
   annotation (Documentation(info = "<html>
 <p>
-What is not in the process data is in the object dictionary of a slave: settings, limits, serial numbers,
-temperatures. The SDO blocks read and write one object through the mailbox of the slave, while the
+Many values are not in the process data, but in the object dictionary of a slave: settings, limits, serial
+numbers, temperatures. The SDO blocks read and write one object through the mailbox of the slave, while the
 exchange of process data goes on. They never delay the simulation: an answer takes some cycles of the bus, or
 some seconds if the slave is slow, and the outputs <code>busy</code>, <code>done</code>,
-<code>abortCode</code> and <code>abortText</code> tell what became of the request.
+<code>abortCode</code> and <code>abortText</code> show the result of the request.
 </p>
 <table border=\"1\" cellspacing=\"0\" cellpadding=\"2\">
 <tr><th>value</th><th>read</th><th>write</th></tr>
@@ -21,13 +21,13 @@ some seconds if the slave is slow, and the outputs <code>busy</code>, <code>done
 <td><a href=\"modelica://EtherCAT.SDOWriteString\">SDOWriteString</a></td></tr>
 </table>
 <p>
-<code>request</code> says when: by a trigger, periodically, or once at the start.
-<a href=\"modelica://EtherCAT.Examples.ReadObject\">ReadObject</a> shows it. Which objects a slave has is in its
-manual; <code>ecatctl sdo-read 0 0x1000</code> tries one.
+The parameter <code>request</code> says when an object is requested: by a trigger, periodically, or once at the
+start. <a href=\"modelica://EtherCAT.Examples.ReadObject\">ReadObject</a> is an example. The manual of a slave
+lists its objects; <code>ecatctl sdo-read 0 0x1000</code> reads one of them.
 </p>
 <p>
 A request that fails does not end the simulation; <a href=\"modelica://EtherCAT.Interfaces.PartialSDO\">PartialSDO</a>
-has what <code>abortCode</code> means. Objects that must be written one after the other, before a drive is
+explains <code>abortCode</code>. Objects that must be written one after the other, before a drive is
 enabled for instance, are a <a href=\"modelica://EtherCAT.Objects.StartupList\">StartupList</a>. For scripts
 there are functions that wait for the answer, such as
 <a href=\"modelica://EtherCAT.Functions.readObjectInteger\">readObjectInteger</a>.

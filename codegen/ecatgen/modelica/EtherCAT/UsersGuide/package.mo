@@ -25,7 +25,7 @@ operation.
 <tr><td><a href=\"modelica://EtherCAT.UsersGuide.FMU\">Export as FMU</a></td>
 <td>when the model shall run without its tool</td></tr>
 <tr><td><a href=\"modelica://EtherCAT.UsersGuide.Errors\">Errors</a></td>
-<td>when a simulation ends with a sentence</td></tr>
+<td>when a simulation ends with a message</td></tr>
 </table>
 </html>"));
 end UsersGuide;

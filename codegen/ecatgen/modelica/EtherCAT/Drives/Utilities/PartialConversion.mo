@@ -9,8 +9,8 @@ partial block PartialConversion "Base of the blocks between a state machine and 
       Polygon(points = {{-60, 20}, {0, 20}, {0, 60}, {60, 0}, {0, -60}, {0, -20}, {-60, -20}}, lineColor = {64, 64, 64}, fillColor = {64, 64, 64}, fillPattern = FillPattern.Solid)}),
     Documentation(info = "<html>
 <p>
-The state machine of a drive counts in raw values. Where somebody has told the daemon the unit of an entry,
-the block of the slave has physical values, and one of these blocks stands between them.
+The state machine of a drive uses raw values. If the daemon knows the unit of an entry, the block of the slave
+has physical values, and one of these blocks connects the two.
 </p>
 </html>"));
 end PartialConversion;

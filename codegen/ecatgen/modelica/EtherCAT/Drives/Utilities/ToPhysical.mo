@@ -13,8 +13,8 @@ equation
     defaultComponentName = "toPhysical",
     Documentation(info = "<html>
 <p>
-<code>y = u*scale + offset</code>: what the state machine of a drive sends, in the unit that the block of the
-slave wants it in. The slave gets <code>u</code> again.
+<code>y = u*scale + offset</code>: converts a value of the state machine of a drive to the unit of the block of
+the slave. This block converts it back, so that the slave gets <code>u</code>.
 </p>
 </html>"));
 end ToPhysical;

@@ -17,7 +17,7 @@ equation
     Documentation(info = "<html>
 <p>
 <code>y = (u - offset)/scale</code>: gives the state machine of a drive the number that the slave has sent.
-The division leaves a whole number but for its rounding error.
+The result of the division is a whole number except for a rounding error, which this block removes.
 </p>
 </html>"));
 end ToRaw;

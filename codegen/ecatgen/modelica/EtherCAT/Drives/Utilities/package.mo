@@ -4,7 +4,7 @@ package Utilities "Parts of drives"
 
   annotation (Documentation(info = "<html>
 <p>
-Slaves that drive blocks of this library contain, and conversions between state machine and slave.
+Parts of the drive blocks of this library: slaves, and conversions between state machine and slave.
 </p>
 </html>"));
 end Utilities;

@@ -45,9 +45,10 @@ equation
     defaultComponentName = "el1018",
     Documentation(info = "<html>
 <p>
-The shortest block that reads: it tells <a href=\"modelica://EtherCAT.Interfaces.PartialSlave\">PartialSlave</a>
-which slave it expects where, has an external object <a href=\"modelica://EtherCAT.Objects.PDO\">PDO</a> for
-each entry (index, subindex, CoE data type 1 = BOOLEAN, 1 bit), and reads them in one when-equation.
+The shortest block that reads. It gives <a href=\"modelica://EtherCAT.Interfaces.PartialSlave\">PartialSlave</a>
+the position and the identity of its slave, has an external object
+<a href=\"modelica://EtherCAT.Objects.PDO\">PDO</a> for each entry (index, subindex, CoE data type 1 = BOOLEAN,
+1 bit), and reads all entries in one when-equation.
 <code>etherCATMaster.cycle</code> is the last argument of each read, so that the tool reads after the
 sample was taken.
 </p>

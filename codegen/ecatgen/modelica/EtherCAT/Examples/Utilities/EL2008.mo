@@ -54,10 +54,9 @@ equation
     defaultComponentName = "el2008",
     Documentation(info = "<html>
 <p>
-The shortest block that writes. The last argument of each write but the value is the result of
-the one before, and the commit takes that of the last one: so a tool, which may evaluate equations in any
-order that their variables allow, makes the calls in this order, and all channels of a sample leave
-together.
+The shortest block that writes. A tool may evaluate equations in any order that their variables allow. To
+fix the order of the calls, the argument before the value of each write is the result of the write before,
+and the commit takes the result of the last write. So all channels of a sample leave together.
 </p>
 <p>
 A block that reads <em>and</em> writes does so in two when-equations: in one, the outputs would depend on

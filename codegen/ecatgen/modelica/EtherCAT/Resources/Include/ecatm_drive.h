@@ -29,7 +29,7 @@ enum ecatm_drive_mode {
 /* Numbers of EtherCAT.Types.DriveReference. */
 enum ecatm_drive_reference { ECATM_RELATIVE = 1, ECATM_ABSOLUTE };
 
-/* What is mapped to the process data, beside control and status word. */
+/* Objects in the process data, beside control word and status word. */
 enum ecatm_drive_entries {
   ECATM_HAS_MODE_DISPLAY = 1,
   ECATM_HAS_POSITION = 2,
@@ -43,7 +43,7 @@ typedef struct ecatm_drive_settings {
   int mode;                      /* enum ecatm_drive_mode */
   int reference;                 /* enum ecatm_drive_reference, of positions */
   int entries;                   /* enum ecatm_drive_entries, added up */
-  int mode_object;               /* by which the mode is written, or 0: it is in the process data */
+  int mode_object;               /* index of the object to write the mode by SDO, 0: in the process data */
   double encoder;                /* increments per revolution of the motor */
   double gear;                   /* revolutions of the motor per revolution of the output */
   double velocity_scale;         /* raw velocity at one revolution of the motor per second */
@@ -52,36 +52,36 @@ typedef struct ecatm_drive_settings {
   double max_torque;             /* of the motor in N.m, for 0x6072 and targets */
   double approach_speed;         /* rad/s of the output, on the way to an absolute position */
   double standstill_speed;       /* rad/s of the output: a quick stop is over below it */
-  double max_dropout;            /* seconds without valid data that are bridged */
+  double max_dropout;            /* the state is kept for so many seconds without valid data */
 } ecatm_drive_settings;
 
-/* What measure() remembers. Positions in increments of the encoder, without overflow. */
+/* The memory of measure(). Positions are increments of the encoder, without overflow. */
 typedef struct ecatm_drive_view {
   int seen;                      /* there were valid data */
-  double seen_at;                /* simulation time of the last ones */
+  double seen_at;                /* simulation time of the last valid data */
   double position, velocity;     /* increments, raw */
   double w;                      /* rad/s of the output */
   double torque, current;        /* raw */
   int status, display;           /* 0x6041, 0x6061 */
-  int connected;                 /* valid data now, or not long ago */
+  int connected;                 /* valid data within the last max_dropout seconds */
   int state;                     /* enum ecatm_drive_state */
-  int enabled;                   /* the drive follows what command() gives */
+  int enabled;                   /* the drive follows the targets of command() */
 } ecatm_drive_view;
 
-/* What command() remembers. */
+/* The memory of command(). */
 typedef struct ecatm_drive_order {
   int word;                      /* 0x6040 */
-  int stopping;                  /* a quick stop was asked for, and the drive may not know it yet */
+  int stopping;                  /* quick stop requested, or the drive has not reacted to a request yet */
   int reset_input;               /* input of the fault reset */
   int reset_pending;             /* a fault may be reset */
   int following;                 /* the target comes from the reference */
-  int arrived;                   /* at an absolute reference */
-  double offset;                 /* target position - reference, where that is relative */
+  int arrived;                   /* the target has reached an absolute reference */
+  double offset;                 /* target position - reference, for relative references */
   double target;                 /* position in increments */
   int set_point;                 /* 0x607A */
   int strobe;                    /* profile position: bit 4, new set-point */
   int start_up;                  /* enum ecatm_sdo_state of the start-up list */
-  double waiting;                /* seconds that the drive has not taken the mode */
+  double waiting;                /* seconds for which the drive has not changed to the mode */
 } ecatm_drive_order;
 
 typedef struct ecatm_drive {
@@ -89,15 +89,15 @@ typedef struct ecatm_drive {
   ecatm_drive_settings settings;
   ecatm_sdo_list *list;                  /* objects to write before the drive is enabled */
   int stepped;                   /* `time` is valid */
-  double time, elapsed;          /* simulation time of this sample, since the one before */
+  double time, elapsed;          /* simulation time of this sample, and since the sample before */
   ecatm_drive_view view, view_before;
   ecatm_drive_order order, order_before;
-  int told;                      /* that the drive does not take the mode */
+  int told;                      /* a message has said that the drive does not change to the mode */
 } ecatm_drive;
 
 /* --- Life ---------------------------------------------------------------------------------- */
 
-/* Increments per second as unit of the velocity, and all entries mapped. */
+/* Sets usual values: increments per second as unit of the velocity, and all entries mapped. */
 ECATM_FUNCTION void ecatm_drive_defaults(ecatm_drive_settings *settings, int mode, double encoder) {
   settings->mode = mode;
   settings->reference = ECATM_RELATIVE;
@@ -124,7 +124,7 @@ ECATM_FUNCTION int ecatm_drive_torques(int mode) {
   return mode == ECATM_PROFILE_TORQUE || mode == ECATM_CYCLIC_TORQUE;
 }
 
-/* The first parameter that cannot be, or NULL. */
+/* Returns a message about the first invalid parameter, or NULL if all are valid. */
 ECATM_FUNCTION const char *ecatm_drive_wrong(const ecatm_drive_settings *s) {
   if (!ecatm_drive_positions(s->mode) && !ecatm_drive_velocities(s->mode) &&
       !ecatm_drive_torques(s->mode))
@@ -148,11 +148,11 @@ ECATM_FUNCTION const char *ecatm_drive_wrong(const ecatm_drive_settings *s) {
 
 typedef struct ecatm_drive_table {
   ecatm_node node;
-  int rows[1][ECATM_LIST_COLUMNS]; /* and more, as there was memory asked for */
+  int rows[1][ECATM_LIST_COLUMNS]; /* further rows follow in the same memory */
 } ecatm_drive_table;
 
-/* The list of objects to write before the drive is enabled: the mode, unless the process data have it,
- * then `table`, whose rows are index, subindex, data type and value. */
+/* Makes the list of objects to write before the drive is enabled: the mode, unless it is in the process
+ * data, then the rows of `table` with index, subindex, data type and value. */
 ECATM_FUNCTION void *ecatm_drive_list(void *object, int position, const char *name,
                                       const ecatm_drive_settings *settings, const int *table,
                                       size_t rows, const char *block) {
@@ -171,8 +171,8 @@ ECATM_FUNCTION void *ecatm_drive_list(void *object, int position, const char *na
   return list;
 }
 
-/* A drive with a start-up list of `rows` rows: index, subindex, data type, value. `name`: of the slave,
- * see ecatm_which. */
+/* Makes a drive with a start-up list of `rows` rows: index, subindex, data type, value. `name` is the name
+ * of the slave, see ecatm_which. */
 ECATM_FUNCTION void *ecatm_drive_new(void *object, int position, const char *name,
                                      const ecatm_drive_settings *settings, const int *table,
                                      size_t rows, const char *block) {

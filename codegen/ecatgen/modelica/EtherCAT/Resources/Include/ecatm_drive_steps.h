@@ -1,7 +1,8 @@
 /* A sample of a drive with the device profile CiA 402, between raw process data and SI units.
  *
- * First measure, which depends on no reference, then command: so a controller between them makes no
- * loop. Both compute from what the sample before has left, and may be called again at the same time.
+ * Call measure() first and then command(). measure() does not depend on a reference, so that a controller
+ * between the two makes no algebraic loop. Both compute from the results of the sample before, and may be
+ * called again at the same time.
  */
 #ifndef ECATM_DRIVE_STEPS_H
 #define ECATM_DRIVE_STEPS_H
@@ -9,11 +10,11 @@
 #include "ecatm_drive.h"
 
 #define ECATM_TWO_PI 6.28318530717958647692
-#define ECATM_MODE_PATIENCE 2.0  /* seconds that a drive may take to change its mode, until it is told */
+#define ECATM_MODE_PATIENCE 2.0  /* seconds to change the mode; after that a message says so */
 
 /* --- Measure ------------------------------------------------------------------------------- */
 
-/* The first call at a new time keeps what the sample before has left. */
+/* The first call at a new time keeps the results of the sample before. */
 ECATM_FUNCTION void ecatm_drive_step(ecatm_drive *drive, double time) {
   if (drive->stepped && ecatm_same_time(time, drive->time)) return;
   drive->elapsed = drive->stepped && time > drive->time ? time - drive->time : 0;
@@ -33,7 +34,7 @@ ECATM_FUNCTION int ecatm_drive_state_of(int status) {
   return status & 0x02 ? ECATM_SWITCHED_ON : ECATM_READY_TO_SWITCH_ON;
 }
 
-/* A position as a counter of 32 bits has it. */
+/* Returns a position as a signed 32-bit counter shows it. */
 ECATM_FUNCTION int ecatm_drive_wrap(double position) {
   double rest = fmod(ecat_round(position), 4294967296.0);
   if (rest >= 2147483648.0) rest -= 4294967296.0;
@@ -41,12 +42,12 @@ ECATM_FUNCTION int ecatm_drive_wrap(double position) {
   return (int)rest;
 }
 
-/* Rad of the output in an increment of the encoder. */
+/* Returns the angle of the output in rad for one increment of the encoder. */
 ECATM_FUNCTION double ecatm_drive_angle(const ecatm_drive_settings *s) {
   return ECATM_TWO_PI / (s->encoder * s->gear);
 }
 
-/* Takes over valid data. What is not mapped follows from what is. */
+/* Takes over valid data. Values that are not mapped are computed from the mapped ones. */
 ECATM_FUNCTION void ecatm_drive_see(ecatm_drive *drive, int position, int velocity, int torque,
                                     int current) {
   const ecatm_drive_settings *s = &drive->settings;
@@ -70,9 +71,9 @@ ECATM_FUNCTION void ecatm_drive_see(ecatm_drive *drive, int position, int veloci
   view->seen_at = drive->time;
 }
 
-/* The actual values in SI units at the output of the gear; returns the state. Without valid data the
- * values stay as they were, for max_dropout also the state. `order` is any value whose computation
- * must come before this call. */
+/* Computes the actual values in SI units at the output of the gear, and returns the state. Without valid
+ * data the values stay as they were, and so does the state for max_dropout. `order` is any value that
+ * must be computed before this call. */
 ECATM_FUNCTION int ecatm_drive_measure(void *object, double time, int order, int valid, int status,
                                        int display, int position, int velocity, int torque,
                                        int current, double *phi, double *w, double *tau, double *i,
@@ -102,7 +103,7 @@ ECATM_FUNCTION int ecatm_drive_measure(void *object, double time, int order, int
 
 /* --- Command ------------------------------------------------------------------------------- */
 
-/* The control word that leads towards operation, or away from it. */
+/* Returns the control word that leads towards operation or away from it. */
 ECATM_FUNCTION int ecatm_drive_word(const ecatm_drive *drive, int wanted, int quick_stop) {
   enum { OFF = 0x00, QUICK_STOP = 0x02, SHUTDOWN = 0x06, SWITCH_ON = 0x07, OPERATION = 0x0F };
   const ecatm_drive_view *view = &drive->view;
@@ -113,7 +114,7 @@ ECATM_FUNCTION int ecatm_drive_word(const ecatm_drive *drive, int wanted, int qu
       return OFF;
     case ECATM_FAULT:
       return drive->order.reset_pending && drive->order.reset_input ? 0x80 : OFF;
-    case ECATM_QUICK_STOP_ACTIVE: /* a quick stop is brought to its end */
+    case ECATM_QUICK_STOP_ACTIVE: /* the drive completes a quick stop in any case */
       return quick_stop || fabs(view->w) > drive->settings.standstill_speed ? QUICK_STOP : OFF;
     default:
       break;
@@ -125,7 +126,7 @@ ECATM_FUNCTION int ecatm_drive_word(const ecatm_drive *drive, int wanted, int qu
   return wanted && in_mode ? OPERATION : SWITCH_ON; /* from operation: "disable operation" */
 }
 
-/* The mode is changed only while the drive is not in operation. */
+/* Returns the mode to write: the mode changes only while the drive is not in operation. */
 ECATM_FUNCTION int ecatm_drive_mode_now(const ecatm_drive *drive) {
   const ecatm_drive_view *view = &drive->view;
   int moving = view->state == ECATM_OPERATION_ENABLED || view->state == ECATM_QUICK_STOP_ACTIVE ||
@@ -133,7 +134,7 @@ ECATM_FUNCTION int ecatm_drive_mode_now(const ecatm_drive *drive) {
   return moving ? view->display : drive->settings.mode;
 }
 
-/* Says once that the drive stays in another mode, since nothing else would tell why it does not move. */
+/* Logs once that the drive stays in another mode, since no other message says why it does not move. */
 ECATM_FUNCTION void ecatm_drive_watch_mode(ecatm_drive *drive) {
   int waits = drive->view.state == ECATM_SWITCHED_ON && drive->order.word == 0x07 &&
               drive->view.display != drive->settings.mode;
@@ -147,7 +148,7 @@ ECATM_FUNCTION void ecatm_drive_watch_mode(ecatm_drive *drive) {
                         drive->settings.mode);
 }
 
-/* The target position in increments, without overflow. */
+/* Returns the target position in increments, without overflow. */
 ECATM_FUNCTION double ecatm_drive_target(ecatm_drive *drive, double reference) {
   const ecatm_drive_settings *s = &drive->settings;
   const ecatm_drive_order *before = &drive->order_before;
@@ -159,7 +160,7 @@ ECATM_FUNCTION double ecatm_drive_target(ecatm_drive *drive, double reference) {
     return drive->view.position;
   }
   if (s->reference == ECATM_RELATIVE) return wanted + now->offset;
-  if (now->arrived || s->mode == ECATM_PROFILE_POSITION) return wanted; /* the drive has a profile */
+  if (now->arrived || s->mode == ECATM_PROFILE_POSITION) return wanted; /* the drive limits the speed */
   step = fabs(s->approach_speed / ecatm_drive_angle(s)) * drive->elapsed;
   rest = wanted - before->target;
   now->arrived = fabs(rest) <= step;
@@ -189,24 +190,24 @@ ECATM_FUNCTION int ecatm_drive_hold(double value, double low, double high) {
   return (int)(value < low ? low : value > high ? high : value);
 }
 
-/* A target of the torque in 1/1000 of the rated one, within the largest torque: not every drive has
- * 0x6072 in its process data. */
+/* Returns the target torque in 1/1000 of the rated torque, limited to the largest torque, since not every
+ * drive has 0x6072 in its process data. */
 ECATM_FUNCTION int ecatm_drive_torque(const ecatm_drive_settings *s, double reference) {
   double most = s->max_torque / s->rated_torque * 1000;
   if (most > 32767) most = 32767;
   return ecatm_drive_hold(reference / s->gear / s->rated_torque * 1000, -most, most);
 }
 
-/* The start-up list is written on a rising edge of this: when the drive is there (again), and after a
- * refusal when it is enabled again. */
+/* The trigger of the start-up list, which is written at a rising edge: when the drive is connected
+ * (again), and after a refusal when the model enables the drive again. */
 ECATM_FUNCTION int ecatm_drive_asks(const ecatm_drive *drive, int enable) {
   return drive->view.connected && (enable || drive->order_before.start_up != ECATM_SDO_FAILED);
 }
 
-/* Control word (returned), mode and targets for a reference in SI units at the output of the gear: the
- * angle in position modes, the speed in velocity modes, the torque in torque modes. Until the drive is
- * enabled the targets follow its actual values. `start_up` is the enum ecatm_sdo_state of the start-up
- * list; `order` is a result of measure(). */
+/* Computes mode and targets for a reference in SI units at the output of the gear, and returns the control
+ * word. The reference is an angle in position modes, a speed in velocity modes, a torque in torque modes.
+ * Until the drive is enabled, the targets follow its actual values. `start_up` is the enum
+ * ecatm_sdo_state of the start-up list. `order` is a result of measure(). */
 ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int enable,
                                        int quick_stop, int fault_reset, double reference, int *mode,
                                        int *position, int *velocity, int *torque, int *max_torque,
@@ -222,7 +223,7 @@ ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int
   if (drive->view.connected && drive->view.state < ECATM_FAULT_REACTION_ACTIVE)
     now->reset_pending = 0;
   now->start_up = ecatm_sdo_list_write(drive->list, time, order, ecatm_drive_asks(drive, enable));
-  /* However short it was asked for: until the drive leaves its operation. */
+  /* Even a short request lasts until the drive leaves its operation. */
   now->stopping = quick_stop || (drive->order_before.stopping &&
                                  drive->view.state == ECATM_OPERATION_ENABLED);
   now->word = ecatm_drive_word(drive, enable && now->start_up == ECATM_SDO_DONE, now->stopping);

@@ -1,4 +1,4 @@
-/* Runs `ecatctl generate` from inside a Modelica tool, and says there what it says. */
+/* Runs `ecatctl generate` from inside a Modelica tool, and shows its output there. */
 #ifndef ECATM_GENERATE_H
 #define ECATM_GENERATE_H
 
@@ -13,9 +13,9 @@
 
 extern char **environ;
 
-#define ECATM_OUTPUT 4096 /* bytes of what the program says that are kept */
+#define ECATM_OUTPUT 4096 /* bytes of the output of the program that are kept */
 
-/* Starts a program whose output, also that of errors, is read from `*output`. No shell reads the
+/* Starts a program. Its standard output and error output are read from `*output`. No shell reads the
  * arguments, so that names may have any characters. Returns 0 or an errno. */
 ECATM_FUNCTION int ecatm_start(char **arguments, pid_t *child, int *output) {
   posix_spawn_file_actions_t actions;
@@ -37,7 +37,7 @@ ECATM_FUNCTION int ecatm_start(char **arguments, pid_t *child, int *output) {
   return error;
 }
 
-/* Reads to the end; keeps the first `size` - 1 bytes, without the line feeds at the end. */
+/* Reads to the end. Keeps the first `size` - 1 bytes in `text`, without the line feeds at the end. */
 ECATM_FUNCTION void ecatm_read_all(int from, char *text, size_t size) {
   char rest[256];
   size_t used = 0;

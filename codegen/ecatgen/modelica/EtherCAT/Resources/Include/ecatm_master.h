@@ -15,56 +15,56 @@
 #define ECATM_HEADING 160
 #define ECATM_SAME_TIME 1e-9     /* seconds; periodic events drift by rounding */
 
-/* The slaves of one domain of the model: what is written to them leaves together. */
+/* The slaves of one domain of the model, whose outputs are committed together. */
 typedef struct ecatm_group {
   double time;                   /* of the last commit of a slave */
   int writers;                   /* slaves that commit whenever the domain is sampled */
-  int staged;                    /* how many of them have done so at `time` */
+  int staged;                    /* number of these slaves that have committed at `time` */
 } ecatm_group;
 
-/* What every object of a model begins with. */
+/* The first member of every object of a model. */
 typedef struct ecatm_node {
   struct ecatm_node *next;       /* all objects of a master, in the order of their constructors */
   struct ecatm_master *master;
-  /* Checks more than the session does, whenever the model meets a bus. Returns 0, or what
-   * ecat_session_fail() does. May be NULL. */
+  /* Further checks, beside those of the session, whenever the model connects to a bus. Returns 0 or the
+   * result of ecat_session_fail(). May be NULL. */
   int (*check)(struct ecatm_node *node);
   int closed;                    /* a tool that merges equal constructors destroys an object twice */
-  char heading[ECATM_HEADING];   /* of sentences: the block of the model, "Plant.analog: "; may be empty */
+  char heading[ECATM_HEADING];   /* begin of messages: the block, "Plant.analog: "; may be empty */
 } ecatm_node;
 
 typedef struct ecatm_master {
   ecat_session session;
   char name[64], heading[ECATM_HEADING];
   ecatm_node *objects, *last;
-  int users;                     /* this object and all of `objects` that still live */
-  int domains;                   /* sample times of the model */
-  ecatm_group *groups;           /* as many */
+  int users;                     /* number of objects that still live, with this one */
+  int domains;                   /* number of sample times of the model */
+  ecatm_group *groups;           /* one for each of them */
   int wait_for_bus;
   double period;                 /* sample time of domain 1 */
   unsigned stride;               /* bus cycles from wait to wait */
-  double wait_time, sample_time; /* simulation time of the last wait, of the last sample */
-  int waited, sampled;           /* whether there was one */
-  int requests;                  /* to mailboxes that the client has not answered yet */
+  double wait_time, sample_time; /* simulation time of the last wait, and of the last sample */
+  int waited, sampled;           /* whether there was a wait, and a sample */
+  int requests;                  /* number of mailbox requests without an answer so far */
 } ecatm_master;
 
 ECATM_FUNCTION int ecatm_same_time(double a, double b) { return fabs(a - b) <= ECATM_SAME_TIME; }
 
 /* --- Errors -------------------------------------------------------------------------------- */
 
-/* Ends the simulation with the sentence of the session if `code` is an error. */
+/* Ends the simulation with the error text of the session if `code` is an error. */
 ECATM_FUNCTION void ecatm_check(ecatm_master *master, int code) {
   if (code < 0) ModelicaFormatError("EtherCAT: %s", master->session.problem);
 }
 
-/* What the session tells without an end of the simulation. */
+/* Logs a message of the session that does not end the simulation. */
 ECATM_FUNCTION void ecatm_tell(void *context, int warning, const char *sentence) {
   (void)context;
   (void)warning;
   ModelicaFormatMessage("EtherCAT: %s\n", sentence);
 }
 
-/* How sentences about an instance of a block begin: with its name, unless that is empty. */
+/* Sets the begin of messages about an instance of a block: its name, unless that is empty. */
 ECATM_FUNCTION void ecatm_head(char heading[ECATM_HEADING], const char *block) {
   sprintf(heading, "%.*s%s", ECATM_HEADING - 3, block, *block != '\0' ? ": " : "");
 }
@@ -84,7 +84,7 @@ ECATM_FUNCTION int ecatm_nearest_integer(double value) {
 
 /* --- Memory -------------------------------------------------------------------------------- */
 
-/* Memory of an object that no master owns yet, so that nothing is lost where it turns out wrong. */
+/* Returns memory for an object that no master owns yet, so that a refused object can be freed. */
 ECATM_FUNCTION void *ecatm_draft(ecatm_master *master, size_t size) {
   ecatm_node *node = (ecatm_node *)calloc(1, size);
   if (node == NULL)
@@ -94,7 +94,7 @@ ECATM_FUNCTION void *ecatm_draft(ecatm_master *master, size_t size) {
   return node;
 }
 
-/* Gives an object to its master, unless `code` is an error: that ends the simulation. */
+/* Gives an object to its master. If `code` is an error, ends the simulation instead. */
 ECATM_FUNCTION void *ecatm_keep(void *object, int code) {
   ecatm_node *node = (ecatm_node *)object;
   ecatm_master *master = node->master;
@@ -112,13 +112,14 @@ ECATM_FUNCTION void *ecatm_keep(void *object, int code) {
   return node;
 }
 
-/* An object in the master's memory. Call it last in a constructor: it cannot be taken back. */
+/* Returns an object in the master's memory. Constructors call it after all checks, since the object then
+ * lives as long as the master. */
 ECATM_FUNCTION void *ecatm_new(ecatm_master *master, size_t size) {
   void *object = ecatm_draft(master, size);
   return object != NULL ? ecatm_keep(object, 0) : NULL;
 }
 
-/* The end of one object; the last one frees all. */
+/* Counts the end of one object; the last end frees all memory. */
 ECATM_FUNCTION void ecatm_drop(ecatm_master *master) {
   ecatm_node *node;
   if (--master->users > 0) return;
@@ -139,14 +140,14 @@ ECATM_FUNCTION void ecatm_close(void *object) {
 
 /* --- The object ---------------------------------------------------------------------------- */
 
-/* Bus cycles in a sample time, 0 if it is no whole number of them. */
+/* Returns the bus cycles in a sample time, 0 if that is no whole number. */
 ECATM_FUNCTION unsigned ecatm_stride(double sample_time, double cycle_time) {
   double cycles = floor(sample_time / cycle_time + 0.5);
   if (!(cycles >= 1 && cycles <= 1e9)) return 0;
   return fabs(cycles * cycle_time - sample_time) <= 1e-6 * sample_time ? (unsigned)cycles : 0;
 }
 
-/* What the session does not know: the sample time, and objects that ask a slave's mailbox. */
+/* The checks that the session does not make: of the sample time, and of objects with mailbox requests. */
 ECATM_FUNCTION int ecatm_check_more(void *context) {
   ecatm_master *master = (ecatm_master *)context;
   double cycle_time = ecat_cycle_time(master->session.bus);
@@ -163,8 +164,8 @@ ECATM_FUNCTION int ecatm_check_more(void *context) {
   return code;
 }
 
-/* Connects to a bus. `sample_time` is that of domain 1, `domains` how many the model has, `block` the name of
- * the block's instance; for the rest see ecat_session_settings. */
+/* Connects to a bus. `sample_time` is the sample time of domain 1, `domains` the number of domains of the
+ * model, `block` the name of the block's instance. For the others see ecat_session_settings. */
 ECATM_FUNCTION void *ecatm_master_open(const char *name, int wait_for_bus, double sample_time,
                                        int domains, double lease, int when_missing, int when_failed,
                                        double patience, int read_only, int require_op,
@@ -200,7 +201,7 @@ ECATM_FUNCTION void *ecatm_master_open(const char *name, int wait_for_bus, doubl
   settings.check = ecatm_check_more;
   settings.context = master;
   ecat_session_init(&master->session, &settings);
-  if (ecat_session_begin(&master->session) != 0) { /* nobody would destroy it: there is no object */
+  if (ecat_session_begin(&master->session) != 0) { /* the tool gets no object that it would destroy */
     strcpy(text, master->session.problem);
     ecatm_drop(master);
     ModelicaFormatError("EtherCAT: %s", text);
@@ -209,7 +210,7 @@ ECATM_FUNCTION void *ecatm_master_open(const char *name, int wait_for_bus, doubl
   return master;
 }
 
-/* Ends the connection: the outputs fall to their safe values. */
+/* Ends the connection: the outputs go to their safe values. */
 ECATM_FUNCTION void ecatm_master_close(void *object) {
   ecatm_master *master = (ecatm_master *)object;
   if (master == NULL) return;

@@ -1,4 +1,4 @@
-/* What a model has on the bus: domains, slaves, entries of process data. */
+/* The objects for the parts of a bus: domains, slaves, entries of process data. */
 #ifndef ECATM_OBJECTS_H
 #define ECATM_OBJECTS_H
 
@@ -12,16 +12,16 @@ typedef struct ecatm_domain {
 typedef struct ecatm_slave {
   ecatm_node node;
   ecat_session_slave on_bus;
-  char given_name[32], name[96], command[192], fingerprint[24]; /* texts of it */
+  char given_name[32], name[96], command[192], fingerprint[24]; /* texts of `on_bus` */
   ecatm_group *group;
   double time;                   /* of the last commit */
-  int alone;                     /* it does not commit whenever its domain is sampled */
+  int alone;                     /* 1: it does not commit in every sample of its domain */
 } ecatm_slave;
 
 typedef struct ecatm_pdo {
   ecatm_node node;
   ecat_session_entry on_bus;
-  char unit[16];                 /* of it */
+  char unit[16];                 /* text of `on_bus` */
 } ecatm_pdo;
 
 /* --- Domain -------------------------------------------------------------------------------- */
@@ -46,10 +46,10 @@ ECATM_FUNCTION void ecatm_domain_close(void *object) { ecatm_close(object); }
 
 /* --- Slave --------------------------------------------------------------------------------- */
 
-/* The registration of one slave. Stops with one sentence when another slave is found, now or when the
+/* Registers one slave. Ends the simulation with a message if the bus has another slave, now or when the
  * bus appears. Identity numbers are 32 unsigned bits in a Modelica Integer; revision 0 accepts any.
- * `given_name`: its name in the configuration, by which it is found wherever it is; empty: by position.
- * Without a fingerprint the block was written by hand. `block`: name of the block's instance. */
+ * `given_name`: name in the configuration, to find the slave at any position; empty: by position.
+ * `fingerprint`: empty if the block was written by hand. `block`: name of the block's instance. */
 ECATM_FUNCTION void *ecatm_slave_open(void *object, int position, const char *given_name, int vendor,
                                       int product, int revision, const char *name,
                                       const char *fingerprint, const char *command,
@@ -87,8 +87,8 @@ ECATM_FUNCTION int ecatm_is_scale(double scale, double offset) {
   return scale != 0 && ecatm_finite(scale) && ecatm_finite(offset);
 }
 
-/* An entry in the process data of a slave. `type` (CoE data type) and `bits` are those of the bus
- * that the library was generated for; a physical value in `unit` is raw value * scale + offset. */
+/* Registers an entry in the process data of a slave. `type` (CoE data type) and `bits` are those of the
+ * bus that the library was generated for. A physical value in `unit` is raw value * scale + offset. */
 ECATM_FUNCTION void *ecatm_pdo_open(void *object, int index, int subindex, int output, int type,
                                     int bits, double scale, double offset, const char *unit) {
   ecatm_slave *slave = (ecatm_slave *)object;

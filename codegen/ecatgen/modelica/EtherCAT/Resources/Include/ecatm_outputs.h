@@ -1,9 +1,9 @@
-/* What a model gives to the bus: writes and commits.
+/* The outputs of a model: writes and commits.
  *
- * The commit of a slave only stages its values; that of the last slave of a domain of the model hands all
- * of them to the daemon. So they leave in the same bus cycle, and 200 slaves cost one commit of the
- * client and not 200. Who the last one is follows from the sample before. A slave that turns out not to
- * commit in every sample is handed over by itself from then on. */
+ * The commit of a slave only stages its values. The commit of the last slave of a domain of the model hands
+ * all staged values to the daemon. So they leave in the same bus cycle, and 200 slaves need one commit of
+ * the client and not 200. The number of committing slaves is known from the sample before. If a slave does
+ * not commit in every sample, its values are handed over separately from then on. */
 #ifndef ECATM_OUTPUTS_H
 #define ECATM_OUTPUTS_H
 
@@ -14,7 +14,7 @@ ECATM_FUNCTION ecatm_slave *ecatm_slave_of(ecat_session_slave *on_bus) {
   return (ecatm_slave *)(void *)((char *)on_bus - offsetof(ecatm_slave, on_bus));
 }
 
-/* The end of the commits of a sample: hands over what has waited in vain for other slaves of its domain. */
+/* Ends the commits of a sample: hands over staged values that wait for other slaves of their domain. */
 ECATM_FUNCTION void ecatm_settle(ecatm_master *master) {
   ecat_session_slave *on_bus;
   int i, waiting = 0;
@@ -32,13 +32,13 @@ ECATM_FUNCTION void ecatm_settle(ecatm_master *master) {
   if (waiting) ecatm_check(master, ecat_session_commit(&master->session));
 }
 
-/* Whether the commit of a slave at this time is the one that hands over. */
+/* Whether the commit of a slave at this time hands all values of its domain over. */
 ECATM_FUNCTION int ecatm_is_last(ecatm_slave *slave, double time) {
   ecatm_group *group = slave->group;
   if (slave->alone) return 1;
   if (!slave->on_bus.writes)
     group->writers++;
-  else if (ecatm_same_time(slave->time, time)) /* the tool does so once more */
+  else if (ecatm_same_time(slave->time, time)) /* the tool evaluates this time again */
     return group->staged == group->writers;
   if (!ecatm_same_time(group->time, time)) {
     ecatm_settle(slave->node.master);
@@ -48,7 +48,7 @@ ECATM_FUNCTION int ecatm_is_last(ecatm_slave *slave, double time) {
   return ++group->staged == group->writers;
 }
 
-/* Another block of this model that writes the slave, or NULL. */
+/* Returns another block of this model that writes the slave, or NULL. */
 ECATM_FUNCTION const ecat_session_slave *ecatm_rival(const ecatm_slave *slave) {
   const ecat_session_slave *other = slave->node.master->session.slaves;
   if (slave->on_bus.writes) return NULL;
@@ -57,8 +57,8 @@ ECATM_FUNCTION const ecat_session_slave *ecatm_rival(const ecatm_slave *slave) {
   return other;
 }
 
-/* Hands the written values of this slave over; drops them while there is no bus. `order` is only there to
- * be returned: it makes the tool call this after the writes that it came from. */
+/* Hands the written values of this slave over; drops them while there is no bus. Returns `order`, which
+ * makes the tool call this function after the writes that have returned it. */
 ECATM_FUNCTION int ecatm_commit(void *object, double time, int order) {
   ecatm_slave *slave = (ecatm_slave *)object;
   ecatm_master *master = slave->node.master;
@@ -80,8 +80,7 @@ ECATM_FUNCTION int ecatm_commit(void *object, double time, int order) {
   return order;
 }
 
-/* Remembers a value for the commit, which is a physical one if the entry has a unit, a scale or an
- * offset. */
+/* Stores a value for the commit. It is a physical value if the entry has a unit, a scale or an offset. */
 ECATM_FUNCTION int ecatm_write_real(void *object, double time, int order, double value) {
   (void)time;
   ecat_session_write(&((ecatm_pdo *)object)->on_bus, value);

@@ -1,4 +1,4 @@
-/* Pace of a model without a bus: simulation time follows the clock of the machine. */
+/* The pace of a model without a bus: simulation time follows the clock of the machine. */
 #ifndef ECATM_REALTIME_H
 #define ECATM_REALTIME_H
 
@@ -21,20 +21,20 @@ enum ecatm_priority {
 #define ECATM_FIFO 40 /* below interrupt threads (50) and the engine of ecatd (80) */
 
 typedef struct ecatm_realtime {
-  int started;                /* the first step was made; the rest is valid from then on */
+  int started;                /* the first step was made; the following members are valid from then on */
   double time;                /* simulation time of the last step, s */
-  double goal;                /* when the clock was, or will be, to reach it, s of ecatm_now() */
-  double left;                /* when the last step ended, s of ecatm_now() */
-  double calculation;         /* results of the last step, as ecatm_realtime_step() has them */
+  double goal;                /* time at which that step should end, s of ecatm_now() */
+  double left;                /* time at which the last step ended, s of ecatm_now() */
+  double calculation;         /* results of the last step, see ecatm_realtime_step() */
   double available;
   double lateness;
   int missed;
-  int policy, nice;           /* scheduling before this object; `changed`: to be restored */
+  int policy, nice;           /* scheduling before this object; to be restored if `changed` */
   struct sched_param parameters;
   int changed;
 } ecatm_realtime;
 
-/* Tells that the system refuses a priority; the simulation goes on without. */
+/* Logs that the system refuses a priority; the simulation goes on without it. */
 ECATM_FUNCTION void ecatm_priority_refused(int priority) {
   const char *name = priority == ECATM_PRIORITY_REALTIME ? "Realtime" : "High";
   const char *limit = priority == ECATM_PRIORITY_REALTIME ? "rtprio 40" : "nice -20";
@@ -49,8 +49,8 @@ ECATM_FUNCTION int ecatm_priority_nice(int priority) {
   return priority == ECATM_PRIORITY_IDLE ? 19 : priority == ECATM_PRIORITY_BELOW_NORMAL ? 10 : -20;
 }
 
-/* Gives the calling thread, which is the one that simulates, a priority. Where it has a lower one
- * than the low one that is asked for, it keeps that. */
+/* Sets the priority of the calling thread, which is the thread of the simulation. If a low priority is
+ * wanted and the thread has that or a lower one already, nothing changes. */
 ECATM_FUNCTION void ecatm_priority_set(ecatm_realtime *clock, int priority) {
   struct sched_param fifo;
   int failed, wanted = ecatm_priority_nice(priority);
@@ -70,7 +70,7 @@ ECATM_FUNCTION void ecatm_priority_set(ecatm_realtime *clock, int priority) {
     clock->changed = 1;
 }
 
-/* A clock, and the priority (enum ecatm_priority, 0: leave it as it is) of the simulation. */
+/* Makes a clock, and sets the priority of the simulation (enum ecatm_priority, 0: leave it as it is). */
 ECATM_FUNCTION void *ecatm_realtime_open(int priority) {
   ecatm_realtime *clock = (ecatm_realtime *)calloc(1, sizeof *clock);
   if (clock == NULL) {
@@ -81,7 +81,7 @@ ECATM_FUNCTION void *ecatm_realtime_open(int priority) {
   return clock;
 }
 
-/* The priority is again as it was, where the system permits that. */
+/* Frees the clock and restores the priority, if the system permits that. */
 ECATM_FUNCTION void ecatm_realtime_close(void *object) {
   ecatm_realtime *clock = (ecatm_realtime *)object;
   if (clock == NULL) return;
@@ -92,7 +92,7 @@ ECATM_FUNCTION void ecatm_realtime_close(void *object) {
   free(clock);
 }
 
-/* Takes the clock on to a new simulation time, and waits for it. */
+/* Moves the clock on to a new simulation time, and waits until that time. */
 ECATM_FUNCTION void ecatm_realtime_advance(ecatm_realtime *clock, double time, double scaling,
                                            double max_delay) {
   double arrived = ecatm_now();
@@ -113,14 +113,14 @@ ECATM_FUNCTION void ecatm_realtime_advance(ecatm_realtime *clock, double time, d
   clock->left = ecatm_now();
 }
 
-/* Waits until the clock of the machine has gone on by `scaling` times as much as simulation time
- * since the step before. A step that comes too late does not wait: those that follow catch up, but
- * for a delay of more than `max_delay` seconds, after which the clock goes on from now. Scaling 0
- * never waits. A tool may make the same step twice; the second one has the results of the first:
+/* Waits until the clock of the machine has advanced by `scaling` times the simulation time since the step
+ * before. A step that comes too late does not wait, and the following steps catch up. After a delay of
+ * more than `max_delay` seconds they do not catch up: the clock goes on from now. With scaling 0 no step
+ * waits. A tool may make the same step twice; the second call has the results of the first:
  *
  * results[0]: time from the end of the step before to this one, s
- * results[1]: what this should have been at most, s; negative if the delay is longer than the step
- * results[2]: by how much this step came too late, s
+ * results[1]: upper limit for results[0], s; negative if the delay is longer than the step
+ * results[2]: delay of this step, s; 0 if it came in time
  * results[3]: number of steps that came too late */
 ECATM_FUNCTION void ecatm_realtime_step(void *object, double time, double scaling, double max_delay,
                                         double *results) {

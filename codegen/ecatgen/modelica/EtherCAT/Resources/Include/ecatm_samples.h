@@ -1,4 +1,4 @@
-/* What a model takes from the bus: waits, samples, reads. */
+/* The inputs of a model: waits, samples, reads. */
 #ifndef ECATM_SAMPLES_H
 #define ECATM_SAMPLES_H
 
@@ -14,14 +14,14 @@ ECATM_FUNCTION void ecatm_take_sample(ecatm_master *master, double time) {
   master->sampled = 1;
 }
 
-/* The sample of this time, which is taken by whoever asks first. */
+/* Takes the sample of this time, unless an earlier call at this time has done so. */
 ECATM_FUNCTION void ecatm_at(ecatm_master *master, double time) {
   if (!master->sampled || !ecatm_same_time(time, master->sample_time))
     ecatm_take_sample(master, time);
 }
 
-/* Blocks use the master of the name etherCATMaster. Where there is none, tools make one of their own, and
- * one of another name stays without blocks. */
+/* Logs that no block uses a master. Blocks use the master with the name etherCATMaster. If the model has
+ * none, tools add one, and a master with another name has no blocks. */
 ECATM_FUNCTION void ecatm_tell_unused(const ecatm_master *master) {
   if (master->objects != NULL) return;
   ModelicaFormatMessage("EtherCAT: %sno block uses this connection to bus '%s'. Blocks use the component with "
@@ -30,7 +30,7 @@ ECATM_FUNCTION void ecatm_tell_unused(const ecatm_master *master) {
                         "etherCATMaster\n", master->heading, master->name);
 }
 
-/* Waits for the bus where asked to, then samples; returns the cycle of the sample. */
+/* Waits for the bus if the model wants that, then takes a sample. Returns the cycle of the sample. */
 ECATM_FUNCTION int ecatm_wait(void *object, double time) {
   ecatm_master *master = (ecatm_master *)object;
   ecat_session *session = &master->session;
@@ -44,13 +44,13 @@ ECATM_FUNCTION int ecatm_wait(void *object, double time) {
   return session->cycle;
 }
 
-/* --- How the bus and its slaves are -------------------------------------------------------- */
+/* --- State of the bus and its slaves ------------------------------------------------------- */
 
-/* Of the last sample; returns whether the bus delivered. `order` makes the tool call this after the wait
- * that it came from.
+/* The state of the bus in the last sample. Returns whether the bus delivered. `order` makes the tool call
+ * this function after the wait that has returned it.
  *
  * age: since the frames of the sample came back, s
- * missed: bus cycles that passed beside those that the model waited for, because it was too slow
+ * missed: bus cycles in addition to those that the model waited for, because the model was too slow
  * state: enum ecat_session_state
  * wkc, wkc_expected: working counters, sums of all domains of the bus */
 ECATM_FUNCTION int ecatm_master_state(void *object, double time, int order, double *age, int *missed,
@@ -80,8 +80,8 @@ ECATM_FUNCTION int ecatm_slave_state(void *object, double time, int order, int *
 
 /* --- Reads --------------------------------------------------------------------------------- */
 
-/* The physical value; while there is no bus, the last one, or that of a raw 0. `order` makes the tool
- * call reads after the wait that it came from. */
+/* Returns the physical value; without a bus the last value, or at first that of a raw 0. `order` makes the
+ * tool call reads after the wait that has returned it. */
 ECATM_FUNCTION double ecatm_read_real(void *object, double time, int order) {
   ecatm_pdo *pdo = (ecatm_pdo *)object;
   double value = 0;

@@ -18,15 +18,15 @@ enum ecatm_sdo_when {            /* EtherCAT.Types.Request */
   ECATM_INITIAL = 3
 };
 
-enum ecatm_sdo_value {           /* what the model has of the object */
+enum ecatm_sdo_value {           /* type of the value in the model */
   ECATM_INTEGER_VALUE = 1,
   ECATM_REAL_VALUE = 2,
   ECATM_STRING_VALUE = 3
 };
 
-/* Which slave it is: by its name in the configuration, or if that is empty, by its position. */
+/* Identifies a slave by its name in the configuration, or by its position if the name is empty. */
 typedef struct ecatm_which {
-  int position;                  /* of a slave with a name, where it was found last */
+  int position;                  /* on the bus; of a slave with a name, where it was found last */
   char name[32];
 } ecatm_which;
 
@@ -41,38 +41,39 @@ typedef struct ecatm_transfer {
   unsigned char data[ECAT_REQUEST_BYTES]; /* to be written, or what was read */
   size_t length;
   int abort_code;                /* negative: enum ecat_errno */
-  char text[ECATM_TEXT];         /* why the last one has failed */
+  char text[ECATM_TEXT];         /* why the last transfer has failed */
   int told;                      /* `text` is in the log of the simulation */
 } ecatm_transfer;
 
-/* When a transfer begins. What was true before this time is kept, so that the last of several
- * evaluations at one time counts; hence, too, a transfer begins at the time after its trigger. */
+/* The condition for the begin of a transfer. The state before the present time is kept, so that the last
+ * of several evaluations at one time counts. For this reason a transfer is sent at the time after its
+ * trigger. */
 typedef struct ecatm_trigger {
   int when;                      /* enum ecatm_sdo_when */
   double period;
   int stepped;                   /* `time` and `first` are valid */
   double time, first;            /* of the last and of the first call */
-  double samples;                /* periods since then */
+  double samples;                /* periods since `first` */
   int input, input_before;
-  int due;                       /* sampled or initial, and its time has come */
+  int due;                       /* sampled or initial requests: it is time to begin */
   int state, state_before;       /* enum ecatm_sdo_state */
 } ecatm_trigger;
 
 typedef struct ecatm_sdo {
   ecatm_transfer transfer;
   ecatm_trigger trigger;
-  int type, value;               /* of the object; enum ecatm_sdo_value */
+  int type, value;               /* CoE data type of the object; enum ecatm_sdo_value */
   double scale, offset;          /* Real value = number * scale + offset */
-  int wrong;                     /* what is to be written cannot be, `mistake` says why */
+  int wrong;                     /* the value cannot be written; `mistake` says why */
   char mistake[ECATM_TEXT];
   int count;                     /* transfers that succeeded */
-  double number;                 /* last value that was read */
-  char text[ECATM_STRING];       /* the same of a string */
+  double number;                 /* last number that was read */
+  char text[ECATM_STRING];       /* last string that was read */
 } ecatm_sdo;
 
 /* --- Transfers ----------------------------------------------------------------------------- */
 
-/* Whether there is a bus to ask. */
+/* Whether there is a bus for requests. */
 ECATM_FUNCTION int ecatm_sdo_connected(const ecatm_master *master) {
   return master->session.bus != NULL && master->session.outage == 0;
 }
@@ -119,15 +120,15 @@ ECATM_FUNCTION void ecatm_check_range(const char *heading, int position, int ind
   }
 }
 
-/* The same, or if there is a bus that has no such slave. */
+/* Stops the simulation if no slave can have such an object, or if there is a bus without such a slave. */
 ECATM_FUNCTION void ecatm_check_object(ecatm_master *master, const char *heading, ecatm_which *slave,
                                        int index, int subindex) {
   ecatm_check_range(heading, slave->position, index, subindex);
   if (master->session.bus != NULL) ecatm_check(master, ecatm_find_slave(master, heading, slave));
 }
 
-/* The end of a transfer that did not succeed. It does not end the simulation; the log says so once,
- * where the master has not said it for all. */
+/* Ends a transfer that has failed. The simulation goes on. A message is logged once, unless the master has
+ * logged the loss of the bus. */
 ECATM_FUNCTION int ecatm_transfer_fail(ecatm_transfer *transfer, int code, const char *why) {
   char text[ECATM_TEXT];
   sprintf(text, "%.*s", ECATM_TEXT - 1, why);
@@ -143,7 +144,7 @@ ECATM_FUNCTION int ecatm_transfer_fail(ecatm_transfer *transfer, int code, const
   return ECATM_SDO_FAILED;
 }
 
-/* The end of a transfer whose bus has ended. */
+/* Ends a transfer whose bus was lost. */
 ECATM_FUNCTION int ecatm_transfer_lose(ecatm_transfer *transfer) {
   ecatm_master *master = transfer->node.master;
   if (transfer->handle >= 0) {
@@ -159,8 +160,8 @@ ECATM_FUNCTION int ecatm_transfer_lose(ecatm_transfer *transfer) {
                              master->session.problem);
 }
 
-/* Sends the transfer or asks for its answer: busy, done or failed. While the client has as many
- * requests as it may, the transfer waits for its turn. */
+/* Sends the transfer or asks for its answer. Returns busy, done or failed. While the client has the largest
+ * number of requests, the transfer waits for its turn. */
 ECATM_FUNCTION int ecatm_transfer_step(ecatm_transfer *transfer) {
   ecatm_master *master = transfer->node.master;
   uint32_t reason = 0;
@@ -196,7 +197,7 @@ ECATM_FUNCTION int ecatm_transfer_step(ecatm_transfer *transfer) {
 
 /* --- Triggers ------------------------------------------------------------------------------ */
 
-/* Whether `time` is a new one; if so, what was so far is now before. */
+/* Whether `time` is a new time. If so, the present input becomes the input before. */
 ECATM_FUNCTION int ecatm_trigger_begin(ecatm_trigger *trigger, double time) {
   double samples = 0;
   int first = !trigger->stepped;
@@ -212,7 +213,7 @@ ECATM_FUNCTION int ecatm_trigger_begin(ecatm_trigger *trigger, double time) {
   return 1;
 }
 
-/* Whether a transfer begins at this time; if so the state is busy, else as before. */
+/* Whether a transfer begins at this time. If so, the state becomes busy, else it stays as before. */
 ECATM_FUNCTION int ecatm_trigger_decide(ecatm_trigger *trigger, int input) {
   int edge = trigger->when == ECATM_TRIGGERED && input && !trigger->input_before;
   trigger->input = input;
@@ -224,7 +225,7 @@ ECATM_FUNCTION int ecatm_trigger_decide(ecatm_trigger *trigger, int input) {
 
 /* --- Objects ------------------------------------------------------------------------------- */
 
-/* Stops the simulation if the block has no use for the type of the object. */
+/* Stops the simulation if the block cannot use the type of the object. */
 ECATM_FUNCTION void ecatm_sdo_check_type(const char *heading, int type, int value) {
   int fits = value == ECATM_STRING_VALUE ? ecatm_type_is_text(type)
              : value == ECATM_REAL_VALUE ? ecatm_type_bytes(type) > 0
@@ -236,7 +237,7 @@ ECATM_FUNCTION void ecatm_sdo_check_type(const char *heading, int type, int valu
                                                     : "an Integer needs an integer type");
 }
 
-/* Index and subindex of a text such as "0x6060:00", both hexadecimal; an empty text changes nothing. */
+/* Reads index and subindex from a text such as "0x6060:00"; an empty text changes nothing. */
 ECATM_FUNCTION void ecatm_sdo_parse(const char *heading, const char *text, int *index, int *subindex) {
   const char *number = text;
   char *end = NULL;
@@ -253,10 +254,10 @@ ECATM_FUNCTION void ecatm_sdo_parse(const char *heading, const char *text, int *
   *subindex = (int)numbers[1];
 }
 
-/* An object of a slave. `name`: see ecatm_which; `type`: CoE data type; `value`: enum ecatm_sdo_value,
- * what the model has of it; `when`: enum ecatm_sdo_when, with `period` in s if sampled; `scale` and
- * `offset` for a Real; `address`: index and subindex as text, instead of the numbers;
- * `block`: name of the block's instance. */
+/* Registers an object of a slave. `name`: see ecatm_which; `type`: CoE data type; `value`: enum
+ * ecatm_sdo_value; `when`: enum ecatm_sdo_when, with `period` in s if sampled; `scale` and `offset` for a
+ * Real; `address`: index and subindex as text, instead of the numbers; `block`: name of the block's
+ * instance. */
 ECATM_FUNCTION void *ecatm_sdo_open(void *object, int position, const char *name, int index,
                                     int subindex, int type, int value, int when, double period,
                                     double scale, double offset, const char *address,
@@ -296,7 +297,7 @@ ECATM_FUNCTION void *ecatm_sdo_open(void *object, int position, const char *name
 
 ECATM_FUNCTION void ecatm_sdo_close(void *object) { ecatm_close(object); }
 
-/* Takes over what was read; a value that the model cannot have is a failed request. */
+/* Takes over the value that was read. If the model cannot hold the value, the request has failed. */
 ECATM_FUNCTION int ecatm_sdo_decode(ecatm_sdo *sdo) {
   ecatm_transfer *transfer = &sdo->transfer;
   double number = 0;
@@ -313,7 +314,8 @@ ECATM_FUNCTION int ecatm_sdo_decode(ecatm_sdo *sdo) {
   return ECATM_SDO_DONE;
 }
 
-/* One sample: asks what became of a transfer if the time is a new one, then whether another begins. */
+/* One sample: at a new time continues a running transfer, then begins another one if it is time to.
+ * Returns whether one begins. */
 ECATM_FUNCTION int ecatm_sdo_step(ecatm_sdo *sdo, double time, int input, int download) {
   ecatm_trigger *trigger = &sdo->trigger;
   ecatm_transfer *transfer = &sdo->transfer;
@@ -330,7 +332,7 @@ ECATM_FUNCTION int ecatm_sdo_step(ecatm_sdo *sdo, double time, int input, int do
     } else if (trigger->when == ECATM_INITIAL && trigger->state == ECATM_SDO_FAILED &&
                (transfer->abort_code == ECAT_EDOWN || transfer->abort_code == ECAT_ESTALE) &&
                ecatm_sdo_connected(transfer->node.master)) {
-      trigger->due = 1; /* the bus has come after the start */
+      trigger->due = 1; /* the bus has appeared after the start */
     }
     trigger->state_before = trigger->state;
   }
@@ -342,8 +344,8 @@ ECATM_FUNCTION int ecatm_sdo_step(ecatm_sdo *sdo, double time, int input, int do
 
 /* --- Requests of the model ----------------------------------------------------------------- */
 
-/* Each returns enum ecatm_sdo_state. `order` is only there to make the tool call this after what it
- * came from. */
+/* Each function returns enum ecatm_sdo_state. `order` only makes the tool call the function after the call
+ * that has returned it. */
 ECATM_FUNCTION int ecatm_sdo_read(void *object, double time, int order, int trigger) {
   ecatm_sdo *sdo = (ecatm_sdo *)object;
   (void)order;
@@ -376,7 +378,7 @@ ECATM_FUNCTION int ecatm_sdo_write_string(void *object, double time, int order, 
   return sdo->trigger.state;
 }
 
-/* --- What is known of them ----------------------------------------------------------------- */
+/* --- Results of requests ------------------------------------------------------------------- */
 
 ECATM_FUNCTION double ecatm_sdo_real(void *object, int order) {
   (void)order;

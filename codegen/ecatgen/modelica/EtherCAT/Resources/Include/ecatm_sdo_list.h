@@ -1,4 +1,4 @@
-/* A list of objects of a slave that are written one after the other, as before a drive is enabled. */
+/* A list of objects of a slave that are written one after the other, such as before a drive is enabled. */
 #ifndef ECATM_SDO_LIST_H
 #define ECATM_SDO_LIST_H
 
@@ -11,7 +11,7 @@ typedef struct ecatm_sdo_list {
   ecatm_trigger trigger;
   int rows, row;
   char text[ECATM_TEXT + 80];    /* which entry has failed, and why */
-  int *table;                    /* rows * ECATM_LIST_COLUMNS, behind the struct */
+  int *table;                    /* rows * ECATM_LIST_COLUMNS numbers, which follow the struct in memory */
 } ecatm_sdo_list;
 
 /* Makes an entry the next one to be written. */
@@ -39,8 +39,8 @@ ECATM_FUNCTION void ecatm_sdo_list_check(ecatm_master *master, const char *headi
                         (unsigned)entry[0], (unsigned)entry[1], text);
 }
 
-/* The list for one slave. `name`: see ecatm_which; `table` has a row for each object: index, subindex, CoE
- * data type, value; `block`: name of the block's instance. */
+/* Makes the list for one slave. `name`: see ecatm_which; `table` has a row for each object: index,
+ * subindex, CoE data type, value; `block`: name of the block's instance. */
 ECATM_FUNCTION void *ecatm_sdo_list_open(void *object, int position, const char *name,
                                          const int *table, size_t rows, size_t columns,
                                          const char *block) {
@@ -71,7 +71,7 @@ ECATM_FUNCTION void *ecatm_sdo_list_open(void *object, int position, const char 
 
 ECATM_FUNCTION void ecatm_sdo_list_close(void *object) { ecatm_close(object); }
 
-/* What became of the entry that is being written; the next one follows at once. */
+/* Continues to write entries: when one is done, the next one follows at once. Returns the state. */
 ECATM_FUNCTION int ecatm_sdo_list_progress(ecatm_sdo_list *list) {
   int state = ECATM_SDO_DONE;
   while (list->row < list->rows) {
@@ -86,8 +86,8 @@ ECATM_FUNCTION int ecatm_sdo_list_progress(ecatm_sdo_list *list) {
   return state;
 }
 
-/* A rising edge of `trigger` begins the list from its first entry; while it is being written further
- * ones are ignored. It ends with the first entry that fails. Returns enum ecatm_sdo_state. */
+/* A rising edge of `trigger` begins the list from its first entry; further edges are ignored until its end.
+ * The list ends with the first entry that fails. Returns enum ecatm_sdo_state. */
 ECATM_FUNCTION int ecatm_sdo_list_write(void *object, double time, int order, int trigger) {
   ecatm_sdo_list *list = (ecatm_sdo_list *)object;
   (void)order;
@@ -105,7 +105,7 @@ ECATM_FUNCTION int ecatm_sdo_list_abort_code(void *object, int order) {
   return list->trigger.state == ECATM_SDO_FAILED ? list->transfer.abort_code : 0;
 }
 
-/* Which entry has failed, and why; empty while none has. */
+/* Returns which entry has failed, and why; empty if none has. */
 ECATM_FUNCTION const char *ecatm_sdo_list_abort_text(void *object, int order) {
   const ecatm_sdo_list *list = (const ecatm_sdo_list *)object;
   (void)order;

@@ -1,5 +1,5 @@
-/* One object read or written by a function that waits for the answer: for scripts, not for a model that
- * runs. */
+/* Functions that read or write one object and wait for the answer. They are for scripts, not for a running
+ * model. */
 #ifndef ECATM_SDO_ONCE_H
 #define ECATM_SDO_ONCE_H
 
@@ -7,8 +7,8 @@
 
 #define ECATM_ONCE_TIMEOUT 20.0  /* seconds, more than the daemon takes to give up */
 
-/* Carries a request out over a connection of its own. `*length` bytes of `data` are written, or the object
- * is read into it if there are none. Stops with one sentence if that fails. */
+/* Carries a request out over a separate connection. Writes `*length` bytes of `data` to the object, or, if
+ * `*length` is 0, reads the object into `data`. Stops with a message if that fails. */
 ECATM_FUNCTION void ecatm_once(const char *name, int position, const char *object,
                                unsigned char *data, size_t *length) {
   ecat_t *bus = NULL;
@@ -32,7 +32,7 @@ ECATM_FUNCTION void ecatm_once(const char *name, int position, const char *objec
                         position, name, text);
 }
 
-/* Stops if a value has no place, or an object no value. */
+/* Stops with `text` if the value cannot be converted (`code` is not 0). */
 ECATM_FUNCTION void ecatm_once_check(int code, const char *object, const char *text) {
   if (code != 0) ModelicaFormatError("EtherCAT: object %s: %s", object, text);
 }

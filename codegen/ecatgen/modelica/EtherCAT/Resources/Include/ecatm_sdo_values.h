@@ -1,4 +1,4 @@
-/* Values of CoE objects: numbers and texts of a model to SDO data, and back (ETG.1000.6, little endian). */
+/* Conversion between the numbers and texts of a model and SDO data (ETG.1000.6, little endian). */
 #ifndef ECATM_SDO_VALUES_H
 #define ECATM_SDO_VALUES_H
 
@@ -13,7 +13,7 @@
 
 #define ECATM_STRING (4 * ECAT_REQUEST_BYTES + 1) /* longest text of an object: each byte as \xNN */
 
-/* Bytes of a number as SDO data, 0 if the type is none. */
+/* Returns the bytes of a number as SDO data, 0 if the type is not a number. */
 ECATM_FUNCTION int ecatm_type_bytes(int type) {
   static const signed char bytes[] = {0, 1, 1, 2, 4, 1, 2, 4, 4, 0, 0, 0, 0, 0,
                                       0, 0, 3, 8, 5, 6, 7, 8, 3, 0, 5, 6, 7, 8};
@@ -45,8 +45,8 @@ ECATM_FUNCTION double ecatm_bits_real(int type, uint64_t bits) {
   return type == ECATM_REAL64 ? value : single;
 }
 
-/* SDO data of a number, which is rounded and refused as one in the process data. 0, or ECAT_ERANGE and a
- * text. */
+/* Makes SDO data of a number. Rounding and range check are those of process data. Returns 0, or ECAT_ERANGE
+ * and a text. */
 ECATM_FUNCTION int ecatm_encode_number(int type, double value, unsigned char *data, size_t *length,
                                        char *text) {
   ecat_signal_info entry;
@@ -68,7 +68,7 @@ ECATM_FUNCTION int ecatm_encode_number(int type, double value, unsigned char *da
   return 0;
 }
 
-/* The number in SDO data; integers beyond 2^53 are rounded. 0, or ECAT_EARG and a text. */
+/* Reads the number in SDO data; integers beyond 2^53 are rounded. Returns 0, or ECAT_EARG and a text. */
 ECATM_FUNCTION int ecatm_decode_number(int type, const unsigned char *data, size_t length,
                                        double *value, char *text) {
   uint64_t bits = 0;
@@ -85,7 +85,7 @@ ECATM_FUNCTION int ecatm_decode_number(int type, const unsigned char *data, size
   return 0;
 }
 
-/* Whether a Modelica Integer can hold a number: 0, or ECAT_ERANGE and a text. */
+/* Checks that a Modelica Integer can hold a number. Returns 0, or ECAT_ERANGE and a text. */
 ECATM_FUNCTION int ecatm_check_integer(double number, char *text) {
   if (number >= -2147483648.0 && number <= 2147483647.0) return 0;
   sprintf(text, "%.0f is too large for a Modelica Integer: read it as Real", number);
@@ -111,7 +111,7 @@ ECATM_FUNCTION int ecatm_utf8_bytes(const unsigned char *data, size_t length) {
   return code < least || code > 0x10FFFF || (code >= 0xD800 && code < 0xE000) ? 0 : more + 1;
 }
 
-/* Appends a character in UTF-8; what is no printable one becomes a question mark. */
+/* Appends a character in UTF-8, or a question mark for a character that cannot be printed. */
 ECATM_FUNCTION char *ecatm_utf8(char *out, unsigned long code) {
   if (code < 0x20 || (code >= 0x7F && code < 0xA0) || (code >= 0xD800 && code < 0xE000)) code = '?';
   if (code < 0x80) {
@@ -133,7 +133,7 @@ ECATM_FUNCTION char *ecatm_utf8(char *out, unsigned long code) {
   return out;
 }
 
-/* A VISIBLE_STRING ends with its first zero. The standard has ASCII; vendors use UTF-8, or Latin-1. */
+/* A VISIBLE_STRING ends with its first zero. The standard requires ASCII; vendors use UTF-8 or Latin-1. */
 ECATM_FUNCTION char *ecatm_decode_visible(const unsigned char *data, size_t length, char *out) {
   size_t i, end = 0;
   int utf8 = 1, n;
@@ -147,7 +147,7 @@ ECATM_FUNCTION char *ecatm_decode_visible(const unsigned char *data, size_t leng
   return out;
 }
 
-/* An OCTET_STRING may hold any bytes: those without a character of ASCII, and the backslash, as \xNN. */
+/* An OCTET_STRING may hold any bytes. The backslash and all that is not printable ASCII become \xNN. */
 ECATM_FUNCTION char *ecatm_decode_octets(const unsigned char *data, size_t length, char *out) {
   size_t i;
   while (length > 0 && data[length - 1] == 0) length--;
@@ -158,7 +158,7 @@ ECATM_FUNCTION char *ecatm_decode_octets(const unsigned char *data, size_t lengt
   return out;
 }
 
-/* A UNICODE_STRING is UTF-16; halves of pairs that stand alone become question marks. */
+/* A UNICODE_STRING is UTF-16; single halves of surrogate pairs become question marks. */
 ECATM_FUNCTION char *ecatm_decode_unicode(const unsigned char *data, size_t length, char *out) {
   size_t i;
   for (i = 0; i + 1 < length; i += 2) {
@@ -187,7 +187,8 @@ ECATM_FUNCTION int ecatm_hex_digit(int c) {
   return found == NULL ? -1 : (int)(found - digits) - (found - digits > 15 ? 6 : 0);
 }
 
-/* The next one to four bytes of SDO data for a text; moves the text on. 0: it has no such bytes. */
+/* Makes the next one to four bytes of SDO data for a text, and moves the text on. Returns their number, or
+ * 0 if the text is not valid. */
 ECATM_FUNCTION int ecatm_encode_character(int type, const unsigned char **text,
                                           unsigned char data[4]) {
   const unsigned char *from = *text;
@@ -217,8 +218,8 @@ ECATM_FUNCTION int ecatm_encode_character(int type, const unsigned char **text,
   return 4;
 }
 
-/* SDO data of a text; an empty one is a zero, since there is no download of no bytes. `data` has
- * ECAT_REQUEST_BYTES. 0, or ECAT_ERANGE and a text. */
+/* Makes SDO data of a text. An empty text becomes one zero, since a download needs at least one byte.
+ * `data` has ECAT_REQUEST_BYTES. Returns 0, or ECAT_ERANGE and a text. */
 ECATM_FUNCTION int ecatm_encode_text(int type, const char *value, unsigned char *data,
                                      size_t *length, char *text) {
   const unsigned char *from = (const unsigned char *)value;

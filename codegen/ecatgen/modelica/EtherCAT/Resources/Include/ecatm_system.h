@@ -1,9 +1,9 @@
-/* What the other headers need of the compiler and of the operating system. */
+/* The parts of the compiler and the operating system that the other headers need. */
 #ifndef ECATM_SYSTEM_H
 #define ECATM_SYSTEM_H
 
 #include <errno.h>
-#include <sched.h> /* struct timespec, also where <time.h> keeps it to itself */
+#include <sched.h> /* struct timespec, even if <time.h> does not declare it */
 #include <stdarg.h>
 #include <stdio.h>
 #include <time.h>
@@ -17,9 +17,9 @@
 #define ECATM_FORMAT(n) static
 #endif
 
-/* With -std=c89, <time.h> has these only if POSIX was asked for before the first system header of
- * the translation unit, which may be one of somebody else. So no feature macro helps, and what is
- * missing is declared as Linux has it. */
+/* With -std=c89, <time.h> declares these only if a feature macro for POSIX is defined before the first
+ * system header of the translation unit. Other code may include that header, so a macro here does not
+ * help, and missing declarations are made as in Linux. */
 #ifndef CLOCK_MONOTONIC
 #define CLOCK_MONOTONIC 1
 #define TIMER_ABSTIME 1
@@ -28,7 +28,7 @@ extern int clock_nanosleep(int clock, int flags, const struct timespec *until,
                            struct timespec *rest);
 #endif
 
-/* Not in C89, but in the library. */
+/* Not declared in C89, but in the C library. */
 extern int vsnprintf(char *text, size_t size, const char *format, va_list arguments);
 
 /* Seconds of CLOCK_MONOTONIC: to a few nanoseconds, for as long as a machine is up. */

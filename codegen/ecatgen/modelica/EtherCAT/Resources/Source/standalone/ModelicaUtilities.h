@@ -33,7 +33,7 @@ MODELICA_STANDALONE void ModelicaFormatError(const char *format, ...) {
 
 MODELICA_STANDALONE void ModelicaError(const char *text) { ModelicaFormatError("%s", text); }
 
-/* Lives until the program ends: there is no tool that would know when a text is not used any more. */
+/* The memory is never freed: no tool knows when a text is no longer used. */
 MODELICA_STANDALONE char *ModelicaAllocateString(size_t length) {
   char *text = (char *)malloc(length + 1);
   if (text == NULL) ModelicaError("out of memory");
