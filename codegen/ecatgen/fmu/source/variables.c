@@ -6,7 +6,7 @@
 #include <string.h>
 
 static int is_parameter(const plant_variable *v) {
-  return v->role >= ROLE_BUS && v->role <= ROLE_READ_ONLY;
+  return v->role >= ROLE_BUS && v->role <= ROLE_REQUIRE_OPERATIONAL;
 }
 
 static plant_variable *by_role(const plant *p, enum plant_role role) {
@@ -60,7 +60,7 @@ static int ready(plant *p) {
 int plant_get(plant *p, unsigned reference, enum plant_type type, plant_value *value) {
   const plant_variable *v = find(p, reference, type, "get");
   if (v == NULL) return PLANT_ERROR;
-  if (v->role > ROLE_READ_ONLY && v->role != ROLE_INPUT && ready(p) != PLANT_OK) return PLANT_ERROR;
+  if (v->role > ROLE_REQUIRE_OPERATIONAL && v->role != ROLE_INPUT && ready(p) != PLANT_OK) return PLANT_ERROR;
   *value = v->value;
   if (v->role == ROLE_TIME) value->real = p->time;
   return PLANT_OK;

@@ -67,7 +67,7 @@ class FaultFiles:
         if config.folder and self._rings:
             folder = Path(config.folder)
             try:
-                folder.mkdir(parents=True, exist_ok=True)
+                _make(folder)
                 if not os.access(folder, os.W_OK | os.X_OK):
                     raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
             except OSError as error:
