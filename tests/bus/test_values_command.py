@@ -57,6 +57,9 @@ def test_values_are_read_by_patterns(bus: Daemon) -> None:
         (("write", f"{OUTPUT}=on", "--yes"), 2, (f"'{OUTPUT}=on'",)),
         (("write", f"{WIRED}=1", "--yes"), 7, ("slave 2 (EL1018)", "output")),
         (("write", f"{OUTPUT}=7", "--yes"), 2, ("0x7000:01", "7")),
+        (("write", f"{OUTPUT}=0.5", "--yes"), 2, ("0.5", "whole")),
+        (("write", f"{OUTPUT}=0", f"{OUTPUT}=1", "--yes"), 2, ("twice",)),
+        (("record", "-o", "run.csv", "--every", "9000", "--for", "1"), 2, ("9 s", "--for")),
         (("record", "-o", "run.txt"), 2, ("run.txt", ".csv")),
         (("record", "-o", "/nowhere/run.csv", "--for", "1"), 7, ("/nowhere/run.csv",)),
     ],
@@ -88,6 +91,41 @@ def test_outputs_are_held_and_given_back(bus: Daemon) -> None:
     assert [row["value"] for row in done["written"]] == [1.0]
 
 
+def test_outputs_that_do_not_reach_a_slave(bus: Daemon) -> None:
+    bus.ctl("state", "SAFEOP", "-p", "3")
+    refused = bus.ctl("write", f"{OUTPUT}=1", "--yes", check=False)
+    bus.ctl("state", "OP", "-p", "3")
+    assert refused.returncode == 7
+    names(one_line_error(refused.stderr, "ecatctl"), "slave 3 (EL2008)", "SAFEOP")
+
+
+def test_a_write_that_was_stopped_says_that_it_lost_its_outputs(bus: Daemon) -> None:
+    command = [sys.executable, "-m", "ecatd.cli", "write", "el2008/0X7000:01=1", "--yes"]
+    with subprocess.Popen(command, env=bus.env, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            wait_for(lambda: value(bus, WIRED) == 1, bus)
+            process.send_signal(signal.SIGSTOP)
+            wait_for(lambda: value(bus, WIRED) == 0, bus)
+            process.send_signal(signal.SIGCONT)
+            _, text = process.communicate()
+        finally:
+            process.kill()
+    assert process.returncode == 7
+    names(text, "3/Channel 1/Output", "lost")
+
+
+def test_whole_numbers_keep_their_digits(bus: Daemon, tmp_path: Path) -> None:
+    file, target = tmp_path / "target.csv", "0/0x607A:00"
+    command = [sys.executable, "-m", "ecatd.cli", "write", f"{target}=1234567891", "--yes"]
+    with subprocess.Popen(command, env=bus.env) as process:
+        try:
+            wait_for(lambda: value(bus, target) == 1234567891, bus)
+            bus.ctl("record", "-o", str(file), target, "--for", "0.01")
+        finally:
+            process.terminate()
+    assert {row.split(",")[2] for row in file.read_text().splitlines()[1:]} == {"1234567891"}
+
+
 def test_cycles_are_recorded(bus: Daemon, tmp_path: Path) -> None:
     file = tmp_path / "run.csv"
     told = bus.ctl_json("record", "-o", str(file), "4/*Value", "--every", "2", "--for", "0.5")
@@ -101,4 +139,4 @@ def test_cycles_are_recorded(bus: Daemon, tmp_path: Path) -> None:
     assert all(later - earlier >= 2 for earlier, later in pairwise(cycles))
     for row, cycle in zip(rows, cycles, strict=True):
         assert float(row[0]) == pytest.approx(0.001 * (cycle - cycles[0]))
-    assert all(-10 <= float(cell) <= 10 for row in rows for cell in row[2:])
+    assert all(-10 <= float(cell) <= 10 for row in rows for cell in row[2:] if cell)

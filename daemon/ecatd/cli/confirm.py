@@ -27,7 +27,8 @@ def confirm(options: argparse.Namespace, about: str) -> None:
     """
     if options.yes:
         return
-    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+    can_be_asked = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+    if not can_be_asked:
         raise UsageError(f"{about} Nothing was done, because nobody can be asked: add --yes.")
     print(f"{about} Continue? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in _YES:

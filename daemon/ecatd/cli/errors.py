@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.bus import Bus
-from ecatd.model.errors import UsageError
+from ecatd.model.errors import NoAnswerError, UsageError
 from ecatd.model.port_errors import LinkErrors, PortErrors, SlaveErrors, links_with_errors
 
 from .arguments import add_slave, add_watch
@@ -31,37 +32,54 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     add_watch(command)
 
 
-def errors(remote: Remote, options: argparse.Namespace) -> None:
-    """Shows the error counters; with `--watch`, what comes in addition."""
+def errors(remote: Remote, options: argparse.Namespace) -> int:
+    """Shows the error counters; with `--watch`, what comes in addition.
+
+    Returns the exit status: 4 if slaves do not answer.
+    """
     if options.count is not None and options.watch is None:
         raise UsageError("--count goes with --watch")
     if options.reset and options.watch is not None:
         raise UsageError("--reset and --watch: give one of them")
     bus = remote.describe()
     chosen = None if options.slave is None else bus.find(options.slave).position
-    found = _of(chosen, remote.errors())
-    _print(bus, found, options)
+    found = remote.errors()
+    silent = _silent(bus, chosen, found)
+    _print(bus, found, chosen, options)
+    for label in silent:
+        print(f"ecatctl: {label} does not answer: nobody knows its counters", file=sys.stderr)
     if options.reset:
-        remote.reset_errors(chosen)
-        if not options.json:
+        if len(silent) < len(bus.slaves) if chosen is None else not silent:
+            remote.reset_errors(chosen)
+        if not options.json and not silent:
             print("the counters are cleared")
-        return
+    if options.watch is None:
+        return NoAnswerError.exit_code if silent else 0
     done = 1
     while options.watch is not None and done != options.count:
         time.sleep(options.watch)
-        now = _of(chosen, remote.errors())
+        now = remote.errors()
         new = list(_added(found, now))
         if options.json:
-            print_json_line(_document(bus, new))
+            print_json_line(_document(bus, new, chosen))
         else:
             clock = time.strftime("%H:%M:%S")
-            for line in _sentences(bus, new):
+            for line in _sentences(bus, new, chosen):
                 print(f"{clock} {line}", flush=True)
         found, done = now, done + 1
+    return 0
 
 
-def _of(chosen: int | None, found: Sequence[SlaveErrors]) -> list[SlaveErrors]:
-    return [item for item in found if chosen in (None, item.position)]
+def _silent(bus: Bus, chosen: int | None, found: Sequence[SlaveErrors]) -> list[str]:
+    """The slaves that should be there, and do not answer."""
+    there = {item.position for item in found}
+    return [
+        slave.label
+        for slave in bus.slaves
+        if slave.position not in there
+        and chosen in (None, slave.position)
+        and (not slave.group or chosen is not None)
+    ]
 
 
 def _added(before: Sequence[SlaveErrors], now: Sequence[SlaveErrors]) -> Iterator[SlaveErrors]:
@@ -87,25 +105,50 @@ def _more(before: int, now: int) -> int:
     return now - before if now >= before else now
 
 
-def _document(bus: Bus, found: Sequence[SlaveErrors]) -> dict[str, Any]:
-    links = [item._asdict() for item in links_with_errors(found)]
-    return {"bus": bus.name, "slaves": [item.to_map() for item in found], "links": links}
+def _links(found: Sequence[SlaveErrors], chosen: int | None) -> list[LinkErrors]:
+    """The links with errors; of one slave, those that end there."""
+    return [
+        link
+        for link in links_with_errors(found)
+        if chosen is None or chosen in {end[0] for end in link.ends if end is not None}
+    ]
 
 
-def _print(bus: Bus, found: Sequence[SlaveErrors], options: argparse.Namespace) -> None:
+def _of(chosen: int | None, found: Sequence[SlaveErrors]) -> list[SlaveErrors]:
+    return [item for item in found if chosen in (None, item.position)]
+
+
+def _document(bus: Bus, found: Sequence[SlaveErrors], chosen: int | None) -> dict[str, Any]:
+    links = [item._asdict() for item in _links(found, chosen)]
+    slaves = [item.to_map() for item in _of(chosen, found)]
+    return {
+        "bus": bus.name,
+        "slaves": slaves,
+        "links": links,
+        "silent": _silent(bus, chosen, found),
+    }
+
+
+def _print(
+    bus: Bus, found: Sequence[SlaveErrors], chosen: int | None, options: argparse.Namespace
+) -> None:
     if options.json:
         show = print_json if options.watch is None else print_json_line
-        show(_document(bus, found))
+        show(_document(bus, found, chosen))
         return
     if options.all:
         print_table(
             ("POS", "NAME", "PORT", "LEADS TO", "INVALID", "PHYSICAL", "FORWARDED", "LOST LINKS"),
-            _rows(bus, found),
+            _rows(bus, _of(chosen, found)),
             ">   >>>>",
         )
         print()
-    lines = list(_sentences(bus, found))
-    print("\n".join(lines or [f"no errors at the ports of {len(found)} slaves"]))
+    lines = list(_sentences(bus, found, chosen))
+    count = len(_of(chosen, found))
+    if lines:
+        print("\n".join(lines))
+    elif count:
+        print(f"no errors at the ports of {count} slave{'s' * (count != 1)}")
 
 
 def _rows(bus: Bus, found: Sequence[SlaveErrors]) -> Iterator[tuple[Any, ...]]:
@@ -118,12 +161,12 @@ def _rows(bus: Bus, found: Sequence[SlaveErrors]) -> Iterator[tuple[Any, ...]]:
             yield item.position, name, port.port, where, *port.counts
 
 
-def _sentences(bus: Bus, found: Sequence[SlaveErrors]) -> Iterator[str]:
+def _sentences(bus: Bus, found: Sequence[SlaveErrors], chosen: int | None) -> Iterator[str]:
     """What the counters mean, link by link and slave by slave."""
     since = {item.position: item.since for item in found}
-    for link in links_with_errors(found):
+    for link in _links(found, chosen):
         yield f"{_where(bus, link)}: {_counts(link)}{_since(since[link.ends[1][0]])}{_advice(link)}"
-    for item in found:
+    for item in _of(chosen, found):
         label = bus.slaves[item.position].label
         if item.processing and not any(port.forwarded or port.damaged for port in item.ports):
             yield (

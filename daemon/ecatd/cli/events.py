@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 import time
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.bus import Bus
+from ecatd.model.errors import NoAnswerError, UnreachableError
 
 from .arguments import add_slave
 from .output import print_json, print_json_line
@@ -16,8 +18,8 @@ from .output import print_json, print_json_line
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-_PAUSE = 0.5
-"""Seconds between two questions for new events."""
+_PAUSE, _RETRY = 0.5, 2.0
+"""Seconds between two questions for new events, and for a daemon that is gone."""
 _AGO = re.compile(r"(\d+)([smhd])")
 _UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
@@ -27,7 +29,7 @@ _SAID = ("event", "sequence", "time_ns", "slave", "text")
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(run=events)
+    command.set_defaults(alone=events)
     command.add_argument(
         "--since",
         type=_time,
@@ -52,22 +54,52 @@ def _time(text: str) -> float:
     raise argparse.ArgumentTypeError(f"'{text}' is no time: write it as 10m, 2h, 1d or 10:02")
 
 
-def events(remote: Remote, options: argparse.Namespace) -> None:
+def events(options: argparse.Namespace) -> None:
     """Prints the events that the daemon keeps; with `--follow`, new ones as they come."""
+    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+
+    since, shown_since, first = 0, options.since, True
+    while True:
+        try:
+            with Remote(options.bus, options.connect, options.timeout) as remote:
+                for answered in _follow(remote, options, since, shown_since):
+                    since, first = answered, False
+            return
+        except (UnreachableError, NoAnswerError) as error:
+            if first or not options.follow:
+                raise
+            print(f"ecatctl: {error}; waiting for it to come back", file=sys.stderr)
+            time.sleep(_RETRY)
+        shown_since = None
+
+
+def _follow(
+    remote: Remote, options: argparse.Namespace, since: int, shown_since: float | None
+) -> Iterator[int]:
+    """Prints events; yields the number of the next one after each answer.
+
+    Args:
+        remote: The daemon.
+        options: The options.
+        since: Number of the first event to ask for.
+        shown_since: Unix time before which events are not shown.
+    """
     bus = remote.describe()
     chosen = None if options.slave is None else bus.find(options.slave).position
-    answer = remote.events()
-    found = list(_wanted(answer["events"], chosen, options.since))
-    if options.json and not options.follow:
-        print_json({"bus": bus.name, "events": found})
-        return
-    _print(bus, found, as_json=options.json)
-    while options.follow:
+    while True:
+        answer = remote.events(since)
+        found = list(_wanted(answer["events"], chosen, shown_since))
+        if options.json and not options.follow:
+            print_json({"bus": bus.name, "events": found})
+        else:
+            if since and answer["left_out"] and not options.json:
+                print(f"{answer['left_out']} events were too many to keep", flush=True)
+            _print(bus, found, as_json=options.json)
+        since = answer["next"]
+        yield since
+        if not options.follow:
+            return
         time.sleep(_PAUSE)
-        answer = remote.events(answer["next"])
-        if answer["left_out"] and not options.json:
-            print(f"{answer['left_out']} events were too many to keep", flush=True)
-        _print(bus, _wanted(answer["events"], chosen, None), as_json=options.json)
 
 
 def _wanted(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _FRAME_ORDER = (0, 3, 1, 2)
 """Ports in the order in which a slave forwards a frame."""
-_MASTER = -1
+_AT_MASTER = (-1, 0)
 _FORMATS = {".dot": "dot", ".gv": "dot", ".svg": "svg"}
 
 
@@ -38,7 +38,9 @@ class Node:
             are not used.
         port: The port of the slave before it at which it is plugged in; None at the master, or if
             nobody knows where it is plugged in.
+        known: Whether its place is known: it answers, and a link leads to it.
         errors: The errors on its link to the slave before it; None for none.
+        loose: Errors at a port of it that leads nowhere now: its number, and the errors.
         behind: The slaves that are plugged in at it, in the order of the frame.
     """
 
@@ -47,25 +49,35 @@ class Node:
     state: str
     delay_ns: int | None
     port: int | None = None
+    known: bool = False
     errors: LinkErrors | None = None
+    loose: list[tuple[int, LinkErrors]] = field(default_factory=list)
     behind: list[Node] = field(default_factory=list)
 
     @property
     def error_text(self) -> str:
         """The errors on its link, in a few words; empty for none."""
-        if self.errors is None:
-            return ""
-        # A damaged frame is often counted twice: as invalid, and by the physical layer.
-        counts = (
-            (max(self.errors.invalid, self.errors.physical), "errors"),
-            (self.errors.lost_links, "losses of the link"),
-        )
-        return ", ".join(f"{count} {name}" for count, name in counts if count)
+        return "" if self.errors is None else _text(self.errors)
+
+    @property
+    def all_errors(self) -> str:
+        """As `error_text`, and the errors at ports that lead nowhere now."""
+        loose = [f"port {port}: {_text(errors)}" for port, errors in self.loose]
+        return "; ".join(filter(None, [self.error_text, *loose]))
 
     @property
     def delay_text(self) -> str:
         """The propagation delay in µs."""
         return "" if self.delay_ns is None else f"{self.delay_ns / 1000:.1f} µs"
+
+
+def _text(errors: LinkErrors) -> str:
+    # A damaged frame is often counted twice: as invalid, and by the physical layer.
+    counts = (
+        (max(errors.invalid, errors.physical), "errors"),
+        (errors.lost_links, "losses of the link"),
+    )
+    return ", ".join(f"{count} {name}" for count, name in counts if count)
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
@@ -113,15 +125,21 @@ def _tree(bus: Bus, found: list[SlaveErrors], states: list[dict[str, Any]]) -> l
         for slave, row in zip(bus.slaves, states, strict=True)
     }
     for link in links_with_errors(found):
-        nodes[link.ends[1][0]].errors = link
+        first, (position, port) = link.ends
+        if first is None:
+            nodes[position].loose.append((port, link))
+        else:
+            nodes[position].errors = link
     leads = {(item.position, port.port): port.to for item in found for port in item.ports}
     inside: set[int] = set()
     for item in found:
         for port in _FRAME_ORDER:
             to = leads[item.position, port]
+            if to == _AT_MASTER:
+                nodes[item.position].known = True
             if to is None or to[0] <= item.position:  # a slave behind it comes later on the wire
                 continue
-            nodes[to[0]].port = port
+            nodes[to[0]].port, nodes[to[0]].known = port, True
             nodes[item.position].behind.append(nodes[to[0]])
             inside.add(to[0])
     return [node for position, node in nodes.items() if position not in inside]
@@ -144,7 +162,9 @@ def _document(node: Node) -> dict[str, Any]:
         "delay_ns": node.delay_ns,
         "port": node.port,
         "behind": [item.position for item in node.behind],
+        "known": node.known,
         "errors": None if node.errors is None else node.errors._asdict(),
+        "loose": [{"port": port, **errors._asdict()} for port, errors in node.loose],
     }
 
 
@@ -172,7 +192,7 @@ def _lines(roots: list[Node]) -> Iterator[str]:
     for text, node in drawn:
         port = "" if node.port is None else f"port {node.port}"
         state = node.state or "no answer"
-        cells = f"{text:<{width}}  {state:<8}{port:<8}{node.delay_text:>9}  {node.error_text}"
+        cells = f"{text:<{width}}  {state:<10}{port:<8}{node.delay_text:>9}  {node.all_errors}"
         yield cells.rstrip()
 
 
@@ -187,11 +207,12 @@ def _dot(bus: Bus, roots: list[Node]) -> str:
     ]
     for node in _all(roots):
         words = [f"{node.position} {node.name}", node.state or "no answer", node.delay_text]
+        words += [f"port {port}: {_text(errors)}" for port, errors in node.loose]
         label = "\\n".join(word.replace("\\", "\\\\").replace('"', '\\"') for word in words if word)
         color = "white" if node.state == "OP" else "mistyrose"
         lines.append(f'  s{node.position} [label="{label}", fillcolor="{color}"];')
     before = {item.position: node.position for node in _all(roots) for item in node.behind}
-    for node in _all(roots):
+    for node in filter(lambda node: node.known, _all(roots)):
         start = f"s{before[node.position]}" if node.position in before else "master"
         port = "" if node.port is None else f'taillabel="{node.port}", '
         color = "red" if node.error_text else "black"

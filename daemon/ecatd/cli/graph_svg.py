@@ -48,7 +48,8 @@ def svg_text(name: str, roots: list[Node]) -> str:
     ]
     for x, y, node in placed:
         start = at.get(before.get(node.position, -1), (_MARGIN, _MARGIN))
-        parts += _link(start, (x, y), node)
+        if node.known:
+            parts += _link(start, (x, y), node)
     for x, y, node in placed:
         parts += _box(x, y, node)
     return "\n".join([*parts, "</svg>"]) + "\n"
@@ -71,8 +72,8 @@ def _box(x: int, y: int, node: Node) -> Iterator[str]:
     port = "" if node.port is None else f"at port {node.port}"
     facts = " · ".join(filter(None, (node.state or "no answer", port, node.delay_text)))
     yield f'<text class="small" x="{x + 10}" y="{y + 33}">{escape(facts)}</text>'
-    if node.error_text:
+    if node.all_errors:
         yield (
             f'<text class="small bad" x="{x + _WIDTH - 10}" y="{y + 33}" text-anchor="end">'
-            f"{escape(node.error_text)}</text>"
+            f"{escape(node.all_errors)}</text>"
         )

@@ -42,7 +42,7 @@ def table_lines(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str =
         rows: Cells, converted with `str`.
         right: A character for each column: `>` aligns it right, others align it left.
     """
-    table = [list(head), *([str(cell) for cell in row] for row in rows)]
+    table = [list(head), *([_printable(str(cell)) for cell in row] for row in rows)]
     widths = [max(len(row[column]) for row in table) for column in range(len(head))]
     right = right.ljust(len(head))
     lines = []
@@ -53,6 +53,11 @@ def table_lines(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str =
         ]
         lines.append("  ".join(cells).rstrip())
     return lines
+
+
+def _printable(text: str) -> str:
+    """A text from a slave without characters that control the terminal."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
 
 
 def print_table(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str = "") -> None:

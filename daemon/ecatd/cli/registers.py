@@ -116,7 +116,7 @@ def _all(remote: Remote, slave: int | str) -> Iterator[dict[str, Any]]:
         except StateError:
             if of_clock:
                 return
-            raise
+            continue
         yield _row(item, data)
 
 

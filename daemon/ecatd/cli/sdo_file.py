@@ -6,6 +6,7 @@ The tables of the file are those of `[[slave.startup]]`, so they can be copied i
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -33,12 +34,19 @@ from .sdo import physical_text, value_text
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote, SdoValue
 
+_STDOUT = "-"
 _FIRST_OWN = 0x2000
 """Objects below describe the communication (ETG.1000.6): the configuration decides about them."""
 
 _COMMENT_MOST = 120
 _U32 = integer(0, 0xFFFFFFFF)
-_DEVICE: Rules = {"name": Table.text, "vendor": _U32, "product": _U32, "revision": _U32}
+_DEVICE: Rules = {
+    "name": Table.text,
+    "vendor": _U32,
+    "product": _U32,
+    "revision": _U32,
+    "values": _U32,
+}
 _FILE: Rules = {
     "slave": lambda table, key: table.table(key).read(_DEVICE, required=("vendor", "product")),
     "startup": lambda table, key: table.array(key, read_parameter, "tables"),
@@ -75,7 +83,8 @@ def sdo_dump(remote: Remote, options: argparse.Namespace) -> None:
         if entry.access & Access.READ
     ]
     outputs = {(entry.index, entry.subindex) for _, entry, _ in found.entries(outputs=True)}
-    lines, tables, refused = list(_head(found)), 0, 0
+    lines: list[str] = [""]
+    tables = refused = 0
     for index, subindex, name, entry in counted(rows, "values"):
         try:
             value = read_value(remote, found.position, index, subindex, entry)
@@ -89,8 +98,8 @@ def sdo_dump(remote: Remote, options: argparse.Namespace) -> None:
             lines += _table(index, subindex, name, entry, value)
         else:
             lines += _comment(lines, _line(index, subindex, name, entry, value))
-    text = "\n".join(lines) + "\n"
-    if options.out is not None:
+    text = "\n".join([*_head(found, tables), *lines]) + "\n"
+    if options.out is not None and str(options.out) != _STDOUT:
         save(options.out, text)
     elif not options.json:
         sys.stdout.write(text)
@@ -106,7 +115,7 @@ def sdo_dump(remote: Remote, options: argparse.Namespace) -> None:
     )
 
 
-def _head(found: Slave) -> Iterator[str]:
+def _head(found: Slave, values: int) -> Iterator[str]:
     yield f"# Values of all objects of {_plain(found.label)}, written by ecatctl {VERSION}."
     yield "# `ecatctl sdo-restore SLAVE FILE` writes the tables back whose values differ. Comments"
     yield "# are values that cannot be written, that belong to the communication, or that are"
@@ -116,7 +125,7 @@ def _head(found: Slave) -> Iterator[str]:
     yield f"name = {toml_text('name', _plain(found.name))}"
     for key in ("vendor", "product", "revision"):
         yield f"{key} = {toml_text(key, getattr(found, key))}"
-    yield ""
+    yield f"values = {values}  # tables below; without this line, some may be missing"
 
 
 def _table(
@@ -126,7 +135,7 @@ def _table(
     yield "[[startup]]"
     yield f'object = "0x{index:04X}:{subindex:02X}"'
     alias = type_alias(value.data_type)
-    if alias and value.data_type not in STRINGS:
+    if alias and value.data_type not in STRINGS and _is_finite(value):
         physical = physical_text(value)
         yield f'type = "{alias}"'
         number = toml_text("", decode(value.data_type, value.data))
@@ -135,6 +144,11 @@ def _table(
         text = f"  # {_plain(value_text(value))}" if value.data_type in STRINGS else ""
         yield f'hex = "{value.data.hex(" ")}"{text}'
     yield f"comment = {toml_text('', _names(name, entry))}"
+
+
+def _is_finite(value: SdoValue) -> bool:
+    number = decode(value.data_type, value.data)
+    return not isinstance(number, float) or math.isfinite(number)
 
 
 def _line(index: int, subindex: int, name: str, entry: DictionaryEntry, value: SdoValue) -> str:
@@ -238,7 +252,8 @@ def _tell(
     elif dry_run:
         print(f"{len(wanted)} of {count} values would be written to {found.label}")
     else:
-        print(f"{written} of {len(wanted)} values written to {found.label}")
+        unread = sum(row.before is None for row in bad)
+        print(f"{written} of {len(wanted) + unread} values written to {found.label}")
     for row in bad:
         print(f"ecatctl: {row.parameter.object}: {row.result}", file=sys.stderr)
 
@@ -262,6 +277,12 @@ def _read(file: Path, found: Slave) -> list[StartupConfig]:
             f"{file} has the values of another device: {names[0]}, but {found.label} is {names[1]}"
         )
     parameters: list[StartupConfig] = data.get("startup", [])
+    wanted = device.get("values", len(parameters))
+    if not parameters or len(parameters) != wanted:
+        raise UsageError(
+            f"{file} has {len(parameters)} of {wanted or 'some'} values: was it cut? If you have "
+            "removed tables on purpose, remove the line 'values' in [slave], too"
+        )
     for item in parameters:
         if item.unit is not None:
             item.table.fail("unit", "is for the configuration: write the raw value here")
@@ -292,9 +313,19 @@ def _write(remote: Remote, position: int, rows: Sequence[_Row]) -> None:
     A slave may refuse a value because of another one that comes later in the file. So those that it
     has refused are tried once more at the end.
     """
-    refused = [row for row in counted(rows, "values") if not _write_one(remote, position, row)]
-    for row in refused:
-        _write_one(remote, position, row)
+    try:
+        refused = [row for row in counted(rows, "values") if not _write_one(remote, position, row)]
+        for row in refused:
+            _write_one(remote, position, row)
+    except EcatError as error:
+        raise type(error)(f"{error}; {_count(rows)}") from error
+    except KeyboardInterrupt:
+        print(f"ecatctl: interrupted; {_count(rows)}", file=sys.stderr)
+        raise
+
+
+def _count(rows: Sequence[_Row]) -> str:
+    return f"{sum(row.result == _WRITTEN for row in rows)} of {len(rows)} values were written"
 
 
 def _write_one(remote: Remote, position: int, row: _Row) -> bool:
@@ -307,7 +338,7 @@ def _write_one(remote: Remote, position: int, row: _Row) -> bool:
         row.result = str(error)
         return False
     except EcatError as error:
-        raise type(error)(f"{item.object}: {error}; values after it were not written") from error
+        raise type(error)(f"{item.object}: {error}") from error
     if after[: len(item.data)] != item.data:
         row.result = f"written, but the slave has {_text(item, after)} now"
         return False

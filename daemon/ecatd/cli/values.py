@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import argparse
 import csv
+import fcntl
 import signal as signals
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
-from ecatd.model.errors import NotPermittedError, StateError, UsageError
+from ecatd.model.al import AlState, al_state_text
+from ecatd.model.errors import LeaseError, NotPermittedError, StateError, UsageError
 
 from .arguments import add_watch, seconds, times
 from .confirm import add_yes, confirm
@@ -21,6 +23,7 @@ from .watch import present
 
 if TYPE_CHECKING:
     from ecatd.client import Client
+    from ecatd.client.group import SignalGroup
     from ecatd.client.signals import Signal
 
 _GLOB = set("*?[")
@@ -28,7 +31,7 @@ _LEASE = 1.0
 """Seconds after which outputs are safe if this command hangs or is killed."""
 _BEAT = 0.1
 """Seconds between two signs of life."""
-_PATIENCE = 5.0
+_PATIENCE, _PERIOD_MOST = 5.0, 3600.0
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
@@ -95,24 +98,47 @@ def _find(client: Client, patterns: Sequence[str]) -> list[Signal]:
     """
     if not patterns:
         return client.signals()
-    names = {slave.position: slave.name for slave in client.slaves()}
     found: dict[int, Signal] = {}
     for pattern in patterns:
-        if not _GLOB & set(pattern) and "/" in pattern:
-            fitting = [client.signal(pattern)]
-        else:
-            wanted = (pattern if "/" in pattern else f"*/{pattern}").lower()
+        fitting = _fitting(client, pattern if "/" in pattern else f"*/{pattern}")
+        if not fitting and "/" in pattern and not _GLOB & set(pattern):
             fitting = [
-                signal
-                for signal in client.signals()
-                if any(fnmatchcase(name, wanted) for name in _names(signal, names[signal.slave]))
-            ]
+                client.signal(pattern)
+            ]  # names that only the bus knows; or says what is wrong
         if not fitting:
             raise StateError(
                 f"no entry fits '{pattern}': `ecatctl read` lists all of them with their names"
             )
         found |= {signal.number: signal for signal in fitting}
     return [found[number] for number in sorted(found)]
+
+
+def _fitting(client: Client, pattern: str) -> list[Signal]:
+    """The entries that fit a pattern; small and capital letters are the same."""
+    slaves = {slave.position: slave.name for slave in client.slaves()}
+    return [
+        signal
+        for signal in client.signals()
+        if any(fnmatchcase(name, pattern.lower()) for name in _names(signal, slaves[signal.slave]))
+    ]
+
+
+def _output(client: Client, name: str) -> Signal:
+    """The output with a name.
+
+    Raises:
+        StateError: There is none, or there are several.
+    """
+    from ecatd.shm import Direction
+
+    try:
+        return client.signal(name, direction=Direction.OUTPUT)
+    except StateError:
+        fitting = [] if _GLOB & set(name) else _fitting(client, name)
+        outputs = [signal for signal in fitting if signal.output]
+        if len(outputs) != 1:
+            raise
+        return outputs[0]
 
 
 def _names(signal: Signal, slave: str) -> Iterator[str]:
@@ -183,20 +209,26 @@ def _lines(document: dict[str, Any]) -> list[str]:
 def write(options: argparse.Namespace) -> None:
     """Becomes the owner of outputs, and holds values there until it ends."""
     with _client(options) as client:
-        wanted = dict(_assigned(client, text) for text in options.values)
+        wanted: dict[Signal, float] = {}
+        for text in options.values:
+            output, value = _assigned(client, text, raw=options.raw)
+            if output in wanted:
+                raise UsageError(f"{output.path} is given twice")
+            wanted[output] = value
+        _check_slaves(client, wanted)
         slaves = {client.slaves()[output.slave].name: None for output in wanted}
-        texts = [f"{output.path} = {value:g}" for output, value in wanted.items()]
+        texts = [f"{output.path} = {value}" for output, value in wanted.items()]
         about = f"This takes over {', '.join(texts)} ({', '.join(slaves)})"
-        until = "Ctrl-C" if options.seconds is None else f"{options.seconds:g} s"
-        confirm(options, f"{about} until {until}. Then the outputs take their safe values.")
+        until = "until Ctrl-C" if options.seconds is None else f"for {options.seconds:g} s"
+        confirm(options, f"{about} {until}. Then the outputs take their safe values.")
         with _ended_by_signals(), client.claim(wanted, lease=_LEASE):
             for output, value in wanted.items():
-                if options.raw:
+                if options.raw or not _is_physical(output):
                     output.raw = value
                 else:
                     output.value = value
             client.commit()
-            _hold(client, options.seconds)
+            _hold(client, wanted, options.seconds)
         rows = [{"output": output.path, "value": value} for output, value in wanted.items()]
         if options.json:
             print_json({"bus": client.name, "written": rows})
@@ -204,34 +236,76 @@ def write(options: argparse.Namespace) -> None:
             print("the outputs are given back, and are safe again")
 
 
-def _assigned(client: Client, text: str) -> tuple[Signal, float]:
-    """The output and the value of an argument.
+def _is_physical(signal: Signal) -> bool:
+    return (signal.scale, signal.offset) != (1.0, 0.0)
+
+
+def _assigned(client: Client, text: str, *, raw: bool) -> tuple[Signal, float]:
+    """The output and the value of an argument; whole numbers keep all their digits.
 
     Raises:
         UsageError: It is none.
         StateError: There is no such entry.
     """
-    from ecatd.shm import Direction
-
     name, equals, value = text.rpartition("=")
+    number: float = 0
     try:
-        number = float(int(value, 0)) if value.lower().startswith("0x") else float(value)
+        number = int(value, 0)
     except ValueError:
-        equals = ""
+        try:
+            number = float(value)
+        except ValueError:
+            equals = ""
     if not equals or not name:
         raise UsageError(
             f"'{text}' is no output with a value: write it as 'drive/Target velocity=5'"
         )
-    return client.signal(name, direction=Direction.OUTPUT), number
+    output = _output(client, name)
+    whole = not output.real and (raw or not _is_physical(output))
+    if whole and isinstance(number, float):
+        if not number.is_integer():
+            raise UsageError(f"{output.path} takes whole numbers, not {number:g}")
+        number = int(number)
+    return output, number
 
 
-def _hold(client: Client, duration: float | None) -> None:
-    """Gives signs of life until the time is over, or somebody ends the command."""
+def _check_slaves(client: Client, wanted: Iterable[Signal]) -> None:
+    """Refuses outputs of slaves that do not take any.
+
+    Raises:
+        StateError: A slave is not in OP.
+    """
+    slaves = client.slaves()
+    for output in wanted:
+        slave = slaves[output.slave]
+        if slave.al_state != AlState.OP:
+            state = al_state_text(slave.al_state) if slave.al_state else "without an answer"
+            raise StateError(
+                f"slave {slave.position} ({slave.name}) is {state}, so {output.path} does not "
+                "reach it: `ecatctl state` says why"
+            )
+
+
+def _hold(client: Client, wanted: Iterable[Signal], duration: float | None) -> None:
+    """Gives signs of life until the time is over, or somebody ends the command.
+
+    Raises:
+        LeaseError: The outputs were lost.
+        StateError: A slave has left OP.
+    """
+    outputs = list(wanted)
     end = None if duration is None else time.monotonic() + duration
     try:
         while end is None or time.monotonic() < end:
             time.sleep(_BEAT if end is None else min(_BEAT, max(0.0, end - time.monotonic())))
             client.sample()
+            lost = [output.path for output in outputs if not client.output(output).owned]
+            if lost:
+                raise LeaseError(
+                    f"{', '.join(lost)}: lost, and at the safe value, because this command gave no "
+                    "sign of life in time; write again"
+                )
+            _check_slaves(client, outputs)
     except KeyboardInterrupt:
         return
 
@@ -255,51 +329,99 @@ def record(options: argparse.Namespace) -> None:
         raise UsageError(f"{options.out}: give a file name that ends with .csv")
     with _client(options) as client:
         chosen = _find(client, options.patterns)
+        period = options.every * client.cycle_time
+        if period > _PERIOD_MOST or (options.seconds is not None and period > options.seconds):
+            raise UsageError(
+                f"{options.every} cycles last {period:g} s: that is longer than "
+                f"{'--for' if period <= _PERIOD_MOST else f'{_PERIOD_MOST:g} s'}"
+            )
         try:
-            with options.out.open("w", encoding="utf-8", newline="") as file, _ended_by_signals():
-                count, left_out = _record(client, chosen, csv.writer(file), options)
+            with _alone(options.out) as file, _ended_by_signals():
+                count, left_out, empty = _record(client, chosen, csv.writer(file), options)
         except PermissionError as error:
             raise NotPermittedError(f"{options.out} cannot be written: {error.strerror}") from error
         except OSError as error:
             raise StateError(f"{options.out} cannot be written: {error.strerror}") from error
     if options.json:
         print_json(
-            {"bus": options.bus, "file": str(options.out), "cycles": count, "left_out": left_out}
+            {
+                "bus": options.bus,
+                "file": str(options.out),
+                "cycles": count,
+                "left_out": left_out,
+                "empty": empty,
+            }
         )
         return
     more = f"; {left_out} cycles were missed, because this program had no processor" * bool(
         left_out
     )
+    more += f"; {empty} fields are empty, because their values could not be trusted" * bool(empty)
     print(f"{options.out}: {count} cycles with {len(chosen)} values{more}")
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[TextIO]:
+    """Opens a file for writing that no other `record` writes.
+
+    Raises:
+        StateError: Another one writes it.
+        OSError: It cannot be written.
+    """
+    with path.open("a", encoding="utf-8", newline="") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise StateError(f"{path} is being written by another ecatctl record") from error
+        if path.is_file():
+            file.truncate(0)
+        yield file
 
 
 def _record(
     client: Client, chosen: list[Signal], rows: Any, options: argparse.Namespace
-) -> tuple[int, int]:
-    """Writes the head and the rows; returns how many, and how many cycles were missed."""
+) -> tuple[int, int, int]:
+    """Writes the head and the rows.
+
+    Returns:
+        How many rows, how many cycles were missed, and how many fields are empty.
+    """
     units = {signal.number: f" [{signal.unit}]" if signal.unit else "" for signal in chosen}
     rows.writerow(["time_s", "cycle", *(f"{s.path}{units[s.number]}" for s in chosen)])
-    group, step, count, left_out = client.group(chosen), client.cycle_time, 0, 0
+    group, step, count, left_out, empty = client.group(chosen), client.cycle_time, 0, 0, 0
+    patience = _PATIENCE + 2 * options.every * step
     domains = {signal.domain for signal in chosen}
     first = last = None
     end = None if options.seconds is None else time.monotonic() + options.seconds
     try:
         while end is None or time.monotonic() < end:
-            client.wait(options.every, timeout=_PATIENCE)
+            client.wait(options.every, timeout=patience)
             client.sample()
             cycle = max(client.domain(number).cycle for number in domains)
             if first is None:
                 first = cycle
             elif last is not None:
                 left_out += max(0, (cycle - last) // options.every - 1)
-            rows.writerow(
-                [
-                    f"{(cycle - first) * step:.6f}",
-                    cycle,
-                    *(f"{value:.9g}" for value in group.values),
-                ]
-            )
+            cells = _cells(chosen, group)
+            empty += cells.count("")
+            rows.writerow([f"{(cycle - first) * step:.6f}", cycle, *cells])
             last, count = cycle, count + 1
     except KeyboardInterrupt:
         pass
-    return count, left_out
+    return count, left_out, empty
+
+
+def _cells(chosen: list[Signal], group: SignalGroup) -> list[str]:
+    """The values as texts; that of an entry that cannot be trusted is empty.
+
+    All entries of a slave in one direction are worth the same.
+    """
+    worth: dict[tuple[int, bool], bool] = {}
+    cells = []
+    for signal, raw, value in zip(chosen, group.raw, group.values, strict=True):
+        key = signal.slave, signal.output
+        if key not in worth:
+            worth[key] = signal.validity.name == "VALID"
+        text = f"{value:.15g}" if _is_physical(signal) or signal.real else str(raw)
+        cells.append(text if worth[key] else "")
+    return cells

@@ -17,6 +17,9 @@ from .conversations import Conversations
 
 T = TypeVar("T")
 
+_IDENTITY = 0x1018
+"""An object that every slave with CoE has."""
+
 
 class Dictionaries:
     """The object dictionaries of all slaves.
@@ -62,6 +65,8 @@ class Dictionaries:
             except SdoAbortError:
                 raise
             except (NoAnswerError, StateError) as error:
+                # A slave that answers nothing at all is another case, with another remedy.
+                yield from coe.upload(_IDENTITY, 0, tries=1)
                 raise type(error)(
                     f"{slave.label} does not describe its objects: {error}; take the descriptions "
                     "from its ESI file with --esi"

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from ecatd.log import Log
-from ecatd.model.bus import Bus
-from ecatd.model.errors import StateError
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.errors import NoAnswerError, StateError
 from ecatd.model.messages import ReadRegister, ResetErrors, WriteRegister
 from ecatd.model.port_errors import PortErrors, SlaveErrors
 from ecatd.model.registers import register_at
@@ -18,7 +18,7 @@ from ..frames.topology import Ports, links
 from ..master.master import Master
 from ..master.worker import Worker
 
-_DL_STATUS = 0x0110
+_DL_STATUS, _AL_STATUS = 0x0110, 0x0130
 _COUNTERS, _COUNTERS_SIZE = 0x0300, 0x14
 _FORWARDED, _PROCESSING, _PDI, _LOST_LINKS = 0x08, 0x0C, 0x0D, 0x10
 _CLEARED = (0x0300, 0x030C, 0x030D, 0x0310)
@@ -46,20 +46,49 @@ class Registers:
         """The reply has `data`.
 
         Raises:
-            StateError: There is no such slave, or it does not answer.
+            NoAnswerError: The slave does not answer.
+            StateError: There is no such slave, or it does not have such a register.
         """
-        position = self._bus.find(request.slave).position
-        read = self._master.register_read
-        data = await self._worker.run(lambda: read(position, request.address, request.size))
-        return {"data": data}
+        slave = self._bus.find(request.slave)
+        address, size = request.address, request.size
+        return {"data": await self._worker.run(lambda: self._read(slave, address, size))}
+
+    def _read(self, slave: Slave, address: int, size: int) -> bytes:
+        try:
+            return self._master.register_read(slave.position, address, size)
+        except StateError as error:
+            if self._answers(slave):
+                raise StateError(
+                    f"{slave.label} has no register 0x{address:04X} that the master can read"
+                ) from error
+            raise _silent(slave) from error
+
+    def _answers(self, slave: Slave) -> bool:
+        (answer,) = self._master.registers.read_all(
+            [self._master.stations[slave.position]], _AL_STATUS, 2
+        )
+        return bool(answer.wkc)
 
     async def write(self, request: WriteRegister) -> dict[str, Any]:
         """The reply has `data`: what the registers have afterwards. Raises as `read`."""
-        slave = self._bus.find(request.slave)
+        slave, address = self._bus.find(request.slave), request.address
 
         def write() -> bytes:
-            self._master.register_write(slave.position, request.address, request.data)
-            return self._master.register_read(slave.position, request.address, len(request.data))
+            try:
+                self._master.register_write(slave.position, address, request.data)
+            except StateError as error:
+                if self._answers(slave):
+                    raise StateError(
+                        f"{slave.label} does not let the master write register 0x{address:04X}"
+                    ) from error
+                raise _silent(slave) from error
+            try:
+                return self._master.register_read(slave.position, address, len(request.data))
+            except StateError as error:
+                raise NoAnswerError(
+                    f"register 0x{address:04X} was written, but {slave.label} does not answer any "
+                    "more"
+                ) from error
 
         known = register_at(request.address)
         name = f" ({known.name})" if known else ""
@@ -78,14 +107,15 @@ class Registers:
         """Clears counters; the reply is that of `errors`.
 
         Raises:
-            StateError: There is no such slave, or it does not answer.
+            NoAnswerError: The slave does not answer.
+            StateError: There is no such slave, or it does not have such a register.
         """
         one = None if request.slave is None else self._bus.find(request.slave)
         chosen = self._bus.slaves if one is None else [one]
         positions = [slave.position for slave in chosen]
         cleared = await self._worker.run(lambda: self._clear(positions))
         if one is not None and not cleared:
-            raise StateError(f"{one.label} does not answer: its counters were not cleared")
+            raise _silent(one)
         self._cleared |= dict.fromkeys(cleared, time.time())
         whom = "all slaves" if one is None else one.label
         self._log.notice(
@@ -125,6 +155,12 @@ class Registers:
         ]
         since = self._cleared.get(position)
         return SlaveErrors(position, ports, data[_PROCESSING], data[_PDI], since)
+
+
+def _silent(slave: Slave) -> NoAnswerError:
+    return NoAnswerError(
+        f"{slave.label} does not answer: it is switched off, or a cable before it is broken"
+    )
 
 
 def _leads(

@@ -137,6 +137,8 @@ def _make(folder: Path) -> None:
     """
     if folder.is_dir():
         return
+    if folder.exists():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
     _make(folder.parent)
     folder.mkdir()
     folder.chmod(0o750)
