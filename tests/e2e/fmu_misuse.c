@@ -114,7 +114,7 @@ static void set_up(void *c, const char *bus) {
 }
 
 static void play(const char *resources, const char *token, const char *bus, unsigned variables) {
-  unsigned first = FMI == 2 ? 7 : 8, i; /* behind the parameters */
+  unsigned first = FMI == 2 ? 8 : 9, i; /* behind the parameters */
   void *c = make(resources, token);
   if (c == NULL) abort();
   set_up(c, bus);

@@ -7,7 +7,7 @@ import re
 from .errors import UsageError
 
 BUS_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,30}")
-BUS_NAME_RULE = "1 to 31 letters, digits, '_' or '-', and does not begin with '-'"
+BUS_NAME_RULE = "must have 1 to 31 letters, digits, '_' or '-', and must not begin with '-'"
 
 
 def check_bus_name(name: str) -> str:
@@ -17,5 +17,5 @@ def check_bus_name(name: str) -> str:
         UsageError: A bus cannot have this name.
     """
     if not BUS_NAME.fullmatch(name):
-        raise UsageError(f"{name[:40]!r} is no bus name: that has {BUS_NAME_RULE}")
+        raise UsageError(f"{name[:40]!r} is no bus name: it {BUS_NAME_RULE}")
     return name

@@ -101,7 +101,7 @@ def _text(value: Any) -> str:
 def _bus_name(value: Any) -> str:
     if BUS_NAME.fullmatch(_text(value)):
         return str(value)
-    raise _WrongError(f"is {_shown(value)}, but a bus name has {BUS_NAME_RULE}")
+    raise _WrongError(f"is {_shown(value)}, but a bus name {BUS_NAME_RULE}")
 
 
 def _truth(value: Any) -> bool:
