@@ -166,6 +166,7 @@ def master_kickcat(count):
     return found
 
 
+@pytest.mark.long
 def test_kickcat_loses_no_slave_when_the_ring_breaks():
     found = run("line:5", master_kickcat, 5, options=["--ring"])
     assert found == [[True] * 5] * 5

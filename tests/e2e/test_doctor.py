@@ -199,6 +199,7 @@ def test_a_report_into_a_device_leaves_the_device(tmp_path: Path) -> None:
     assert pipe.is_fifo()
 
 
+@pytest.mark.long
 def test_the_wake_up_test_ends_with_its_command() -> None:
     process = subprocess.Popen([*shlex.split(CTL), "--latency", "60"], stdout=subprocess.DEVNULL)
     children: set[str] = set()
