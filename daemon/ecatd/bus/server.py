@@ -19,29 +19,20 @@ from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config
-from ecatd.model.errors import StateError, UsageError
+from ecatd.model.errors import StateError
 from ecatd.model.health import look_at
 from ecatd.model.log_levels import Levels, level_of, level_of_each, levels_text, with_level
 from ecatd.model.messages import (
     Describe,
-    DescribeObject,
-    ListObjects,
     ReadConfig,
-    ReadErrors,
     ReadEvents,
     ReadFrames,
     ReadInfo,
     ReadLogLevels,
-    ReadRegister,
-    ReadSii,
     ReadStates,
     Request,
-    ResetErrors,
-    SdoRead,
-    SdoWrite,
     SetLogLevel,
     SetState,
-    WriteRegister,
 )
 from ecatd.service_link import HANG_S
 from ecatd.version import VERSION
@@ -51,11 +42,8 @@ from .engine.shared_memory import SharedMemory
 from .master.master import SlaveState
 from .master.worker import Worker
 from .requests.conversations import Conversations
-from .requests.dictionaries import Dictionaries
-from .requests.eeproms import Eeproms
 from .requests.frames import read_frames
-from .requests.objects import Objects
-from .requests.registers import Registers
+from .requests.slaves import SlaveRequests
 from .start.bring_up import BringUp
 from .start.exchange import leases
 from .watch.event_history import EventHistory
@@ -114,10 +102,7 @@ class BusServer:
         self._up = BringUp(config, interface, log, self._aborted.is_set)
         self._monitor: Monitor | None = None
         self._fault_files: FaultFiles | None = None
-        self._known_objects: Objects | None = None
-        self._known_dictionaries: Dictionaries | None = None
-        self._known_registers: Registers | None = None
-        self._known_eeproms: Eeproms | None = None
+        self._slave_requests: SlaveRequests | None = None
         self._started = 0.0
 
     @property
@@ -139,10 +124,9 @@ class BusServer:
         self._monitor = await self._worker.run(self._bring_up)
         assert self._up.master is not None
         conversations = Conversations(self._up.master, self._worker, self._monitor.emergencies.note)
-        self._known_objects = Objects(self.bus, conversations)
-        self._known_dictionaries = Dictionaries(self.bus, conversations)
-        self._known_eeproms = Eeproms(self.bus, self._up.master, self._worker)
-        self._known_registers = Registers(self.bus, self._up.master, self._worker, self._log)
+        self._slave_requests = SlaveRequests(
+            self.bus, self._up.master, self._worker, conversations, self._log
+        )
         self._monitor.start(asyncio.get_running_loop())
 
     def abort(self) -> None:
@@ -217,26 +201,6 @@ class BusServer:
         assert self._monitor is not None, "asked before the bus was brought up"
         return self._monitor
 
-    @property
-    def _objects(self) -> Objects:
-        assert self._known_objects is not None, "asked before the bus was brought up"
-        return self._known_objects
-
-    @property
-    def _dictionaries(self) -> Dictionaries:
-        assert self._known_dictionaries is not None, "asked before the bus was brought up"
-        return self._known_dictionaries
-
-    @property
-    def _registers(self) -> Registers:
-        assert self._known_registers is not None, "asked before the bus was brought up"
-        return self._known_registers
-
-    @property
-    def _eeproms(self) -> Eeproms:
-        assert self._known_eeproms is not None, "asked before the bus was brought up"
-        return self._known_eeproms
-
     async def answer(self, request: Request) -> dict[str, Any]:
         """Carries a request out.
 
@@ -259,29 +223,12 @@ class BusServer:
                 return self._log_levels()
             case SetLogLevel():
                 return self._set_log_level(request)
-            case SdoRead():
-                return await self._objects.read(request)
-            case SdoWrite():
-                return await self._objects.write(request)
-            case ListObjects():
-                return await self._dictionaries.list(request)
-            case DescribeObject():
-                return await self._dictionaries.describe(request)
-            case ReadRegister():
-                return await self._registers.read(request)
-            case WriteRegister():
-                return await self._registers.write(request)
-            case ReadErrors():
-                return await self._registers.errors()
-            case ResetErrors():
-                return await self._registers.reset_errors(request)
-            case ReadSii():
-                return await self._eeproms.read(request)
             case ReadEvents():
                 return self._events.since(request.since)
             case ReadFrames():
                 return read_frames(self._up.frame_rings, self._up.interfaces, request)
-        raise UsageError(f"the bus server cannot answer {request.op}")
+        assert self._slave_requests is not None, "asked before the bus was brought up"
+        return await self._slave_requests.answer(request)
 
     def _info(self) -> dict[str, Any]:
         assert self._up.wire is not None, "asked before the bus was brought up"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ecatd.model.al import al_state_text
 from ecatd.model.bus import Bus
 from ecatd.model.errors import UsageError
-from ecatd.model.port_errors import LinkErrors, SlaveErrors, links_with_errors
+from ecatd.model.port_errors import PORT_ORDER, LinkErrors, SlaveErrors, links_with_errors
 
 from .output import print_json
 from .scan import save
@@ -20,8 +20,6 @@ from .scan import save
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-_FRAME_ORDER = (0, 3, 1, 2)
-"""Ports in the order in which a slave forwards a frame."""
 _AT_MASTER = (-1, 0)
 _FORMATS = {".dot": "dot", ".gv": "dot", ".svg": "svg"}
 
@@ -133,7 +131,7 @@ def _tree(bus: Bus, found: list[SlaveErrors], states: list[dict[str, Any]]) -> l
     leads = {(item.position, port.port): port.to for item in found for port in item.ports}
     inside: set[int] = set()
     for item in found:
-        for port in _FRAME_ORDER:
+        for port in PORT_ORDER:
             to = leads[item.position, port]
             if to == _AT_MASTER:
                 nodes[item.position].known = True

@@ -102,9 +102,7 @@ def _find(client: Client, patterns: Sequence[str]) -> list[Signal]:
     for pattern in patterns:
         fitting = _fitting(client, pattern if "/" in pattern else f"*/{pattern}")
         if not fitting and "/" in pattern and not _GLOB & set(pattern):
-            fitting = [
-                client.signal(pattern)
-            ]  # names that only the bus knows; or says what is wrong
+            fitting = [client.signal(pattern)]  # raises what is wrong with the name
         if not fitting:
             raise StateError(
                 f"no entry fits '{pattern}': `ecatctl read` lists all of them with their names"

@@ -10,6 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
+PORT_ORDER = (0, 3, 1, 2)
+"""Ports in the order in which a slave forwards a frame."""
+
 MOST = 0xFF
 """Counters stop here."""
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from ecatd.model.errors import StateError
+from ecatd.model.port_errors import PORT_ORDER
 
-_PORT_ORDER = (0, 3, 1, 2)
 LONGEST_NS = 1_000_000
 """Longer than any frame takes: it would have to go through thousands of slaves."""
 
@@ -144,7 +144,7 @@ def tree(slaves: Sequence[Ports]) -> list[Node]:
 
 def _node(slave: Ports) -> Node:
     """Makes the node of a slave. The frame enters by the port with the earliest time, usually 0."""
-    ports = [port for port in _PORT_ORDER if port in slave.open]
+    ports = [port for port in PORT_ORDER if port in slave.open]
     if not ports:
         return Node(slave.times, 0, [])
     times, entry = slave.times, ports[0]

@@ -114,6 +114,13 @@ async def _patiently(called: asyncio.Event, slave: Slave) -> None:
         ) from error
 
 
+def silent(slave: Slave) -> NoAnswerError:
+    """The error for a slave that does not answer."""
+    return NoAnswerError(
+        f"{slave.label} does not answer: it is switched off, or a cable before it is broken"
+    )
+
+
 def _check_state(slave: Slave, status: int | None) -> None:
     """Fails at once for a slave whose mailbox cannot answer, instead of after a time-out.
 
@@ -126,9 +133,7 @@ def _check_state(slave: Slave, status: int | None) -> None:
         StateError: It is in INIT or BOOT, where it has no CoE.
     """
     if status is None:
-        raise NoAnswerError(
-            f"{slave.label} does not answer: it is switched off, or a cable before it is broken"
-        )
+        raise silent(slave)
     state = status & _STATE
     if state in (AlState.INIT, AlState.BOOT):
         raise StateError(

@@ -17,6 +17,7 @@ from ..frames.datagrams import Answer, fpwr
 from ..frames.topology import Ports, links
 from ..master.master import Master
 from ..master.worker import Worker
+from .conversations import silent
 
 _DL_STATUS, _AL_STATUS = 0x0110, 0x0130
 _COUNTERS, _COUNTERS_SIZE = 0x0300, 0x14
@@ -61,7 +62,7 @@ class Registers:
                 raise StateError(
                     f"{slave.label} has no register 0x{address:04X} that the master can read"
                 ) from error
-            raise _silent(slave) from error
+            raise silent(slave) from error
 
     def _answers(self, slave: Slave) -> bool:
         (answer,) = self._master.registers.read_all(
@@ -81,7 +82,7 @@ class Registers:
                     raise StateError(
                         f"{slave.label} does not let the master write register 0x{address:04X}"
                     ) from error
-                raise _silent(slave) from error
+                raise silent(slave) from error
             try:
                 return self._master.register_read(slave.position, address, len(request.data))
             except StateError as error:
@@ -108,14 +109,14 @@ class Registers:
 
         Raises:
             NoAnswerError: The slave does not answer.
-            StateError: There is no such slave, or it does not have such a register.
+            StateError: There is no such slave.
         """
         one = None if request.slave is None else self._bus.find(request.slave)
         chosen = self._bus.slaves if one is None else [one]
         positions = [slave.position for slave in chosen]
         cleared = await self._worker.run(lambda: self._clear(positions))
         if one is not None and not cleared:
-            raise _silent(one)
+            raise silent(one)
         self._cleared |= dict.fromkeys(cleared, time.time())
         whom = "all slaves" if one is None else one.label
         self._log.notice(
@@ -155,12 +156,6 @@ class Registers:
         ]
         since = self._cleared.get(position)
         return SlaveErrors(position, ports, data[_PROCESSING], data[_PDI], since)
-
-
-def _silent(slave: Slave) -> NoAnswerError:
-    return NoAnswerError(
-        f"{slave.label} does not answer: it is switched off, or a cable before it is broken"
-    )
 
 
 def _leads(

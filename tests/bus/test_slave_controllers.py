@@ -1,4 +1,4 @@
-"""`ecatctl errors`, `reg-read` and `reg-write`, on a bus with branches whose cables are damaged."""
+"""`ecatctl errors`, `graph`, `reg-read`, `reg-write`, `sii-read`, on a bus with branches."""
 
 import json
 from collections.abc import Callable, Iterator

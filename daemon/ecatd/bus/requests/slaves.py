@@ -1,0 +1,76 @@
+"""Requests about slaves: hands each to the module that carries it out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ecatd.log import Log
+from ecatd.model.bus import Bus
+from ecatd.model.errors import UsageError
+from ecatd.model.messages import (
+    DescribeObject,
+    ListObjects,
+    ReadErrors,
+    ReadRegister,
+    ReadSii,
+    Request,
+    ResetErrors,
+    SdoRead,
+    SdoWrite,
+    WriteRegister,
+)
+
+from ..master.master import Master
+from ..master.worker import Worker
+from .conversations import Conversations
+from .dictionaries import Dictionaries
+from .eeproms import Eeproms
+from .objects import Objects
+from .registers import Registers
+
+
+class SlaveRequests:
+    """Requests about the slaves of a bus that runs.
+
+    Args:
+        bus: The bus description.
+        master: The master.
+        worker: The worker on which slaves are asked.
+        conversations: The way to the mailboxes of the slaves.
+        log: Where changes are told.
+    """
+
+    def __init__(
+        self, bus: Bus, master: Master, worker: Worker, conversations: Conversations, log: Log
+    ) -> None:
+        self._objects = Objects(bus, conversations)
+        self._dictionaries = Dictionaries(bus, conversations)
+        self._registers = Registers(bus, master, worker, log)
+        self._eeproms = Eeproms(bus, master, worker)
+
+    async def answer(self, request: Request) -> dict[str, Any]:
+        """Carries a request out.
+
+        Raises:
+            EcatError: It cannot be done, or the slave refuses.
+        """
+        match request:
+            case SdoRead():
+                return await self._objects.read(request)
+            case SdoWrite():
+                return await self._objects.write(request)
+            case ListObjects():
+                return await self._dictionaries.list(request)
+            case DescribeObject():
+                return await self._dictionaries.describe(request)
+            case ReadRegister():
+                return await self._registers.read(request)
+            case WriteRegister():
+                return await self._registers.write(request)
+            case ReadErrors():
+                return await self._registers.errors()
+            case ResetErrors():
+                return await self._registers.reset_errors(request)
+            case ReadSii():
+                return await self._eeproms.read(request)
+        raise UsageError(f"the bus server cannot answer {request.op}")
