@@ -1,0 +1,150 @@
+"""Command `record`: writes the values of each cycle to a CSV file."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import fcntl
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+from ecatd.model.errors import NotPermittedError, StateError, UsageError
+
+from .arguments import times
+from .output import print_json
+from .signals import (
+    add_for,
+    add_patterns,
+    ended_by_signals,
+    find_signals,
+    is_physical,
+    open_client,
+)
+
+if TYPE_CHECKING:
+    from ecatd.client import Client
+    from ecatd.client.group import SignalGroup
+    from ecatd.client.signals import Signal
+
+_PATIENCE, _PERIOD_MOST = 5.0, 3600.0
+"""Seconds for which a cycle may be late, and most seconds between two lines."""
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """Adds the arguments of the command."""
+    command.set_defaults(alone=record)
+    add_patterns(command)
+    command.add_argument(
+        "-o", dest="out", metavar="FILE", type=Path, required=True, help="a file that ends in .csv"
+    )
+    command.add_argument(
+        "--every", type=times, default=1, metavar="N", help="only each Nth cycle (default: 1)"
+    )
+    add_for(command, "end after so many seconds (default: with Ctrl-C)")
+
+
+def record(options: argparse.Namespace) -> None:
+    """Writes the values of each cycle to a CSV file, until it ends."""
+    if options.out.suffix.lower() != ".csv":
+        raise UsageError(f"{options.out}: give a file name that ends with .csv")
+    with open_client(options) as client:
+        chosen = find_signals(client, options.patterns)
+        period = options.every * client.cycle_time
+        if period > _PERIOD_MOST or (options.seconds is not None and period > options.seconds):
+            raise UsageError(
+                f"{options.every} cycles last {period:g} s: that is longer than "
+                f"{'--for' if period <= _PERIOD_MOST else f'{_PERIOD_MOST:g} s'}"
+            )
+        try:
+            with _alone(options.out) as file, ended_by_signals():
+                count, left_out, empty = _record(client, chosen, csv.writer(file), options)
+        except PermissionError as error:
+            raise NotPermittedError(f"{options.out} cannot be written: {error.strerror}") from error
+        except OSError as error:
+            raise StateError(f"{options.out} cannot be written: {error.strerror}") from error
+    if options.json:
+        print_json(
+            {
+                "bus": options.bus,
+                "file": str(options.out),
+                "cycles": count,
+                "left_out": left_out,
+                "empty": empty,
+            }
+        )
+        return
+    more = f"; {left_out} cycles were missed, because this program had no processor" * bool(
+        left_out
+    )
+    more += f"; {empty} fields are empty, because their values could not be trusted" * bool(empty)
+    print(f"{options.out}: {count} cycles with {len(chosen)} values{more}")
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[TextIO]:
+    """Opens a file for writing that no other `record` writes.
+
+    Raises:
+        StateError: Another one writes it.
+        OSError: It cannot be written.
+    """
+    with path.open("a", encoding="utf-8", newline="") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise StateError(f"{path} is being written by another ecatctl record") from error
+        if path.is_file():
+            file.truncate(0)
+        yield file
+
+
+def _record(
+    client: Client, chosen: list[Signal], rows: Any, options: argparse.Namespace
+) -> tuple[int, int, int]:
+    """Writes the head and the rows.
+
+    Returns:
+        How many rows, how many cycles were missed, and how many fields are empty.
+    """
+    units = {signal.number: f" [{signal.unit}]" if signal.unit else "" for signal in chosen}
+    rows.writerow(["time_s", "cycle", *(f"{s.path}{units[s.number]}" for s in chosen)])
+    group, step, count, left_out, empty = client.group(chosen), client.cycle_time, 0, 0, 0
+    patience = _PATIENCE + 2 * options.every * step
+    domains = {signal.domain for signal in chosen}
+    first = last = None
+    end = None if options.seconds is None else time.monotonic() + options.seconds
+    try:
+        while end is None or time.monotonic() < end:
+            client.wait(options.every, timeout=patience)
+            client.sample()
+            cycle = max(client.domain(number).cycle for number in domains)
+            if first is None:
+                first = cycle
+            elif last is not None:
+                left_out += max(0, (cycle - last) // options.every - 1)
+            cells = _cells(chosen, group)
+            empty += cells.count("")
+            rows.writerow([f"{(cycle - first) * step:.6f}", cycle, *cells])
+            last, count = cycle, count + 1
+    except KeyboardInterrupt:
+        pass
+    return count, left_out, empty
+
+
+def _cells(chosen: list[Signal], group: SignalGroup) -> list[str]:
+    """The values as texts; that of an entry that cannot be trusted is empty.
+
+    All entries of a slave in one direction are worth the same.
+    """
+    worth: dict[tuple[int, bool], bool] = {}
+    cells = []
+    for signal, raw, value in zip(chosen, group.raw, group.values, strict=True):
+        key = signal.slave, signal.output
+        if key not in worth:
+            worth[key] = signal.validity.name == "VALID"
+        text = f"{value:.15g}" if is_physical(signal) or signal.real else str(raw)
+        cells.append(text if worth[key] else "")
+    return cells

@@ -1,0 +1,138 @@
+"""Command `write`: holds values at outputs, by names."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from ecatd.model.al import AlState, al_state_text
+from ecatd.model.errors import LeaseError, StateError, UsageError
+
+from .confirm import add_yes, confirm
+from .output import print_json
+from .signals import add_for, ended_by_signals, find_output, is_physical, open_client
+
+if TYPE_CHECKING:
+    from ecatd.client import Client
+    from ecatd.client.signals import Signal
+
+_LEASE = 1.0
+"""Seconds after which outputs are safe if this command hangs or is killed."""
+_BEAT = 0.1
+"""Seconds between two signs of life."""
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """Adds the arguments of the command."""
+    command.set_defaults(alone=write)
+    command.add_argument(
+        "values",
+        nargs="+",
+        metavar="NAME=VALUE",
+        help="an output, as 'drive/Target velocity', and its value in its unit",
+    )
+    command.add_argument("--raw", action="store_true", help="values are raw, without unit")
+    add_for(command, "give the outputs back after so many seconds (default: with Ctrl-C)")
+    add_yes(command)
+
+
+def write(options: argparse.Namespace) -> None:
+    """Becomes the owner of outputs, and holds values there until it ends."""
+    with open_client(options) as client:
+        wanted: dict[Signal, float] = {}
+        for text in options.values:
+            output, value = _assigned(client, text, raw=options.raw)
+            if output in wanted:
+                raise UsageError(f"{output.path} is given twice")
+            wanted[output] = value
+        _check_slaves(client, wanted)
+        slaves = {client.slaves()[output.slave].name: None for output in wanted}
+        texts = [f"{output.path} = {value}" for output, value in wanted.items()]
+        about = f"This takes over {', '.join(texts)} ({', '.join(slaves)})"
+        until = "until Ctrl-C" if options.seconds is None else f"for {options.seconds:g} s"
+        confirm(options, f"{about} {until}. Then the outputs take their safe values.")
+        with ended_by_signals(), client.claim(wanted, lease=_LEASE):
+            for output, value in wanted.items():
+                if options.raw or not is_physical(output):
+                    output.raw = value
+                else:
+                    output.value = value
+            client.commit()
+            _hold(client, wanted, options.seconds)
+        rows = [{"output": output.path, "value": value} for output, value in wanted.items()]
+        if options.json:
+            print_json({"bus": client.name, "written": rows})
+        else:
+            print("the outputs are given back, and are safe again")
+
+
+def _assigned(client: Client, text: str, *, raw: bool) -> tuple[Signal, float]:
+    """The output and the value of an argument; whole numbers keep all their digits.
+
+    Raises:
+        UsageError: It is none.
+        StateError: There is no such entry.
+    """
+    name, equals, value = text.rpartition("=")
+    number: float = 0
+    try:
+        number = int(value, 0)
+    except ValueError:
+        try:
+            number = float(value)
+        except ValueError:
+            equals = ""
+    if not equals or not name:
+        raise UsageError(
+            f"'{text}' is no output with a value: write it as 'drive/Target velocity=5'"
+        )
+    output = find_output(client, name)
+    whole = not output.real and (raw or not is_physical(output))
+    if whole and isinstance(number, float):
+        if not number.is_integer():
+            raise UsageError(f"{output.path} takes whole numbers, not {number:g}")
+        number = int(number)
+    return output, number
+
+
+def _check_slaves(client: Client, wanted: Iterable[Signal]) -> None:
+    """Refuses outputs of slaves that do not take any.
+
+    Raises:
+        StateError: A slave is not in OP.
+    """
+    slaves = client.slaves()
+    for output in wanted:
+        slave = slaves[output.slave]
+        if slave.al_state != AlState.OP:
+            state = al_state_text(slave.al_state) if slave.al_state else "without an answer"
+            raise StateError(
+                f"slave {slave.position} ({slave.name}) is {state}, so {output.path} does not "
+                "reach it: `ecatctl state` says why"
+            )
+
+
+def _hold(client: Client, wanted: Iterable[Signal], duration: float | None) -> None:
+    """Gives signs of life until the time is over, or somebody ends the command.
+
+    Raises:
+        LeaseError: The outputs were lost.
+        StateError: A slave has left OP.
+    """
+    outputs = list(wanted)
+    end = None if duration is None else time.monotonic() + duration
+    try:
+        while end is None or time.monotonic() < end:
+            time.sleep(_BEAT if end is None else min(_BEAT, max(0.0, end - time.monotonic())))
+            client.sample()
+            lost = [output.path for output in outputs if not client.output(output).owned]
+            if lost:
+                raise LeaseError(
+                    f"{', '.join(lost)}: lost, and at the safe value, because this command gave no "
+                    "sign of life in time; write again"
+                )
+            _check_slaves(client, outputs)
+    except KeyboardInterrupt:
+        return
