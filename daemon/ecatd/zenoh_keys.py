@@ -1,7 +1,7 @@
 """The Zenoh keys, for gateway and clients.
 
 Each key but `alive` has `ro` or `rw` after the name of the bus, so that access control can
-distinguish reading from writing.
+distinguish reading from writing. A user of another machine has `as/NAME` before `rw`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,10 @@ import zenoh
 
 VERSION = "v1"
 SCHEMA = 1
+AS = "as"
+"""Before the name of a user."""
+RIGHTS = ("ro", "rights")
+"""Below the name of a user: what the user may do."""
 
 
 def bus_key(bus: str, *rest: str) -> str:

@@ -171,6 +171,7 @@ int esc_set_al_status(struct esc_segment *segment, int position, uint16_t status
     store16(slave->memory + REG_AL_STATUS_CODE, code);
     if (status != before)
         registers_set_event(slave, ECAT_EVENT_AL, true);
+    registers_show_state(slave, status != before);
     bool is_op = (status & AL_STATE_MASK) == AL_OP, was_op = (before & AL_STATE_MASK) == AL_OP;
     if (is_op && !was_op) {
         slave->fed = true; /* the time to the first output data counts from here */

@@ -12,6 +12,7 @@ static const struct {
     {REG_DL_CONTROL, REG_DL_CONTROL + 4},
     {REG_RW_OFFSET, REG_RW_OFFSET + 2},
     {REG_AL_CONTROL, REG_AL_CONTROL + 2},
+    {REG_RUN_LED, REG_RUN_LED + 1},
     {REG_ECAT_EVENT_MASK, REG_ECAT_EVENT_MASK + 2},
     {REG_RX_ERRORS, REG_PDI_ERRORS + 1},
     {REG_LOST_LINKS, REG_LOST_LINKS + PORTS},
@@ -51,8 +52,18 @@ enum {
     DL_ALIAS_ENABLE = 0x01,          /* of register 0x0103 */
     DL_CONTROL_DEFAULT = 0x01,       /* forward EtherCAT frames only */
     PROTECTED = 0x01,                /* of registers 0x0021 and 0x0031 */
-    PROTECTED_REGISTERS = 0x0F80     /* their end; user RAM and process data RAM follow */
+    PROTECTED_REGISTERS = 0x0F80,    /* their end; user RAM and process data RAM follow */
+    LED_TAKEN = 0x10                 /* of register 0x0138 */
 };
+
+void registers_show_state(struct slave *slave, bool changed)
+{
+    /* Off in INIT, blinking in PREOP, flickering in BOOT, one flash in SAFEOP, on in OP. */
+    static const uint8_t leds[AL_STATE_MASK + 1] = {[2] = 0x0D, [3] = 0x0E, [4] = 0x01, [AL_OP] = 0x0F};
+    uint8_t *led = slave->memory + REG_RUN_LED;
+    if (changed || (*led & LED_TAKEN) == 0)
+        *led = leds[slave->memory[REG_AL_STATUS] & AL_STATE_MASK];
+}
 
 static void update_station(struct slave *slave)
 {
@@ -200,6 +211,8 @@ static void take_effect(struct slave *slave, uint32_t from, uint32_t to)
         slave->al_events |= AL_EVENT_CONTROL;
         pdi_event(slave, ESC_AL_CONTROL);
     }
+    if (touches(from, to, REG_RUN_LED, 1))
+        registers_show_state(slave, false);
     if (touches(from, to, REG_ECAT_EVENT_MASK, 2)) {
         slave->sm_interrupts = (load16(memory + REG_ECAT_EVENT_MASK) & ECAT_EVENT_SM_MASK) != 0;
         slave->segment->event_word_stale = true;

@@ -30,6 +30,7 @@ enum esc_register {
     REG_AL_CONTROL = 0x0120,
     REG_AL_STATUS = 0x0130,
     REG_AL_STATUS_CODE = 0x0134,
+    REG_RUN_LED = 0x0138,
     REG_PDI_CONTROL = 0x0140,
     REG_PDI_CONFIGURATION = 0x0150,
     REG_ECAT_EVENT_MASK = 0x0200,
@@ -324,6 +325,9 @@ bool access_write(struct slave *slave, uint16_t address, const uint8_t *data, si
 /* registers.c: writes to registers; power-on and reset. */
 void registers_power_on(struct slave *slave);
 void registers_reset(struct slave *slave);
+/* Has the RUN LED show the AL state, unless the master has taken it over. Another AL status takes it
+ * back. */
+void registers_show_state(struct slave *slave, bool changed);
 bool registers_write(struct slave *slave, uint32_t address, const uint8_t *data, size_t size);
 bool registers_device_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data);
 bool registers_exist(const struct slave *slave, uint32_t from, uint32_t to);

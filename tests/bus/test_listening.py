@@ -23,6 +23,7 @@ CONFIG = f"""
 [gateway]
 listen = ["tcp/{LATE}:{PORT}", "tcp/127.0.0.1:{PORT}", "tcp/nowhere.invalid:1",
   "tcp/a..b:1"]
+anonymous_reading = true
 """
 
 

@@ -161,3 +161,21 @@ def test_a_wrong_file_is_refused(bus: Daemon, tmp_path: Path) -> None:
         wrong = bus.ctl("sdo-restore", INPUTS, str(file), "--yes", check=False)
         assert wrong.returncode == 2, wrong.stderr
         names(one_line_error(wrong.stderr, "ecatctl"), file, *tokens)
+
+
+def test_values_are_written_as_bytes_from_files_and_with_units(bus: Daemon, tmp_path: Path) -> None:
+    where = (INPUTS, "0x8000", "0x11")
+    before = bus.ctl("sdo-read", *where, "-o", str(tmp_path / "before")).stdout
+    names(before, "2 bytes")
+    bus.ctl("sdo-write", *where, "hex:07 00")
+    assert bus.ctl_json("sdo-read", *where)["data"] == "0700"
+    bus.ctl("sdo-write", *where, f"@{tmp_path / 'before'}")
+    assert bus.ctl_json("sdo-read", *where)["data"] == (tmp_path / "before").read_bytes().hex()
+    for text, status, tokens in (
+        ("hex:0", 2, ("'hex:0'",)),
+        (f"@{tmp_path}/missing", 2, (f"{tmp_path}/missing",)),
+        ("5 m", 2, ("0x8000:11", "m")),
+    ):
+        wrong = bus.ctl("sdo-write", *where, text, check=False)
+        assert wrong.returncode == status, wrong
+        names(one_line_error(wrong.stderr, "ecatctl"), *tokens)

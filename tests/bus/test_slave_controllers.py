@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -134,6 +135,7 @@ def test_registers_are_read_and_written(bus: Daemon) -> None:
         ("reg-write 0 0x0012 hex:0 --yes", 2, ("'hex:0'",)),
         ("reg-write 0 0x0012 5 --yes", 7, ("slave 0 (EK1100)", "0x0012", "write")),
         ("errors -p 99", 7, ("slave 99",)),
+        ("alias 99 5 --yes", 7, ("slave 99",)),
         ("errors --count 2", 2, ("--watch",)),
     ],
 )
@@ -159,3 +161,104 @@ def test_an_eeprom_is_read(bus: Daemon, simulator: Simulator, tmp_path: Path) ->
     wrong = bus.ctl("sii-read", "9", "-o", str(tmp_path / "no" / "file"), check=False)
     assert wrong.returncode == 7
     one_line_error(wrong.stderr, "ecatctl")
+
+
+def test_an_eeprom_is_written(bus: Daemon, tmp_path: Path) -> None:
+    file, backup = tmp_path / "eeprom.bin", tmp_path / "before.bin"
+    bus.ctl("sii-read", "9", "-o", str(file))
+    image = bytearray(file.read_bytes())
+    name = image.index(b"EL3102")
+    image[name : name + 6] = b"EL3199"
+    file.write_bytes(image)
+    asked = bus.ctl("sii-write", "9", str(file), "--backup", str(backup), check=False)
+    assert asked.returncode == 2
+    names(one_line_error(asked.stderr, "ecatctl"), "slave 9 (EL3102)", "1 words", "--yes")
+    assert not backup.exists()
+    shown = bus.ctl("sii-write", "9", str(file), "--dry-run").stdout
+    names(shown, "- order code", "EL3199", "1 words would be written")
+    document = bus.ctl_json("sii-write", "9", str(file), "--backup", str(backup), "--yes")
+    assert (document["differ"], document["written"]) == (1, 1)
+    names(bus.log, "EEPROM words", "slave 9 (EL3102)", "pid")
+    assert bus.ctl_json("sii-read", "9")["sii"]["order"] == "EL3199"
+    again = bus.ctl("sii-write", "9", str(file), "--yes")
+    names(again.stdout, "slave 9 (EL3102)", "nothing was written")
+    bus.ctl("sii-write", "9", str(backup), "--backup", str(tmp_path / "x"), "--yes")
+    assert bus.ctl_json("sii-read", "9")["sii"]["order"] == "EL3102"
+    assert all(row["text"] == "OP" for row in bus.slave_rows("state"))
+
+
+def test_wrong_eeproms_are_not_written(bus: Daemon, tmp_path: Path) -> None:
+    file = tmp_path / "eeprom.bin"
+    bus.ctl("sii-read", "9", "-o", str(file))
+    image = file.read_bytes()
+    for data, tokens in (
+        (b"", ("0 bytes",)),
+        (image[:-1], (f"{len(image) - 1} bytes",)),
+        (image + bytes(len(image)), (f"{2 * len(image)} bytes", "slave 9 (EL3102)")),
+        (bytes([image[0] ^ 1]) + image[1:], ("checksum", "--force")),
+    ):
+        file.write_bytes(data)
+        wrong = bus.ctl("sii-write", "9", str(file), "--yes", check=False)
+        assert wrong.returncode == 2, wrong
+        names(one_line_error(wrong.stderr, "ecatctl"), str(file), *tokens)
+    file.write_bytes(image)
+    (tmp_path / "here").write_bytes(b"")
+    file.write_bytes(image.replace(b"EL3102", b"EL3199"))
+    wrong = bus.ctl(
+        "sii-write", "9", str(file), "--backup", str(tmp_path / "here"), "--yes", check=False
+    )
+    assert wrong.returncode == 2
+    names(one_line_error(wrong.stderr, "ecatctl"), str(tmp_path / "here"))
+    assert bus.ctl_json("sii-read", "9")["sii"]["order"] == "EL3102"
+
+
+def test_an_alias_is_written_with_its_checksum(bus: Daemon, simulator: Simulator) -> None:
+    before = bus.ctl_json("sii-read", "1")["sii"]["alias"]
+    asked = bus.ctl("alias", "1", "1234", check=False)
+    assert asked.returncode == 2
+    names(one_line_error(asked.stderr, "ecatctl"), "slave 1", before, "1234", "--yes")
+    assert bus.ctl_json("alias", "1", "1234", "--yes")["before"] == before
+    found = bus.ctl_json("sii-read", "1")["sii"]
+    assert (found["alias"], found["problems"]) == (1234, [])
+    names(bus.ctl("alias", "1", "1234").stdout, "nothing was written")
+    simulator.faults.eeprom(1, "checksum")
+    wrong = bus.ctl("alias", "1", "5", "--yes", check=False)
+    assert wrong.returncode == 7
+    names(one_line_error(wrong.stderr, "ecatctl"), "slave 1", "checksum", "sii-write")
+    simulator.faults.eeprom(1, "restore")
+    bus.ctl("alias", "1", str(before), "--yes")
+
+
+def test_a_slave_is_reset_and_comes_back(bus: Daemon) -> None:
+    asked = bus.ctl("reboot", "5", check=False)
+    assert asked.returncode == 2
+    names(one_line_error(asked.stderr, "ecatctl"), "slave 5", "--yes")
+    document = bus.ctl_json("--timeout", "60", "reboot", "5", "--yes")
+    assert document["slave"] == 5
+    assert all(row["text"] == "OP" for row in bus.slave_rows("state"))
+    assert any(
+        row["event"] == "al_state" and row["slave"] == 5 for row in bus.ctl_json("events")["events"]
+    )
+
+
+def test_the_wire_is_compared_with_the_start(bus: Daemon, simulator: Simulator) -> None:
+    same = bus.ctl("rescan")
+    names(same.stdout, "11 devices", "10 EL2008", "as at the start")
+    simulator.faults.power_off(10)
+    wait_for(lambda: bus.ctl("rescan", check=False).returncode == 7, bus)
+    names(bus.ctl("rescan", check=False).stdout, "10 devices", "slave 10 (EL2008)", "not there")
+    simulator.faults.swap(10, "EL1018")
+    simulator.faults.power_on(10)
+    wait_for(lambda: len(rows(bus)) == 11, bus)
+    wait_for(lambda: rows(bus)[10]["vendor"] is not None, bus)
+    assert rows(bus)[10]["product"] != bus.slave_rows()[10]["product"]
+    assert rows(bus)[10]["difference"]
+    simulator.faults.swap(10, "original")
+    wait_for(lambda: all(row["text"] == "OP" for row in bus.slave_rows("state")), bus)
+    assert bus.ctl("rescan").returncode == 0
+
+
+def rows(bus: Daemon) -> list[dict[str, Any]]:
+    found = json.loads(bus.ctl("rescan", "--json", check=False).stdout)
+    devices: list[dict[str, Any]] = found["devices"]
+    return devices

@@ -1,6 +1,7 @@
 """`ecatctl read`, `write` and `record`: values of the process image by names."""
 
 import csv
+import json
 import signal
 import subprocess
 import sys
@@ -140,3 +141,58 @@ def test_cycles_are_recorded(bus: Daemon, tmp_path: Path) -> None:
     for row, cycle in zip(rows, cycles, strict=True):
         assert float(row[0]) == pytest.approx(0.001 * (cycle - cycles[0]))
     assert all(-10 <= float(cell) <= 10 for row in rows for cell in row[2:] if cell)
+
+
+def test_recordings_in_other_formats_have_the_same_values(bus: Daemon, tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+    from pyarrow import parquet
+
+    table, messages = tmp_path / "run.parquet", tmp_path / "run.mcap"
+    told = bus.ctl_json("record", "-o", str(table), "4/*Value", "2/*", "--for", "0.3")
+    found = parquet.read_table(table)
+    assert found.num_rows == told["cycles"] > 0
+    assert found.schema.field(2).metadata is not None
+    names_ = [name for name in found.column_names if name.startswith("4/")]
+    assert len(names_) == 8
+    assert found.schema.field(names_[0]).metadata[b"unit"] == b"V"
+    assert all(-10 <= value <= 10 for value in found[names_[0]].to_pylist() if value is not None)
+    bus.ctl("record", "-o", str(messages), "4/*Value", "--for", "0.3")
+    with messages.open("rb") as file:
+        rows = [
+            (channel.topic, json.loads(message.data), message.log_time)
+            for _, channel, message in make_reader(file).iter_messages()
+        ]
+    assert {topic for topic, _, _ in rows} == {f"/{bus.bus}"}
+    cycles = [content["cycle"] for _, content, _ in rows]
+    assert cycles == sorted(cycles)
+    assert all(set(content["values"]) == set(names_) for _, content, _ in rows)
+    assert [at for _, _, at in rows] == sorted(at for _, _, at in rows)
+
+
+def test_a_replay_has_the_recorded_values(
+    bus: Daemon, start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    run, again = tmp_path / "run.csv", tmp_path / "again.csv"
+    bus.ctl("record", "-o", str(run), "4/*", "2/*", "--raw", "--for", "1")
+    physical = tmp_path / "physical.csv"
+    bus.ctl("record", "-o", str(physical), "4/*Value", "--for", "0.05")
+    replayed = start_daemon("troll", "--replay", str(run))
+    # The last values stay, so all that a recording has come by within its time.
+    replayed.ctl("record", "-o", str(again), "4/*", "2/*", "--raw", "--for", "0.3")
+    last = run.read_text().splitlines()[-1].split(",")[2:]
+    rows = again.read_text().splitlines()
+    assert rows[0] == run.read_text().splitlines()[0]
+    wait_for(lambda: recorded(replayed, again)[-1] == last, replayed)
+    wrong = start_daemon("troll", "--replay", str(physical), ready=False)
+    status, log = wrong.wait_end()
+    assert status == 2
+    names(log, f"{physical}:1", "--raw")
+    without = start_daemon("", "--replay", str(run), "--interface", "nowhere", ready=False)
+    status, log = without.wait_end()
+    assert status == 2
+    names(log, "--replay", "--simulate")
+
+
+def recorded(daemon: Daemon, file: Path) -> list[list[str]]:
+    daemon.ctl("record", "-o", str(file), "4/*", "2/*", "--raw", "--for", "0.05")
+    return [row.split(",")[2:] for row in file.read_text().splitlines()[1:]]

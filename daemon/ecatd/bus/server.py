@@ -125,7 +125,7 @@ class BusServer:
         assert self._up.master is not None
         conversations = Conversations(self._up.master, self._worker, self._monitor.emergencies.note)
         self._slave_requests = SlaveRequests(
-            self.bus, self._up.master, self._worker, conversations, self._log
+            *(self.bus, self._up.master, self._worker, conversations, self._monitor, self._log)
         )
         self._monitor.start(asyncio.get_running_loop())
 
@@ -270,6 +270,9 @@ class BusServer:
             chosen = [n for n, slave in enumerate(slaves) if n in there or not slave.group]
         else:
             chosen = [self.bus.find(request.slave).position]
+        if request.by:
+            whom = "all slaves" if request.slave is None else self.bus.find(request.slave).label
+            self._log.notice(f"{whom}: {request.state.upper()} is asked for by {request.by}")
         await self._running.change(chosen, AlState.parse(request.state))
         return self._state_rows()
 
@@ -287,7 +290,7 @@ class BusServer:
         was = levels_text(before) if part is None else level_of(before, part)
         self._log.notice(
             f"log level of {part or 'all parts'} changed from {was} to {request.level} by "
-            f"{request.by or 'a request over Zenoh'}, until the configuration is read again"
+            f"{request.by}, until the configuration is read again"
         )
         return self._log_levels()
 
@@ -298,6 +301,8 @@ class BusServer:
             shared.set_state(shm.BusState.STOPPING)
         if engine is not None and shared is not None:
             await self._make_safe(engine, shared)
+        if self._slave_requests is not None:
+            self._slave_requests.close()
         if self._monitor is not None:
             self._monitor.stop()
             self._monitor.close()

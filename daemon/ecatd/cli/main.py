@@ -25,7 +25,7 @@ exit status:
   1 only by --check of generate and library: something would change; by doctor: a problem
   check has statuses of its own: 0 well, 1 degraded, 2 down
 
-The daemon of this machine is used; --connect tcp/HOST:7447 asks one of another host.
+The daemon of this machine is used; --connect tls/HOST:7448 asks one of another host.
 """
 
 _COMMANDS = (
@@ -49,19 +49,32 @@ _COMMANDS = (
     ("sdo-write", "sdo", "Write an object of a slave."),
     ("sdo-dump", "sdo_file", "Save the values of all objects of a slave to a file."),
     ("sdo-restore", "sdo_file", "Write the values in such a file back, where they differ."),
+    ("diagnosis", "diagnosis", "Show the diagnosis history of a slave (object 0x10F3)."),
     ("events", "events", "Show what has happened on the bus, and what happens."),
     ("errors", "errors", "Show the error counters of the slaves, and which cables they are about."),
     ("sii-read", "sii", "Show what is in the EEPROM of a slave, or save it."),
+    ("sii-write", "sii_write", "Write the EEPROM of a slave, from a file."),
+    ("alias", "sii_write", "Write the station alias into the EEPROM of a slave."),
+    ("foe-read", "foe", "Read a file of a slave (FoE)."),
+    ("foe-write", "foe", "Write a file to a slave, such as firmware (FoE)."),
+    ("soe-read", "soe", "Read IDNs of a drive (SoE)."),
+    ("soe-write", "soe", "Write an IDN of a drive (SoE)."),
+    ("rescan", "rescan", "Compare the devices on the wire with those of the start."),
+    ("reboot", "rescan", "Reset the controller of a slave, and wait until it is back."),
+    ("identify", "identify", "Have a slave blink, to find it in the cabinet."),
     ("reg-read", "registers", "Read registers of a slave."),
     ("reg-write", "registers", "Write registers of a slave."),
     ("log-level", "log_level", "Show the levels of the log, or change one while the bus runs."),
     ("config", "config", "Write, check, compare or show the configuration."),
     ("startup", "startup", "Compare start-up parameters with the slaves, or capture them."),
     ("scan", "scan", "Print or save what the bus is: slaves, process data, domains."),
+    ("cstruct", "documents", "Print a C header of the process image."),
+    ("xml", "documents", "Print the bus as XML with the elements of ESI files."),
     ("generate", "library", "Write a Modelica library, or an FMU, of the bus."),
     ("library", "library", "Install the Modelica library EtherCAT."),
     ("capture", "capture", "Write the last frames on the wire to a file, for Wireshark."),
     ("doctor", "doctor", "Look at this machine for what makes a bus slow, late or unreachable."),
+    ("remote", "remote_access", "Make certificates for users of other machines, and test them."),
     ("service", "service", "Install, upgrade or remove the service of systemd."),
     ("client-flags", "library", "Print compiler flags for C and C++ programs."),
 )
@@ -108,7 +121,14 @@ def _add_common(parser: argparse.ArgumentParser, *, defaults: bool) -> None:
         "--connect",
         default=default(None),
         metavar="ENDPOINT",
-        help="Zenoh endpoint of a daemon, for example tcp/host:7447",
+        help="Zenoh endpoint of a daemon, for example tls/host:7448",
+    )
+    parser.add_argument(
+        "--identity",
+        default=default(None),
+        metavar="FILE",
+        help="certificate for an encrypted endpoint (default: $ECATD_IDENTITY or "
+        "~/.config/ecatd/identity.pem)",
     )
     parser.add_argument(
         "--timeout",
@@ -187,6 +207,8 @@ def _main() -> int:
     # A saved scan keeps the name of its bus unless --bus gives another one.
     options.given_bus = getattr(options, "bus", None)
     options.bus = options.given_bus or os.environ.get("ECATD_BUS") or "ecat0"
+    if options.identity:  # it holds for all connections of this process
+        os.environ["ECATD_IDENTITY"] = options.identity
     try:
         check_bus_name(options.bus)
         status = _run(options)

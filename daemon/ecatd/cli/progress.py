@@ -1,22 +1,33 @@
-"""Progress of commands that ask a slave for many things."""
+"""Progress of commands that take long, on stderr if that is a terminal."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TypeVar
 
 T = TypeVar("T")
 
 
-def counted(items: Sequence[T], what: str) -> Iterator[T]:
-    """Yields items, and counts them on stderr if it is a terminal: `12 of 400 objects`."""
+@contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """Yields a function that shows how far a command is. At the end, nothing of it is left."""
     shown = sys.stderr.isatty()
-    try:
-        for number, item in enumerate(items, 1):
-            if shown:
-                print(f"\r{number} of {len(items)} {what}", end="", file=sys.stderr, flush=True)
-            yield item
-    finally:
+
+    def show(text: str) -> None:
         if shown:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
+            print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+
+    try:
+        yield show
+    finally:
+        show("")
+
+
+def counted(items: Sequence[T], what: str) -> Iterator[T]:
+    """Yields items, and counts them: `12 of 400 objects`."""
+    with progress() as show:
+        for number, item in enumerate(items, 1):
+            show(f"{number} of {len(items)} {what}")
+            yield item

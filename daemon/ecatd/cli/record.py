@@ -1,20 +1,20 @@
-"""Command `record`: writes the values of each cycle to a CSV file."""
+"""Command `record`: writes the values of each cycle to a file."""
 
 from __future__ import annotations
 
 import argparse
-import csv
 import fcntl
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from ecatd.model.errors import NotPermittedError, StateError, UsageError
 
 from .arguments import times
 from .output import print_json
+from .recordings import FORMATS, Cell, Column, Recording, check_format, open_recording
 from .signals import (
     add_for,
     add_patterns,
@@ -38,7 +38,15 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.set_defaults(alone=record)
     add_patterns(command)
     command.add_argument(
-        "-o", dest="out", metavar="FILE", type=Path, required=True, help="a file that ends in .csv"
+        *("-o", "--out"),
+        dest="out",
+        metavar="FILE",
+        type=Path,
+        required=True,
+        help=f"a file that ends in {', '.join(FORMATS)}",
+    )
+    command.add_argument(
+        "--raw", action="store_true", help="raw values, as `ecatsim run --replay` needs them"
     )
     command.add_argument(
         "--every", type=times, default=1, metavar="N", help="only each Nth cycle (default: 1)"
@@ -47,9 +55,9 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 
 
 def record(options: argparse.Namespace) -> None:
-    """Writes the values of each cycle to a CSV file, until it ends."""
-    if options.out.suffix.lower() != ".csv":
-        raise UsageError(f"{options.out}: give a file name that ends with .csv")
+    """Writes the values of each cycle to a file, until it ends."""
+    suffix = options.out.suffix.lower()
+    check_format(suffix, options.out)
     with open_client(options) as client:
         chosen = find_signals(client, options.patterns)
         period = options.every * client.cycle_time
@@ -60,7 +68,12 @@ def record(options: argparse.Namespace) -> None:
             )
         try:
             with _alone(options.out) as file, ended_by_signals():
-                count, left_out, empty = _record(client, chosen, csv.writer(file), options)
+                columns = [_column(signal, options.raw) for signal in chosen]
+                recording = open_recording(suffix, file, options.bus, columns)
+                try:
+                    count, left_out, empty = _record(client, chosen, recording, options)
+                finally:
+                    recording.end()
         except PermissionError as error:
             raise NotPermittedError(f"{options.out} cannot be written: {error.strerror}") from error
         except OSError as error:
@@ -84,14 +97,14 @@ def record(options: argparse.Namespace) -> None:
 
 
 @contextmanager
-def _alone(path: Path) -> Iterator[TextIO]:
+def _alone(path: Path) -> Iterator[BinaryIO]:
     """Opens a file for writing that no other `record` writes.
 
     Raises:
         StateError: Another one writes it.
         OSError: It cannot be written.
     """
-    with path.open("a", encoding="utf-8", newline="") as file:
+    with path.open("ab") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -101,16 +114,23 @@ def _alone(path: Path) -> Iterator[TextIO]:
         yield file
 
 
+def _column(signal: Signal, raw: bool) -> Column:
+    """A column of the file; that of raw values has the address of the entry, for a replay."""
+    whole = "int64" if signal.signed else "uint64"
+    kind = "float64" if signal.real else whole
+    if raw:
+        return Column(f"{signal.path} ({signal.address})", "", kind)
+    return Column(signal.path, signal.unit, "float64" if is_physical(signal) else kind)
+
+
 def _record(
-    client: Client, chosen: list[Signal], rows: Any, options: argparse.Namespace
+    client: Client, chosen: list[Signal], recording: Recording, options: argparse.Namespace
 ) -> tuple[int, int, int]:
-    """Writes the head and the rows.
+    """Records cycles.
 
     Returns:
-        How many rows, how many cycles were missed, and how many fields are empty.
+        How many, how many cycles were missed, and how many values could not be trusted.
     """
-    units = {signal.number: f" [{signal.unit}]" if signal.unit else "" for signal in chosen}
-    rows.writerow(["time_s", "cycle", *(f"{s.path}{units[s.number]}" for s in chosen)])
     group, step, count, left_out, empty = client.group(chosen), client.cycle_time, 0, 0, 0
     patience = _PATIENCE + 2 * options.every * step
     domains = {signal.domain for signal in chosen}
@@ -125,26 +145,26 @@ def _record(
                 first = cycle
             elif last is not None:
                 left_out += max(0, (cycle - last) // options.every - 1)
-            cells = _cells(chosen, group)
-            empty += cells.count("")
-            rows.writerow([f"{(cycle - first) * step:.6f}", cycle, *cells])
+            cells = _cells(chosen, group, options.raw)
+            empty += cells.count(None)
+            recording.add((cycle - first) * step, cycle, cells)
             last, count = cycle, count + 1
     except KeyboardInterrupt:
         pass
     return count, left_out, empty
 
 
-def _cells(chosen: list[Signal], group: SignalGroup) -> list[str]:
-    """The values as texts; that of an entry that cannot be trusted is empty.
+def _cells(chosen: list[Signal], group: SignalGroup, only_raw: bool) -> list[Cell]:
+    """The values; that of an entry that cannot be trusted is None.
 
     All entries of a slave in one direction are worth the same.
     """
     worth: dict[tuple[int, bool], bool] = {}
-    cells = []
+    cells: list[Cell] = []
     for signal, raw, value in zip(chosen, group.raw, group.values, strict=True):
         key = signal.slave, signal.output
         if key not in worth:
             worth[key] = signal.validity.name == "VALID"
-        text = f"{value:.15g}" if is_physical(signal) or signal.real else str(raw)
-        cells.append(text if worth[key] else "")
+        physical = not only_raw and (is_physical(signal) or signal.real)
+        cells.append((value if physical else raw) if worth[key] else None)
     return cells

@@ -6,18 +6,33 @@ import argparse
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model import abort_codes
-from ecatd.model.datatypes import TYPE_NAMES, decode, encode, is_real, parse_type, type_name
-from ecatd.model.errors import SdoAbortError
+from ecatd.model.datatypes import (
+    STRINGS,
+    TYPE_NAMES,
+    DataType,
+    decode,
+    encode,
+    is_real,
+    parse_type,
+    type_name,
+)
+from ecatd.model.errors import SdoAbortError, UsageError
+from ecatd.model.pdo import Entry
+from ecatd.model.physical import to_raw
 
 from .arguments import bounded, slave
 from .output import print_json
+from .scan import save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote, SdoValue
 
+_WITH_UNIT = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?) +(\S.*)")
+"""A number with a unit."""
 _FOUR_DIGITS = re.compile("[1-9][0-9]{3}")
 
 
@@ -47,13 +62,20 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         help="object subindex" + (" (default: 0)" if reading else ""),
     )
     if not reading:
-        command.add_argument("value", help="number, text, or hexadecimal bytes")
+        command.add_argument(
+            "value",
+            help="number, text, a number with its unit ('1.5 V'), bytes (hex:04 00), or @FILE",
+        )
     command.add_argument(
         "--type",
         metavar="TYPE",
         help=f"data type, where it is not known: {', '.join(TYPE_NAMES)}",
     )
     command.add_argument("--complete", action="store_true", help="complete access")
+    if reading:
+        command.add_argument(
+            "-o", dest="out", metavar="FILE", type=Path, help="save the bytes to this file"
+        )
     command.add_argument("-v", "--verbose", action="store_true", help="print name and type too")
 
 
@@ -66,8 +88,13 @@ def sdo_read(remote: Remote, options: argparse.Namespace) -> None:
     if options.type:
         found = found._replace(data_type=parse_type(options.type))
     value = decode(found.data_type, found.data)
+    if options.out is not None:
+        save_bytes(options.out, found.data)
     if options.json:
         print_json(_document(remote, options, found) | {"value": value})
+        return
+    if options.out is not None:
+        print(f"{options.out}: {len(found.data)} bytes")
         return
     text = value_text(found)
     if options.verbose:
@@ -129,11 +156,48 @@ def _hint(index: Index) -> Iterator[None]:
         raise SdoAbortError(error.code, f"{error} ({hint})") from error
 
 
+def _data(remote: Remote, options: argparse.Namespace, chosen: DataType | None) -> bytes | str:
+    """What is written: bytes, or a text of which the daemon makes them.
+
+    Raises:
+        UsageError: The value is none, a file cannot be read, or a unit does not fit.
+    """
+    text: str = options.value
+    if text.startswith("hex:"):
+        try:
+            return bytes.fromhex(text[4:])
+        except ValueError:
+            raise UsageError(f"'{text}' is no row of bytes: write it as 'hex:04 00'") from None
+    if text.startswith("@"):
+        try:
+            return Path(text[1:]).read_bytes()
+        except OSError as error:
+            raise UsageError(f"{text[1:]} cannot be read: {error.strerror}") from error
+    if chosen is not None:
+        return encode(chosen, text)
+    match = _WITH_UNIT.fullmatch(text)
+    return text if match is None else _raw(remote, options, float(match[1]), match[2])
+
+
+def _raw(remote: Remote, options: argparse.Namespace, value: float, unit: str) -> str:
+    """A physical value as the raw one; the text itself if the object is one."""
+    known = remote.sdo_read(options.slave, options.index, options.subindex)
+    if known.data_type in STRINGS:
+        return str(options.value)
+    entry = Entry(
+        *(options.index, options.subindex, known.name, known.data_type, 8 * len(known.data)),
+        unit=known.unit,
+        scale=known.scale,
+        offset=known.offset,
+    )
+    return str(to_raw(entry, value, unit))
+
+
 def sdo_write(remote: Remote, options: argparse.Namespace) -> None:
     """Downloads a value to an object; the daemon finds out the type unless `--type` is given."""
     chosen = parse_type(options.type) if options.type else None
-    data = options.value if chosen is None else encode(chosen, options.value)
     with _hint(options.index):
+        data = _data(remote, options, chosen)
         written = remote.sdo_write(
             options.slave, options.index, options.subindex, data, complete=options.complete
         )

@@ -48,7 +48,7 @@ def sii_read(remote: Remote, options: argparse.Namespace) -> None:
     elif options.out is not None:
         print(f"{options.out}: {len(image)} bytes of the EEPROM of {found.label}")
     else:
-        print("\n".join(_lines(sii, len(image))))
+        print("\n".join(sii_lines(sii, len(image))))
 
 
 def _names(bits: int, names: tuple[str, ...]) -> list[str]:
@@ -108,7 +108,8 @@ def _usage(usage: int) -> str:
     return _USAGES[usage] if usage < len(_USAGES) else f"usage {usage}"
 
 
-def _lines(sii: Sii, size: int) -> Iterator[str]:
+def sii_lines(sii: Sii, size: int) -> Iterator[str]:
+    """What is in an EEPROM of so many bytes, for a person."""
     protocols = ", ".join(_names(sii.mailbox_protocols, _PROTOCOLS)) or "none"
     coe = [*_names(sii.coe, _COE), *(["complete access"] if sii.coe & _COMPLETE else [])]
     for name, value in (

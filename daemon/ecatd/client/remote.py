@@ -26,32 +26,41 @@ from ecatd.model.messages import (
     ReadErrors,
     ReadEvents,
     ReadFrames,
+    ReadIdn,
     ReadInfo,
     ReadLogLevels,
     ReadRegister,
     ReadSii,
     ReadStates,
     Request,
+    Rescan,
     ResetErrors,
     SdoRead,
     SdoWrite,
     SetLogLevel,
     SetState,
+    StartFoe,
+    WriteIdn,
     WriteRegister,
+    WriteSii,
 )
 from ecatd.model.queries import to_query
 from ecatd.paths import search_dirs, zenoh_socket
 from ecatd.units import how_to_start
-from ecatd.zenoh_keys import bus_key, session_config
+from ecatd.zenoh_keys import AS, RIGHTS, bus_key, session_config
+
+from .identity import find_identity, is_encrypted, whose
 
 # What only some requests need is loaded by them: most commands are one request, and short.
 if TYPE_CHECKING:
     from ecatd.model.bus import Bus
     from ecatd.model.config import Config
     from ecatd.model.dictionary import DictionaryObject
+    from ecatd.model.idns import IdnValue
     from ecatd.model.port_errors import SlaveErrors
     from ecatd.stats import Snapshot
 
+    from .file_transfer import FileTransfer
 
 _SII_PART = 64
 """Words of an EEPROM that one request reads: the size of the smallest one. Other requests wait
@@ -120,19 +129,27 @@ class Remote:
 
     Args:
         bus: Name of the bus.
-        connect: Zenoh endpoint such as `tcp/host:7447`; by default the daemon of this machine.
+        connect: Zenoh endpoint such as `tls/host:7447`; by default the daemon of this machine.
         timeout: Seconds to wait for an answer.
+        identity: File with the certificate of a user, for an encrypted endpoint; by default the one
+            that `find_identity` finds.
 
     Raises:
         UnreachableError: No daemon is there.
         NotPermittedError: This user may not use it.
+        UsageError: The file is no identity.
     """
 
     def __init__(
-        self, bus: str = "ecat0", connect: str | None = None, timeout: float = 10.0
+        self,
+        bus: str = "ecat0",
+        connect: str | None = None,
+        timeout: float = 10.0,
+        identity: Path | None = None,
     ) -> None:
         self.bus = check_bus_name(bus)
         self._timeout = timeout
+        self._identity = find_identity(identity) if is_encrypted(connect) else None
         self._is_local = connect is None or connect.startswith("unixsock-stream/")
         zenoh.init_log_from_env_or("off")
         deadline = time.monotonic() + min(timeout, _GATEWAY_PATIENCE)
@@ -150,6 +167,7 @@ class Remote:
             "connect/endpoints": [endpoint],
             "connect/timeout_ms": int(min(self._timeout, 2.0) * 1000),
             "connect/exit_on_failure": True,
+            **(self._identity.settings if self._identity else {}),
         }
         try:
             config = session_config("client", settings)
@@ -160,6 +178,11 @@ class Remote:
         except zenoh.ZError as error:
             if found:
                 raise _unserved(self.bus) from error
+            if is_encrypted(endpoint):
+                raise UnreachableError(
+                    f"no ecatd lets this user in for bus '{self.bus}' at {endpoint}: "
+                    + whose(self._identity)
+                ) from error
             raise UnreachableError(
                 f"no ecatd answers for bus '{self.bus}' at {endpoint}; is it running, and does it "
                 f"listen there?"
@@ -189,6 +212,8 @@ class Remote:
         key, parameters, payload = to_query(request)
         if payload is not None:
             payload["id"] = _request_id()
+            if self.user:
+                key = (AS, self.user, *key)
         return self._ask(*key, payload=payload, parameters=parameters)
 
     def _ask(
@@ -233,21 +258,46 @@ class Remote:
                 bus_key(self.bus, "alive"), timeout=min(self._timeout, 2.0)
             )
         )
+        if not alive and self.user:
+            return NotPermittedError(
+                f"no daemon there lets user '{self.user}' use bus '{self.bus}': its configuration "
+                "does not name this user in [[gateway.user]], or it serves another bus"
+            )
         if not alive and self._is_local:
             return _unserved(self.bus)
         if not alive:
             text = f"no ecatd serves bus '{self.bus}' there; {how_to_start(self.bus)}"
             return UnreachableError(text)
         silent = f"the daemon of bus '{self.bus}' gave no answer"
+        if key[0] == AS:
+            return NotPermittedError(
+                f"{silent} to user '{self.user}': it does not know this user (`[[gateway.user]]` "
+                "of its configuration), or is busy"
+            )
         if key[0] == "rw" and not self._is_local:
             return NotPermittedError(
-                f"{silent}: changes are permitted only on its own machine, to members of the group "
-                f"'ecat'"
+                f"{silent}: changes are permitted on its own machine to members of the group "
+                f"'ecat', and to users with a certificate (`ecatctl remote`)"
             )
         silent += f" within {self._timeout:g} s: its bus server is busy, or hangs"
         if key[0] == "rw":
             silent += "; the change may still be carried out, so look before you ask again"
         return NoAnswerError(silent)
+
+    @property
+    def user(self) -> str:
+        """The user as whom this session asks; empty if the connection does not know users."""
+        return self._identity.user if self._identity else ""
+
+    def rights(self) -> dict[str, Any]:
+        """What the user of this session may do: `user`, `read`, `write`, `slaves` (empty: all).
+
+        Raises:
+            NotPermittedError: The connection does not know users, or not this one.
+        """
+        if not self.user:
+            raise NotPermittedError("this connection does not know users: it has no certificate")
+        return self._ask(AS, self.user, *RIGHTS)
 
     def info(self) -> dict[str, Any]:
         """Version, interface, start time and cycle time of the daemon."""
@@ -291,6 +341,14 @@ class Remote:
         """AL states of all slaves: `position`, names, `al_state`, `al_code` and `text`."""
         return list(self.request(ReadStates())["slaves"])
 
+    def rescan(self) -> dict[str, Any]:
+        """The devices that are on the wire now, and the slaves that are not; see `Wire.scan`.
+
+        Raises:
+            StateError: Devices come and go meanwhile.
+        """
+        return self.request(Rescan())
+
     def stats(self) -> Snapshot:
         """Statistics of the bus since the start of the exchange."""
         from ecatd.stats import from_map
@@ -327,7 +385,7 @@ class Remote:
             complete: Complete access.
         """
         value, raw = (data, None) if isinstance(data, str) else (None, data)
-        request = SdoWrite(slave, index, raw, subindex, complete, value)
+        request = SdoWrite(slave, index, raw, subindex, complete, value, who())
         return _sdo_value(self.request(request))
 
     def list_objects(self, slave: int | str) -> list[int]:
@@ -362,7 +420,23 @@ class Remote:
 
     def register_write(self, slave: int | str, address: int, data: bytes) -> bytes:
         """Writes registers; returns what they have afterwards. Raises as `register_read`."""
-        return bytes(self.request(WriteRegister(slave, address, data, _who()))["data"])
+        return bytes(self.request(WriteRegister(slave, address, data, who()))["data"])
+
+    def read_idn(self, slave: int | str, idn: int, drive: int = 0) -> IdnValue:
+        """Reads an IDN of a drive (SoE), given as `ecatd.model.idns.parse_idn` makes it.
+
+        Raises:
+            StateError: There is no such slave or IDN, or the slave has no SoE.
+        """
+        from ecatd.model.idns import IdnValue
+
+        return IdnValue.from_map(self.request(ReadIdn(slave, idn, drive)))
+
+    def write_idn(self, slave: int | str, idn: int, data: bytes, drive: int = 0) -> IdnValue:
+        """Writes the value of an IDN; returns what was written. Raises as `read_idn`."""
+        from ecatd.model.idns import IdnValue
+
+        return IdnValue.from_map(self.request(WriteIdn(slave, idn, data, drive, who())))
 
     def sii(self, slave: int | str) -> bytes:
         """Reads the whole EEPROM of a slave, which is given by its position or name.
@@ -378,13 +452,67 @@ class Remote:
             first, last = word // _SII_PART, (word + count - 1) // _SII_PART
             for number in range(first, last + 1):
                 if number not in parts:
-                    request = ReadSii(slave, number * _SII_PART, _SII_PART)
-                    parts[number] = bytes(self.request(request)["data"])
+                    parts[number] = self.read_sii(slave, number * _SII_PART, _SII_PART)
             data = b"".join(parts[number] for number in range(first, last + 1))
             start = 2 * (word - first * _SII_PART)
             return data[start : start + 2 * count]
 
         return whole_image(words)
+
+    def read_sii(self, slave: int | str, word: int, count: int) -> bytes:
+        """Reads up to 256 words of the EEPROM of a slave, from one on; raises as `sii`."""
+        return bytes(self.request(ReadSii(slave, word, count))["data"])
+
+    def write_sii(self, slave: int | str, word: int, data: bytes) -> int:
+        """Writes up to 64 words of the EEPROM of a slave; returns how many had other values.
+
+        The slave uses them when it is switched on the next time.
+
+        Args:
+            slave: Position or name.
+            word: Address of the first word.
+            data: The words, little endian.
+
+        Raises:
+            StateError: There is no such slave, or its EEPROM cannot be written.
+        """
+        return int(self.request(WriteSii(slave, word, data, who()))["written"])
+
+    def start_file_read(
+        self, slave: int | str, file: str, *, password: int = 0, boot: bool = False
+    ) -> FileTransfer:
+        """Starts to read a file of a slave (FoE).
+
+        Args:
+            slave: Position or name.
+            file: Its name, as the slave knows it.
+            password: Its password, 0 for none.
+            boot: Whether to bring the slave to BOOT for it, and back.
+
+        Raises:
+            BusyError: The slave has another transfer, or there are too many.
+            StateError: There is no such slave.
+        """
+        from .file_transfer import FileTransfer
+
+        request = StartFoe(slave, file, password=password, boot=boot, by=who())
+        return FileTransfer(self, self.request(request))
+
+    def start_file_write(
+        self, slave: int | str, file: str, data: bytes, *, password: int = 0, boot: bool = False
+    ) -> FileTransfer:
+        """Starts to write a file to a slave (FoE); arguments and errors as `start_file_read`.
+
+        `FileTransfer.send` then sends the data to the daemon. If the daemon is writing the same
+        file already, this is that transfer.
+        """
+        import hashlib
+
+        from .file_transfer import FileTransfer
+
+        digest = hashlib.sha256(data).hexdigest()
+        request = StartFoe(slave, file, True, len(data), digest, password, boot, who())
+        return FileTransfer(self, self.request(request), data)
 
     def errors(self) -> list[SlaveErrors]:
         """The error counters of all slaves that answer."""
@@ -396,11 +524,11 @@ class Remote:
         Raises:
             StateError: There is no such slave, or it does not answer.
         """
-        return _slave_errors(self.request(ResetErrors(slave, _who())))
+        return _slave_errors(self.request(ResetErrors(slave, who())))
 
     def set_state(self, state: str, slave: int | str | None = None) -> list[dict[str, Any]]:
         """Brings one slave, or all, to an AL state; returns all states as `states` does."""
-        return list(self.request(SetState(state, slave))["slaves"])
+        return list(self.request(SetState(state, slave, who()))["slaves"])
 
     def log_levels(self) -> dict[str, dict[str, str]]:
         """By part, the `levels` of the log in force, and those that are `configured`."""
@@ -411,7 +539,7 @@ class Remote:
 
         It lasts until the daemon reads its configuration again.
         """
-        return _levels(self.request(SetLogLevel(level, part, _who())))
+        return _levels(self.request(SetLogLevel(level, part, who())))
 
 
 def _levels(answer: dict[str, Any]) -> dict[str, dict[str, str]]:
@@ -424,7 +552,7 @@ def _slave_errors(answer: dict[str, Any]) -> list[SlaveErrors]:
     return [SlaveErrors.from_map(item) for item in answer["slaves"]]
 
 
-def _who() -> str:
+def who() -> str:
     """This process, for the log of the daemon."""
     program = Path("/proc/self/comm").read_text(errors="replace").strip()
     name = "".join(letter if letter.isprintable() else "?" for letter in program)

@@ -190,6 +190,7 @@ class EsiDevice:
         categories: Further categories of the EEPROM: type and data of each.
         objects: The object dictionary.
         dictionary_file: Name of another file with the dictionary, or empty.
+        diagnosis_texts: Texts of its diagnosis messages (ETG.1020), by their numbers.
         slots: Its slots for modules, slot 1 first.
         modules: The modules that its slots may have.
     """
@@ -222,5 +223,6 @@ class EsiDevice:
     categories: list[tuple[int, bytes]] = field(default_factory=list)
     objects: list[EsiObject] = field(default_factory=list)
     dictionary_file: str = ""
+    diagnosis_texts: dict[int, str] = field(default_factory=dict)
     slots: list[EsiSlot] = field(default_factory=list)
     modules: list[EsiModule] = field(default_factory=list)

@@ -43,6 +43,7 @@ _TYPES = {
     "BITARR32": DataType.DWORD,
     **{f"BIT{n}": DataType(DataType.BIT1 + n - 1) for n in range(1, 9)},
 }
+_NAMES = [(name, kind) for name, kind in _TYPES.items() if name != "BIT"]
 _STRING = re.compile(r"(STRING|WSTRING|UNICODE_STRING|OCTET_STRING)\s*\(\s*(\d{1,5})\s*\)")
 _BYTES = re.compile(r"ARRAY\s*\[\s*(\d{1,5})\s*\.\.\s*(\d{1,5})\s*\]\s*OF\s*(BYTE|USINT|SINT)")
 _BARE_UNIT = re.compile(r"(?=0|\d*[A-Fa-f])[0-9A-Fa-f]{8}")
@@ -131,6 +132,11 @@ def simple_type(name: str, bits: int) -> tuple[DataType, int] | None:
     if match:
         return DataType.OCTET_STRING, 8 * max(0, int(match[2]) - int(match[1]) + 1)
     return None
+
+
+def type_in_esi(data_type: int) -> str:
+    """The name in ESI files of a data type that is no string; that of bytes if it has none."""
+    return next((name for name, kind in _NAMES if kind == data_type), "BYTE")
 
 
 def read_dictionary(dictionary: Element, shift: Shift = UNMOVED) -> list[EsiObject]:

@@ -377,6 +377,10 @@ def _read_eeprom(element: Element, device: EsiDevice) -> None:
 
 def _read_profile(element: Element, device: EsiDevice) -> None:
     for profile in element.all("Profile"):
+        messages = profile.find("DiagMessages")
+        for message in messages.all("DiagMessage") if messages else ():
+            number = message.number_of("TextId", high=0xFFFF)
+            device.diagnosis_texts[number] = message.name("MessageText")
         dictionary = profile.find("Dictionary")
         if dictionary is not None:
             device.objects = read_dictionary(dictionary)

@@ -17,16 +17,25 @@ import zenoh
 
 from ecatd.encoding import MAX_MESSAGE, pack, unpack
 from ecatd.log import Log
-from ecatd.model.config import Config, GatewayConfig, read_config
+from ecatd.model.bus_reader import read_bus
+from ecatd.model.config import Config, GatewayConfig, UserConfig, read_config
 from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError, UsageError
 from ecatd.model.log_levels import DEFAULTS
-from ecatd.model.messages import Describe, ReadConfig, ReadLogLevels, ReadStates, Request
+from ecatd.model.messages import (
+    Describe,
+    ReadConfig,
+    ReadLogLevels,
+    ReadStates,
+    Request,
+    on_behalf,
+)
 from ecatd.model.queries import changes, from_query, read_flag, read_parameters
 from ecatd.paths import control_socket, remove_zenoh_socket, zenoh_socket
 from ecatd.stats import read, to_map
 from ecatd.stats.clocks import read_clocks
-from ecatd.zenoh_keys import SCHEMA, bus_key, session_config
+from ecatd.zenoh_keys import AS, RIGHTS, SCHEMA, bus_key, session_config
 
+from .access import access_control, certificates, check, rights
 from .bus_client import Answer, BusClient
 from .listening import Listening
 from .metrics import MetricsServer
@@ -39,10 +48,8 @@ _CLOSE_PATIENCE = 1.0
 _REMEMBERED = 1024
 """Number of changes whose answers are kept: a change that arrives twice is carried out once."""
 
-_ASKING = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
-_TELLING = ["put", "reply", "declare_queryable", "liveliness_token"]
-"""Messages of Zenoh that others may send to the gateway, and that it may send to them. Nothing else
-passes, so nobody but the gateway can publish, answer or be alive under the keys of a bus."""
+_SOMEBODY = "a request over Zenoh"
+"""Who asks, if the request does not say it."""
 
 
 class Gateway:
@@ -68,7 +75,7 @@ class Gateway:
         self._declared: list[Any] = []
         self._metrics: MetricsServer | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._answers: OrderedDict[str, Answer] = OrderedDict()
+        self._answers: OrderedDict[tuple[str, str], Answer] = OrderedDict()
         self._bus_description: dict[str, Any] = {}  # which stays as it is
 
     async def connect(self) -> Config:
@@ -114,7 +121,7 @@ class Gateway:
             loop.call_soon_threadsafe(self._receive, query)
 
         name = self._name
-        for part in ("ro", "rw"):
+        for part in ("ro", "rw", AS):
             self._declared.append(session.declare_queryable(bus_key(name, part, "**"), receive))
         self._declared.append(session.liveliness().declare_token(bus_key(name, "alive")))
         if address := self._config.metrics:
@@ -130,10 +137,11 @@ class Gateway:
         task.add_done_callback(self._tasks.discard)
 
     async def _open_session(self) -> zenoh.Session:
-        """Opens the Zenoh session: only users of the local socket may change things.
+        """Opens the Zenoh session; `access.py` says who may do what.
 
         Raises:
             UnreachableError: Zenoh does not open it, or does not listen on the local socket.
+            NotPermittedError: A certificate cannot be read.
         """
         remove_zenoh_socket(self._runtime_dir, self._name)
         endpoints = [f"unixsock-stream/{self._socket}", *self._config.listen]
@@ -152,7 +160,6 @@ class Gateway:
         return session
 
     def _session_config(self, endpoints: list[str]) -> zenoh.Config:
-        read = ["ro/**", "alive"]
         return session_config(
             "peer",
             {
@@ -160,45 +167,10 @@ class Gateway:
                 # An address that does not exist yet is tried again, and does not cost the others.
                 "listen/timeout_ms": -1,
                 "listen/exit_on_failure": False,
-                "access_control": {
-                    "enabled": True,
-                    "default_permission": "deny",
-                    "rules": [
-                        # Others may ask all buses at once, to find out which there are.
-                        self._rule("ask", "ingress", _ASKING, "*", read),
-                        self._rule("tell", "egress", _TELLING, self._name, read),
-                        self._rule("want", "ingress", ["query"], self._name, ["rw/**"]),
-                        self._rule(
-                            "obey", "egress", ["reply", "declare_queryable"], self._name, ["rw/**"]
-                        ),
-                    ],
-                    "subjects": [
-                        {"id": "local", "link_protocols": ["unixsock-stream"]},
-                        {
-                            "id": "network",
-                            "link_protocols": ["tcp", "udp", "tls", "quic", "ws"],
-                        },
-                    ],
-                    "policies": [
-                        {"rules": ["ask", "tell", "want", "obey"], "subjects": ["local"]},
-                        {"rules": ["ask", "tell"], "subjects": ["network"]},
-                    ],
-                },
+                "access_control": access_control(self._name, self._config),
+                **certificates(self._config),
             },
         )
-
-    @staticmethod
-    def _rule(
-        name: str, flow: str, messages: list[str], bus: str, keys: list[str]
-    ) -> dict[str, Any]:
-        """A rule of the access control: messages in one direction that are allowed for keys."""
-        return {
-            "id": name,
-            "flows": [flow],
-            "messages": messages,
-            "key_exprs": [bus_key(bus, key) for key in keys],
-            "permission": "allow",
-        }
 
     def _receive(self, query: zenoh.Query) -> None:
         """Starts to answer a query; the reply is sent when the bus server has answered."""
@@ -243,23 +215,46 @@ class Gateway:
                 return _known(parameters, self._stats, "buckets")
             case ["ro", "dc"]:
                 return _known(parameters, lambda: read_clocks(self._name))
+        user = None
+        if parts[:1] == [AS]:
+            user, parts = self._user(parts[1]), parts[2:]
+            if tuple(parts) == RIGHTS:
+                return _known(parameters, lambda: rights(user))
         values = unpack(payload) if payload else {}
         identity = values.pop("id", None)
         request = from_query(parts, parameters, values)
-        return self._once(identity, request) if changes(type(request)) else self._bus.ask(request)
+        if not changes(type(request)):
+            return self._bus.ask(request)
+        by = getattr(request, "by", "")
+        if user is not None:
+            bus = read_bus(self._bus_description, "the bus server", strict=False)
+            try:
+                check(user, request, bus)
+            except NotPermittedError as error:
+                self._log.notice(f"refused: {error}")
+                raise
+            by = f"user '{user.name}'" + (f", {by}" if by else "")
+        return self._once(user, identity, on_behalf(request, by or _SOMEBODY))
+
+    def _user(self, name: str) -> UserConfig:
+        for user in self._config.user:
+            if user.name == name:
+                return user
+        raise NotPermittedError(f"user '{name}' is not in the configuration of the daemon")
 
     def _stats(self, *, buckets: bool) -> dict[str, Any]:
         return to_map(read(self._name), buckets=buckets)
 
-    def _once(self, identity: Any, request: Request) -> Answer:
+    def _once(self, user: UserConfig | None, identity: Any, request: Request) -> Answer:
         """Carries a change out; if its id has come before, returns the answer to the first one."""
         if not isinstance(identity, str) or not 1 <= len(identity) <= 64:
             raise UsageError("a change needs an 'id': a text of 1 to 64 characters, new each time")
-        if identity not in self._answers:
-            self._answers[identity] = self._bus.ask(request)
+        whose = (user.name if user else "", identity)
+        if whose not in self._answers:
+            self._answers[whose] = self._bus.ask(request)
             if len(self._answers) > _REMEMBERED:
                 self._answers.popitem(last=False)
-        return self._answers[identity]
+        return self._answers[whose]
 
     def _on_event(self, event: dict[str, Any]) -> None:
         if event["event"] in ("configuration", "log_levels"):

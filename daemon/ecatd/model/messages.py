@@ -18,6 +18,15 @@ from .errors import UsageError
 from .log_levels import LEVELS, PARTS
 
 _BY_MAX = 100
+_FILE_NAME_MAX, _DIGEST_DIGITS = 255, 64
+FILE_MAX = 64 << 20
+"""Bytes of a file that is transferred."""
+TRANSFER_MAX = 1 << 53
+"""Highest number of a transfer."""
+FILE_PART = 32 * 1024
+"""Bytes of a file in one request or answer."""
+SII_WORDS_MAX = 64
+"""Words of an EEPROM that one request writes: that takes up to half a second."""
 
 KINDS: dict[str, type[Request]] = {}
 """The kinds of requests, by `op`."""
@@ -106,18 +115,27 @@ class ReadStates(Request):
     key = "ro/state"
 
 
+class Rescan(Request):
+    """Asks which devices are on the wire now."""
+
+    op = "rescan"
+    key = "ro/wire"
+
+
 class SetState(Request):
     """Asks to bring one slave or all slaves to an AL state.
 
     Attributes:
         state: Name of the state.
         slave: Position or name, or None for all slaves.
+        by: Who asks, as he says himself, for the log.
     """
 
     op = "set_state"
     key = "rw/state/{slave}"
     state: str
     slave: int | str | None = None
+    by: str = ""
 
 
 class ReadLogLevels(Request):
@@ -178,6 +196,8 @@ class SdoWrite(Request):
         complete: Whether to use complete access.
         value: The value as a user types it (`model.datatypes.encode`); the daemon finds out the
             type of the object.
+        by: Who asks, as he says himself, for the log; empty for the model or program that does it
+            again and again.
     """
 
     op = "sdo_write"
@@ -188,6 +208,7 @@ class SdoWrite(Request):
     subindex: int = 0
     complete: bool = False
     value: str | None = None
+    by: str = ""
 
     def _check(self) -> None:
         if (self.data is None) == (self.value is None):
@@ -297,6 +318,169 @@ class ReadSii(Request):
     count: int = 64
 
 
+class WriteSii(Request):
+    """Writes a part of the EEPROM of a slave (SII).
+
+    Attributes:
+        slave: Position or name; see `Bus.find`.
+        word: Address of the first word.
+        data: The words, little endian.
+        by: Who asks, as he says himself, for the log.
+    """
+
+    op = "write_sii"
+    key = "rw/sii/{slave}"
+    slave: int | str
+    word: int
+    data: bytes
+    by: str = ""
+
+    def _check(self) -> None:
+        if len(self.data) % 2 or not 2 <= len(self.data) <= 2 * SII_WORDS_MAX:
+            raise UsageError(
+                f"'data' of {self.op} has {len(self.data)} bytes: 1 to {SII_WORDS_MAX} words of 2 "
+                "bytes are allowed"
+            )
+
+
+class StartFoe(Request):
+    """Starts to transfer a file (FoE). The daemon goes on by itself, and keeps the file.
+
+    A file that is written is sent to the daemon first, by `PutFoe`. If the same file is on its way
+    to the slave already, the answer is about that transfer.
+
+    Attributes:
+        slave: Position or name; see `Bus.find`.
+        file: Name of the file, as the slave knows it.
+        write: Whether to write the file to the slave, and not to read it.
+        size: Writing: its bytes.
+        digest: Writing: its SHA-256, in hex.
+        password: Password of the slave for it, 0 for none.
+        boot: Whether to bring the slave to BOOT for it, and back.
+        by: Who asks, as he says himself, for the log.
+    """
+
+    op = "start_foe"
+    key = "rw/foe/{slave}"
+    slave: int | str
+    file: str
+    write: bool = False
+    size: int = 0
+    digest: str = ""
+    password: int = 0
+    boot: bool = False
+    by: str = ""
+
+    def _check(self) -> None:
+        try:
+            length = len(self.file.encode("latin-1"))
+        except UnicodeEncodeError:
+            length = 0
+        if not 1 <= length <= _FILE_NAME_MAX or not self.file.isprintable():
+            raise UsageError(
+                f"{self.file!r} is no name of a file: a slave takes 1 to {_FILE_NAME_MAX} "
+                "printable letters of Latin-1"
+            )
+        if self.write and len(self.digest) != _DIGEST_DIGITS:
+            raise UsageError(f"'digest' of {self.op} must be the SHA-256 of the file in hex")
+
+
+class PutFoe(Request):
+    """Sends a part of a file that is to be written; the slave gets it when all parts are there.
+
+    Attributes:
+        transfer: Number of the transfer.
+        offset: Where the part begins: how much of the file the daemon has.
+        data: The part.
+    """
+
+    op = "put_foe"
+    key = "rw/foe/{transfer}/put"
+    transfer: int
+    offset: int
+    data: bytes
+
+
+class TakeFoe(Request):
+    """Asks for a part of a file that has been read.
+
+    Attributes:
+        transfer: Number of the transfer, which is known to those only who have started it.
+        offset: Where the part begins.
+    """
+
+    op = "take_foe"
+    key = "ro/foe/{transfer}/{offset}"
+    transfer: int
+    offset: int
+
+
+class ReadFoe(Request):
+    """Asks how far a transfer is.
+
+    Attributes:
+        transfer: Its number.
+    """
+
+    op = "read_foe"
+    key = "ro/foe/{transfer}"
+    transfer: int
+
+
+class CancelFoe(Request):
+    """Ends a transfer; what a slave does with a part of a file is its own matter.
+
+    Attributes:
+        transfer: Its number.
+        by: Who asks, as he says himself, for the log.
+    """
+
+    op = "cancel_foe"
+    key = "rw/foe/{transfer}/cancel"
+    transfer: int
+    by: str = ""
+
+
+class ReadIdn(Request):
+    """Reads an IDN of a drive (SoE).
+
+    Attributes:
+        slave: Position or name; see `Bus.find`.
+        idn: The IDN, as `parse_idn` makes it.
+        drive: Number of the drive in the slave.
+    """
+
+    op = "read_idn"
+    key = "ro/idn/{slave}/{drive}/{idn}"
+    slave: int | str
+    idn: int
+    drive: int = 0
+
+
+class WriteIdn(Request):
+    """Writes the value of an IDN of a drive (SoE).
+
+    Attributes:
+        slave: Position or name; see `Bus.find`.
+        idn: The IDN, as `parse_idn` makes it.
+        data: The bytes of the value, little endian; of a list without its lengths.
+        drive: Number of the drive in the slave.
+        by: Who asks, as he says himself, for the log.
+    """
+
+    op = "write_idn"
+    key = "rw/idn/{slave}/{drive}/{idn}"
+    slave: int | str
+    idn: int
+    data: bytes
+    drive: int = 0
+    by: str = ""
+
+    def _check(self) -> None:
+        if len(self.data) > _DATA_MAX:
+            raise UsageError(f"'data' of {self.op} has more than {_DATA_MAX} bytes")
+
+
 class ReadEvents(Request):
     """Asks for the last events.
 
@@ -330,9 +514,14 @@ class ReadFrames(Request):
 _RANGES = {
     "slave": (0, 65535),
     "index": (0, 0xFFFF),
+    "idn": (0, 0xFFFF),
+    "drive": (0, 7),
     "subindex": (0, 0xFF),
     "address": (0, 0xFFFF),
-    "size": (1, 0xFFFF),
+    "size": (0, FILE_MAX),
+    "offset": (0, FILE_MAX),
+    "transfer": (1, TRANSFER_MAX),
+    "password": (0, 0xFFFFFFFF),
     "position": (0, 1 << 62),
     "since": (0, 1 << 62),
     "word": (0, 0x3FFFF),
@@ -345,6 +534,14 @@ _REGISTERS_END, _REGISTER_BYTES_MAX = 0x1000, 256
 def to_map(request: Request) -> dict[str, Any]:
     """The request as a map, with its `op`."""
     return {"op": request.op} | {name: getattr(request, name) for name in request.fields}
+
+
+def on_behalf(request: Request, who: str) -> Request:
+    """The same request, asked for by somebody else, if it says at all who asks."""
+    if "by" not in request.fields:
+        return request
+    values = {name: getattr(request, name) for name in request.fields}
+    return type(request)(**{**values, "by": who[:_BY_MAX]})
 
 
 def parse_request(data: Any) -> Request:

@@ -17,6 +17,10 @@ from .messages import KINDS, Request, parse_request
 
 ALL = "all"
 """In the key: all slaves."""
+CHANGES = tuple(
+    dict.fromkeys(kind.key.split("/")[1] for kind in KINDS.values() if kind.key.startswith("rw/"))
+)
+"""Kinds of requests that change something, as rights of users name them: `state`, `sdo`, ..."""
 _TRUE, _FALSE = ("1", "true"), ("0", "false")
 _HEX_DIGITS = {"index": 4, "subindex": 2, "address": 4}
 

@@ -39,6 +39,7 @@ REGISTERS = (
     Register("al_control", 0x0120, 2, "AL state that is asked for"),
     Register("al_status", 0x0130, 2, "AL state, and error bit 4"),
     Register("al_status_code", 0x0134, 2, "why a state was left or refused"),
+    Register("run_led", 0x0138, 1, "RUN LED: bit 4 takes it over, bits 0 to 3 how it blinks"),
     Register("pdi_control", 0x0140, 2, "kind of the process data interface"),
     Register("ecat_event_mask", 0x0200, 2, "events that are told to the master"),
     Register("ecat_event", 0x0210, 2, "events for the master"),

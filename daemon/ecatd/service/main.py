@@ -50,6 +50,12 @@ def make_parser() -> argparse.ArgumentParser:
     source.add_argument(
         "--simulate", metavar="RIG", help="run a simulated rig instead of hardware (see ecatsim)"
     )
+    parser.add_argument(
+        "--replay",
+        metavar="FILE",
+        type=Path,
+        help="with --simulate: the inputs have the values of a recording (`ecatctl record --raw`)",
+    )
     source.add_argument(
         "--only-gateway",
         action="store_true",
@@ -94,6 +100,8 @@ def _configuration(options: argparse.Namespace) -> tuple[Config, dict[str, str]]
         values["log"] = {OTHERS: "debug" if options.verbose else "warning"}
         origins[f"log.{OTHERS}"] = COMMAND_LINE
     config = read_config(values, COMMAND_LINE, origins)
+    if options.replay and not options.simulate:
+        raise UsageError("--replay gives values to the slaves of a simulated rig: add --simulate")
     if not (config.interface or options.simulate or options.check_config):
         raise UsageError(
             "which bus? Give --interface IF, or --simulate troll to try without hardware, or "
@@ -157,6 +165,7 @@ def _main() -> int:
             lambda: _checked(options),
             describe=options.describe,
             gateway=not options.no_gateway,
+            replay=options.replay,
         )
         return asyncio.run(supervisor.run())
     except EcatError as error:

@@ -77,6 +77,7 @@ class Supervisor:
         read: Reads the configuration and its origins anew, for SIGHUP.
         describe: Only print what bus it is.
         gateway: Start a gateway, too.
+        replay: A recording whose values the inputs of the rig have, or None.
     """
 
     def __init__(
@@ -89,7 +90,9 @@ class Supervisor:
         *,
         describe: bool = False,
         gateway: bool = True,
+        replay: Path | None = None,
     ) -> None:
+        self._replay = replay
         self._config = config
         self._origins = origins
         self._rig = rig
@@ -207,8 +210,10 @@ class Supervisor:
 
     async def _start_simulator(self, rig: str) -> tuple[Child, dict[str, Any]]:
         read, write = os.pipe()
-        command = ("ecatsim", "run", rig, "--ready-fd", str(write), "--die-with-parent")
-        child = await self._start("the simulator", *command, fd=write)
+        options = ["--ready-fd", str(write), "--die-with-parent"]
+        if self._replay is not None:
+            options += ["--replay", str(self._replay)]
+        child = await self._start("the simulator", "ecatsim", "run", rig, *options, fd=write)
         os.close(write)
         reader = asyncio.StreamReader()
         await asyncio.get_running_loop().connect_read_pipe(

@@ -51,7 +51,7 @@ function _shtab_ecatd_using
 end
 
 set -g _shtab_ecatd_commands 
-set -g _shtab_ecatd_opts_with_value --bus --config --cycle-time-us --interface --simulate
+set -g _shtab_ecatd_opts_with_value --bus --config --cycle-time-us --interface --replay --simulate
 
 complete -c ecatd -e
 complete -c ecatd -f
@@ -59,6 +59,7 @@ complete -c ecatd -f
 complete -c ecatd -n _shtab_ecatd_using -s h -l help -d 'show this help message and exit'
 complete -c ecatd -n _shtab_ecatd_using -l interface -x -d 'network interface with the slaves'
 complete -c ecatd -n _shtab_ecatd_using -l simulate -x -d 'run a simulated rig instead of hardware (see ecatsim)'
+complete -c ecatd -n _shtab_ecatd_using -l replay -xka "(__fish_complete_path (commandline -ct))" -d 'with --simulate: the inputs have the values of a recording (`ecatctl record --raw`)'
 complete -c ecatd -n _shtab_ecatd_using -l only-gateway -d 'only the gateway of a bus that another ecatd runs with --no-gateway'
 complete -c ecatd -n _shtab_ecatd_using -l no-gateway -d 'no gateway: it is a service of its own'
 complete -c ecatd -n _shtab_ecatd_using -l config -xka "(__fish_complete_path (commandline -ct))" -d 'configuration in TOML'

@@ -19,6 +19,7 @@ from ecatd.process import die_with_parent
 from ..control.server import Server
 from ..control.sockets import FOLDER_VARIABLE, NAME_VARIABLE, folder
 from ..net import netlink
+from ..replay import Replay
 from ..rig import Rig
 from ..rigs import library as rigs
 from ..simulation import Simulation
@@ -47,6 +48,13 @@ def add_arguments(parser: Parser, command: str) -> None:
     parser.add_argument("--ring", action="store_true", help="close a ring with a second interface")
     parser.add_argument("--second", metavar="IF", help="with --interface: the other end of a ring")
     parser.add_argument("--trace", metavar="FILE", type=Path, help="record the plant as CSV")
+    parser.add_argument(
+        "--replay",
+        metavar="FILE",
+        type=Path,
+        help="give inputs the values of a recording (`ecatctl record --raw`)",
+    )
+    parser.add_argument("--repeat", action="store_true", help="with --replay: again and again")
     parser.add_argument(
         "--name", metavar="NAME", help="name for `ecatsim ctl --name` (default: its process id)"
     )
@@ -85,6 +93,8 @@ class _Runner:
             self._enter_namespace()
         rig = rigs.make(arguments.rig)
         rig.ring = rig.ring or arguments.ring or arguments.second is not None
+        if arguments.replay is not None:
+            Replay(arguments.replay, rig, repeat=arguments.repeat)
         self._check_interfaces(rig.ring)
         parent = os.getppid()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -45,6 +45,7 @@ _BOUNDS: Bounds = {
     "ebus_current": (-32768, 32767),
     "file_limit": (0, 1 << 30),
     "file_busy": (0, 1000),
+    "diagnosis_messages": (0, 250),
     "module_distance": (1, 0x0800),
 }
 _CHIP: Bounds = {

@@ -19,12 +19,14 @@ from copy import copy
 from dataclasses import replace
 
 from ecatd.model.al import AlState
+from ecatd.model.diagnosis import Kind
 from ecatd.model.errors import UsageError
 from ecatd.model.pdo import Pdo
 
 from ..esc import Event, Segment
 from . import emergency, standard_objects
 from .device_type import DeviceType
+from .diagnosis import DiagnosisHistory
 from .mailbox import MailboxFault
 from .modules import ModuleSlots
 from .objects import Dictionary, Variable
@@ -37,6 +39,7 @@ from .synchronization import Synchronization
 _AL_CONTROL = 0x0120
 _EVENT_MASK = 0x0204  # register: the events that interrupt the device
 _EVENTS, _SYNC0_EVENT = 0x00FFFF03, 0x00000004  # without SYNC0 and SYNC1: too frequent
+_OF_EMERGENCY = 0xE800  # diagnosis code with the error code of an emergency
 _TIMEOUT = 1.0  # seconds that a change to OP waits for the master
 
 
@@ -49,6 +52,7 @@ class Device(DeviceType):
         position: Position on the segment; -1 before `attach`.
         dictionary: The object dictionary.
         machine: The AL state machine.
+        history: The diagnosis history, or None.
     """
 
     def __init__(self) -> None:
@@ -56,6 +60,7 @@ class Device(DeviceType):
         self.rx_pdos = _copies(self.rx_pdos)
         self.tx_pdos = _copies(self.tx_pdos)
         self.files = dict(self.files)
+        self.idns = [{number: copy(idn) for number, idn in each.items()} for each in self.idns]
         self.position = -1
         self.dictionary = Dictionary()
         self.machine = StateMachine(
@@ -71,13 +76,19 @@ class Device(DeviceType):
         self._slots: ModuleSlots | None = None
         self._sync = Synchronization(self.dc_modes, self.minimum_cycle_ns)
         self._add_objects()
+        self.history = (
+            DiagnosisHistory(self.dictionary, self.diagnosis_messages)
+            if self.diagnosis_messages
+            else None
+        )
         self.describe()
         self._process_data.rebuild()
         standard_objects.add_sync_managers(self.dictionary, self._process_data.settings)
         self.dictionary.remember()
         self._services = (
             Services(
-                self.mailbox, self.bootstrap, self.dictionary, lambda: self.machine.state, self
+                *(self.mailbox, self.bootstrap, self.dictionary, lambda: self.machine.state),
+                *(self, self.idns),
             )
             if self.mailbox
             else None
@@ -173,6 +184,8 @@ class Device(DeviceType):
         body = emergency.encode(code, register, data)
         if 0x1001 in self.dictionary:
             self.dictionary[0x1001, 0].value = register
+        if self.history and code:
+            self.history.add(_OF_EMERGENCY | code << 16, Kind.ERROR)
         if self._services:
             self._services.emergency(body)
 

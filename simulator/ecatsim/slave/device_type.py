@@ -11,6 +11,7 @@ from ecatd.model.pdo_layout import byte_length
 from ..esc import Chip
 from . import sii
 from .sii import DcMode, FmmuType, Mailbox, SmType, SyncManager
+from .soe import Idn
 from .sync_managers import default_size, derive
 
 _SYNC_TO_DEVICE = 0xCC00  # registers 0x0150, 0x0151: SYNC0 and SYNC1 are outputs and AL events
@@ -67,6 +68,8 @@ class DeviceType:
             handed it over (register 0x0500).
         state_emergencies: Whether it also sends an emergency, 0xA000 or 0xA001, when it refuses
             SAFEOP or OP.
+        diagnosis_messages: How many messages its diagnosis history keeps (object 0x10F3); 0 for no
+            history. Each emergency is in it.
         answer_delay: Seconds from a mail to its answer.
         file_password: Password of the files, or None if any is accepted.
         file_limit: Size of the largest file in bytes that a master may write.
@@ -74,6 +77,7 @@ class DeviceType:
         firmware_files: Files that can be written in BOOT only.
         firmware_valid: Whether there is firmware; without it only BOOT can be reached.
         files: Files for FoE, by name.
+        idns: IDNs for SoE, by their numbers, of each drive in the device.
         period: Seconds between two calls of `step`.
     """
 
@@ -114,6 +118,7 @@ class DeviceType:
     longest_watchdog: float | None = None
     needs_eeprom: bool = False
     state_emergencies: bool = False
+    diagnosis_messages: int = 0
     answer_delay: float = 0.0
     file_password: int | None = None
     file_limit: int = 1 << 24
@@ -121,6 +126,7 @@ class DeviceType:
     firmware_files: Collection[str] = ()
     firmware_valid: bool = True
     files: dict[str, bytes] = {}  # noqa: RUF012  each device has a copy
+    idns: Sequence[dict[int, Idn]] = ()
     period: float = 0.001
 
     def _settings(self) -> Sequence[SyncManager]:

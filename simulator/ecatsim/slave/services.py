@@ -1,8 +1,8 @@
-"""The mailbox services of a device: CoE from PREOP on, FoE from PREOP on and in BOOT."""
+"""The mailbox services of a device: CoE and SoE from PREOP on, FoE from PREOP on and in BOOT."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from ecatd.model.al import AlState
 
@@ -12,9 +12,10 @@ from .foe import FileHost, FoeServer
 from .mailbox import MailboxServer, Protocol
 from .objects import Dictionary
 from .sii import Mailbox
+from .soe import Idn, SoeServer
 
 _OUT, _IN = 0, 1  # sync managers of the mailboxes that the master writes and reads
-_COE, _FOE = 0x04, 0x08  # bits of the supported protocols, SII word 0x1C
+_COE, _FOE, _SOE = 0x04, 0x08, 0x10  # bits of the supported protocols, SII word 0x1C
 _COMPLETE_ACCESS = 0x20
 
 
@@ -27,6 +28,7 @@ class Services:
         dictionary: The objects for CoE.
         state: Returns the AL state.
         host: The device whose files FoE serves.
+        drives: The IDNs of each of its drives, for SoE.
 
     Attributes:
         server: The server for the mailbox protocol.
@@ -39,6 +41,7 @@ class Services:
         dictionary: Dictionary,
         state: Callable[[], AlState],
         host: FileHost,
+        drives: Sequence[dict[int, Idn]],
     ) -> None:
         self._mailbox = mailbox
         self._bootstrap = bootstrap
@@ -49,6 +52,7 @@ class Services:
             complete_access=bool(mailbox.coe_details & _COMPLETE_ACCESS),
         )
         self._foe = FoeServer(host)
+        self._soe = SoeServer(drives, state)
         self._bus: tuple[Segment, int] | None = None
         self._is_open = False
         self._waiting = False  # whether there may be a mail of the master in the mailbox
@@ -68,6 +72,9 @@ class Services:
         self._foe.start(box.receive_size, box.send_size, boot=boot)
         if self._mailbox.protocols & _FOE:
             self.server.handlers[Protocol.FOE] = self._foe.handle
+        self._soe.start(box.send_size)
+        if self._mailbox.protocols & _SOE and not boot:
+            self.server.handlers[Protocol.SOE] = self._soe.handle
         if self._mailbox.protocols & _COE and not boot:
             self.server.handlers[Protocol.COE] = self._coe.handle
 

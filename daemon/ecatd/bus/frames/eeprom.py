@@ -1,7 +1,7 @@
-"""Reading the SII EEPROMs of many slaves at the same time (ETG.1000.4, 6.4).
+"""Reads the SII EEPROMs of many slaves at the same time, and writes that of one (ETG.1000.4, 6.4).
 
-An EEPROM gives four or eight bytes per command, and needs some time for it. So this module does
-not wait for one slave after the other: all slaves work on a command at the same time.
+An EEPROM gives four or eight bytes per command, and needs some time for it. So reading does not
+wait for one slave after the other: all slaves work on a command at the same time.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
+from ecatd.coroutine_steps import Steps
 from ecatd.model.errors import StateError
 
 from .datagrams import Datagrams, Place, Station
@@ -24,9 +25,10 @@ _ASSIGNMENT = 0x0500
 _FORCE_TO_MASTER, _TO_MASTER, _TO_DEVICE = b"\x02", b"\x00", b"\x01"
 _CONTROL = 0x0502  # control and status, address (0x0504), data (0x0508)
 _CONTROL_SIZE = 14
-_READ, _CLEAR = 0x0100, 0x0000
+_DATA = 0x0508
+_READ, _WRITE, _CLEAR = 0x0100, 0x0201, 0x0000  # writing must be enabled with the command: bit 0
 _READS_8_BYTES = 0x0040
-_NO_ACKNOWLEDGE = 0x2000
+_NO_ACKNOWLEDGE, _NOT_ENABLED = 0x2000, 0x4000
 _BUSY = 0x8000
 
 _TRIES = 3
@@ -172,3 +174,83 @@ def read_eeproms(
         unread = [item for item in unread if not item.result]
     registers.exchange([slave.write(_ASSIGNMENT, _TO_DEVICE) for slave, _ in slaves])
     return [item.result[0] for item in eeproms]
+
+
+def write_eeprom(
+    registers: Datagrams, slave: Station, label: str, word: int, data: bytes
+) -> Steps[int]:
+    """Writes words of an EEPROM, and reads them back. Words that are right already stay.
+
+    The device gets its EEPROM back at the end, also after an error. It uses what was written when
+    it is switched on the next time.
+
+    Args:
+        registers: The way to the slave.
+        slave: Its address.
+        label: How messages name it.
+        word: Address of the first word.
+        data: The words, little endian.
+
+    Returns:
+        How many words were written.
+
+    Raises:
+        StateError: The EEPROM cannot be read or written, or has other words afterwards.
+    """
+    count = len(data) // 2
+
+    def read() -> bytes:
+        return read_eeproms(registers, [(slave, label)], lambda words: words(word, count))[0]
+
+    before = read()
+    wrong = [at for at in range(0, len(data), 2) if before[at : at + 2] != data[at : at + 2]]
+    if not wrong:
+        return 0
+    try:
+        for owner in (_FORCE_TO_MASTER, _TO_MASTER):
+            registers.exchange([slave.write(_ASSIGNMENT, owner)])
+        for at in wrong:
+            yield from _write_word(registers, slave, label, word + at // 2, data[at : at + 2])
+    finally:
+        registers.exchange([slave.write(_ASSIGNMENT, _TO_DEVICE)])
+    after = read()
+    for at in wrong:
+        if after[at : at + 2] != data[at : at + 2]:
+            raise StateError(
+                f"{label}: EEPROM: word 0x{word + at // 2:04X} has {after[at : at + 2].hex(' ')} "
+                f"after {data[at : at + 2].hex(' ')} was written: it may be write-protected"
+            )
+    return len(wrong)
+
+
+def _write_word(
+    registers: Datagrams, slave: Station, label: str, word: int, data: bytes
+) -> Steps[None]:
+    where = f"{label}: EEPROM: word 0x{word:04X} cannot be written"
+    for _ in range(_TRIES):
+        status = yield from _wait_until_idle(registers, slave, where)
+        if status & _NO_ACKNOWLEDGE:  # no other command is accepted before
+            registers.exchange([slave.write(_CONTROL, struct.pack("<H", _CLEAR))])
+        # A write takes effect at the end of its frame, so each needs a frame of its own.
+        registers.exchange([slave.write(_DATA, data)])
+        registers.exchange([slave.write(_CONTROL, struct.pack("<HI", _WRITE, word))])
+        status = yield from _wait_until_idle(registers, slave, where)
+        if not status & (_NO_ACKNOWLEDGE | _NOT_ENABLED):
+            return
+    raise StateError(f"{where}: the EEPROM refuses the command (status 0x{status:04X})")
+
+
+def _wait_until_idle(registers: Datagrams, slave: Station, where: str) -> Steps[int]:
+    """Waits until the EEPROM has carried out its command; returns its status (register 0x0502)."""
+    busy_until, silent_until = (time.monotonic() + limit for limit in (_BUSY_LIMIT, _SILENT_LIMIT))
+    while True:
+        (answer,) = registers.exchange([slave.read(_CONTROL, 2)])
+        status = int.from_bytes(answer.data, "little")
+        if answer.wkc == 1 and not status & _BUSY:
+            return status
+        now = time.monotonic()
+        if answer.wkc == 1 and now > busy_until:
+            raise StateError(f"{where}: it is busy for more than {_BUSY_LIMIT} s")
+        if answer.wkc != 1 and now > silent_until:
+            raise StateError(f"{where}: the slave does not answer for {_SILENT_LIMIT:g} s")
+        yield

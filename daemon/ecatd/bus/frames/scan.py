@@ -18,7 +18,7 @@ from .datagrams import Datagrams, aprd, apwr, brd, bwr
 _FIRST_STATION = 0x1001
 _STATION_ADDRESS, _AL_CONTROL, _AL_STATUS = 0x0010, 0x0120, 0x0130
 _TRIES = 3
-_FIRST_ANSWER = 0.5  # seconds
+_FIRST_ANSWER = 2.0  # seconds
 
 _RESET = (
     (_AL_CONTROL, b"\x11\x00"),  # INIT, errors acknowledged

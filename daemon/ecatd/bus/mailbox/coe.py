@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from typing import NamedTuple, TypeVar
 
 from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
@@ -149,6 +150,12 @@ class Coe:
             # Emergencies are no answers, so the next request need not look for a late one.
             if all(expected) and len(found) < _COLLECTED_MAX:
                 self.line.unanswered = late
+
+    def note(self, protocol: int, body: bytes) -> None:
+        """Adds an emergency to `emergencies` that came while another protocol was spoken."""
+        if protocol == Protocol.COE:
+            with suppress(StateError):  # malformed: no emergency
+                self._split(lambda _service, _data: None)(body)
 
     # --- SDO transfers -------------------------------------------------------------------------
 

@@ -93,6 +93,8 @@ class Protocol(IntEnum):
 
     ERROR = 0
     COE = 3
+    FOE = 4
+    SOE = 5
 
 
 class _Area(NamedTuple):
@@ -200,10 +202,13 @@ class Mailbox:
 
     Attributes:
         skipped: Number of messages that were not the answer that was waited for.
+        on_other: Called with protocol and body of each message of another protocol that comes
+            instead of the answer.
     """
 
     def __init__(self, station: int, line: Line, *, alone: bool = False) -> None:
         self.skipped = 0
+        self.on_other: Callable[[int, bytes], object] = lambda _protocol, _body: None
         self._alone = alone
         self._station = station
         self._line = line
@@ -257,6 +262,20 @@ class Mailbox:
     def size(self) -> int:
         """Bytes of the half that the master writes, header included."""
         return self._out.size
+
+    @property
+    def size_in(self) -> int:
+        """Bytes of the half that the slave writes, header included."""
+        return self._in.size
+
+    def send(self, protocol: Protocol, body: bytes) -> Talk[None]:
+        """Sends a message that has no answer.
+
+        Raises:
+            NoAnswerError: The slave does not take it.
+        """
+        self._deadline = time.monotonic() + self._line.answer_s
+        yield from self._write(protocol, body)
 
     def ask(
         self,
@@ -314,8 +333,9 @@ class Mailbox:
             body = mail[_HEADER.size : _HEADER.size + length]
             if kind & 0x0F == Protocol.ERROR:
                 raise _refused(body)
-            taken = take(body) if kind & 0x0F == protocol else None
-            if taken is not None:
+            if kind & 0x0F != protocol:
+                self.on_other(kind & 0x0F, body)
+            elif (taken := take(body)) is not None:
                 return taken
             self.skipped += 1
             begin = mail[: HEADER_BYTES + min(length, _SHOWN)].hex(" ")

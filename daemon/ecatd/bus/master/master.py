@@ -19,7 +19,7 @@ from ecatd.model.sii_reader import read_mailbox
 
 from ..frames import soem
 from ..frames.datagrams import Datagram, Datagrams, Station, bwr, fprd, fpwr, source_address
-from ..frames.eeprom import Words, read_eeproms
+from ..frames.eeprom import Words, read_eeproms, write_eeprom
 from ..frames.frame_ring import FrameRing
 from ..frames.interface import open_for_control, own, wait_for_carriers
 from ..frames.relay import Relay
@@ -29,7 +29,7 @@ from ..mailbox.mailboxes import Line
 
 _AL_CONTROL, _AL_STATUS = 0x0120, 0x0130
 _IDENTIFICATION = 0x20  # bit of AL status, see `start/identification.py`
-_SYNC_MANAGERS = 0x0800
+_SYNC_MANAGERS, _ACTIVATE = 0x0800, (0x0806, 0x080E)
 
 _INSIST = 0.5
 """Seconds for which reads and writes that are not answered are repeated."""
@@ -218,15 +218,16 @@ class Master:
         )
 
     def _set_mailboxes_up(self) -> None:
-        """Sets sync managers 0 and 1 up, in one datagram, in each slave that has a mailbox."""
+        """Sets sync managers 0 and 1 up in each slave that has a mailbox."""
         positions = range(len(self.stations))
+        found = zip(positions, self.read_mailboxes(positions), strict=True)
+        wanted = [(position, data) for position, data in found if data]
+        # SOEM has set them up, too, but takes devices of one kind to have equal EEPROMs. Settings
+        # can be changed only while a sync manager is off (ETG.1000.4).
         self.write_registers(
-            [
-                (position, _SYNC_MANAGERS, data)
-                for position, data in zip(positions, self.read_mailboxes(positions), strict=True)
-                if data
-            ]
+            [(position, register, b"\0") for position, _ in wanted for register in _ACTIVATE]
         )
+        self.write_registers([(position, _SYNC_MANAGERS, data) for position, data in wanted])
 
     def read_mailboxes(self, positions: Sequence[int]) -> list[bytes]:
         """Reads from EEPROMs what the registers of sync managers 0 and 1 must be.
@@ -263,6 +264,11 @@ class Master:
             decode,
             self._cancelled,
         )
+
+    def write_eeprom(self, position: int, word: int, data: bytes) -> Steps[int]:
+        """Writes words of the SII EEPROM of one slave; see `eeprom.write_eeprom`."""
+        station, label = Station(self.stations[position]), self._label(position)
+        return write_eeprom(self.registers, station, label, word, data)
 
     def read_registers(self, wanted: Sequence[tuple[int, int, int]]) -> list[bytes]:
         """Reads ESC memory of many slaves at once; tries again where a slave does not answer.

@@ -7,7 +7,7 @@ to itself.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from typing import TypeVar
 
@@ -16,7 +16,9 @@ from ecatd.model.bus import Slave
 from ecatd.model.errors import BusyError, NoAnswerError, StateError
 
 from ..mailbox.coe import Coe
-from ..mailbox.mailboxes import Line, Talk, talk_alone
+from ..mailbox.foe import FOE_LEAST
+from ..mailbox.mailboxes import Line, Mailbox, Talk, talk_alone
+from ..mailbox.soe import SOE_LEAST
 from ..master.emergencies import Emergency
 from ..master.master import Master
 from ..master.worker import Worker
@@ -29,6 +31,9 @@ _PATIENCE = 10.0
 """Seconds after which a request that could not begin is not carried out any more."""
 
 _STATE = 0x0F
+_WITHOUT_COE = {AlState.INIT: "its objects", AlState.BOOT: "its objects"}
+_WITHOUT_FOE = {AlState.INIT: "its files"}
+_WITHOUT_SOE = {AlState.INIT: "its IDNs", AlState.BOOT: "its IDNs"}
 
 
 class Conversations:
@@ -61,13 +66,57 @@ class Conversations:
         coe = self._master.coe(slave.position, alone=True)
 
         def talk() -> Talk[T]:
-            _check_state(slave, (yield from coe.mailbox.look()))
+            _check_state(slave, (yield from coe.mailbox.look()), _WITHOUT_COE)
             yield from coe.open()
             return (yield from part(coe))
 
+        return await self._hold(slave, coe, talk())
+
+    async def foe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
+        """Has a conversation about files of a slave, when it is its turn.
+
+        Args:
+            slave: The slave.
+            part: The conversation; see `FileTransfer.go_on`.
+
+        Raises:
+            BusyError: Too many requests are waiting, or this one waited too long.
+            StateError: The slave is in INIT, or has no mailbox.
+            EcatError: As the conversation raises.
+        """
+        return await self._other(slave, part, FOE_LEAST, _WITHOUT_FOE)
+
+    async def soe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
+        """Has a conversation about IDNs of a drive, as `foe`."""
+        return await self._other(slave, part, SOE_LEAST, _WITHOUT_SOE)
+
+    async def _other(
+        self,
+        slave: Slave,
+        part: Callable[[Mailbox], Talk[T]],
+        least: int,
+        without: Mapping[AlState, str],
+    ) -> T:
+        """A conversation of another protocol than CoE; emergencies are noted meanwhile."""
+        coe = self._master.coe(slave.position, alone=True)
+        coe.mailbox.on_other = coe.note
+
+        def talk() -> Talk[T]:
+            _check_state(slave, (yield from coe.mailbox.look()), without)
+            yield from coe.mailbox.open(least)
+            return (yield from part(coe.mailbox))
+
+        try:
+            return await self._hold(slave, coe, talk())
+        except (NoAnswerError, StateError) as error:
+            if str(error).startswith(slave.label):
+                raise
+            raise type(error)(f"{slave.label}: {error}") from error
+
+    async def _hold(self, slave: Slave, coe: Coe, talk: Talk[T]) -> T:
         async with self._turn(slave, coe.line):
             try:
-                return await self._worker.request(talk_alone(self._master.registers, talk()))
+                return await self._worker.request(talk_alone(self._master.registers, talk))
             finally:
                 for code, register in coe.emergencies:
                     self._note((slave, code, register))
@@ -121,22 +170,23 @@ def silent(slave: Slave) -> NoAnswerError:
     )
 
 
-def _check_state(slave: Slave, status: int | None) -> None:
+def _check_state(slave: Slave, status: int | None, without: Mapping[AlState, str]) -> None:
     """Fails at once for a slave whose mailbox cannot answer, instead of after a time-out.
 
     Args:
         slave: The slave.
         status: Its AL status, or None if it did not answer.
+        without: The states in which it cannot be asked, each with what cannot be reached in it.
 
     Raises:
         NoAnswerError: The slave did not answer.
-        StateError: It is in INIT or BOOT, where it has no CoE.
+        StateError: It is in one of these states.
     """
     if status is None:
         raise silent(slave)
     state = status & _STATE
-    if state in (AlState.INIT, AlState.BOOT):
+    if state in without:
         raise StateError(
-            f"{slave.label} is in {AlState(state).name}, and its objects can be reached from PREOP "
-            f"on; bring it there with `ecatctl state PREOP -p {slave.position}`"
+            f"{slave.label} is in {AlState(state).name}, and {without[AlState(state)]} can be "
+            f"reached from PREOP on; bring it there with `ecatctl state PREOP -p {slave.position}`"
         )

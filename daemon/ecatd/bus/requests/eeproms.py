@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from ecatd.log import Log
 from ecatd.model.bus import Bus
-from ecatd.model.messages import ReadSii
+from ecatd.model.messages import ReadSii, WriteSii
 
 from ..master.master import Master
 from ..master.worker import Worker
@@ -18,12 +19,14 @@ class Eeproms:
         bus: The bus description.
         master: The master.
         worker: The worker on which slaves are asked.
+        log: Where changes are told.
     """
 
-    def __init__(self, bus: Bus, master: Master, worker: Worker) -> None:
+    def __init__(self, bus: Bus, master: Master, worker: Worker, log: Log) -> None:
         self._bus = bus
         self._master = master
         self._worker = worker
+        self._log = log
 
     async def read(self, request: ReadSii) -> dict[str, Any]:
         """The reply has `data`: the words, little endian.
@@ -40,3 +43,18 @@ class Eeproms:
             )
         )
         return {"data": data}
+
+    async def write(self, request: WriteSii) -> dict[str, Any]:
+        """The reply has `written`: how many words had other values before.
+
+        Raises:
+            StateError: There is no such slave, or its EEPROM cannot be written.
+        """
+        slave = self._bus.find(request.slave)
+        last = request.word + len(request.data) // 2 - 1
+        self._log.notice(
+            f"{slave.label}: EEPROM words 0x{request.word:04X} to 0x{last:04X} are written by "
+            f"{request.by}"
+        )
+        steps = self._master.write_eeprom(slave.position, request.word, request.data)
+        return {"written": await self._worker.request(steps)}

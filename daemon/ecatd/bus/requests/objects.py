@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
+from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.datatypes import DataType, bit_length, encode
-from ecatd.model.errors import UsageError
+from ecatd.model.datatypes import DataType, bit_length, decode, encode
+from ecatd.model.errors import EcatError, UsageError
 from ecatd.model.messages import SdoRead, SdoWrite, check_data
 from ecatd.model.object_types import ObjectType, ObjectTypes
 
 from .conversations import Conversations
+
+_SHOWN = 32
+"""Bytes of a value in the log."""
 
 
 class Objects:
@@ -19,9 +24,11 @@ class Objects:
     Args:
         bus: The bus description.
         conversations: The way to the slaves.
+        log: Where changes are told.
     """
 
-    def __init__(self, bus: Bus, conversations: Conversations) -> None:
+    def __init__(self, bus: Bus, conversations: Conversations, log: Log) -> None:
+        self._log = log
         self._bus = bus
         self._conversations = conversations
         self._types: dict[int, ObjectTypes] = {}
@@ -46,10 +53,40 @@ class Objects:
                 known = await self._type_by_size(slave, index, subindex)
             data = encode(DataType(known.data_type), request.value)
             check_data(data)
+        before = await self._before(slave, request) if request.by else None
         await self._conversations.coe(
             slave, lambda coe: coe.download(index, subindex, data, complete=request.complete)
         )
+        if request.by:
+            self._tell(slave, request, before, data)
         return {"data": data, **known.of(data).to_map()}
+
+    async def _before(self, slave: Slave, request: SdoWrite) -> bytes | None:
+        """The value before a change, for the log; None if the slave does not say it."""
+        index, subindex, complete = request.index, request.subindex, request.complete
+        with suppress(EcatError):
+            return await self._conversations.coe(
+                slave, lambda coe: coe.upload(index, subindex, complete=complete, tries=1)
+            )
+        return None
+
+    def _tell(self, slave: Slave, request: SdoWrite, before: bytes | None, data: bytes) -> None:
+        known = self._type(slave, request.index, request.subindex)
+        if request.complete:
+            known = ObjectType(known.name)
+
+        def text(value: bytes) -> str:
+            if request.complete or not known.of(value).data_type or len(value) > _SHOWN:
+                more = " ..." if len(value) > _SHOWN else ""
+                return f"{len(value)} bytes: {value[:_SHOWN].hex(' ')}{more}"
+            return str(decode(known.of(value).data_type, value))
+
+        name = f" ({known.name})" if known.name else ""
+        was = "" if before is None else f"from {text(before)} "
+        self._log.notice(
+            f"{slave.label}, 0x{request.index:04X}:{request.subindex:02X}{name}: changed {was}to "
+            f"{text(data)} by {request.by}"
+        )
 
     async def _upload(self, slave: Slave, index: int, subindex: int, complete: bool) -> bytes:
         return await self._conversations.coe(

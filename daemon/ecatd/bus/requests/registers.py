@@ -95,7 +95,7 @@ class Registers:
         name = f" ({known.name})" if known else ""
         self._log.notice(
             f"{slave.label}: register 0x{request.address:04X}{name} is written: "
-            f"{request.data.hex(' ')}, by {request.by or 'a request over Zenoh'}"
+            f"{request.data.hex(' ')}, by {request.by}"
         )
         return {"data": await self._worker.run(write)}
 
@@ -119,9 +119,7 @@ class Registers:
             raise silent(one)
         self._cleared |= dict.fromkeys(cleared, time.time())
         whom = "all slaves" if one is None else one.label
-        self._log.notice(
-            f"error counters of {whom} cleared by {request.by or 'a request over Zenoh'}"
-        )
+        self._log.notice(f"error counters of {whom} cleared by {request.by}")
         return await self.errors()
 
     def _clear(self, positions: Sequence[int]) -> list[int]:

@@ -8,16 +8,25 @@ from ecatd.log import Log
 from ecatd.model.bus import Bus
 from ecatd.model.errors import UsageError
 from ecatd.model.messages import (
+    CancelFoe,
     DescribeObject,
     ListObjects,
+    PutFoe,
     ReadErrors,
+    ReadFoe,
+    ReadIdn,
     ReadRegister,
     ReadSii,
     Request,
+    Rescan,
     ResetErrors,
     SdoRead,
     SdoWrite,
+    StartFoe,
+    TakeFoe,
+    WriteIdn,
     WriteRegister,
+    WriteSii,
 )
 
 from ..master.master import Master
@@ -25,8 +34,11 @@ from ..master.worker import Worker
 from .conversations import Conversations
 from .dictionaries import Dictionaries
 from .eeproms import Eeproms
+from .files import Files, States
+from .idns import Idns
 from .objects import Objects
 from .registers import Registers
+from .wire import Wire
 
 
 class SlaveRequests:
@@ -37,16 +49,30 @@ class SlaveRequests:
         master: The master.
         worker: The worker on which slaves are asked.
         conversations: The way to the mailboxes of the slaves.
+        states: The AL states of the slaves.
         log: Where changes are told.
     """
 
     def __init__(
-        self, bus: Bus, master: Master, worker: Worker, conversations: Conversations, log: Log
+        self,
+        bus: Bus,
+        master: Master,
+        worker: Worker,
+        conversations: Conversations,
+        states: States,
+        log: Log,
     ) -> None:
-        self._objects = Objects(bus, conversations)
+        self._objects = Objects(bus, conversations, log)
         self._dictionaries = Dictionaries(bus, conversations)
         self._registers = Registers(bus, master, worker, log)
-        self._eeproms = Eeproms(bus, master, worker)
+        self._eeproms = Eeproms(bus, master, worker, log)
+        self._idns = Idns(bus, conversations, log)
+        self._wire = Wire(bus, master, worker)
+        self._files = Files(bus, conversations, states, log)
+
+    def close(self) -> None:
+        """Ends what goes on without a request: transfers of files."""
+        self._files.close()
 
     async def answer(self, request: Request) -> dict[str, Any]:
         """Carries a request out.
@@ -73,4 +99,22 @@ class SlaveRequests:
                 return await self._registers.reset_errors(request)
             case ReadSii():
                 return await self._eeproms.read(request)
+            case WriteSii():
+                return await self._eeproms.write(request)
+            case ReadIdn():
+                return await self._idns.read(request)
+            case WriteIdn():
+                return await self._idns.write(request)
+            case Rescan():
+                return await self._wire.scan()
+            case StartFoe():
+                return self._files.start(request)
+            case PutFoe():
+                return self._files.put(request)
+            case TakeFoe():
+                return self._files.take(request)
+            case ReadFoe():
+                return self._files.describe(request.transfer)
+            case CancelFoe():
+                return await self._files.cancel(request)
         raise UsageError(f"the bus server cannot answer {request.op}")

@@ -113,6 +113,10 @@ class Monitor:
         """
         await self._slaves.change(positions, state)
 
+    def wanted(self, position: int) -> AlState:
+        """The state in which a slave should be."""
+        return self._slaves.wanted(position)
+
     def condition(self, position: int) -> tuple[str, str]:
         """What is known of a slave that should be in OP and is not: a word, and more of them."""
         return self._slaves.condition(position)

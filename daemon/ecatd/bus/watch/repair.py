@@ -66,6 +66,10 @@ class Repair:
         self._jobs: dict[asyncio.Task[None], set[int]] = {}
         self._steps: dict[int, str] = {}  # what was told last about the tries with a slave
 
+    def wanted(self, position: int) -> AlState:
+        """The state in which a slave should be."""
+        return self._recovery.wanted(position)
+
     def condition(self, position: int) -> tuple[Condition, str]:
         """What is known of a slave that is not as it should be."""
         condition, text = self._recovery.condition(position)

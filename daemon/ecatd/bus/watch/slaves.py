@@ -85,6 +85,10 @@ class SlaveWatch:
         finally:
             await self.look()
 
+    def wanted(self, position: int) -> AlState:
+        """The state in which a slave should be."""
+        return self._repair.wanted(position)
+
     def condition(self, position: int) -> tuple[Condition, str]:
         """What is known of a slave that should be in OP and is not."""
         return self._repair.condition(position)

@@ -34,6 +34,7 @@ from .tables import (
     SignalConfig,
     SlaveConfig,
     StartupConfig,
+    UserConfig,
 )
 
 __all__ = [
@@ -65,6 +66,7 @@ __all__ = [
     "SignalConfig",
     "SlaveConfig",
     "StartupConfig",
+    "UserConfig",
     "load_config",
     "read_config",
 ]

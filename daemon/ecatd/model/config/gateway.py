@@ -5,11 +5,13 @@ from __future__ import annotations
 import ipaddress
 import re
 
+from ..queries import CHANGES
 from ..toml_file import Key, Rules, Table, number, show
-from .tables import GatewayConfig
+from .tables import GatewayConfig, UserConfig
 
-PROTOCOLS = ("tcp", "tls", "ws", "udp", "quic")
-"""Protocols of Zenoh with host and port."""
+PLAIN, ENCRYPTED = ("tcp", "ws", "udp"), ("tls", "quic")
+PROTOCOLS = (*PLAIN, *ENCRYPTED)
+"""Protocols of Zenoh with host and port; only the encrypted ones know users."""
 
 _LOCAL = "unixsock-stream/"
 _SOCKET_PATH_MAX = 107  # of a Unix socket in Linux
@@ -17,7 +19,57 @@ _SOCKET_PATH_MAX = 107  # of a Unix socket in Linux
 
 def read_gateway(top: Table, key: Key) -> GatewayConfig:
     """Reads `[gateway]`."""
-    return GatewayConfig(**top.table(key).read(_GATEWAY))
+    table = top.table(key)
+    config = GatewayConfig(**table.read(_GATEWAY))
+    _check_certificates(table, config)
+    _check_readers(table, config)
+    return config
+
+
+def _check_certificates(table: Table, config: GatewayConfig) -> None:
+    """Checks that what encrypted endpoints and users need is there."""
+    encrypted = [item for item in config.listen if item.partition("/")[0] in ENCRYPTED]
+    for name in ("certificate", "key"):
+        if encrypted and not getattr(config, name):
+            table.fail(
+                "listen",
+                f"{show(encrypted[0])} needs gateway.certificate and gateway.key; "
+                "`ecatctl remote init` makes them",
+            )
+    if config.user and not config.users_ca:
+        table.fail(
+            "user",
+            "users are known by their certificates: say in gateway.users_ca who signs them; "
+            "`ecatctl remote init` makes such a file",
+        )
+    names = [item.name for item in config.user]
+    for at, name in enumerate(names):
+        if name in names[:at]:
+            table.tables("user")[at].fail("name", f"{show(name)} is there twice: remove one")
+
+
+def _check_readers(table: Table, config: GatewayConfig) -> None:
+    """Checks that somebody may use each endpoint."""
+    elements = table.elements("listen")
+    for at, endpoint in enumerate(config.listen):
+        protocol, _, rest = endpoint.partition("/")
+        host = rest.rpartition(":")[0].strip("[]")
+        if config.anonymous_reading or (protocol in PLAIN and _is_loopback(host)):
+            continue
+        if protocol in PLAIN:
+            elements.fail(
+                at,
+                f"{show(endpoint)} can be reached from other machines, and has no encryption, so "
+                'nobody could read there: use "tls/HOST:PORT" with certificates (`ecatctl remote '
+                "init` makes them), or set gateway.anonymous_reading = true if everybody who "
+                "reaches this address may read the bus",
+            )
+        if protocol in ENCRYPTED and not config.user:
+            elements.fail(
+                at,
+                f"nobody could use {show(endpoint)}: name those who may in [[gateway.user]], or "
+                "set gateway.anonymous_reading = true",
+            )
 
 
 def _endpoints(table: Table, key: Key) -> list[str]:
@@ -77,8 +129,49 @@ def _metrics_address(table: Table, key: Key) -> str:
     return text
 
 
+def _path(table: Table, key: Key) -> str:
+    text = table.text(key)
+    if text and not text.startswith("/"):
+        table.fail(key, f"{show(text)} is no whole path: it must begin with /")
+    return text
+
+
+def _user(table: Table, key: Key) -> UserConfig:
+    return UserConfig(**table.table(key).read(_USER, required=("name",)))
+
+
+def _user_name(table: Table, key: Key) -> str:
+    text = table.text(key)
+    if not USER_NAME.fullmatch(text):
+        table.fail(key, f"{show(text)} is no name of a user: {USER_NAME_RULE}")
+    return text
+
+
+def _changes(table: Table, key: Key) -> list[str]:
+    return table.choices(key, {name: name for name in CHANGES})
+
+
+def _slave(table: Table, key: Key) -> int | str:
+    if isinstance(table.data.get(key), str):
+        return table.text(key)
+    return table.integer(key, 0, _POSITION_MAX)
+
+
+USER_NAME = re.compile("[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}")
+USER_NAME_RULE = "letters, digits, and behind the first one also _ . @ -, at most 64 in all"
+_POSITION_MAX = 0xFFFF
+_USER: Rules = {
+    "name": _user_name,
+    "write": _changes,
+    "slaves": lambda table, key: table.array(key, _slave),
+}
 _GATEWAY: Rules = {
     "listen": _endpoints,
+    "certificate": _path,
+    "key": _path,
+    "users_ca": _path,
+    "user": lambda table, key: table.array(key, _user, "tables"),
+    "anonymous_reading": Table.boolean,
     "publish_hz": number(0, 1000),
     "metrics": _metrics_address,
 }

@@ -538,18 +538,44 @@ class CaptureConfig(Placed):
 
 
 @dataclass(slots=True)
+class UserConfig:
+    """`[[gateway.user]]`: somebody who may use the bus from other machines, with a certificate.
+
+    Attributes:
+        name: Common name of the certificate.
+        write: Kinds of changes that the user may ask for, of `CHANGES`; none: only reading.
+        slaves: The slaves that they may be about, by position or name; none: all, and what is about
+            no particular slave.
+    """
+
+    name: str
+    write: list[str] = field(default_factory=list)
+    slaves: list[int | str] = field(default_factory=list)
+
+
+@dataclass(slots=True)
 class GatewayConfig:
     """`[gateway]`: access to the bus over Zenoh.
 
     Attributes:
-        listen: Zenoh endpoints for reading, in addition to the Unix socket for users of this
+        listen: Zenoh endpoints for others, in addition to the Unix socket for users of this
             machine.
+        certificate: File with the certificate of the daemon, in PEM; empty for none.
+        key: File with its private key.
+        users_ca: File with the certificates of those who may sign certificates of users.
+        user: The users.
+        anonymous_reading: Whether other machines may read without a certificate.
         publish_hz: Rate in Hz at which values of signals are published, 0 for never.
         metrics: Where metrics are served over HTTP: `HOST:PORT` of a loopback address, or
             `unix:PATH`; empty: nowhere.
     """
 
     listen: list[str] = field(default_factory=lambda: ["tcp/127.0.0.1:7447"])
+    certificate: str = ""
+    key: str = ""
+    users_ca: str = ""
+    user: list[UserConfig] = field(default_factory=list)
+    anonymous_reading: bool = False
     publish_hz: float = 10.0
     metrics: str = ""
 

@@ -1,0 +1,194 @@
+"""File access over EtherCAT (ETG.1000.6, "FoE"): one file to or from a slave.
+
+A file can take minutes, and other conversations with the slave must not wait so long. So a
+transfer goes on in parts of some packets, and each part is a conversation of its own. Between two
+packets the slave has nothing to answer, so others may talk to it then.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from abc import ABC, abstractmethod
+
+from ecatd.model.errors import NoAnswerError, StateError
+from ecatd.model.foe_codes import foe_text
+
+from .mailboxes import HEADER_BYTES, Mailbox, Protocol, Talk
+
+_HEADER = struct.Struct("<BxI")  # operation; password, packet number, or error code
+_READ, _WRITE, _DATA, _ACKNOWLEDGED, _ERROR, _BUSY = range(1, 7)
+FOE_LEAST = HEADER_BYTES + _HEADER.size + 1
+"""Bytes that a mailbox must have for FoE."""
+
+_GIVEN_UP = 0x8000  # error without further reason
+_PATIENCE_S = 60.0
+"""Seconds that a slave has for a packet: some erase their flash meanwhile."""
+_BUSY_PAUSE_S = 0.02
+"""Seconds after which a busy slave is sent its packet again."""
+
+
+class FileTransfer(ABC):
+    """One transfer.
+
+    Args:
+        name: Name of the file, as the slave knows it.
+        password: Its password; 0 for none.
+
+    Attributes:
+        data: The file: what is written, or what has been read so far.
+        moved: How many bytes of it have been transferred.
+        ended: Whether all of it has.
+        busy: What a busy slave says of its progress; empty if it is not busy.
+    """
+
+    def __init__(self, name: str, password: int, data: bytearray) -> None:
+        self.data = data
+        self.moved = 0
+        self.ended = False
+        self.busy = ""
+        self._name = name.encode("latin-1")
+        self._password = password
+        self._packet = 0
+
+    @abstractmethod
+    def go_on(self, mailbox: Mailbox, packets: int) -> Talk[None]:
+        """Transfers some more packets.
+
+        Args:
+            mailbox: The mailbox of the slave, open.
+            packets: How many, at most.
+
+        Raises:
+            NoAnswerError: The slave does not answer, or is busy for too long.
+            StateError: It refuses; or its answer is malformed.
+        """
+
+    def give_up(self, mailbox: Mailbox) -> Talk[None]:
+        """Tells the slave that the rest does not come.
+
+        Raises:
+            NoAnswerError: The slave does not take the message.
+        """
+        yield from mailbox.send(Protocol.FOE, _HEADER.pack(_ERROR, _GIVEN_UP))
+
+    def _begin(self, operation: int) -> bytes:
+        return _HEADER.pack(operation, self._password) + self._name
+
+    def _exchange(self, mailbox: Mailbox, request: bytes, wanted: int, number: int) -> Talk[bytes]:
+        """Sends a packet until the slave is not busy, and returns what follows in its answer.
+
+        Args:
+            mailbox: The mailbox.
+            request: The packet.
+            wanted: The operation that answers it.
+            number: The number of the packet in the answer.
+        """
+
+        def take(body: bytes) -> tuple[bool, bytes] | None:
+            if len(body) < _HEADER.size:
+                raise StateError(f"the slave answered with a wrong frame: {len(body)} bytes of FoE")
+            operation, value = _HEADER.unpack_from(body)
+            rest = body[_HEADER.size :]
+            if operation == _ERROR:
+                raise StateError(_refused(value, rest))
+            if operation == _BUSY:
+                self.busy = _progress(value, rest)
+                return False, b""
+            self.busy = ""
+            if operation == wanted and value == number:
+                return True, rest
+            return None  # late: it belongs to a transfer that was given up
+
+        deadline = time.monotonic() + _PATIENCE_S
+        while True:
+            ready, rest = yield from mailbox.ask(Protocol.FOE, request, take, _PATIENCE_S)
+            if ready:
+                return rest
+            if time.monotonic() > deadline:
+                raise NoAnswerError(f"it is busy for {_PATIENCE_S:g} s ({self.busy})")
+            again = time.monotonic() + _BUSY_PAUSE_S
+            while time.monotonic() < again:
+                yield []
+
+
+class FileRead(FileTransfer):
+    """Reads a file.
+
+    Args:
+        name: Its name, as the slave knows it.
+        password: Its password; 0 for none.
+        most: Bytes that it may have.
+    """
+
+    def __init__(self, name: str, password: int, most: int) -> None:
+        super().__init__(name, password, bytearray())
+        self._most = most
+
+    def go_on(self, mailbox: Mailbox, packets: int) -> Talk[None]:
+        """See `FileTransfer`. A packet that is not full is the last one."""
+        full = mailbox.size_in - HEADER_BYTES - _HEADER.size
+        for _ in range(packets):
+            ask = self._acknowledge() if self._packet else self._begin(_READ)
+            part = yield from self._exchange(mailbox, ask, _DATA, self._packet + 1)
+            self._packet += 1
+            self.data += part
+            self.moved += len(part)
+            if self.moved > self._most:
+                raise StateError(f"the file has more than {self._most} bytes, which are allowed")
+            if len(part) < full:
+                yield from mailbox.send(Protocol.FOE, self._acknowledge())
+                self.ended = True
+                return
+
+    def _acknowledge(self) -> bytes:
+        return _HEADER.pack(_ACKNOWLEDGED, self._packet)
+
+
+class FileWrite(FileTransfer):
+    """Writes a file.
+
+    Args:
+        name: Its name, as the slave knows it.
+        password: Its password; 0 for none.
+        data: The file.
+    """
+
+    def __init__(self, name: str, password: int, data: bytearray) -> None:
+        super().__init__(name, password, data)
+        self._is_open = False
+
+    def go_on(self, mailbox: Mailbox, packets: int) -> Talk[None]:
+        """See `FileTransfer`. The last packet is not full, so it may be empty."""
+        full = mailbox.size - HEADER_BYTES - _HEADER.size
+        for _ in range(packets):
+            if not self._is_open:
+                yield from self._exchange(mailbox, self._begin(_WRITE), _ACKNOWLEDGED, 0)
+                self._is_open = True
+                continue
+            part = bytes(self.data[self.moved : self.moved + full])
+            packet = _HEADER.pack(_DATA, self._packet + 1) + part
+            yield from self._exchange(mailbox, packet, _ACKNOWLEDGED, self._packet + 1)
+            self._packet += 1
+            self.moved += len(part)
+            if len(part) < full:
+                self.ended = True
+                return
+
+
+def _refused(code: int, text: bytes) -> str:
+    own = _text(text)
+    says = f"; it says '{own}'" if own else ""
+    return f"FoE error 0x{code:04X}: {foe_text(code)}{says}"
+
+
+def _progress(value: int, text: bytes) -> str:
+    """What a busy slave says: how much of its work is done, and a text."""
+    done, entire = value & 0xFFFF, value >> 16
+    share = f"{done} of {entire}" if entire else ""
+    return ", ".join(filter(None, (share, _text(text))))
+
+
+def _text(data: bytes) -> str:
+    text = data.split(b"\0", 1)[0].decode("latin-1")
+    return "".join(letter if letter.isprintable() else "?" for letter in text)

@@ -1,0 +1,332 @@
+"""Requests about files of slaves (FoE): the transfers, which go on while nobody asks.
+
+Half of a firmware is worse than none. So the daemon has the whole file before the slave gets its
+first byte, and goes on if the client goes away. Who asks for the same again finds that transfer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import secrets
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from enum import StrEnum
+from typing import Any, Protocol
+
+from ecatd.log import Log
+from ecatd.model.al import AlState
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.errors import BusyError, EcatError, StateError, UsageError
+from ecatd.model.messages import (
+    FILE_MAX,
+    FILE_PART,
+    TRANSFER_MAX,
+    CancelFoe,
+    PutFoe,
+    StartFoe,
+    TakeFoe,
+)
+
+from ..mailbox.foe import FileRead, FileTransfer, FileWrite
+from .conversations import Conversations
+
+_PACKETS = 32
+"""Packets in a row; then it is the turn of others who wait for the slave."""
+_AGAIN_S = 0.1
+"""Seconds after which a transfer asks for its turn again that others did not leave it."""
+_ABANDONED_S = 60.0
+"""Seconds after which a file that does not arrive from its client is dropped."""
+_KEPT_S = 600.0
+"""Seconds for which a transfer that has ended is kept."""
+_MANY, _ROOM = 16, 4 * FILE_MAX
+"""Transfers that are kept, and bytes of all of them."""
+
+
+class States(Protocol):
+    """What transfers need of the AL states; the monitor of the bus has it."""
+
+    async def change(self, positions: Sequence[int], state: AlState) -> None:
+        """Brings slaves to a state."""
+
+    def wanted(self, position: int) -> AlState:
+        """The state in which a slave should be."""
+
+
+class _Step(StrEnum):
+    """How far a transfer is."""
+
+    RECEIVING = "receiving"  # from the client
+    TO_BOOT = "to boot"
+    TRANSFERRING = "transferring"
+    FROM_BOOT = "from boot"
+    DONE = "done"
+    FAILED = "failed"
+
+
+_ENDED = (_Step.DONE, _Step.FAILED)
+
+
+class _Transfer:
+    """A transfer with all that is known of it."""
+
+    def __init__(self, number: int, slave: Slave, request: StartFoe) -> None:
+        self.number = number
+        self.slave = slave
+        self.request = request
+        self.step = _Step.RECEIVING if request.write else _Step.TRANSFERRING
+        self.received = bytearray()
+        self.digest = hashlib.sha256()
+        self.file: FileTransfer | None = None
+        self.error: EcatError | None = None
+        self.note = ""
+        self.touched = self.began = time.monotonic()
+        self.task: asyncio.Task[None] | None = None
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether the slave cannot have another transfer meanwhile."""
+        abandoned = self.step == _Step.RECEIVING and (
+            time.monotonic() - self.touched > _ABANDONED_S
+        )
+        return self.step not in _ENDED and not abandoned
+
+    @property
+    def room(self) -> int:
+        """Bytes that it takes, or will take."""
+        return (
+            self.request.size if self.request.write else len(self.file.data if self.file else b"")
+        )
+
+    def to_map(self) -> dict[str, Any]:
+        """The transfer for clients."""
+        return {
+            "transfer": self.number,
+            "step": str(self.step),
+            "received": self.request.size if self.file else len(self.received),
+            "size": self.request.size if self.request.write else None,
+            "moved": self.file.moved if self.file else 0,
+            "busy": self.file.busy if self.file else "",
+            "failure": self.error.to_reply() if self.error else None,
+            "note": self.note,
+        }
+
+
+class Files:
+    """The transfers with all slaves.
+
+    Args:
+        bus: The bus description.
+        conversations: The way to the slaves.
+        states: Their AL states.
+        log: Where transfers are told.
+    """
+
+    def __init__(self, bus: Bus, conversations: Conversations, states: States, log: Log) -> None:
+        self._bus = bus
+        self._conversations = conversations
+        self._states = states
+        self._log = log
+        self._transfers: dict[int, _Transfer] = {}
+
+    def close(self) -> None:
+        """Ends all transfers."""
+        for item in self._transfers.values():
+            if item.task is not None and item.step not in _ENDED:
+                self._log.warning(f"{_what(item)} is cut off, since the bus is being stopped")
+                item.task.cancel()
+
+    def start(self, request: StartFoe) -> dict[str, Any]:
+        """Starts a transfer; the reply is as that of `describe`.
+
+        Raises:
+            BusyError: The slave has another transfer, or there are too many.
+            StateError: There is no such slave.
+        """
+        slave = self._bus.find(request.slave)
+        for item in self._transfers.values():
+            if item.slave is slave and item.is_under_way:
+                if _is_same(item.request, request):
+                    return item.to_map()
+                raise BusyError(
+                    f"{slave.label} is transferring '{item.request.file}'; try again when that ends"
+                )
+        self._make_room(request.size)
+        number = secrets.randbelow(TRANSFER_MAX) + 1  # known to those only who may use it
+        item = self._transfers[number] = _Transfer(number, slave, request)
+        if not request.write:
+            self._begin(item, FileRead(request.file, request.password, FILE_MAX))
+        elif request.size == 0:
+            self._begin_writing(item)
+        return item.to_map()
+
+    def _make_room(self, size: int) -> None:
+        """Drops transfers that have ended, the oldest first, if there is no room for another one.
+
+        Raises:
+            BusyError: There is no room either way.
+        """
+        ended = [item for item in self._transfers.values() if not item.is_under_way]
+        while len(self._transfers) >= _MANY or self._taken + size > _ROOM:
+            if not ended:
+                raise BusyError(
+                    "too many files are being transferred; try again when some have ended"
+                )
+            del self._transfers[ended.pop(0).number]
+
+    @property
+    def _taken(self) -> int:
+        return sum(item.room for item in self._transfers.values())
+
+    def _find(self, number: int) -> _Transfer:
+        if number not in self._transfers:
+            raise StateError(
+                f"there is no transfer {number}: they are kept for {_KEPT_S / 60:g} minutes"
+            )
+        return self._transfers[number]
+
+    def describe(self, number: int) -> dict[str, Any]:
+        """The reply says how far a transfer is: `step` is one of `_Step`.
+
+        It also has the bytes that are `received` from the client and `moved` over the bus, what a
+        `busy` slave says, the `failure`, and a `note` about a transfer that is done.
+
+        Raises:
+            StateError: There is no such transfer.
+        """
+        return self._find(number).to_map()
+
+    def put(self, request: PutFoe) -> dict[str, Any]:
+        """Takes a part of a file from the client; the reply is as that of `describe`.
+
+        Raises:
+            StateError: There is no such transfer.
+            UsageError: The part does not belong there, or the whole is another file.
+        """
+        item = self._find(request.transfer)
+        if item.step == _Step.RECEIVING and not item.is_under_way:
+            raise StateError(f"no part of this file has come for {_ABANDONED_S:g} s; start again")
+        item.touched = time.monotonic()
+        size = item.request.size
+        if item.step == _Step.RECEIVING and request.offset == len(item.received):
+            if len(item.received) + len(request.data) > size or not request.data:
+                raise UsageError(f"a part of {len(request.data)} bytes is no part of this file")
+            item.received += request.data
+            item.digest.update(request.data)
+            if len(item.received) == size:
+                self._begin_writing(item)
+        return item.to_map()
+
+    def _begin_writing(self, item: _Transfer) -> None:
+        request, data = item.request, item.received
+        if item.digest.hexdigest() != request.digest:
+            item.step = _Step.FAILED
+            item.error = UsageError("the file has another SHA-256 than the client has announced")
+            self._forget_later(item)
+            return
+        self._begin(item, FileWrite(request.file, request.password, data))
+
+    def _begin(self, item: _Transfer, file: FileTransfer) -> None:
+        item.file, item.began, item.step = file, time.monotonic(), _Step.TRANSFERRING
+        size = f" ({item.request.size} bytes)" if item.request.write else ""
+        by = item.request.by
+        boot = " in BOOT" if item.request.boot else ""
+        self._log.notice(f"{_what(item)} begins{size}{boot}, by {by}")
+        item.task = asyncio.create_task(self._run(item, file))
+
+    def take(self, request: TakeFoe) -> dict[str, Any]:
+        """The reply has `data`: a part of a file that has been read, none at its end.
+
+        Raises:
+            StateError: There is no such transfer, or it has not ended.
+        """
+        item = self._find(request.transfer)
+        if item.request.write or item.file is None or not item.file.ended:
+            raise StateError(f"transfer {item.number} has no file: it is {item.step}")
+        return {"data": bytes(item.file.data[request.offset : request.offset + FILE_PART])}
+
+    async def cancel(self, request: CancelFoe) -> dict[str, Any]:
+        """Ends a transfer; the reply is as that of `describe`.
+
+        Raises:
+            StateError: There is no such transfer.
+        """
+        item = self._find(request.transfer)
+        if item.step in _ENDED:
+            return item.to_map()
+        self._log.notice(f"{_what(item)} is cancelled by {request.by}")
+        if item.task is None:
+            item.step, item.error = _Step.FAILED, StateError("it was cancelled")
+        else:
+            item.task.cancel()
+            with suppress(asyncio.CancelledError):
+                await item.task
+        return item.to_map()
+
+    # --- a transfer -----------------------------------------------------------------------------
+
+    async def _run(self, item: _Transfer, file: FileTransfer) -> None:
+        try:
+            await (self._in_boot(item, file) if item.request.boot else self._move(item, file))
+            item.step = _Step.DONE
+        except EcatError as error:
+            item.error, item.step = error, _Step.FAILED
+        except asyncio.CancelledError:
+            item.error, item.step = StateError("it was cancelled"), _Step.FAILED
+        finally:
+            self._forget_later(item)
+        took = f"after {time.monotonic() - item.began:.1f} s"
+        if item.error:
+            self._log.warning(f"{_what(item)} has failed {took}: {item.error}")
+        else:
+            more = f"; {item.note}" if item.note else ""
+            self._log.notice(f"{_what(item)} is done {took}: {file.moved} bytes{more}")
+
+    async def _in_boot(self, item: _Transfer, file: FileTransfer) -> None:
+        position = item.slave.position
+        before = self._states.wanted(position)
+        try:
+            item.step = _Step.TO_BOOT
+            await self._states.change([position], AlState.BOOT)
+            await self._move(item, file)
+        finally:
+            item.step = _Step.FROM_BOOT
+            try:
+                await self._states.change([position], before)
+            except EcatError as error:
+                item.note = f"the slave does not come back to {before.name}: {error}"
+
+    async def _move(self, item: _Transfer, file: FileTransfer) -> None:
+        item.step = _Step.TRANSFERRING
+        try:
+            while not file.ended:
+                try:
+                    await self._conversations.foe(
+                        item.slave, lambda mailbox: file.go_on(mailbox, _PACKETS)
+                    )
+                except BusyError:  # nothing was sent
+                    await asyncio.sleep(_AGAIN_S)
+                if self._taken > _ROOM:
+                    raise StateError("there is no more room for files that are read")
+        except asyncio.CancelledError:
+            with suppress(EcatError):
+                await self._conversations.foe(item.slave, file.give_up)
+            raise
+        except EcatError as error:
+            raise type(error)(f"file '{item.request.file}': {error}") from error
+
+    def _forget_later(self, item: _Transfer) -> None:
+        loop = asyncio.get_running_loop()
+        loop.call_later(_KEPT_S, self._transfers.pop, item.number, None)
+
+
+def _is_same(one: StartFoe, other: StartFoe) -> bool:
+    """Whether two requests are about the same file, for the same slave."""
+    same = ("file", "write", "size", "digest", "boot")
+    return all(getattr(one, name) == getattr(other, name) for name in same)
+
+
+def _what(item: _Transfer) -> str:
+    verb = "writing" if item.request.write else "reading"
+    return f"{item.slave.label}: {verb} file '{item.request.file}'"

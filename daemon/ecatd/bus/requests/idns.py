@@ -1,0 +1,73 @@
+"""Requests about IDNs of drives (SoE)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ecatd.log import Log
+from ecatd.model.bus import Bus
+from ecatd.model.errors import StateError
+from ecatd.model.idns import idn_text
+from ecatd.model.messages import ReadIdn, WriteIdn
+
+from ..mailbox.mailboxes import Mailbox, Talk
+from ..mailbox.soe import read_idn, write_idn
+from .conversations import Conversations
+
+_SHOWN = 32
+"""Bytes of a value in the log."""
+
+
+class Idns:
+    """The IDNs of all drives.
+
+    Args:
+        bus: The bus description.
+        conversations: The way to the slaves.
+        log: Where changes are told.
+    """
+
+    def __init__(self, bus: Bus, conversations: Conversations, log: Log) -> None:
+        self._bus = bus
+        self._conversations = conversations
+        self._log = log
+
+    async def read(self, request: ReadIdn) -> dict[str, Any]:
+        """The reply is as that of `IdnValue.to_map`.
+
+        Raises:
+            StateError: There is no such slave or IDN, or the slave has no SoE.
+        """
+        slave = self._bus.find(request.slave)
+        drive, number = request.drive, request.idn
+        found = await self._conversations.soe(
+            slave, lambda mailbox: read_idn(mailbox, drive, number)
+        )
+        return found.to_map()
+
+    async def write(self, request: WriteIdn) -> dict[str, Any]:
+        """The reply is as that of `read`, with the value that was there before as `before`.
+
+        Raises:
+            StateError: As `read`; or the drive refuses the value.
+        """
+        slave = self._bus.find(request.slave)
+        drive, number, data = request.drive, request.idn, request.data
+
+        def talk(mailbox: Mailbox) -> Talk[dict[str, Any]]:
+            old = yield from read_idn(mailbox, drive, number)
+            size, is_list = old.attribute.size, old.attribute.is_list
+            if size and (len(data) % size or (not is_list and len(data) != size)):
+                raise StateError(
+                    f"{idn_text(number)} ({old.name}) takes {size} bytes"
+                    f"{' for each element' * is_list}, not {len(data)}"
+                )
+            yield from write_idn(mailbox, drive, number, data, is_list=is_list)
+            return {**old.to_map(), "value": data, "before": old.value}
+
+        answer = await self._conversations.soe(slave, talk)
+        self._log.notice(
+            f"{slave.label}, drive {drive}, {idn_text(number)} ({answer['name']}): changed from "
+            f"{answer['before'][:_SHOWN].hex(' ')} to {data[:_SHOWN].hex(' ')} by {request.by}"
+        )
+        return answer

@@ -1,0 +1,46 @@
+"""Commands `cstruct` and `xml`: documents of the bus for other programs."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from ecatd.version import VERSION
+
+from .bus_source import add_options, get_bus
+from .output import print_json
+from .scan import save
+
+
+def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
+    """Adds the arguments of a command."""
+    command.set_defaults(alone=cstruct if name == "cstruct" else xml)
+    command.add_argument("-o", dest="out", metavar="FILE", type=Path, help="save it to this file")
+    add_options(command)
+
+
+def cstruct(options: argparse.Namespace) -> None:
+    """Prints or saves a C header."""
+    from ecatgen.c_header import c_header
+
+    _give(options, c_header(get_bus(options), VERSION))
+
+
+def xml(options: argparse.Namespace) -> None:
+    """Prints or saves XML."""
+    from ecatd.esi.writer import bus_document
+
+    _give(options, bus_document(get_bus(options), VERSION))
+
+
+def _give(options: argparse.Namespace, text: str) -> None:
+    if options.out is not None:
+        save(options.out, text)
+    if options.json:
+        document = {"text": text} if options.out is None else {"file": str(options.out)}
+        print_json(document)
+    elif options.out is None:
+        sys.stdout.write(text)
+    else:
+        print(f"{options.out}: {len(text.splitlines())} lines")

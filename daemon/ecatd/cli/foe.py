@@ -1,0 +1,190 @@
+"""Commands `foe-read` and `foe-write`: files of a slave, such as firmware (FoE)."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ecatd.model.bus import Slave
+from ecatd.model.errors import StateError, UsageError
+from ecatd.model.messages import FILE_MAX
+
+from .arguments import bounded, slave
+from .confirm import add_yes, confirm
+from .output import print_json
+from .progress import progress
+from .scan import save_bytes
+
+if TYPE_CHECKING:
+    from ecatd.client.file_transfer import FileTransfer
+    from ecatd.client.remote import Remote
+
+_STDOUT = Path("-")
+_PAUSES = 0.02, 0.2
+"""Seconds between two questions how far a transfer is: at first, and at the most."""
+_STEPS = {"to boot": "the slave goes to BOOT", "from boot": "the slave comes back from BOOT"}
+
+
+def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
+    """Adds the arguments of a command."""
+    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    if name == "foe-read":
+        command.set_defaults(run=foe_read)
+        command.add_argument("name", metavar="NAME", help="name of the file, as the slave knows it")
+        command.add_argument(
+            *("-o", "--out"),
+            dest="out",
+            metavar="FILE",
+            type=Path,
+            required=True,
+            help="where to save it; - prints it",
+        )
+    else:
+        command.set_defaults(run=foe_write)
+        command.add_argument("file", metavar="FILE", type=Path, help="the file")
+        command.add_argument(
+            *("--as", "-n"),
+            dest="name",
+            metavar="NAME",
+            help="its name, as the slave knows it (default: that of FILE)",
+        )
+    command.add_argument(
+        "--password",
+        type=bounded(0, 0xFFFFFFFF),
+        default=0,
+        metavar="NUMBER",
+        help="password of the slave for it",
+    )
+    command.add_argument(
+        "--boot", action="store_true", help="bring the slave to BOOT for it, and back afterwards"
+    )
+    add_yes(command)
+
+
+def foe_read(remote: Remote, options: argparse.Namespace) -> None:
+    """Reads a file, and saves or prints it."""
+    if options.json and options.out == _STDOUT:
+        raise UsageError("with --json, -o must name a file")
+    found = remote.describe().find(options.slave)
+    if options.boot:
+        confirm(options, f"This brings {found.label} to BOOT, where it exchanges no process data.")
+    begin = time.monotonic()
+    transfer = remote.start_file_read(
+        found.position, options.name, password=options.password, boot=options.boot
+    )
+    try:
+        _follow(transfer)
+        data = transfer.result()
+    except KeyboardInterrupt:
+        transfer.cancel()
+        raise
+    if options.out != _STDOUT:
+        save_bytes(options.out, data)
+    elif not options.json:
+        sys.stdout.buffer.write(data)
+    _report(remote, options, found, transfer, time.monotonic() - begin, "read")
+
+
+def foe_write(remote: Remote, options: argparse.Namespace) -> None:
+    """Writes a file, after a question."""
+    name = options.name or options.file.name
+    data = _read(options.file)
+    found = remote.describe().find(options.slave)
+    about = f"This writes {len(data)} bytes to {found.label}, as file '{name}'."
+    if options.boot:
+        about += " It is brought to BOOT for it, where it exchanges no process data, and back."
+    confirm(options, about)
+    begin = time.monotonic()
+    transfer = remote.start_file_write(
+        found.position, name, data, password=options.password, boot=options.boot
+    )
+    try:
+        _follow(transfer)
+    except KeyboardInterrupt:
+        if transfer.step != "receiving":
+            print(
+                "\necatctl: the daemon goes on with it; the same command again shows how far it is",
+                file=sys.stderr,
+            )
+        raise
+    _report(remote, options, found, transfer, time.monotonic() - begin, "written")
+
+
+def _read(path: Path) -> bytes:
+    """Reads the file.
+
+    Raises:
+        UsageError: It cannot be read, or is too long.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}") from error
+    if len(data) > FILE_MAX:
+        raise UsageError(f"{path} has {len(data)} bytes; {FILE_MAX} are allowed")
+    return data
+
+
+def _follow(transfer: FileTransfer) -> None:
+    """Shows how far a transfer is, until it is done.
+
+    Raises:
+        EcatError: It has failed.
+    """
+    begin, (pause, longest) = time.monotonic(), _PAUSES
+    with progress() as show:
+        while transfer.step == "receiving":
+            show("the file goes to the daemon")
+            transfer.send()
+        while not transfer.look():
+            show(_text(transfer, time.monotonic() - begin))
+            time.sleep(pause)
+            pause = min(2 * pause, longest)
+
+
+def _text(transfer: FileTransfer, seconds: float) -> str:
+    """How far it is: `120.5 of 482.0 kB, 25 %, 61.3 kB/s`."""
+    if transfer.step in _STEPS:
+        return _STEPS[transfer.step]
+    moved = f"{transfer.moved / 1e3:.1f}"
+    if transfer.size:
+        share = 100 * transfer.moved / transfer.size
+        moved += f" of {transfer.size / 1e3:.1f} kB, {share:.0f} %"
+    else:
+        moved += " kB"
+    busy = f", the slave is busy ({transfer.busy})" if transfer.busy else ""
+    return f"{moved}, {transfer.moved / 1e3 / seconds:.1f} kB/s{busy}"
+
+
+def _report(
+    remote: Remote,
+    options: argparse.Namespace,
+    found: Slave,
+    transfer: FileTransfer,
+    seconds: float,
+    verb: str,
+) -> None:
+    """Says what was done.
+
+    Raises:
+        StateError: The slave does not come back from BOOT.
+    """
+    if options.json:
+        print_json(
+            {
+                "bus": remote.bus,
+                "slave": found.position,
+                "file": options.name or options.file.name,
+                "bytes": transfer.moved,
+                "seconds": round(seconds, 3),
+                "note": transfer.note,
+            }
+        )
+    else:
+        out = sys.stderr if verb == "read" and options.out == _STDOUT else sys.stdout
+        print(f"{found.label}: {transfer.moved} bytes {verb} in {seconds:.1f} s", file=out)
+    if transfer.note:
+        raise StateError(f"the file was {verb}, but {transfer.note}")

@@ -1,0 +1,153 @@
+"""Commands `rescan` and `reboot`: what is on the wire now; and a reset of a slave controller."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import TYPE_CHECKING, Any
+
+from ecatd.model.al import AlState
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.errors import EcatError, NoAnswerError, StateError
+
+from .arguments import slave
+from .confirm import add_yes, confirm
+from .output import print_json, print_table
+from .progress import progress
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
+
+_RESET, _LETTERS = 0x0040, b"RES"
+"""Register "ESC reset ECAT" (ETG.1000.4): three letters in three writes."""
+_PAUSE = 0.1
+_DIFFERENT = 7
+"""Exit status if the wire is not as at the start: that of a bus that is not the expected one."""
+
+
+def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
+    """Adds the arguments of a command."""
+    if name == "rescan":
+        command.set_defaults(run=rescan)
+        return
+    command.set_defaults(run=reboot)
+    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    add_yes(command)
+
+
+# --- rescan --------------------------------------------------------------------------------------
+
+
+def rescan(remote: Remote, options: argparse.Namespace) -> int:
+    """Reads which devices are on the wire, and compares them with the slaves of the bus."""
+    bus = remote.describe()
+    answer = remote.rescan()
+    rows = [_row(bus, place, device) for place, device in enumerate(answer["devices"])]
+    missing = [bus.slaves[at] for at in answer["missing"]]
+    different = [row for row in rows if row["difference"]]
+    lost = [item for item in missing if not item.group]
+    if options.json:
+        absent = [item.position for item in missing]
+        print_json({"bus": bus.name, "devices": rows, "missing": absent})
+    else:
+        print_table(
+            ("PLACE", "SLAVE", "VENDOR", "PRODUCT", "REVISION", "SERIAL", "WHAT"),
+            (_cells(bus, row) for row in rows),
+        )
+        for item in missing:
+            print(f"{item.label} is not there{' (optional)' if item.group else ''}")
+        print(_conclusion(len(rows), bool(different), lost))
+    return _DIFFERENT if different or lost else 0
+
+
+def _row(bus: Bus, place: int, device: dict[str, Any]) -> dict[str, Any]:
+    position = device["position"]
+    row = {"place": place, **device, "difference": ""}
+    if position is None:
+        row["difference"] = "new: no part of the bus"
+    elif device["vendor"] is None:
+        row["difference"] = "its EEPROM cannot be read"
+    else:
+        known = bus.slaves[position]
+        if (device["vendor"], device["product"]) != (known.vendor, known.product):
+            row["difference"] = f"another device than {known.label}"
+        elif device["revision"] != known.revision:
+            row["difference"] = f"another revision than 0x{known.revision:08X}"
+    return row
+
+
+def _cells(bus: Bus, row: dict[str, Any]) -> tuple[object, ...]:
+    position = row["position"]
+    name = "" if position is None else f"{position} {bus.slaves[position].display_name}"
+    numbers = [row[key] for key in ("vendor", "product", "revision", "serial")]
+    texts = ("" if number is None else f"0x{number:08X}" for number in numbers)
+    return row["place"], name, *texts, row["difference"]
+
+
+def _conclusion(count: int, different: bool, lost: list[Slave]) -> str:
+    if different:
+        return (
+            f"{count} devices, not all as at the start: restart the daemon to use the bus as it is "
+            "now"
+        )
+    if lost:
+        return f"{count} devices; ecatd takes missing slaves back when they answer"
+    return f"{count} devices, all as at the start"
+
+
+# --- reboot --------------------------------------------------------------------------------------
+
+
+def reboot(remote: Remote, options: argparse.Namespace) -> None:
+    """Resets a slave controller, and waits until ecatd has brought the slave back.
+
+    Raises:
+        StateError: The slave controller does not reset itself.
+        NoAnswerError: The slave does not come back in time.
+    """
+    found = remote.describe().find(options.slave)
+    confirm(
+        options,
+        f"This resets the controller of {found.label}, and its processor if that is wired: its "
+        "outputs go off, and it takes part again when ecatd has set it up.",
+    )
+    begin = time.monotonic()
+    _reset(remote, found)
+    _wait(remote, found, begin + options.timeout)
+    took = time.monotonic() - begin
+    if options.json:
+        print_json({"bus": remote.bus, "slave": found.position, "seconds": round(took, 3)})
+    else:
+        print(f"{found.label} was reset, and is in OP again after {took:.1f} s")
+
+
+def _reset(remote: Remote, found: Slave) -> None:
+    for letter in _LETTERS:
+        try:
+            step = remote.register_write(found.position, _RESET, bytes([letter]))
+        except NoAnswerError:
+            if letter == _LETTERS[-1]:
+                return  # it has lost its address: this is what a reset looks like
+            raise
+    states = {row["position"]: row for row in remote.states()}
+    if states[found.position]["al_state"] == AlState.OP:
+        raise StateError(
+            f"{found.label} is still in OP: its controller does not reset itself by register "
+            f"0x{_RESET:04X} (which has {step.hex()}); switch it off and on"
+        )
+
+
+def _wait(remote: Remote, found: Slave, deadline: float) -> None:
+    with progress() as show:
+        while True:
+            try:
+                state = remote.states()[found.position]
+            except EcatError as error:
+                state = {"al_state": 0, "text": str(error), "recovery_text": ""}
+            if state["al_state"] == AlState.OP:
+                return
+            text = ", ".join(filter(None, (state["text"], state["recovery_text"])))
+            if time.monotonic() > deadline:
+                raise NoAnswerError(f"{found.label} was reset, and has not come back to OP: {text}")
+            show(text)
+            time.sleep(_PAUSE)

@@ -1,0 +1,219 @@
+"""Commands `sii-write` and `alias`: change what is in the EEPROM of a slave."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ecatd.model.bus import Slave
+from ecatd.model.errors import EcatError, StateError, UsageError
+from ecatd.model.messages import SII_WORDS_MAX
+from ecatd.model.sii import Sii
+from ecatd.model.sii_check import MAX_IMAGE, check_sii, sii_checksum
+from ecatd.model.sii_reader import FIRST_CATEGORY
+
+from .arguments import bounded, slave
+from .confirm import add_yes, confirm
+from .output import print_json
+from .progress import counted
+from .scan import save_bytes
+from .sii import sii_lines
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
+
+_ALIAS, _CHECKSUM = 4, 7  # words of the configuration area (ETG.1000.6, table "SII")
+_PART = 2 * SII_WORDS_MAX
+_LATER = "the slave uses it when it is switched on the next time"
+
+
+def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
+    """Adds the arguments of a command."""
+    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    if name == "alias":
+        command.set_defaults(run=set_alias)
+        command.add_argument(
+            "alias", type=bounded(0, 0xFFFF), metavar="ALIAS", help="the alias, 0 for none"
+        )
+        add_yes(command)
+        return
+    command.set_defaults(run=sii_write)
+    command.add_argument("file", type=Path, metavar="FILE", help="the bytes, as of sii-read -o")
+    command.add_argument(
+        "--backup",
+        metavar="FILE",
+        type=Path,
+        help="save the bytes before to this file (default: sii-BUS-POSITION-TIME.bin, here)",
+    )
+    command.add_argument("--dry-run", action="store_true", help="only show what would change")
+    command.add_argument(
+        "--force", action="store_true", help="write also bytes that are no good EEPROM"
+    )
+    add_yes(command)
+
+
+# --- sii-write -----------------------------------------------------------------------------------
+
+
+def sii_write(remote: Remote, options: argparse.Namespace) -> None:
+    """Writes an EEPROM: shows what changes, asks, saves what was there, writes, reads back."""
+    image = _read(options.file)
+    new = check_sii(image)
+    _check(options, new)
+    found = remote.describe().find(options.slave)
+    before = remote.sii(found.position)
+    if len(image) > len(before):
+        raise UsageError(
+            f"{options.file} has {len(image)} bytes, but the EEPROM of {found.label} has "
+            f"{len(before)}; nothing was written"
+        )
+    old = check_sii(before)
+    parts = _changed_parts(before, image)
+    words = sum(_differing(before, image, at, _PART) for at in parts)
+    changes = _changes(old, new, len(before))
+    if not options.json:
+        print("\n".join(changes) or "the decoded fields are the same")
+    backup = None
+    if words and not options.dry_run:
+        confirm(options, _about(found, old, new, words))
+        backup = options.backup or Path(
+            f"sii-{remote.bus}-{found.position}-{time.strftime('%Y%m%d-%H%M%S')}.bin"
+        )
+        if backup.exists():
+            raise UsageError(f"{backup} exists: give another --backup; nothing was written")
+        save_bytes(backup, before)
+        _write(remote, found, image, parts, backup)
+    _report(remote, options, found, words, changes, backup)
+
+
+def _read(path: Path) -> bytes:
+    """Reads a file that may be an EEPROM.
+
+    Raises:
+        UsageError: It cannot be, or it cannot be read.
+    """
+    try:
+        image = path.read_bytes()
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}") from error
+    least = 2 * FIRST_CATEGORY
+    if len(image) % 2 or not least <= len(image) <= MAX_IMAGE:
+        raise UsageError(
+            f"{path} is no EEPROM: it has {len(image)} bytes, but an EEPROM has words of 2 bytes, "
+            f"at least {least} and at most {MAX_IMAGE} bytes"
+        )
+    return image
+
+
+def _check(options: argparse.Namespace, new: Sii) -> None:
+    if new.problems and not options.force:
+        more = f" (and {len(new.problems) - 1} more)" if len(new.problems) > 1 else ""
+        raise UsageError(
+            f"{options.file}: {new.problems[0]}{more}; nothing was written. With --force it is "
+            "written as it is"
+        )
+
+
+def _changed_parts(before: bytes, image: bytes) -> list[int]:
+    """Addresses of the first bytes of the parts that differ."""
+    return [
+        at
+        for at in range(0, len(image), _PART)
+        if before[at : at + len(image[at : at + _PART])] != image[at : at + _PART]
+    ]
+
+
+def _differing(before: bytes, image: bytes, at: int, size: int) -> int:
+    """How many words of a part differ."""
+    end = min(at + size, len(image))
+    return sum(before[byte : byte + 2] != image[byte : byte + 2] for byte in range(at, end, 2))
+
+
+def _changes(old: Sii, new: Sii, size: int) -> list[str]:
+    """The decoded fields that differ, before with `-`, and after with `+`."""
+    lines = difflib.ndiff([*sii_lines(old, size)], [*sii_lines(new, size)])
+    return [line for line in lines if line[:1] in "-+"]
+
+
+def _about(found: Slave, old: Sii, new: Sii, words: int) -> str:
+    text = f"This writes {words} words of the EEPROM of {found.label}."
+    if (old.vendor, old.product) != (new.vendor, new.product):
+        text += (
+            f" It becomes another device for every master: vendor 0x{new.vendor:08X}, product "
+            f"0x{new.product:08X}."
+        )
+    return text
+
+
+def _write(remote: Remote, found: Slave, image: bytes, parts: Sequence[int], backup: Path) -> None:
+    """Writes the parts, and reads everything back.
+
+    Raises:
+        EcatError: The slave cannot be written; the message says how to go back.
+    """
+    try:
+        for at in counted(parts, "parts"):
+            remote.write_sii(found.position, at // 2, image[at : at + _PART])
+        if remote.sii(found.position)[: len(image)] != image:
+            raise StateError(f"{found.label}: the EEPROM has other words than were written")
+    except EcatError as error:
+        raise type(error)(
+            f"{error}. A part may be written: try again, or write the bytes before back with "
+            f"`ecatctl sii-write {found.position} {backup}`"
+        ) from error
+
+
+def _report(
+    remote: Remote,
+    options: argparse.Namespace,
+    found: Slave,
+    words: int,
+    changes: Sequence[str],
+    backup: Path | None,
+) -> None:
+    written = 0 if options.dry_run else words
+    if options.json:
+        document = {"bus": remote.bus, "slave": found.position, "differ": words, "written": written}
+        file = None if backup is None else str(backup)
+        print_json({**document, "changes": [*changes], "backup": file})
+    elif not words:
+        print(f"the EEPROM of {found.label} has these bytes already: nothing was written")
+    elif options.dry_run:
+        print(f"{words} words would be written")
+    else:
+        print(f"{words} words were written; {_LATER}. The bytes before are in {backup}")
+
+
+# --- alias ---------------------------------------------------------------------------------------
+
+
+def set_alias(remote: Remote, options: argparse.Namespace) -> None:
+    """Writes the configured station alias, and the checksum that belongs to it."""
+    found = remote.describe().find(options.slave)
+    head = remote.read_sii(found.position, 0, _CHECKSUM + 1)
+    before = int.from_bytes(head[2 * _ALIAS : 2 * _ALIAS + 2], "little")
+    if sii_checksum(head[: 2 * _CHECKSUM]) != head[2 * _CHECKSUM]:
+        raise StateError(
+            f"the EEPROM of {found.label} has a wrong checksum, which hides what else is wrong "
+            f"with it: mend it first with `ecatctl sii-write {found.position} FILE`; nothing was "
+            "written"
+        )
+    if before != options.alias:
+        confirm(
+            options, f"This changes the alias of {found.label} from {before} to {options.alias}."
+        )
+        changed = head[: 2 * _ALIAS] + options.alias.to_bytes(2, "little") + head[2 * _ALIAS + 2 :]
+        checksum = sii_checksum(changed[: 2 * _CHECKSUM]).to_bytes(2, "little")
+        data = changed[2 * _ALIAS : 2 * _CHECKSUM] + checksum
+        remote.write_sii(found.position, _ALIAS, data)
+    if options.json:
+        document = {"bus": remote.bus, "slave": found.position, "alias": options.alias}
+        print_json({**document, "before": before})
+    elif before == options.alias:
+        print(f"{found.label} has the alias {before} already: nothing was written")
+    else:
+        print(f"{found.label} has the alias {options.alias} in its EEPROM; {_LATER}")

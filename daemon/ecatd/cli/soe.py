@@ -1,0 +1,110 @@
+"""Commands `soe-read` and `soe-write`: IDNs of drives with SoE (IEC 61800-7-204)."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from ecatd.model.errors import StateError, UsageError
+from ecatd.model.idns import ALL_IDNS, IdnValue, idn_text, parse_idn
+
+from .arguments import bounded, slave
+from .output import print_json, print_table
+from .progress import counted
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
+
+
+def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
+    """Adds the arguments of a command."""
+    reading = name == "soe-read"
+    command.set_defaults(run=soe_read if reading else soe_write)
+    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    command.add_argument(
+        "idn",
+        type=_idn,
+        nargs="?" if reading else None,
+        metavar="IDN",
+        help="S-0-0047, P-0-0100" + (" (default: all that the drive lists)" if reading else ""),
+    )
+    if not reading:
+        command.add_argument(
+            "value", metavar="VALUE", help="number, text, list as 1,2,3, or bytes as hex:04 00"
+        )
+    command.add_argument(
+        "--drive",
+        type=bounded(0, 7),
+        default=0,
+        metavar="N",
+        help="which drive of the slave (default: 0)",
+    )
+
+
+def _idn(text: str) -> int:
+    try:
+        return parse_idn(text)
+    except UsageError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def soe_read(remote: Remote, options: argparse.Namespace) -> None:
+    """Reads one IDN, or all that the drive lists in S-0-0017."""
+    if options.idn is not None:
+        found = remote.read_idn(options.slave, options.idn, options.drive)
+        if options.json:
+            print_json({"bus": remote.bus, "slave": options.slave, "idns": [_document(found)]})
+        else:
+            print(f"{_value(found)}  {found.name}".rstrip())
+        return
+    listed = remote.read_idn(options.slave, ALL_IDNS, options.drive).value
+    numbers = [int.from_bytes(listed[at : at + 2], "little") for at in range(0, len(listed), 2)]
+    rows = []
+    for number in counted(numbers, "IDNs"):
+        try:
+            rows.append(remote.read_idn(options.slave, number, options.drive))
+        except StateError as error:
+            if options.json:
+                continue
+            print(f"{idn_text(number)}: {error}")
+    if options.json:
+        idns = [_document(item) for item in rows]
+        print_json({"bus": remote.bus, "slave": options.slave, "idns": idns})
+        return
+    print_table(
+        ("IDN", "NAME", "VALUE", "WRITE-PROTECTED IN"),
+        ((idn_text(r.number), r.name, _value(r), " ".join(r.attribute.protected)) for r in rows),
+    )
+
+
+def soe_write(remote: Remote, options: argparse.Namespace) -> None:
+    """Writes the value of an IDN."""
+    text: str = options.value
+    known = remote.read_idn(options.slave, options.idn, options.drive)
+    if text.startswith("hex:"):
+        try:
+            data = bytes.fromhex(text[4:])
+        except ValueError:
+            raise UsageError(f"'{text}' is no row of bytes: write it as 'hex:04 00'") from None
+    else:
+        data = known.attribute.encode(text.removesuffix(known.unit).strip() if known.unit else text)
+    written = remote.write_idn(options.slave, options.idn, data, options.drive)
+    if options.json:
+        print_json({"bus": remote.bus, "slave": options.slave, "idns": [_document(written)]})
+
+
+def _value(found: IdnValue) -> str:
+    value = found.attribute.decode(found.value)
+    text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+    return f"{text} {found.unit}".rstrip()
+
+
+def _document(found: IdnValue) -> dict[str, Any]:
+    return {
+        "idn": idn_text(found.number),
+        "name": found.name,
+        "unit": found.unit,
+        "attribute": found.attribute.raw,
+        "value": found.attribute.decode(found.value),
+        "data": found.value.hex(),
+    }

@@ -1,0 +1,107 @@
+"""The certificate of a user, with which a client of another machine says who it is."""
+
+from __future__ import annotations
+
+import base64
+import os
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+from ecatd.model.errors import NotPermittedError, UsageError
+
+_BLOCK = re.compile("-----BEGIN ([A-Z ]+)-----.*?-----END \\1-----\n?", re.DOTALL)
+_USER = re.compile("^ecatd user: (.+)$", re.MULTILINE)
+_ENCRYPTED = ("tls/", "quic/")
+USER_LINE = "ecatd user: {}\n"
+"""First line of a file with an identity."""
+
+
+class Identity(NamedTuple):
+    """Who a client is.
+
+    Attributes:
+        path: The file.
+        user: Name of the user: the common name of the certificate.
+        certificate: The certificate, in PEM.
+        key: Its private key, in PEM.
+        authorities: Certificates of those who sign the certificates of daemons, in PEM.
+    """
+
+    path: Path
+    user: str
+    certificate: str
+    key: str
+    authorities: str
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """Settings of Zenoh."""
+        parts = {
+            "connect_certificate_base64": self.certificate,
+            "connect_private_key_base64": self.key,
+            "root_ca_certificate_base64": self.authorities,
+        }
+        found: dict[str, object] = {
+            f"transport/link/tls/{name}": base64.b64encode(text.encode()).decode()
+            for name, text in parts.items()
+        }
+        return {**found, "transport/link/tls/enable_mtls": True}
+
+
+def is_encrypted(endpoint: str | None) -> bool:
+    """Whether a connection to this Zenoh endpoint is encrypted, and knows users."""
+    return endpoint is not None and endpoint.startswith(_ENCRYPTED)
+
+
+def find_identity(path: Path | None) -> Identity | None:
+    """Reads an identity; None if there is none.
+
+    Args:
+        path: The file; None for `$ECATD_IDENTITY`, or `identity.pem` in `~/.config/ecatd`, if that
+            exists.
+
+    Raises:
+        UsageError: The file is missing, or no identity.
+        NotPermittedError: The file cannot be read.
+    """
+    given = path or os.environ.get("ECATD_IDENTITY")
+    if given:
+        return read_identity(Path(given))
+    home = os.environ.get("XDG_CONFIG_HOME") or Path("~/.config").expanduser()
+    usual = Path(home) / "ecatd" / "identity.pem"
+    return read_identity(usual) if usual.exists() else None
+
+
+def read_identity(path: Path) -> Identity:
+    """Reads a file that `ecatctl remote user` has written; raises as `find_identity`."""
+    try:
+        text = path.read_text()
+    except PermissionError as error:
+        raise NotPermittedError(f"{path} cannot be read: {error.strerror}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"{path} cannot be read: {error}") from error
+    blocks = [(match[1], match[0]) for match in _BLOCK.finditer(text)]
+    certificates = [block for kind, block in blocks if kind == "CERTIFICATE"]
+    keys = [block for kind, block in blocks if kind.endswith("PRIVATE KEY")]
+    user = _USER.search(text)
+    if user is None or len(certificates) < 2 or len(keys) != 1:
+        raise UsageError(
+            f"{path} is no identity: it needs a line '{USER_LINE.strip().format('NAME')}', the "
+            "certificate of the user, its private key, and the certificate of the authority that "
+            "signs those of daemons, in this order, as `ecatctl remote user` writes them"
+        )
+    return Identity(path, user[1].strip(), certificates[0], keys[0], "".join(certificates[1:]))
+
+
+def whose(identity: Identity | None) -> str:
+    """Why a connection with a certificate may fail, and what to do: the end of a message."""
+    if identity is None:
+        return (
+            "this connection needs a certificate. Ask for one (`ecatctl remote user NAME` on the "
+            "machine of the daemon), and give it with --identity"
+        )
+    return (
+        f"is it running, does it listen there, and do both certificates hold? `ecatctl remote show "
+        f"{identity.path}` shows yours"
+    )

@@ -1,0 +1,146 @@
+"""Who may do what over Zenoh.
+
+Zenoh's access control lets through what is listed here, and nothing else, in both directions. So
+nobody but the gateway can publish, answer or be alive under the keys of a bus. A user of another
+machine is known by the certificate of the connection. Only this user's connection may use the keys
+below `as/NAME`, so the name in such a key is the truth. What the user may change is checked here,
+so that the user gets an answer in words.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ecatd.model.bus import Bus
+from ecatd.model.config import GatewayConfig, UserConfig
+from ecatd.model.config.gateway import ENCRYPTED, PLAIN
+from ecatd.model.errors import NotPermittedError
+from ecatd.model.messages import Request
+from ecatd.zenoh_keys import AS, bus_key
+
+_ASKING = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
+_TELLING = ["put", "reply", "declare_queryable", "liveliness_token"]
+"""Messages of Zenoh that others may send to the gateway, and that it may send to them."""
+_READ = ["ro/**", "alive"]
+_OWN = ("certificate", "key", "users_ca")
+
+
+def access_control(bus: str, config: GatewayConfig) -> dict[str, Any]:
+    """Zenoh's settings `access_control`.
+
+    Args:
+        bus: Name of the bus.
+        config: The gateway's configuration.
+    """
+    rules = [
+        # Others may ask all buses at once, to find out which there are.
+        _rule("ask", "ingress", _ASKING, "*", _READ),
+        _rule("tell", "egress", _TELLING, bus, _READ),
+        *_change("local", bus, "rw/**"),
+    ]
+    subjects: list[dict[str, Any]] = [
+        {"id": "local", "link_protocols": ["unixsock-stream"]},
+        {"id": "loopback", "interfaces": ["lo"], "link_protocols": [*PLAIN]},
+    ]
+    policies = [
+        {"rules": ["ask", "tell", "want-local", "obey-local"], "subjects": ["local"]},
+        {"rules": ["ask", "tell"], "subjects": ["loopback"]},
+    ]
+    if config.anonymous_reading:
+        subjects.append({"id": "network", "link_protocols": [*PLAIN, *ENCRYPTED]})
+        policies.append({"rules": ["ask", "tell"], "subjects": ["network"]})
+    for number, user in enumerate(config.user):
+        who = f"user-{number}"
+        rules += _change(who, bus, f"{AS}/{user.name}/**")
+        subjects.append(
+            {"id": who, "link_protocols": [*ENCRYPTED], "cert_common_names": [user.name]}
+        )
+        policies.append({"rules": ["ask", "tell", f"want-{who}", f"obey-{who}"], "subjects": [who]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
+def _change(who: str, bus: str, keys: str) -> list[dict[str, Any]]:
+    """Rules for somebody who may ask for changes below some keys."""
+    return [
+        _rule(f"want-{who}", "ingress", ["query"], bus, [keys]),
+        _rule(f"obey-{who}", "egress", ["reply", "declare_queryable"], bus, [keys]),
+    ]
+
+
+def _rule(name: str, flow: str, messages: list[str], bus: str, keys: list[str]) -> dict[str, Any]:
+    """A rule of the access control: messages in one direction that are allowed for keys."""
+    return {
+        "id": name,
+        "flows": [flow],
+        "messages": messages,
+        "key_exprs": [bus_key(bus, key) for key in keys],
+        "permission": "allow",
+    }
+
+
+def certificates(config: GatewayConfig) -> dict[str, Any]:
+    """Zenoh's settings for encryption: none if there is no certificate.
+
+    Raises:
+        NotPermittedError: This process cannot read one of the files.
+    """
+    for name in _OWN:
+        if path := getattr(config, name):
+            _check_file(f"gateway.{name}", Path(path))
+    if not config.certificate:
+        return {}
+    settings = {
+        "listen_certificate": config.certificate,
+        "listen_private_key": config.key,
+        "close_link_on_expiration": True,
+    }
+    if config.user:
+        settings |= {"root_ca_certificate": config.users_ca, "enable_mtls": True}
+    return {f"transport/link/tls/{name}": value for name, value in settings.items()}
+
+
+def _check_file(key: str, path: Path) -> None:
+    try:
+        path.read_bytes()
+    except OSError as error:
+        raise NotPermittedError(
+            f"{key}: the gateway cannot read {path}: {error.strerror}; as a service it has the "
+            f"user 'ecatd-gateway': sudo chgrp ecatd-gateway {path}; sudo chmod 640 {path}"
+        ) from error
+
+
+def rights(user: UserConfig) -> dict[str, Any]:
+    """What a user may do, for the user: `user`, `read`, `write` and `slaves` (empty: all)."""
+    return {"user": user.name, "read": True, "write": user.write, "slaves": user.slaves}
+
+
+def check(user: UserConfig, request: Request, bus: Bus) -> None:
+    """Checks that a user may ask for a change.
+
+    Raises:
+        NotPermittedError: No.
+        StateError: The change is about a slave that does not exist.
+    """
+    kind = request.key.split("/")[1]
+    if kind not in user.write:
+        may = f"may change: {', '.join(user.write)}" if user.write else "may only read"
+        raise NotPermittedError(
+            f"user '{user.name}' may not change '{kind}' of bus '{bus.name}', but {may} "
+            f"(gateway.user.write in the configuration of the daemon)"
+        )
+    if not user.slaves or "slave" not in request.fields:
+        return  # the number of a transfer is a secret of those who have started it
+    allowed = {bus.find(slave).position for slave in user.slaves}
+    wanted: int | str | None = vars(request).get("slave")
+    if wanted is None or bus.find(wanted).position not in allowed:
+        raise NotPermittedError(
+            f"user '{user.name}' may change only slaves {', '.join(map(str, user.slaves))} of bus "
+            f"'{bus.name}' (gateway.user.slaves in the configuration of the daemon)"
+        )

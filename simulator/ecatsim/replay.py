@@ -1,0 +1,152 @@
+"""Replays a recording of `ecatctl record --raw`: the inputs of a rig have the recorded values."""
+
+from __future__ import annotations
+
+import bisect
+import csv
+import re
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.pdo import parse_address
+
+from .rig import Rig
+from .slave.device import Device
+
+_TITLE = re.compile(r"(\d+)/.* \((0x[0-9A-Fa-f]+:[0-9A-Fa-f]+)\)")
+_TIME, _FIRST = 0, 2
+Value = int | float
+
+
+class _Track:
+    """The values of one input, and where they go."""
+
+    def __init__(self, key: tuple[int, int], column: int) -> None:
+        self.key = key
+        self.column = column
+        self.values: list[Value | None] = []
+
+
+class Replay:
+    """A recording.
+
+    The time begins when a slave gives its inputs for the first time. A value stays until the next
+    one comes, and the last ones stay at the end.
+
+    Args:
+        path: A CSV file that `ecatctl record --raw` has written.
+        rig: A rig with the slaves that were recorded.
+        repeat: Whether to begin anew after the last row.
+
+    Raises:
+        UsageError: The file cannot be read.
+        ConfigError: It is no such recording, or of other slaves.
+    """
+
+    def __init__(self, path: Path, rig: Rig, *, repeat: bool = False) -> None:
+        self._repeat = repeat
+        self._times: list[float] = []
+        self._began: float | None = None
+        tracks: defaultdict[int, list[_Track]] = defaultdict(list)
+        for slave, track in self._read(path, rig):
+            tracks[slave].append(track)
+        for slave, mine in tracks.items():
+            self._attach(rig.devices[slave], mine)
+
+    def _read(self, path: Path, rig: Rig) -> Iterator[tuple[int, _Track]]:
+        try:
+            with path.open(newline="", encoding="utf-8") as file:
+                rows = csv.reader(file)
+                head = next(rows, [])
+                tracks = [*self._tracks(path, head, rig)]
+                for number, row in enumerate(rows, 2):
+                    self._add(path, number, row, [track for _, track in tracks])
+        except OSError as error:
+            raise UsageError(f"cannot read '{path}': {error.strerror}") from error
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise ConfigError(f"{path}: this is not a CSV file: {error}") from error
+        if not self._times:
+            raise ConfigError(f"{path}: there are no values in it")
+        return iter(tracks)
+
+    @staticmethod
+    def _tracks(path: Path, head: list[str], rig: Rig) -> Iterator[tuple[int, _Track]]:
+        if head[:_FIRST] != ["time_s", "cycle"]:
+            raise ConfigError(f"{path}:1: this is no recording of `ecatctl record`")
+        known = 0
+        for column, title in enumerate(head[_FIRST:], _FIRST):
+            match = _TITLE.fullmatch(title)
+            if match is None:
+                raise ConfigError(
+                    f"{path}:1: '{title}' has no address: record with `ecatctl record --raw`"
+                )
+            slave, key = int(match[1]), parse_address(match[2])
+            if slave >= len(rig.devices):
+                raise ConfigError(
+                    f"{path}:1: '{title}' is of slave {slave}, but rig {rig.name} has {rig.size}"
+                )
+            device = rig.devices[slave]
+            if key is None or key[0] not in device.dictionary:
+                raise ConfigError(f"{path}:1: slave {slave} ({device.order}) has no '{title}'")
+            if any(key == (e.index, e.subindex) for pdo in device.tx_pdos for e in pdo.entries):
+                known += 1
+                yield slave, _Track(key, column)
+        if not known:
+            raise ConfigError(f"{path}:1: no column is an input of rig {rig.name}")
+
+    def _add(self, path: Path, number: int, row: list[str], tracks: list[_Track]) -> None:
+        try:
+            at = float(row[_TIME])
+            cells = [row[track.column] for track in tracks]
+            values = [_number(cell) for cell in cells]
+        except (ValueError, IndexError):
+            text = f"{path}:{number}: a time and {len(tracks)} values are needed"
+            raise ConfigError(text) from None
+        if self._times and at <= self._times[-1]:
+            raise ConfigError(f"{path}:{number}: times must ascend")
+        self._times.append(at)
+        for track, value in zip(tracks, values, strict=True):
+            before = track.values[-1] if track.values else None
+            track.values.append(before if value is None else value)
+
+    def _attach(self, device: Device, tracks: list[_Track]) -> None:
+        give = device.give
+
+        def recorded() -> bytes:
+            row = self._row()
+            for track in tracks:
+                value = track.values[row]
+                if value is not None:
+                    device.dictionary[track.key].value = value
+            return give()
+
+        vars(device)["give"] = recorded
+
+    def _row(self) -> int:
+        """The row that it is the time of."""
+        now = time.monotonic()
+        if self._began is None:
+            self._began = now
+        at = now - self._began + self._times[0]
+        whole = self._times[-1] - self._times[0]
+        if self._repeat and whole > 0:
+            period = whole + whole / (len(self._times) - 1)
+            at = self._times[0] + (now - self._began) % period
+        return max(0, bisect.bisect_right(self._times, at) - 1)
+
+
+def _number(text: str) -> Value | None:
+    """A cell: None if it is empty, an integer if it has no point.
+
+    Raises:
+        ValueError: It is no number.
+    """
+    if not text:
+        return None
+    try:
+        return int(text)
+    except ValueError:
+        return float(text)

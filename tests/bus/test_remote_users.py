@@ -1,0 +1,292 @@
+"""Users of other machines: certificates, what each may do, and what nobody may."""
+
+import os
+import socket
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from conftest import Daemon, names, naming, one_line_error, run_module, wait_for
+from ecatd.client.identity import read_identity
+from ecatd.client.remote import Remote
+from ecatd.encoding import pack
+from ecatd.model.errors import NotPermittedError, StateError, UnreachableError, UsageError
+from ecatd.zenoh_keys import bus_key, session_config
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+CONFIG = """\
+[gateway]
+listen = ["tls/127.0.0.1:{port}"]
+certificate = "{folder}/daemon.pem"
+key = "{folder}/daemon.key"
+users_ca = "{folder}/authority.pem"
+[[gateway.user]]
+name = "anna"
+write = ["sdo", "state", "log"]
+slaves = [0, "EK1100"]
+[[gateway.user]]
+name = "bob"
+"""
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def remote_command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return run_module("ecatd.cli", "remote", *arguments, env={**os.environ})
+
+
+class Site:
+    """A daemon, and the identities of its users."""
+
+    def __init__(self, folder: Path, start: Callable[..., Daemon]) -> None:
+        self.folder = folder / "tls"
+        self.port = _free_port()
+        made = remote_command("init", "--dir", str(self.folder), "--host", "machine.example")
+        assert made.returncode == 0, made.stderr
+        names(made.stdout, "users_ca", f"{self.folder}/daemon.pem", "machine.example")
+        for user in ("anna", "bob", "carl"):
+            made = remote_command("user", user, "--dir", str(self.folder), "-o", str(self[user]))
+            assert made.returncode == 0, made.stderr
+            names(made.stdout, "[[gateway.user]]", f'name = "{user}"')
+        self.daemon = start("troll", config=CONFIG.format(port=self.port, folder=self.folder))
+
+    def __getitem__(self, user: str) -> Path:
+        return self.folder / f"{user}.pem"
+
+    @property
+    def endpoint(self) -> str:
+        return f"tls/127.0.0.1:{self.port}"
+
+    def as_user(self, user: str) -> Remote:
+        return Remote(self.daemon.bus, self.endpoint, 10.0, self[user])
+
+    def session(self, user: str) -> zenoh.Session:
+        settings = {"connect/endpoints": [self.endpoint], **read_identity(self[user]).settings}
+        return zenoh.open(session_config("client", settings))
+
+    def ctl(self, user: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+        where = ("--bus", self.daemon.bus, "--connect", self.endpoint)
+        return run_module("ecatd.cli", *where, "--identity", str(self[user]), *arguments)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory, start_shared: Callable[..., Daemon]) -> Site:
+    return Site(tmp_path_factory.mktemp("site"), start_shared)
+
+
+def test_a_user_reads_and_changes_what_the_configuration_says(site: Site) -> None:
+    with site.as_user("anna") as anna:
+        assert anna.rights() == {
+            "user": "anna",
+            "read": True,
+            "write": ["sdo", "state", "log"],
+            "slaves": [0, "EK1100"],
+            "schema": 1,
+        }
+        assert len(anna.states()) == 8
+        before = anna.sdo_read(0, 0x6060).data
+        anna.sdo_write(0, 0x6060, 0, b"\x09")
+        anna.sdo_write(0, 0x6060, 0, before)
+        names(site.daemon.log, "0x6060:00", "user 'anna'", "pid")
+        anna.set_log_level("debug", "dc")
+        anna.set_log_level("info", "dc")
+        for change in (
+            lambda: anna.sdo_write(4, 0x8000, 0x16, b"\0"),
+            lambda: anna.set_state("SAFEOP", 4),
+            lambda: anna.set_state("SAFEOP"),
+        ):
+            with pytest.raises(NotPermittedError, match=naming("'anna'", "EK1100", "slaves")):
+                change()
+        with pytest.raises(NotPermittedError, match=naming("'anna'", "'register'", "sdo")):
+            anna.register_write(0, 0x0410, b"\0")
+        with pytest.raises(StateError, match="slave 99"):
+            anna.sdo_write(99, 0x6060, 0, b"\x09")
+    assert {row["text"] for row in site.daemon.slave_rows("state")} == {"OP"}
+
+
+def test_a_user_without_rights_only_reads(site: Site) -> None:
+    shown = site.ctl("bob", "remote", "test")
+    assert shown.returncode == 0, shown.stderr
+    names(shown.stdout, "'bob'", "reads", "nothing")
+    assert site.ctl("bob", "slaves").returncode == 0
+    refused = site.ctl("bob", "sdo-write", "0", "0x6060", "0", "9")
+    assert refused.returncode == 6
+    names(one_line_error(refused.stderr, "ecatctl"), "'bob'", "'sdo'", "only read")
+    names(site.daemon.log, "refused", "'bob'")
+
+
+def test_nobody_asks_in_the_name_of_another_user(site: Site) -> None:
+    payload = pack({"id": "0123", "data": b"\x09"})
+    mine, yours = (
+        bus_key(site.daemon.bus, "as", name, "rw", "sdo", "0", "0x6060", "00")
+        for name in ("bob", "anna")
+    )
+    plain = bus_key(site.daemon.bus, "rw", "sdo", "0", "0x6060", "00")
+    with site.session("bob") as bob:
+        for key in (yours, plain):
+            assert [*bob.get(key, payload=payload, timeout=1.0)] == []
+        (answer,) = bob.get(mine, payload=payload, timeout=10.0)
+        assert b"permission" in bytes(answer.err.payload)
+
+
+def test_users_cannot_forge_what_the_daemon_says(site: Site) -> None:
+    told: list[zenoh.Sample] = []
+    with site.session("bob") as victim, site.session("anna") as attacker:
+        subscription = victim.declare_subscriber(bus_key(site.daemon.bus, "ro", "**"), told.append)
+        for key in (bus_key(site.daemon.bus, "ro", "event"), bus_key(site.daemon.bus, "as", "x")):
+            attacker.put(key, b"forged")
+            attacker.delete(key)
+        forger = attacker.declare_queryable(
+            bus_key(site.daemon.bus, "**"), lambda query: query.reply(query.key_expr, b"forged")
+        )
+        token = attacker.liveliness().declare_token(bus_key("forged", "alive"))
+        answers = [*victim.get(bus_key(site.daemon.bus, "ro", "info"), timeout=10.0)]
+        assert len(answers) == 1
+        assert bytes(answers[0].ok.payload) != b"forged"
+        alive = [str(item.ok.key_expr) for item in victim.liveliness().get("ecat/v1/*/alive")]
+        assert alive == [bus_key(site.daemon.bus, "alive")]
+        for item in (forger, token, subscription):
+            item.undeclare()
+    assert all(bytes(sample.payload) != b"forged" for sample in told)
+
+
+def test_who_is_not_let_in(site: Site, tmp_path: Path) -> None:
+    # A certificate of the right authority, of a user whom the configuration does not know.
+    with site.as_user("carl") as carl:
+        with pytest.raises(NotPermittedError, match=naming("'carl'", "[[gateway.user]]")):
+            carl.info()
+        with pytest.raises(NotPermittedError, match="carl"):
+            carl.rights()
+    # One of another authority, with the same name.
+    other = tmp_path / "other"
+    assert remote_command("init", "--dir", str(other)).returncode == 0
+    forged = tmp_path / "anna.pem"
+    assert remote_command("user", "anna", "--dir", str(other), "-o", str(forged)).returncode == 0
+    with pytest.raises(UnreachableError, match=naming("certificates", str(forged))):
+        Remote(site.daemon.bus, site.endpoint, 3.0, forged)
+    mixed = tmp_path / "mixed.pem"  # it trusts the daemon, which does not trust it
+    authority = (site.folder / "authority.pem").read_text()
+    head = forged.read_text().split("-----END PRIVATE KEY-----\n")[0]
+    mixed.write_text(f"{head}-----END PRIVATE KEY-----\n{authority}")
+    with pytest.raises(UnreachableError):
+        Remote(site.daemon.bus, site.endpoint, 3.0, mixed)
+    # None at all.
+    with pytest.raises(UnreachableError, match="ecatctl remote user"):
+        Remote(site.daemon.bus, site.endpoint, 3.0)
+    assert site.as_user("anna").info()["host"]
+
+
+def test_an_expired_certificate_is_not_let_in(site: Site, tmp_path: Path) -> None:
+    key, request, certificate = (tmp_path / name for name in ("k.pem", "r.pem", "c.pem"))
+    new = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
+    openssl("req", *new, "-keyout", key, "-out", request, "-subj", "/CN=anna")
+    (tmp_path / "index").write_text("")
+    (tmp_path / "serial").write_text("1234\n")
+    (tmp_path / "ca.cnf").write_text(
+        f"[ca]\ndefault_ca=c\n[c]\ndatabase={tmp_path}/index\nserial={tmp_path}/serial\n"
+        f"new_certs_dir={tmp_path}\npolicy=p\ndefault_md=sha256\n[p]\ncommonName=supplied\n"
+    )
+    openssl(
+        *("ca", "-batch", "-config", tmp_path / "ca.cnf", "-in", request, "-out", certificate),
+        *("-cert", site.folder / "authority.pem", "-keyfile", site.folder / "authority.key"),
+        *("-startdate", "200101000000Z", "-enddate", "200201000000Z", "-notext"),
+    )
+    old = tmp_path / "old.pem"
+    authority = (site.folder / "authority.pem").read_text()
+    old.write_text("ecatd user: anna\n" + certificate.read_text() + key.read_text() + authority)
+    with pytest.raises(UnreachableError):
+        Remote(site.daemon.bus, site.endpoint, 3.0, old)
+    names(remote_command("show", str(old)).stdout, "'anna'", "2020")
+
+
+def openssl(*arguments: str | Path) -> None:
+    subprocess.run(["openssl", *arguments], check=True, capture_output=True)
+
+
+def test_a_user_is_taken_out_while_the_bus_runs(
+    start_daemon: Callable[..., Daemon], site: Site
+) -> None:
+    port = _free_port()
+    config = CONFIG.format(port=port, folder=site.folder)
+    daemon = start_daemon("troll", config=config)
+    endpoint = f"tls/127.0.0.1:{port}"
+    with Remote(daemon.bus, endpoint, 10.0, site["anna"]) as anna:
+        anna.sdo_write(0, 0x6060, 0, anna.sdo_read(0, 0x6060).data)
+    daemon.config_file.write_text(
+        config.split('[[gateway.user]]\nname = "anna"')[0] + ("[[gateway.user]]\nname = 'bob'\n")
+    )
+    os.kill(daemon.process.pid, 1)  # SIGHUP: reload
+
+    def is_out() -> bool:
+        try:
+            with Remote(daemon.bus, endpoint, 3.0, site["anna"]) as anna:
+                anna.rights()
+        except (NotPermittedError, UnreachableError):
+            return True
+        return False
+
+    wait_for(is_out, daemon)
+    with Remote(daemon.bus, endpoint, 10.0, site["bob"]) as bob:
+        assert bob.rights()["write"] == []
+
+
+def test_a_certificate_that_the_gateway_cannot_read(
+    start_daemon: Callable[..., Daemon], site: Site, tmp_path: Path
+) -> None:
+    config = CONFIG.format(port=_free_port(), folder=tmp_path / "nowhere")
+    status, log = start_daemon("troll", config=config, ready=False).wait_end()
+    assert status != 0
+    names(log, "gateway.certificate", f"{tmp_path}/nowhere/daemon.pem")
+
+
+@pytest.mark.parametrize(
+    ("text", "tokens"),
+    [
+        ("", ("is no identity", "ecatd user:")),
+        ("ecatd user: anna\n", ("is no identity",)),
+        (None, ("cannot be read",)),
+    ],
+)
+def test_wrong_identities(tmp_path: Path, text: str | None, tokens: tuple[str, ...]) -> None:
+    file = tmp_path / "identity.pem"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(UsageError) as caught:
+        read_identity(file)
+    names(caught.value, str(file), *tokens)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "tokens"),
+    [
+        (("user",), 2, ("name of a user",)),
+        (("user", "a b"), 2, ("'a b'",)),
+        (("user", "anna", "--dir", "/nowhere"), 6, ("/nowhere", "ecatctl remote init")),
+        (("init", "anna"), 2, ("NAME",)),
+        (("init", "--host", "a b"), 2, ("'a b'",)),
+        (("show", "/nowhere.pem"), 2, ("/nowhere.pem",)),
+    ],
+)
+def test_wrong_arguments(arguments: tuple[str, ...], status: int, tokens: tuple[str, ...]) -> None:
+    wrong = remote_command(*arguments)
+    assert wrong.returncode == status, wrong
+    names(one_line_error(wrong.stderr, "ecatctl"), *tokens)
+
+
+def test_certificates_are_not_overwritten(site: Site) -> None:
+    again = remote_command("init", "--dir", str(site.folder))
+    assert again.returncode == 7
+    names(one_line_error(again.stderr, "ecatctl"), f"{site.folder}/authority.pem", "exists")
+    twice = remote_command("user", "anna", "--dir", str(site.folder), "-o", str(site["anna"]))
+    assert twice.returncode == 2
+    modes = {file.name: file.stat().st_mode & 0o777 for file in site.folder.iterdir()}
+    assert modes["authority.key"] == modes["anna.pem"] == 0o600
+    assert modes["daemon.key"] == 0o640

@@ -1,0 +1,84 @@
+"""`ecatsim run --replay`: inputs have the values of a recording, each at its time."""
+
+from pathlib import Path
+
+import pytest
+
+from conftest import names
+from ecatd.model.errors import ConfigError, UsageError
+from ecatsim import replay
+from ecatsim.replay import Replay
+from ecatsim.rigs import library
+
+HEAD = "time_s,cycle,2/Channel 1/Input (0x6000:01),4/Channel/Value (0x6000:11)"
+
+
+class Clock:
+    """Stands for `time`."""
+
+    now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(replay, "time", clock)
+    return clock
+
+
+@pytest.mark.parametrize(("repeat", "at_5_ms"), [(False, (1, 12)), (True, (1, -5))])
+def test_each_value_comes_at_its_time(
+    tmp_path: Path, clock: Clock, repeat: bool, at_5_ms: tuple[int, int]
+) -> None:
+    file = tmp_path / "run.csv"
+    file.write_text(f"{HEAD}\n0,7,1,-5\n0.001,8,0,\n0.003,10,1,12\n")
+    rig = library.make("troll")
+    Replay(file, rig, repeat=repeat)
+    digital, analog = rig.devices[2], rig.devices[4]
+    # An empty cell keeps the value before, and a row stays until the next one comes.
+    for ms, wanted in (
+        (0.0, (1, -5)),
+        (0.5, (1, -5)),
+        (1.5, (0, -5)),
+        (2.5, (0, -5)),
+        (3.5, (1, 12)),
+        (5.0, at_5_ms),  # repeated, the recording lasts 4.5 ms
+    ):
+        clock.now = 100.0 + 1e-3 * ms
+        digital.give()
+        analog.give()
+        assert (digital[0x6000, 1], analog[0x6000, 0x11]) == wanted
+
+
+@pytest.mark.parametrize(
+    ("text", "tokens"),
+    [
+        ("", ("no recording",)),
+        ("a,b\n1,2\n", ("no recording",)),
+        (f"{HEAD}\n", ("no values",)),
+        ("time_s,cycle,2/Channel 1/Input\n0,1,1\n", ("2/Channel 1/Input", "--raw")),
+        ("time_s,cycle,99/X (0x6000:01)\n0,1,1\n", ("slave 99", "troll")),
+        ("time_s,cycle,1/X (0x6000:01)\n0,1,1\n", ("slave 1 (EK1100)", "1/X (0x6000:01)")),
+        ("time_s,cycle,3/X (0x7000:01)\n0,1,1\n", ("no column is an input",)),
+        (f"{HEAD}\n0,1,1\n", (":2", "values")),
+        (f"{HEAD}\n0,1,x,1\n", (":2", "values")),
+        (f"{HEAD}\n0,1,1,1\n0,2,1,1\n", (":3", "ascend")),
+    ],
+)
+def test_other_files_are_refused(tmp_path: Path, text: str, tokens: tuple[str, ...]) -> None:
+    file = tmp_path / "run.csv"
+    file.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        Replay(file, library.make("troll"))
+    assert str(caught.value).startswith(str(file))
+    for token in tokens:
+        assert token in str(caught.value)
+
+
+def test_a_file_that_is_missing() -> None:
+    with pytest.raises(UsageError) as caught:
+        Replay(Path("/nowhere.csv"), library.make("troll"))
+    names(caught.value, "'/nowhere.csv'")

@@ -1,0 +1,144 @@
+"""IDNs of drives with SoE: the master's side against the slave's side of the simulator."""
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from conftest import names
+from ecatd.bus.mailbox.mailboxes import HEADER_BYTES, Mailbox, Protocol, Talk
+from ecatd.bus.mailbox.soe import read_idn, write_idn
+from ecatd.model.al import AlState
+from ecatd.model.errors import NoAnswerError, StateError, UsageError
+from ecatd.model.idns import Attribute, Element, idn_text, parse_idn, split_elements
+from ecatsim.slave.soe import Idn, SoeServer
+from rigs.files import IDNS, LIST, LONG, NUMBERS, SHORT, SIGNED, TEXT, UNSIGNED, WORDS
+
+SIZE = 48
+
+
+class Wire(Mailbox):
+    """A mailbox whose messages go to a server in this process."""
+
+    def __init__(self, server: SoeServer) -> None:
+        self._server = server
+        self._waiting: list[bytes] = []
+
+    size = size_in = SIZE  # type: ignore[assignment]
+
+    def ask(self, protocol, body, take, patience_s=None):  # type: ignore[no-untyped-def]
+        assert protocol == Protocol.SOE
+        assert len(body) <= SIZE - HEADER_BYTES
+        self._waiting += self._server.handle(body)
+        return (yield from self.more(protocol, take))
+
+    def more(self, protocol, take):  # type: ignore[no-untyped-def]
+        assert all(len(mail) <= SIZE - HEADER_BYTES for mail in self._waiting)
+        while self._waiting:
+            taken = take(self._waiting.pop(0))
+            if taken is not None:
+                return taken
+        raise NoAnswerError("nothing")
+        yield []
+
+    def send(self, protocol: Protocol, body: bytes) -> Talk[None]:
+        assert self._server.handle(body) == []
+        return
+        yield []
+
+
+def served(idns: dict[str, Idn], state: AlState = AlState.OP) -> Wire:
+    server = SoeServer([{parse_idn(name): idn for name, idn in idns.items()}], lambda: state)
+    server.start(SIZE)
+    return Wire(server)
+
+
+def run(talk: Talk[object]) -> object:
+    try:
+        while True:
+            next(talk)
+    except StopIteration as end:
+        return end.value
+
+
+def test_an_idn_goes_both_ways() -> None:
+    wire = served(
+        {name: Idn(**{f: getattr(i, f) for f in i.__slots__}) for name, i in IDNS.items()}
+    )
+    for name, text in (
+        ("S-0-0001", "2000 us"),
+        ("S-0-0030", "1.0 µ"),
+        ("S-0-0047", "-0.1 mm"),
+        ("P-0-0100", "5 %"),
+    ):
+        found = run(read_idn(wire, 0, parse_idn(name)))
+        assert found.name == IDNS[name].name
+        assert f"{found.attribute.decode(found.value)} {found.unit}".rstrip() == text
+    for name, text, value in (
+        ("S-0-0001", "0x1F4", 500),
+        ("S-0-0030", "another version that is long enough for two messages", None),
+        ("S-0-0047", "-12.5", -12.5),
+        ("P-0-0200", ",".join(map(str, range(100))), [*range(100)]),
+    ):
+        number = parse_idn(name)
+        attribute = run(read_idn(wire, 0, number)).attribute
+        data = attribute.encode(text)
+        run(write_idn(wire, 0, number, data, is_list=attribute.is_list))
+        found = run(read_idn(wire, 0, number))
+        assert found.attribute.decode(found.value) == (text if value is None else value)
+
+
+def test_what_a_drive_refuses_is_said() -> None:
+    wire = served(IDNS)
+    for talk, code in (
+        (read_idn(wire, 0, parse_idn("S-0-0099")), "0x1001"),
+        (read_idn(wire, 1, parse_idn("S-0-0001")), "0x1001"),
+        (write_idn(wire, 0, 1, b"\0\0", is_list=False), "0x7006"),
+        (write_idn(wire, 0, 1, b"\xff\xff", is_list=False), "0x7007"),
+        (write_idn(wire, 0, 1, b"\0", is_list=False), "0x7002"),
+        (write_idn(wire, 0, 1, b"\0\0\0", is_list=False), "0x7003"),
+        (write_idn(wire, 0, parse_idn("P-0-0100"), b"\0\0", is_list=False), "0x7005"),
+    ):
+        with pytest.raises(StateError) as caught:
+            run(talk)
+        names(caught.value, f"SoE error {code}")
+
+
+@pytest.mark.parametrize("text", ["S-0-0000", "S-7-4095", "P-0-0001", "P-3-0100"])
+def test_names_of_idns(text: str) -> None:
+    assert idn_text(parse_idn(text)) == text
+
+
+@pytest.mark.parametrize("text", ["", "47", "S-8-0001", "S-0-4096", "X-0-0001", "S-0-"])
+def test_wrong_names(text: str) -> None:
+    with pytest.raises(UsageError):
+        parse_idn(text)
+
+
+def test_values_of_all_kinds() -> None:
+    for raw, text, data in (
+        (LONG | SIGNED | 3 << 24, "-1.5", struct.pack("<i", -1500)),
+        (LONG | 6 << 20, "0.5", struct.pack("<f", 0.5)),
+        (SHORT | NUMBERS, "P-0-0100", struct.pack("<H", 0x8064)),
+        (SHORT | 3 << 20, "0x00FF", b"\xff\0"),
+        (LIST | UNSIGNED, "1, 2, 3", struct.pack("<3H", 1, 2, 3)),
+        (TEXT | WORDS, "text", b"text"),
+    ):
+        attribute = Attribute(raw)
+        assert attribute.encode(text) == data
+        found = attribute.decode(data)
+        assert (", ".join(map(str, found)) if isinstance(found, list) else str(found)) == text
+    assert Attribute(1 << 28 | 1 << 30).protected == ["PREOP", "OP"]
+    for raw, text in ((SHORT | UNSIGNED, "70000"), (SHORT | UNSIGNED, "x"), (0, "1")):
+        with pytest.raises(UsageError):
+            Attribute(raw).encode(text)
+
+
+@given(st.binary(max_size=60), st.integers(0, 0x7F))
+def test_any_answer_is_decoded_or_refused(data: bytes, elements: int) -> None:
+    try:
+        _, attribute, _, value = split_elements(data, Element(elements))
+    except StateError:
+        return
+    attribute.decode(value)

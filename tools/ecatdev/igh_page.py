@@ -1,0 +1,201 @@
+"""Writes docs/from-igh.md: commands of IgH's `ethercat`, ours beside them, and what these print.
+
+    PYTHONPATH=tools python -m ecatdev.igh_page docs/from-igh.md
+
+The outputs are those of simulated rigs, so no hardware is needed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+_ROOT = Path(__file__).parents[2]
+_FILES_RIG = _ROOT / "tests" / "rigs" / "files.py"
+_LINES_MOST, _WIDTH_MOST = 12, 110
+
+_INTRO = """\
+# Coming from IgH
+
+IgH's EtherCAT Master has a command `ethercat` with 34 subcommands. This page has ours beside each
+of them, and what ours print on a simulated rig. [Command line](command-line.md) explains all
+commands. Every command that shows something takes `--json`, and `--connect` asks the daemon of
+another machine.
+"""
+
+
+class Row(NamedTuple):
+    """A command of IgH.
+
+    Attributes:
+        igh: Its name.
+        ours: Our command; empty if there is none.
+        remark: What differs, or why there is none.
+        run: The command that is shown; empty for none.
+        rig: The rig on which it runs.
+    """
+
+    igh: str
+    ours: str
+    remark: str
+    run: str = ""
+    rig: str = "troll"
+
+
+_NO_EOE = "not there: no slave with EoE to try it on"
+ROWS = (
+    Row("master", "info", "also which real time the daemon was granted", "info"),
+    Row("slaves", "slaves", "", "slaves"),
+    Row(
+        "config",
+        "config show",
+        "`config init` writes a configuration of the bus as it is",
+        "config show",
+    ),
+    Row("domains", "stats", "working counters, timing and lost frames of each domain", "stats"),
+    Row("version", "--version", "", "--version"),
+    Row("graph", "graph", "a tree; `-o bus.svg` or `-o bus.dot` draws it", "graph"),
+    Row("debug", "log-level", "by part of the daemon", "log-level mailbox"),
+    Row("pdos", "pdos", "with units, and the position in the process image", "pdos -p 3"),
+    Row("data", "read", "values with their units, by name patterns", "read '4/*Value'"),
+    Row("cstruct", "cstruct", "a struct for each domain", "cstruct"),
+    Row("xml", "xml", "", "xml"),
+    Row("sdos", "sdos", "the daemon keeps the descriptions", "sdos 4 --values"),
+    Row(
+        "upload",
+        "sdo-read",
+        "the type need not be given; also called `upload`",
+        "sdo-read 0 0x6060",
+    ),
+    Row("download", "sdo-write", "also called `download`", "sdo-write 4 0x8000 0x06 1"),
+    Row("states", "state", "`state PREOP -p 3` asks for a state", "state"),
+    Row(
+        "rescan",
+        "rescan",
+        "only looks; a restart of the daemon uses the bus as it is now",
+        "rescan",
+    ),
+    Row("reboot", "reboot", "waits until the slave is back", "reboot 3 --yes"),
+    Row("crc", "errors", "which cable it is, in words", "errors"),
+    Row("diag", "errors --all", "", "errors --all -p 1"),
+    Row(
+        "pcap",
+        "capture",
+        "from memory that is always on, in both directions",
+        "capture -o last.pcapng",
+    ),
+    Row("reg_read", "reg-read", "by number or name", "reg-read 2 al_status"),
+    Row("reg_write", "reg-write", "asks first", "reg-write 2 0x0410 1000 --yes"),
+    Row(
+        "reg_rdwr", "reg-write", "prints what the registers have afterwards, read by a second frame"
+    ),
+    Row("sii_read", "sii-read", "`-o FILE` saves the bytes", "sii-read 4"),
+    Row(
+        "sii_write",
+        "sii-write",
+        "shows the difference, asks, keeps the bytes before",
+        "sii-write 4 el3008.bin",
+    ),
+    Row("alias", "alias", "", "alias 3 7 --yes"),
+    Row("foe_read", "foe-read", "", "foe-read 0 parameters.bin -o parameters.bin", str(_FILES_RIG)),
+    Row(
+        *("foe_write", "foe-write", "`--boot` brings the slave to BOOT and back"),
+        *("foe-write 0 firmware.efw --boot --yes", str(_FILES_RIG)),
+    ),
+    Row("soe_read", "soe-read", "with name and unit", "soe-read 1", str(_FILES_RIG)),
+    Row("soe_write", "soe-write", "", "soe-write 1 S-0-0001 2500", str(_FILES_RIG)),
+    Row("eoe", "", _NO_EOE),
+    Row("eoe_addif", "", _NO_EOE),
+    Row("eoe_delif", "", _NO_EOE),
+    Row("ip", "", _NO_EOE),
+)
+"""All of them, in the order of IgH's tool."""
+
+
+def table() -> str:
+    """The table of all commands."""
+    lines = ["| `ethercat` | `ecatctl` | |", "|---|---|---|"]
+    lines += [f"| `{r.igh}` | {f'`{r.ours}`' if r.ours else '–'} | {r.remark} |" for r in ROWS]
+    return "\n".join(lines)
+
+
+def _shown(text: str) -> str:
+    lines = text.rstrip().splitlines()
+    kept = [line[:_WIDTH_MOST].rstrip() for line in lines[:_LINES_MOST]]
+    return "\n".join([*kept, *(["..."] if len(lines) > _LINES_MOST else [])])
+
+
+@contextlib.contextmanager
+def _daemon(rig: str, folder: Path) -> Iterator[dict[str, str]]:
+    """Runs a daemon on a rig; the environment of its clients."""
+    environment = {**os.environ, "ECATD_RUNTIME_DIR": str(folder / "run"), "ECATD_BUS": "ecatp"}
+    config = folder / "ecat.toml"
+    config.write_text("[gateway]\nlisten = []\n")
+    command = [sys.executable, "-m", "ecatd.service", "--simulate", rig]
+    command += ["--bus", "ecatp", "--config", str(config)]
+    with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as daemon:
+        assert daemon.stderr is not None
+        for line in daemon.stderr:
+            if "is in OP" in line:
+                break
+        try:
+            yield environment
+        finally:
+            daemon.terminate()
+            daemon.communicate()
+
+
+def _outputs(rig: str, rows: list[Row]) -> Iterator[tuple[Row, str]]:
+    with tempfile.TemporaryDirectory() as scratch, _daemon(rig, Path(scratch)) as environment:
+        folder = Path(scratch)
+        (folder / "firmware.efw").write_bytes(bytes(100_000))
+
+        def run(text: str) -> str:
+            done = subprocess.run(
+                [sys.executable, "-m", "ecatd.cli", *shlex.split(text)],
+                env=environment,
+                cwd=folder,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            if done.returncode:
+                raise SystemExit(f"ecatctl {text}: {done.stderr}")
+            return done.stdout
+
+        if rig == "troll":
+            run("sii-read 4 -o el3008.bin")
+        for row in rows:
+            yield row, run(row.run)
+
+
+def page() -> str:
+    """The whole page."""
+    parts = [_INTRO, table(), ""]
+    outputs: dict[str, str] = {}
+    for rig in dict.fromkeys(row.rig for row in ROWS):
+        mine = [row for row in ROWS if row.rig == rig and row.run]
+        outputs |= {row.igh: _shown(text) for row, text in _outputs(rig, mine)}
+    for row in ROWS:
+        if row.igh in outputs:
+            parts += [
+                f"## {row.igh}",
+                "",
+                "```",
+                f"$ ecatctl {row.run}",
+                outputs[row.igh],
+                "```",
+                "",
+            ]
+    return "\n".join(parts).replace("ecatp", "ecat0")
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(page())
