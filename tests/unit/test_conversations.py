@@ -69,7 +69,9 @@ class Bench:
             lambda found, left_out: tell_emergencies(log, found, left_out)
         )
         bus = Bus("bench", 1000, SLAVES)
-        self.objects = Objects(bus, Conversations(master, self.worker, self.emergencies.note))
+        self.objects = Objects(
+            bus, Conversations(master, self.worker, self.emergencies.note), Log("ecatd")
+        )
 
     def coe(self, position: int, *, alone: bool = False) -> Coe:
         return Coe(position, FIRST_STATION + position, self.lines[position], alone=alone)

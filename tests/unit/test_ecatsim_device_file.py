@@ -413,6 +413,7 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
         "tx_pdos": "pdo",
         "sync_managers": "sync_manager",
         "dc_modes": "dc_mode",
+        "idns": "idn",
     }
     names = {other.get(name, name) for name in device_attributes.attributes()}
     assert names <= set(device_file.keys())
@@ -857,3 +858,15 @@ def test_mistakes_never_end_in_anything_but_a_message(
         simulation.step()
         simulation.close()
     assert re.fullmatch(rf"({re.escape(str(folder))}/device\.toml(:\d+)?: .+)?", said)
+
+
+def test_idns_are_those_of_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "device.toml"
+    row = '[[idn]]\nidn = "S-0-0001"\nname = "Cycle time"\nattribute = 0x110000\nvalue = "d0 07"\n'
+    file.write_text(f"vendor = 0xFFFF\nproduct = 1\n{row}unit = 'us'\nmaximum = 8000\n")
+    (drive,) = device_file.load(file).idns
+    assert (drive[1].name, drive[1].value, drive[1].maximum) == ("Cycle time", b"\xd0\x07", 8000)
+    for wrong, word in ((f"{row}{row}", "twice"), (row.replace("S-0", "X-0"), "'X-0-0001'")):
+        file.write_text(f"vendor = 0xFFFF\nproduct = 1\n{wrong}")
+        with pytest.raises(ConfigError, match=word):
+            device_file.load(file)

@@ -185,15 +185,8 @@ def page() -> str:
         outputs |= {row.igh: _shown(text) for row, text in _outputs(rig, mine)}
     for row in ROWS:
         if row.igh in outputs:
-            parts += [
-                f"## {row.igh}",
-                "",
-                "```",
-                f"$ ecatctl {row.run}",
-                outputs[row.igh],
-                "```",
-                "",
-            ]
+            shown = [f"$ ecatctl {row.run}", *filter(None, [outputs[row.igh]])]
+            parts += [f"## {row.igh}", "", "```", *shown, "```", ""]
     return "\n".join(parts).replace("ecatp", "ecat0")
 
 

@@ -22,7 +22,7 @@ from ecatd.version import VERSION
 from .bus_source import add_options, get_bus, silent_now, warn_of_silent
 from .config_check import check, described
 from .output import print_json, print_table, shortened
-from .scan import save
+from .saving import save
 
 _DIFFERENT = 1
 _TABLE_WIDTH = 100

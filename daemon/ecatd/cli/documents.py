@@ -10,7 +10,7 @@ from ecatd.version import VERSION
 
 from .bus_source import add_options, get_bus
 from .output import print_json
-from .scan import save
+from .saving import save
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:

@@ -16,7 +16,7 @@ from .arguments import bounded, slave
 from .confirm import add_yes, confirm
 from .output import print_json
 from .progress import progress
-from .scan import save_bytes
+from .saving import save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.file_transfer import FileTransfer
@@ -72,14 +72,18 @@ def foe_read(remote: Remote, options: argparse.Namespace) -> None:
     if options.boot:
         confirm(options, f"This brings {found.label} to BOOT, where it exchanges no process data.")
     begin = time.monotonic()
-    transfer = remote.start_file_read(
-        found.position, options.name, password=options.password, boot=options.boot
-    )
+
+    def start() -> FileTransfer:
+        return remote.start_file_read(
+            found.position, options.name, password=options.password, boot=options.boot
+        )
+
     try:
+        transfer = start()
         _follow(transfer)
         data = transfer.result()
     except KeyboardInterrupt:
-        transfer.cancel()
+        start().cancel()  # asking again finds the same transfer
         raise
     if options.out != _STDOUT:
         save_bytes(options.out, data)

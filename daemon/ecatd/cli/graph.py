@@ -15,7 +15,7 @@ from ecatd.model.errors import UsageError
 from ecatd.model.port_errors import PORT_ORDER, LinkErrors, SlaveErrors, links_with_errors
 
 from .output import print_json
-from .scan import save
+from .saving import save
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote

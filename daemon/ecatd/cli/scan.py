@@ -6,14 +6,13 @@ import argparse
 import sys
 from pathlib import Path
 
-from ecatd.model.atomic_write import write_whole
 from ecatd.model.bus import Bus
 from ecatd.model.bus_file import dump
-from ecatd.model.errors import NotPermittedError, StateError
 from ecatd.version import VERSION
 
 from .bus_source import add_options, get_bus
 from .output import print_json
+from .saving import save
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
@@ -52,26 +51,3 @@ def scan(options: argparse.Namespace) -> None:
 
 def _entries(bus: Bus, *, outputs: bool) -> int:
     return sum(1 for slave in bus.slaves for _ in slave.entries(outputs=outputs))
-
-
-def save(path: Path, text: str) -> None:
-    """Writes a text file; raises as `save_bytes`."""
-    save_bytes(path, text.encode())
-
-
-def save_bytes(path: Path, data: bytes) -> None:
-    """Writes a file; if that fails, an old one stays unchanged.
-
-    Raises:
-        NotPermittedError: The file cannot be written.
-        StateError: Writing fails for another reason, such as a full disk.
-    """
-    try:
-        if path.exists() and not path.is_file():  # /dev/stdout, a pipe
-            path.write_bytes(data)
-            return
-        write_whole(path, data, f".{path.name}-")
-    except PermissionError as error:
-        raise NotPermittedError(f"{path} cannot be written: {error.strerror}") from error
-    except OSError as error:
-        raise StateError(f"{path} cannot be written: {error.strerror}") from error

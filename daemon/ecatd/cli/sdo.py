@@ -21,12 +21,10 @@ from ecatd.model.datatypes import (
     type_name,
 )
 from ecatd.model.errors import SdoAbortError, UsageError
-from ecatd.model.pdo import Entry
-from ecatd.model.physical import to_raw
 
 from .arguments import bounded, slave
 from .output import print_json
-from .scan import save_bytes
+from .saving import save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote, SdoValue
@@ -181,6 +179,9 @@ def _data(remote: Remote, options: argparse.Namespace, chosen: DataType | None) 
 
 def _raw(remote: Remote, options: argparse.Namespace, value: float, unit: str) -> str:
     """A physical value as the raw one; the text itself if the object is one."""
+    from ecatd.model.pdo import Entry  # takes longer to load than the rest of the command
+    from ecatd.model.physical import to_raw
+
     known = remote.sdo_read(options.slave, options.index, options.subindex)
     if known.data_type in STRINGS:
         return str(options.value)

@@ -28,7 +28,7 @@ from .confirm import add_yes, confirm
 from .dictionary import add_esi, read_objects, read_value
 from .output import print_json, print_table
 from .progress import counted
-from .scan import save
+from .saving import save
 from .sdo import physical_text, value_text
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from ecatd.model.sii_check import check_sii
 
 from .arguments import slave
 from .output import print_json
-from .scan import save_bytes
+from .saving import save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote

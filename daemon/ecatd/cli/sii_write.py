@@ -20,7 +20,7 @@ from .arguments import bounded, slave
 from .confirm import add_yes, confirm
 from .output import print_json
 from .progress import counted
-from .scan import save_bytes
+from .saving import save_bytes
 from .sii import sii_lines
 
 if TYPE_CHECKING:

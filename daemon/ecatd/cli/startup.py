@@ -35,7 +35,7 @@ from .arguments import slave
 from .esi_devices import device_of
 from .output import print_json, print_table
 from .progress import counted
-from .scan import save
+from .saving import save
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any, TypeVar
 
-from ecatd.model.toml_file import Rules, Table, choice, integer
+from ecatd.model.idns import parse_idn
+from ecatd.model.toml_file import Key, Rules, Table, choice, integer, show
 
 from ..chip import MODELS, Chip
 from ..slave.device import Device
 from ..slave.sii import DcMode, FmmuType, Mailbox, SmType, SyncManager
+from ..slave.soe import Idn
 from . import sources
 from .device_objects import INPUTS, OUTPUTS, read_latin1
 
@@ -254,6 +256,44 @@ def _files(table: Table, key: str, known: dict[str, Any]) -> None:
     known[key] = {name: sources.content(inner, name) for name in inner.data}
 
 
+def _idns(table: Table, key: str, known: dict[str, Any]) -> None:
+    """Reads `[[idn]]`: IDNs for SoE."""
+    drives: list[dict[int, Idn]] = []
+    for row in table.tables(key):
+        values = row.read(_IDN, ("idn", "name", "attribute", "value"))
+        number: int = values.pop("idn")
+        drive: int = values.pop("drive", 0)
+        drives += [{} for _ in range(drive + 1 - len(drives))]
+        if number in drives[drive]:
+            row.fail("idn", "is there twice: remove one")
+        drives[drive][number] = Idn(**values)
+    known["idns"] = tuple(drives)
+
+
+def _idn_number(table: Table, key: Key) -> int:
+    number: int = table.explain(key, lambda: parse_idn(table.text(key)))
+    return number
+
+
+def _octets(table: Table, key: Key) -> bytes:
+    try:
+        return bytes.fromhex(table.text(key))
+    except ValueError:
+        table.fail(key, f"is {show(table.data[key])}, but must be pairs of hexadecimal digits")
+
+
+_IDN: Rules = {
+    "idn": _idn_number,
+    "drive": integer(0, 7),
+    "name": read_latin1,
+    "attribute": integer(0, _U32),
+    "value": _octets,
+    "unit": read_latin1,
+    "minimum": integer(-(1 << 63), (1 << 63) - 1),
+    "maximum": integer(-(1 << 63), (1 << 63) - 1),
+}
+
+
 def _bits(table: Table, key: str, words: dict[str, int], old: int) -> int:
     """Reads bits, written as names or as a number."""
     if type(table.data.get(key)) is int:
@@ -275,4 +315,5 @@ _READERS = {
     "modules": _modules,
     "firmware_files": _firmware_files,
     "files": _files,
+    "idn": _idns,
 }

@@ -24,8 +24,8 @@ FOE_LEAST = HEADER_BYTES + _HEADER.size + 1
 _GIVEN_UP = 0x8000  # error without further reason
 _PATIENCE_S = 60.0
 """Seconds that a slave has for a packet: some erase their flash meanwhile."""
-_BUSY_PAUSE_S = 0.02
-"""Seconds after which a busy slave is sent its packet again."""
+_BUSY_PAUSE_S, _BUSY_LONGEST_S = 0.001, 0.05
+"""Seconds after which a busy slave is sent its packet again: at first, and when it stays busy."""
 
 
 class FileTransfer(ABC):
@@ -100,14 +100,14 @@ class FileTransfer(ABC):
                 return True, rest
             return None  # late: it belongs to a transfer that was given up
 
-        deadline = time.monotonic() + _PATIENCE_S
+        deadline, pause = time.monotonic() + _PATIENCE_S, _BUSY_PAUSE_S
         while True:
             ready, rest = yield from mailbox.ask(Protocol.FOE, request, take, _PATIENCE_S)
             if ready:
                 return rest
             if time.monotonic() > deadline:
                 raise NoAnswerError(f"it is busy for {_PATIENCE_S:g} s ({self.busy})")
-            again = time.monotonic() + _BUSY_PAUSE_S
+            again, pause = time.monotonic() + pause, min(2 * pause, _BUSY_LONGEST_S)
             while time.monotonic() < again:
                 yield []
 
