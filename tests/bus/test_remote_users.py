@@ -225,17 +225,15 @@ def test_a_user_is_taken_out_while_the_bus_runs(
     )
     os.kill(daemon.process.pid, 1)  # SIGHUP: reload
 
-    def is_out() -> bool:
+    def rights(user: str) -> dict[str, object] | None:
         try:
-            with Remote(daemon.bus, endpoint, 3.0, site["anna"]) as anna:
-                anna.rights()
+            with Remote(daemon.bus, endpoint, 3.0, site[user]) as remote:
+                return remote.rights()
         except (NotPermittedError, UnreachableError):
-            return True
-        return False
+            return None  # the gateway that knows the users is starting
 
-    wait_for(is_out, daemon)
-    with Remote(daemon.bus, endpoint, 10.0, site["bob"]) as bob:
-        assert bob.rights()["write"] == []
+    wait_for(lambda: (rights("bob") or {}).get("write") == [], daemon)
+    wait_for(lambda: rights("bob") is not None and rights("anna") is None, daemon)
 
 
 def test_a_certificate_that_the_gateway_cannot_read(

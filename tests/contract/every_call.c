@@ -60,6 +60,7 @@ static void opening(const char *name) {
   CHECK(strstr(ecat_error(bus), "no-such-bus") != NULL && ecat_slave_count(bus) == 0);
   /* All calls on what is not connected are errors. */
   CHECK(ecat_sample(bus) == ECAT_EDOWN && ecat_sample_domain(bus, 0) < 0);
+  CHECK(ecat_summarize(bus, NULL, 0, 1, 1, NULL) == ECAT_EDOWN);
   CHECK(ecat_wait(bus, 1, 0) < 0 && ecat_wait_domain(bus, 0, 1, 0) < 0);
   CHECK(ecat_find_name(bus, "EL2008") < 0 && strstr(ecat_error(bus), "is not connected") != NULL);
   CHECK(ecat_find(bus, VENDOR, LAMPS_PRODUCT, 0) < 0 && ecat_lookup(bus, "0/x", ECAT_ANY) < 0);
@@ -142,6 +143,19 @@ static void reading(ecat_t *bus) {
   }
   CHECK(ecat_read(bus, -1, &value) == ECAT_EARG && ecat_read_int(bus, 9999, &whole) == ECAT_EARG);
   CHECK(ecat_read_physical(bus, 9999, &value) == ECAT_EARG);
+  {
+    int two[2];
+    ecat_summary found[2];
+    two[0] = two[1] = status;
+    CHECK(ecat_summarize(bus, two, 2, 5, 10, found) == 0 && ecat_cycle(bus) >= cycle + 5);
+    CHECK(found[0].count == found[1].count && found[0].count <= 1000);
+    CHECK(found[0].count == 0 || (found[0].minimum <= found[0].mean && found[0].mean <= found[0].maximum));
+    CHECK(found[0].count == 0 || (found[0].minimum <= found[0].last && found[0].last <= found[0].maximum));
+    two[1] = 9999;
+    CHECK(ecat_summarize(bus, two, 2, 1, 1, found) == ECAT_EARG);
+    CHECK(ecat_summarize(bus, two, 0, 1, 10, found) == 0);
+    CHECK(ecat_summarize(bus, two, 1, 1000000, -1, found) == ECAT_EARG);
+  }
 }
 
 /* Waits until an output is as it was committed. */

@@ -123,6 +123,15 @@ typedef struct ecat_domain_info {
   int wkc_state;         /* enum ecat_wkc_state */
 } ecat_domain_info;
 
+/* An entry during some cycles. */
+typedef struct {
+  double minimum;
+  double maximum;
+  double mean;
+  double last;
+  uint64_t count; /* cycles in which it could be trusted */
+} ecat_summary;
+
 /* --- Connecting ------------------------------------------------------------------------------- */
 
 /* Connects to the bus `name` (NULL: "ecat0"). After a failure *bus is still set, for ecat_error(), and
@@ -221,6 +230,14 @@ ECAT_API int ecat_read(ecat_t *bus, int signal, double *value);
 ECAT_API int ecat_read_int(ecat_t *bus, int signal, int64_t *value);
 /* Raw value * scale + offset. */
 ECAT_API int ecat_read_physical(ecat_t *bus, int signal, double *value);
+
+/* Waits for `cycles` cycles, at least one, and looks at `count` entries in each: their physical values, from minimum to
+ * maximum, with mean and last one. `timeout` is the time in seconds for which a cycle may be late. A
+ * cycle is missed if this thread gets no processor; `summaries[i].count` says how many were seen in
+ * which the value could be trusted. With none, minimum is HUGE_VAL and maximum -HUGE_VAL. Samples, as
+ * ecat_sample() does. */
+ECAT_API int ecat_summarize(ecat_t *bus, const int *signals, size_t count, unsigned cycles,
+                            double timeout, ecat_summary *summaries);
 
 /* --- Writing ---------------------------------------------------------------------------------- */
 

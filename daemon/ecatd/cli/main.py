@@ -34,6 +34,7 @@ _COMMANDS = (
     ("graph", "graph", "Show which slave is plugged in at which port, as a tree or a picture."),
     ("pdos", "show", "List the process data of the slaves."),
     ("read", "read", "Show values of the process image, by names."),
+    ("watch", "watch_values", "Show values as they change, with minimum, mean and maximum."),
     ("write", "write", "Hold values at outputs, by names."),
     ("record", "record", "Write the values of each cycle to a CSV file."),
     ("state", "show", "Show the AL states, or bring slaves to one."),

@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from ecatd.client.patterns import find_signals
+
 from .arguments import add_watch
 from .output import table_lines
-from .signals import add_patterns, find_signals, open_client
+from .signals import add_patterns, open_client
 from .watch import present
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
+from ecatd.client.patterns import find_signals
 from ecatd.model.errors import NotPermittedError, StateError, UsageError
 
 from .arguments import times
@@ -19,7 +20,6 @@ from .signals import (
     add_for,
     add_patterns,
     ended_by_signals,
-    find_signals,
     is_physical,
     open_client,
 )

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import argparse
 import signal as posix_signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from ecatd.model.errors import StateError, UsageError
+from ecatd.model.errors import UsageError
 
 from .arguments import seconds
 
 if TYPE_CHECKING:
     from ecatd.client import Client
     from ecatd.client.signals import Signal
-
-_GLOB = set("*?[")
 
 
 def add_patterns(command: argparse.ArgumentParser) -> None:
@@ -53,62 +50,6 @@ def open_client(options: argparse.Namespace) -> Iterator[Client]:
     with Client(options.bus) as client:
         client.sample()
         yield client
-
-
-def find_signals(client: Client, patterns: Sequence[str]) -> list[Signal]:
-    """The entries that fit one of the patterns, in the order of the bus; all if there are none.
-
-    Raises:
-        StateError: A pattern fits nothing.
-    """
-    if not patterns:
-        return client.signals()
-    found: dict[int, Signal] = {}
-    for pattern in patterns:
-        fitting = _fitting(client, pattern if "/" in pattern else f"*/{pattern}")
-        if not fitting and "/" in pattern and not _GLOB & set(pattern):
-            fitting = [client.signal(pattern)]  # raises what is wrong with the name
-        if not fitting:
-            raise StateError(
-                f"no entry fits '{pattern}': `ecatctl read` lists all of them with their names"
-            )
-        found |= {signal.number: signal for signal in fitting}
-    return [found[number] for number in sorted(found)]
-
-
-def _fitting(client: Client, pattern: str) -> list[Signal]:
-    """The entries that fit a pattern; small and capital letters are the same."""
-    slaves = {slave.position: slave.name for slave in client.slaves()}
-    return [
-        signal
-        for signal in client.signals()
-        if any(fnmatchcase(name, pattern.lower()) for name in _names(signal, slaves[signal.slave]))
-    ]
-
-
-def find_output(client: Client, name: str) -> Signal:
-    """The output with a name.
-
-    Raises:
-        StateError: There is none, or there are several.
-    """
-    from ecatd.shm import Direction
-
-    try:
-        return client.signal(name, direction=Direction.OUTPUT)
-    except StateError:
-        fitting = [] if _GLOB & set(name) else _fitting(client, name)
-        outputs = [signal for signal in fitting if signal.output]
-        if len(outputs) != 1:
-            raise
-        return outputs[0]
-
-
-def _names(signal: Signal, slave: str) -> Iterator[str]:
-    """All names of an entry, in small letters."""
-    for who in (str(signal.slave), slave):
-        for entry in (signal.name, f"{signal.pdo_name}/{signal.name}", signal.address):
-            yield f"{who}/{entry}".lower()
 
 
 def is_physical(signal: Signal) -> bool:

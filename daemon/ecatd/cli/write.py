@@ -7,12 +7,13 @@ import time
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from ecatd.client.patterns import find_output
 from ecatd.model.al import AlState, al_state_text
 from ecatd.model.errors import LeaseError, StateError, UsageError
 
 from .confirm import add_yes, confirm
 from .output import print_json
-from .signals import add_for, ended_by_signals, find_output, is_physical, open_client
+from .signals import add_for, ended_by_signals, is_physical, open_client
 
 if TYPE_CHECKING:
     from ecatd.client import Client

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .claims import Claim
     from .client import Client
     from .group import SignalGroup
-    from .info import DomainInfo, OutputInfo, Owner, SlaveInfo
+    from .info import DomainInfo, OutputInfo, Owner, SlaveInfo, Summary
     from .requests import Request
     from .signals import Signal
 
@@ -24,7 +24,7 @@ _HOME = {
     "Claim": ".claims",
     "Client": ".client",
     "SignalGroup": ".group",
-    **dict.fromkeys(("DomainInfo", "OutputInfo", "Owner", "SlaveInfo"), ".info"),
+    **dict.fromkeys(("DomainInfo", "OutputInfo", "Owner", "SlaveInfo", "Summary"), ".info"),
     "Request": ".requests",
     "Signal": ".signals",
 }
@@ -42,6 +42,7 @@ __all__ = [
     "Signal",
     "SignalGroup",
     "SlaveInfo",
+    "Summary",
     "Validity",
     "WkcState",
 ]

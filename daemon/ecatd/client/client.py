@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections import defaultdict
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Iterable, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, overload
 from weakref import WeakSet
@@ -17,10 +17,10 @@ from ecatd.shm import Direction
 from .claims import Claim, Claims
 from .connection import PADDING, Connection, text_of
 from .group import SignalGroup
-from .info import DomainInfo, OutputInfo, Owner, SlaveInfo
+from .info import DomainInfo, OutputInfo, Owner, SlaveInfo, Summary
 from .requests import Request, Requests
 from .signals import Signal, make
-from .structs import QUICK, WAITING, DomainStruct, SlaveStruct
+from .structs import QUICK, WAITING, DomainStruct, SlaveStruct, SummaryStruct
 
 if TYPE_CHECKING:
     import numpy as np
@@ -287,6 +287,29 @@ class Client:
             connection.wait_cycles(cycles, timeout)
         else:
             connection.wait(WAITING.ecat_wait_domain, "exchange", timeout, domain, cycles)
+
+    def summarize(
+        self, signals: Sequence[str | Signal], cycles: int, timeout: float = 1.0
+    ) -> list[Summary]:
+        """Waits for some cycles, and looks at entries in each of them, so that no peak is lost.
+
+        Other threads run meanwhile. It samples, as `sample` does.
+
+        Args:
+            signals: The entries.
+            cycles: How many cycles.
+            timeout: Seconds for which a cycle may be late.
+
+        Raises:
+            NoAnswerError: A cycle did not come in time.
+            UnreachableError: The daemon has ended.
+        """
+        connection = self._connection
+        numbers = [self._entry(signal).number for signal in signals]
+        found = (SummaryStruct * len(numbers))()
+        handles = (ctypes.c_int * len(numbers))(*numbers)
+        connection.summarize(handles, found, cycles, timeout)
+        return [Summary(s.minimum, s.maximum, s.mean, s.last, s.count) for s in found]
 
     def domain(self, number: int = 0) -> DomainInfo:
         """What is known about the last sample of a domain."""

@@ -24,7 +24,7 @@ from ecatd.model.errors import (
 )
 from ecatd.shm import Direction, Errno
 
-from .structs import QUICK, WAITING, SignalStruct
+from .structs import QUICK, WAITING, SignalStruct, SummaryStruct
 
 _ERRORS: dict[int, type[EcatError]] = {
     Errno.EARG: UsageError,
@@ -218,6 +218,20 @@ class Connection:
                 f"bus '{self.bus}': the {name} that was waited for did not come within "
                 f"{timeout:g} s"
             )
+        self.check_live(code)
+
+    def summarize(
+        self,
+        signals: ctypes.Array[ctypes.c_int],
+        found: ctypes.Array[SummaryStruct],
+        cycles: int,
+        timeout: float,
+    ) -> None:
+        """Looks at entries for some cycles; see `Client.summarize`."""
+        with self._waiting() as address:
+            code = WAITING.ecat_summarize(address, signals, len(signals), cycles, timeout, found)
+        if code == Errno.ETIMEOUT:
+            raise NoAnswerError(f"bus '{self.bus}': no cycle came within {timeout:g} s")
         self.check_live(code)
 
     # --- what several parts of a client ask -------------------------------------------------------

@@ -117,3 +117,22 @@ class Owner:
     program: str
     me: bool
     outputs: tuple[Signal, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """An entry during some cycles, in its unit.
+
+    Attributes:
+        minimum: Its smallest value; infinite if it could not be trusted in any cycle.
+        maximum: Its largest one.
+        mean: Their mean.
+        last: The last one.
+        count: Cycles in which it could be trusted.
+    """
+
+    minimum: float
+    maximum: float
+    mean: float
+    last: float
+    count: int

@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from ecatd.stats import Snapshot
 
     from .file_transfer import FileTransfer
+    from .stream import Stream
 
 _SII_PART = 64
 """Words of an EEPROM that one request reads: the size of the smallest one. Other requests wait
@@ -348,6 +349,25 @@ class Remote:
             StateError: Devices come and go meanwhile.
         """
         return self.request(Rescan())
+
+    def stream(self, pattern: str, rate: float) -> Stream:
+        """Values of entries with minimum, mean and maximum, so that no peak is lost.
+
+        Args:
+            pattern: SLAVE/ENTRY with * and ?; see `find_signals`.
+            rate: How often a second.
+
+        Raises:
+            UsageError: The rate is out of range, or there are too many entries.
+            StateError: No entry fits the pattern.
+        """
+        from urllib.parse import quote
+
+        from .stream import Stream
+
+        parameters = f"pattern={quote(pattern, safe='')};hz={rate:g}"
+        opened = self._ask("ro", "stream", parameters=parameters)
+        return Stream(self._session, opened, self._timeout)
 
     def stats(self) -> Snapshot:
         """Statistics of the bus since the start of the exchange."""

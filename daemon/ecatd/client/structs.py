@@ -80,6 +80,18 @@ class DomainStruct(ctypes.Structure):
     )
 
 
+class SummaryStruct(ctypes.Structure):
+    """`ecat_summary`."""
+
+    _fields_ = (
+        ("minimum", ctypes.c_double),
+        ("maximum", ctypes.c_double),
+        ("mean", ctypes.c_double),
+        ("last", ctypes.c_double),
+        ("count", ctypes.c_uint64),
+    )
+
+
 _I, _U, _D = ctypes.c_int, ctypes.c_uint, ctypes.c_double
 _U32, _U64, _SIZE = ctypes.c_uint32, ctypes.c_uint64, ctypes.c_size_t
 _POINTER, _TEXT = ctypes.c_void_p, ctypes.c_char_p
@@ -118,6 +130,7 @@ _FUNCTIONS: dict[str, tuple[object, tuple[object, ...]]] = {
     "read": (_I, (_I, _POINTER)),
     "read_int": (_I, (_I, _POINTER)),
     "read_physical": (_I, (_I, _POINTER)),
+    "summarize": (_I, (_POINTER, _SIZE, _U, _D, _POINTER)),
     "write": (_I, (_I, _D)),
     "write_int": (_I, (_I, ctypes.c_int64)),
     "write_physical": (_I, (_I, _D)),

@@ -12,6 +12,7 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import zenoh
 
@@ -40,6 +41,7 @@ from .bus_client import Answer, BusClient
 from .listening import Listening
 from .metrics import MetricsServer
 from .publisher import Publisher
+from .streams import Streams
 
 _OPEN_PATIENCE, _OPEN_PAUSE = 5.0, 0.005
 """Seconds that Zenoh has to listen on the local socket, and between two looks."""
@@ -74,6 +76,7 @@ class Gateway:
         self._session: zenoh.Session | None = None
         self._declared: list[Any] = []
         self._metrics: MetricsServer | None = None
+        self._streams: Streams | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
         self._answers: OrderedDict[tuple[str, str], Answer] = OrderedDict()
         self._bus_description: dict[str, Any] = {}  # which stays as it is
@@ -115,6 +118,7 @@ class Gateway:
         await listening.look()
         self._session = session = await self._open_session()
         self._keep(asyncio.create_task(listening.watch()))
+        self._streams = Streams(session, self._name)
         loop = asyncio.get_running_loop()
 
         def receive(query: zenoh.Query) -> None:
@@ -213,6 +217,8 @@ class Gateway:
                 return _known(parameters, lambda: self._bus_description)
             case ["ro", "stats"]:
                 return _known(parameters, self._stats, "buckets")
+            case ["ro", "stream"]:
+                return self._open_stream(parameters)
             case ["ro", "dc"]:
                 return _known(parameters, lambda: read_clocks(self._name))
         user = None
@@ -241,6 +247,16 @@ class Gateway:
             if user.name == name:
                 return user
         raise NotPermittedError(f"user '{name}' is not in the configuration of the daemon")
+
+    def _open_stream(self, parameters: str) -> Answer:
+        given = read_parameters(parameters, ("pattern", "hz"))
+        try:
+            rate = float(given.get("hz", "10"))
+        except ValueError:
+            raise UsageError(f"hz={given['hz']} in the query is no number") from None
+        pattern, streams = unquote(given.get("pattern", "*")), self._streams
+        assert streams is not None, "asked before the session was opened"
+        return asyncio.ensure_future(asyncio.to_thread(streams.open, pattern, rate))
 
     def _stats(self, *, buckets: bool) -> dict[str, Any]:
         return to_map(read(self._name), buckets=buckets)
@@ -279,6 +295,8 @@ class Gateway:
             task.cancel()
         if self._metrics is not None:
             self._metrics.close()
+        if self._streams is not None:
+            self._streams.close()
         self._bus.close()
         session, self._session = self._session, None
         if session is not None:

@@ -1,0 +1,43 @@
+/* What entries were during some cycles: for those who cannot look at each one. */
+#include "internal.h"
+
+#include <math.h>
+
+static void begin(ecat_summary *summary) {
+  summary->minimum = HUGE_VAL;
+  summary->maximum = -HUGE_VAL;
+  summary->mean = summary->last = 0;
+  summary->count = 0;
+}
+
+static void add(ecat_summary *summary, double value) {
+  if (value < summary->minimum) summary->minimum = value;
+  if (value > summary->maximum) summary->maximum = value;
+  summary->last = value;
+  summary->count++;
+  summary->mean += (value - summary->mean) / (double)summary->count; /* large sums lose digits */
+}
+
+int ecat_summarize(ecat_t *bus, const int *signals, size_t count, unsigned cycles, double timeout,
+                   ecat_summary *summaries) {
+  uint64_t end;
+  size_t i;
+  int code;
+  if (bus->map == NULL && (code = ecat_memory_check(bus, 0)) != 0) return code;
+  for (i = 0; i < count; i++) {
+    if ((code = ecat_check_signal(bus, signals[i])) != 0) return code;
+    begin(&summaries[i]);
+  }
+  end = ecat_cycle(bus) + cycles;
+  do {
+    if ((code = ecat_wait(bus, 1, timeout)) != 0) return code;
+    ecat_sample(bus); /* values that are not new do not count */
+    for (i = 0; i < count; i++) {
+      double value;
+      if (ecat_validity(bus, signals[i]) == ECAT_VALID &&
+          ecat_read_physical(bus, signals[i], &value) == 0)
+        add(&summaries[i], value);
+    }
+  } while (ecat_cycle(bus) < end);
+  return 0;
+}

@@ -1,0 +1,73 @@
+"""Command `watch`: values of the process image as they change, also from another machine."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from .arguments import times
+from .output import print_json_line, table_lines
+from .terminal import Screen
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """Adds the arguments of the command."""
+    command.set_defaults(run=watch)
+    command.add_argument(
+        "pattern",
+        nargs="?",
+        default="*",
+        metavar="PATTERN",
+        help="SLAVE/ENTRY with * and ?, as for read (default: all)",
+    )
+    command.add_argument(
+        "--hz", type=float, default=2.0, metavar="N", help="how often a second (default: 2)"
+    )
+    command.add_argument("--count", type=times, metavar="N", help="end after N times")
+
+
+def watch(remote: Remote, options: argparse.Namespace) -> None:
+    """Shows minimum, mean and maximum of each value, again and again."""
+    screen, shown = Screen(), 0
+    with remote.stream(options.pattern, options.hz) as stream:
+        for row in stream:
+            document = _document(remote, stream.signals, row)
+            if options.json:
+                print_json_line(document)
+            else:
+                screen.draw(_lines(document, stream.cycles))
+            shown += 1
+            if shown == options.count:
+                return
+
+
+def _document(remote: Remote, signals: list[dict[str, Any]], row: dict[str, Any]) -> dict[str, Any]:
+    names = ("minimum", "mean", "maximum", "count")
+    values = [
+        {**signal, **dict(zip(names, found, strict=True))}
+        for signal, found in zip(signals, row["values"], strict=True)
+    ]
+    return {"bus": remote.bus, "cycle": row["cycle"], "values": values}
+
+
+def _lines(document: dict[str, Any], cycles: int) -> list[str]:
+    def text(value: float | None) -> str:
+        return "" if value is None else f"{value:.7g}"
+
+    lines = table_lines(
+        ("NAME", "MINIMUM", "MEAN", "MAXIMUM", "UNIT", ""),
+        (
+            (
+                row["name"],
+                *(text(row[name]) for name in ("minimum", "mean", "maximum")),
+                row["unit"],
+                "" if row["count"] else "no value that can be trusted",
+            )
+            for row in document["values"]
+        ),
+        " >>>",
+    )
+    return [f"cycle {document['cycle']}, of {cycles} cycles", "", *lines]

@@ -1,0 +1,70 @@
+"""A stream of values over Zenoh, as a client sees it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+
+from ecatd.encoding import MAX_REPLY, unpack
+from ecatd.model.errors import NoAnswerError
+
+_ROWS = 100
+"""Rows that may wait; older ones are dropped."""
+
+
+class Stream:
+    """Values of some entries, again and again.
+
+    Iterating gives maps: `cycle`, the number of the last cycle, and `values`: minimum, mean and
+    maximum of each entry (None if it could not be trusted in any cycle), and in how many cycles it
+    could be.
+
+    Args:
+        session: The session.
+        opened: What the daemon has answered.
+        patience_s: Seconds for which a row may be late, in addition to the time between two.
+
+    Attributes:
+        signals: The entries, in the order of the values: `name`, `slave`, `address`, `unit`.
+        rate: Rows a second.
+        cycles: Cycles of which each row is.
+
+    Raises:
+        NoAnswerError: While iterating: no row comes any more.
+    """
+
+    def __init__(self, session: zenoh.Session, opened: dict[str, Any], patience_s: float) -> None:
+        self.signals: list[dict[str, Any]] = list(opened["signals"])
+        self.rate = float(opened["rate"])
+        self.cycles = int(opened["cycles"])
+        self._patience_s = patience_s + 1 / self.rate
+        self._subscriber = session.declare_subscriber(
+            opened["key"], zenoh.handlers.RingChannel(_ROWS)
+        )
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        while True:
+            deadline = time.monotonic() + self._patience_s
+            while (sample := self._subscriber.try_recv()) is None:
+                if time.monotonic() > deadline:
+                    raise NoAnswerError(
+                        f"no values have come for {self._patience_s:g} s: the daemon has ended, or "
+                        "the connection is broken"
+                    )
+                time.sleep(min(0.01, 0.2 / self.rate))
+            yield unpack(bytes(sample.payload), MAX_REPLY)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._subscriber.undeclare()  # type: ignore[no-untyped-call]

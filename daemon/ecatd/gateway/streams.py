@@ -1,0 +1,154 @@
+"""Streams of values for readers who cannot take each cycle: minimum, mean and maximum of some.
+
+A reader asks for a pattern and a rate, and gets the key under which its values are published. The
+rows are summarised in C (`ecat_summarize`), which looks at each cycle, so no peak is lost. Readers
+who ask for the same share a stream. A stream ends when nobody has listened to it for a while.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import threading
+import time
+from typing import Any
+
+import zenoh
+
+from ecatd.client import Client, Signal
+from ecatd.client.patterns import find_signals
+from ecatd.encoding import pack
+from ecatd.model.errors import BusyError, EcatError, UsageError
+from ecatd.zenoh_keys import SCHEMA, bus_key
+
+_STREAMS_MAX, _SIGNALS_MAX = 16, 2000
+_RATES = 0.1, 200.0
+"""Lowest and highest rate in Hz."""
+_ABANDONED_S = 5.0
+"""Seconds after which a stream ends to which nobody listens."""
+_LATE_S = 5.0
+"""Seconds for which a cycle may be late."""
+
+
+class Streams:
+    """All streams of a bus. Call it in any thread.
+
+    Args:
+        session: The gateway's session.
+        bus: Name of the bus.
+    """
+
+    def __init__(self, session: zenoh.Session, bus: str) -> None:
+        self._session = session
+        self._bus = bus
+        self._lock = threading.Lock()
+        self._streams: dict[str, _Stream] = {}
+
+    def open(self, pattern: str, rate: float) -> dict[str, Any]:
+        """Opens a stream, or finds the one that is open already.
+
+        Args:
+            pattern: Which entries; see `find_signals`.
+            rate: How often values are published, in Hz.
+
+        Returns:
+            The `key` under which they are published; `rate`; `cycles`, of which each row is; and
+            `signals`: path, address, unit of each, in the order of the values.
+
+        Raises:
+            UsageError: The rate is out of range, or there are too many entries.
+            StateError: No entry fits the pattern.
+            BusyError: There are too many streams.
+        """
+        low, high = _RATES
+        if not low <= rate <= high:
+            raise UsageError(f"hz={rate:g}: {low:g} to {high:g} are possible")
+        name = hashlib.sha256(f"{pattern} {rate:g}".encode()).hexdigest()[:16]
+        with self._lock:
+            self._streams = {n: s for n, s in self._streams.items() if s.is_open}
+            if name not in self._streams:
+                if len(self._streams) >= _STREAMS_MAX:
+                    raise BusyError(
+                        f"{_STREAMS_MAX} streams are open already; try again when some have ended"
+                    )
+                key = bus_key(self._bus, "ro", "stream", name)
+                self._streams[name] = _Stream(self._session, self._bus, key, pattern, rate)
+            stream = self._streams[name]
+            stream.asked = time.monotonic()
+        return stream.description
+
+    def close(self) -> None:
+        """Ends all streams."""
+        for stream in self._streams.values():
+            stream.ends.set()
+
+
+class _Stream:
+    def __init__(
+        self, session: zenoh.Session, bus: str, key: str, pattern: str, rate: float
+    ) -> None:
+        self._client = Client(bus)
+        try:
+            self._client.sample()
+            self._signals = find_signals(self._client, [pattern])
+            if len(self._signals) > _SIGNALS_MAX:
+                raise UsageError(
+                    f"{len(self._signals)} entries fit '{pattern}': at most {_SIGNALS_MAX} are "
+                    "possible"
+                )
+        except EcatError:
+            self._client.close()
+            raise
+        self._cycles = max(1, round(1 / (rate * self._client.cycle_time)))
+        self._publisher = session.declare_publisher(key)
+        self.asked = time.monotonic()
+        self.ends = threading.Event()
+        self.description: dict[str, Any] = {
+            "key": key,
+            "rate": 1 / (self._cycles * self._client.cycle_time),
+            "cycles": self._cycles,
+            "signals": [_described(signal) for signal in self._signals],
+        }
+        self._thread = threading.Thread(target=self._serve, name="stream", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it goes on."""
+        return self._thread.is_alive()
+
+    def _serve(self) -> None:
+        try:
+            while not self.ends.is_set() and self._is_wanted():
+                self._publish()
+        except (EcatError, zenoh.ZError):
+            pass  # the daemon has ended, and with it the gateway: readers ask anew
+        finally:
+            self._client.close()
+
+    def _is_wanted(self) -> bool:
+        if self._publisher.matching_status.matching:  # type: ignore[attr-defined]
+            self.asked = time.monotonic()
+        return time.monotonic() - self.asked < _ABANDONED_S
+
+    def _publish(self) -> None:
+        found = self._client.summarize(self._signals, self._cycles, _LATE_S)
+        rows = [
+            [_finite(s.minimum), s.mean if s.count else None, _finite(s.maximum), s.count]
+            for s in found
+        ]
+        message = {"schema": SCHEMA, "cycle": self._client.cycle, "values": rows}
+        self._publisher.put(pack(message))
+
+
+def _described(signal: Signal) -> dict[str, Any]:
+    return {
+        "name": signal.path,
+        "slave": signal.slave,
+        "address": signal.address,
+        "unit": signal.unit,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

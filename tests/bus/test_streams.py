@@ -1,0 +1,122 @@
+"""Streams of values over Zenoh: minimum, mean and maximum, so that no peak is lost."""
+
+import json
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from conftest import Daemon, names, one_line_error, wait_for
+from ecatd.client import Client
+from ecatd.client.remote import Remote
+from ecatd.model.errors import NoAnswerError, StateError, UsageError
+
+pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+
+WIRED = "3/0x7000:01", "2/0x6000:01"
+"""An output of the rig, and the input that it is wired to."""
+
+
+@pytest.fixture(scope="module")
+def bus(start_shared: Callable[..., Daemon]) -> Daemon:
+    return start_shared("troll")
+
+
+@pytest.fixture
+def remote(bus: Daemon, monkeypatch: pytest.MonkeyPatch) -> Iterator[Remote]:
+    monkeypatch.setenv("ECATD_RUNTIME_DIR", bus.env["ECATD_RUNTIME_DIR"])
+    with Remote(bus.bus, timeout=20) as remote:
+        yield remote
+
+
+def test_a_peak_of_a_few_cycles_is_seen(bus: Daemon, remote: Remote) -> None:
+    with (
+        remote.stream("2/Channel 1/Input", 4) as stream,
+        Client(bus.bus) as client,
+        client.claim(WIRED[0], lease=60),
+    ):
+        (signal,) = stream.signals
+        assert (signal["slave"], signal["address"]) == (2, "0x6000:01")
+        assert (stream.rate, stream.cycles) == (4, 250)
+        rows = iter(stream)
+        output = client.signal(WIRED[0])
+        while True:  # a busy machine may keep the output from its slave
+            next(rows)
+            output.value = 1
+            client.commit()
+            client.wait(20)
+            client.sample()
+            output.value = 0
+            client.commit()
+            found = [next(rows)["values"][0] for _ in range(2)]
+            if any(maximum == 1 for _, _, maximum, _ in found):
+                break
+        low, mean, high, count = next(row for row in found if row[2] == 1)
+        assert low <= mean <= high
+        assert 0 < count <= 260
+
+
+def test_readers_of_the_same_share_a_stream(remote: Remote) -> None:
+    first, second = (remote._ask("ro", "stream", parameters="pattern=4%2F*;hz=5") for _ in "12")
+    assert first == second
+    assert len(first["signals"]) == len({item["name"] for item in first["signals"]}) > 8
+    other = remote._ask("ro", "stream", parameters="pattern=4%2F*;hz=10")
+    assert other["key"] != first["key"]
+
+
+def test_wrong_streams(remote: Remote) -> None:
+    for pattern, rate, kind, word in (
+        ("99/*", 10, StateError, "99/*"),
+        ("*", 0, UsageError, "hz=0"),
+        ("*", 1000, UsageError, "hz=1000"),
+    ):
+        with pytest.raises(kind, match=word.replace("*", r"\*")):
+            remote.stream(pattern, rate)
+
+
+def test_there_are_so_many_streams_at_a_time(bus: Daemon, remote: Remote) -> None:
+    open_ = []
+    with pytest.raises(StateError, match="streams"):
+        for number in range(20):
+            open_.append(remote.stream("2/*", 1 + number / 10))
+    assert len(open_) >= 10
+    for stream in open_:
+        stream.__exit__(None, None, None)
+    wait_for(lambda: bus.ctl("watch", "3/*", "--count", "1", check=False).returncode == 0, bus)
+
+
+def test_watch_shows_rows(bus: Daemon) -> None:
+    text = bus.ctl("watch", "4/*Value", "--hz", "10", "--count", "2").stdout
+    names(text, "MINIMUM", "MAXIMUM", "V", "of 100 cycles")
+    lines = bus.ctl("watch", "4/*Value", "--hz", "10", "--count", "2", "--json").stdout
+    rows = [json.loads(line) for line in lines.splitlines()]
+    assert len(rows) == 2
+    assert rows[0]["cycle"] < rows[1]["cycle"]
+    for value in rows[1]["values"]:
+        if value["count"]:
+            assert -10 <= value["minimum"] <= value["mean"] <= value["maximum"] <= 10
+    wrong = bus.ctl("watch", "nothing/*", check=False)
+    assert wrong.returncode == 7
+    names(one_line_error(wrong.stderr, "ecatctl"), "'nothing/*'")
+
+
+def test_a_stream_ends_with_its_daemon(
+    start_daemon: Callable[..., Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon = start_daemon("troll")
+    monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
+    with Remote(daemon.bus, timeout=5) as remote, remote.stream("2/*", 20) as stream:
+        rows = iter(stream)
+        next(rows)
+        daemon.stop()
+        with pytest.raises(NoAnswerError):
+            for _ in range(1000):
+                next(rows)
+
+
+def test_a_summary_of_cycles_in_this_process(bus: Daemon) -> None:
+    with Client(bus.bus) as client:
+        found = client.summarize(["4/0x6000:11", "2/0x6000:01"], 50)
+        assert all(0 < row.count <= 60 for row in found)
+        assert -10 <= found[0].minimum <= found[0].mean <= found[0].maximum <= 10
+        assert found[0].minimum <= found[0].last <= found[0].maximum
+        assert client.summarize([], 1) == []
