@@ -20,7 +20,7 @@ static void add(ecat_summary *summary, double value) {
 
 int ecat_summarize(ecat_t *bus, const int *signals, size_t count, unsigned cycles, double timeout,
                    ecat_summary *summaries) {
-  uint64_t end;
+  uint64_t last = 0;
   size_t i;
   int code;
   if (bus->map == NULL && (code = ecat_memory_check(bus, 0)) != 0) return code;
@@ -28,16 +28,16 @@ int ecat_summarize(ecat_t *bus, const int *signals, size_t count, unsigned cycle
     if ((code = ecat_check_signal(bus, signals[i])) != 0) return code;
     begin(&summaries[i]);
   }
-  end = ecat_cycle(bus) + cycles;
   do {
     if ((code = ecat_wait(bus, 1, timeout)) != 0) return code;
     ecat_sample(bus); /* values that are not new do not count */
+    if (last == 0) last = bus->sample_cycle + cycles - 1;
     for (i = 0; i < count; i++) {
       double value;
       if (ecat_validity(bus, signals[i]) == ECAT_VALID &&
           ecat_read_physical(bus, signals[i], &value) == 0)
         add(&summaries[i], value);
     }
-  } while (ecat_cycle(bus) < end);
+  } while (bus->sample_cycle < last);
   return 0;
 }

@@ -116,7 +116,7 @@ def test_a_stream_ends_with_its_daemon(
 def test_a_summary_of_cycles_in_this_process(bus: Daemon) -> None:
     with Client(bus.bus) as client:
         found = client.summarize(["4/0x6000:11", "2/0x6000:01"], 50)
-        assert all(0 < row.count <= 60 for row in found)
+        assert all(0 < row.cycles <= 60 for row in found)
         assert -10 <= found[0].minimum <= found[0].mean <= found[0].maximum <= 10
         assert found[0].minimum <= found[0].last <= found[0].maximum
         assert client.summarize([], 1) == []

@@ -147,7 +147,7 @@ static void reading(ecat_t *bus) {
     int two[2];
     ecat_summary found[2];
     two[0] = two[1] = status;
-    CHECK(ecat_summarize(bus, two, 2, 5, 10, found) == 0 && ecat_cycle(bus) >= cycle + 5);
+    CHECK(ecat_summarize(bus, two, 2, 5, 10, found) == 0 && ecat_cycle(bus) >= cycle + 4);
     CHECK(found[0].count == found[1].count && found[0].count <= 1000);
     CHECK(found[0].count == 0 || (found[0].minimum <= found[0].mean && found[0].mean <= found[0].maximum));
     CHECK(found[0].count == 0 || (found[0].minimum <= found[0].last && found[0].last <= found[0].maximum));

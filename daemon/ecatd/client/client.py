@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import struct
 from collections import defaultdict
 from collections.abc import AsyncIterator, Iterable, Sequence
 from types import TracebackType
@@ -20,7 +21,7 @@ from .group import SignalGroup
 from .info import DomainInfo, OutputInfo, Owner, SlaveInfo, Summary
 from .requests import Request, Requests
 from .signals import Signal, make
-from .structs import QUICK, WAITING, DomainStruct, SlaveStruct, SummaryStruct
+from .structs import QUICK, SUMMARY, WAITING, DomainStruct, SlaveStruct, SummaryStruct
 
 if TYPE_CHECKING:
     import numpy as np
@@ -309,7 +310,7 @@ class Client:
         found = (SummaryStruct * len(numbers))()
         handles = (ctypes.c_int * len(numbers))(*numbers)
         connection.summarize(handles, found, cycles, timeout)
-        return [Summary(s.minimum, s.maximum, s.mean, s.last, s.count) for s in found]
+        return [Summary._make(row) for row in struct.iter_unpack(SUMMARY, found)]
 
     def domain(self, number: int = 0) -> DomainInfo:
         """What is known about the last sample of a domain."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ecatd import shm
 
@@ -119,8 +119,7 @@ class Owner:
     outputs: tuple[Signal, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Summary:
+class Summary(NamedTuple):
     """An entry during some cycles, in its unit.
 
     Attributes:
@@ -128,11 +127,11 @@ class Summary:
         maximum: Its largest one.
         mean: Their mean.
         last: The last one.
-        count: Cycles in which it could be trusted.
+        cycles: Cycles in which it could be trusted.
     """
 
     minimum: float
     maximum: float
     mean: float
     last: float
-    count: int
+    cycles: int

@@ -92,6 +92,9 @@ class SummaryStruct(ctypes.Structure):
     )
 
 
+SUMMARY = "4dQ"
+"""The same for `struct.iter_unpack`, which is quicker."""
+
 _I, _U, _D = ctypes.c_int, ctypes.c_uint, ctypes.c_double
 _U32, _U64, _SIZE = ctypes.c_uint32, ctypes.c_uint64, ctypes.c_size_t
 _POINTER, _TEXT = ctypes.c_void_p, ctypes.c_char_p

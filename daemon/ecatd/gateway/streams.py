@@ -8,7 +8,6 @@ who ask for the same share a stream. A stream ends when nobody has listened to i
 from __future__ import annotations
 
 import hashlib
-import math
 import threading
 import time
 from typing import Any
@@ -26,6 +25,8 @@ _RATES = 0.1, 200.0
 """Lowest and highest rate in Hz."""
 _ABANDONED_S = 5.0
 """Seconds after which a stream ends to which nobody listens."""
+_UNSEEN = (None, None, None, 0)
+"""The row of an entry that could not be trusted in any cycle."""
 _LATE_S = 5.0
 """Seconds for which a cycle may be late."""
 
@@ -134,8 +135,7 @@ class _Stream:
     def _publish(self) -> None:
         found = self._client.summarize(self._signals, self._cycles, _LATE_S)
         rows = [
-            [_finite(s.minimum), s.mean if s.count else None, _finite(s.maximum), s.count]
-            for s in found
+            (low, mean, high, count) if count else _UNSEEN for low, high, mean, _, count in found
         ]
         message = {"schema": SCHEMA, "cycle": self._client.cycle, "values": rows}
         self._publisher.put(pack(message))
@@ -148,7 +148,3 @@ def _described(signal: Signal) -> dict[str, Any]:
         "address": signal.address,
         "unit": signal.unit,
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
