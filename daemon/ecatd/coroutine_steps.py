@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-Steps = Generator[None, None, T]
-"""A generator that yields where it waits, and returns its result."""
+Steps = Generator[Any, None, T]
+"""A generator that yields where it waits, and returns its result. It may yield true if something
+has happened since the last time; then it should go on soon."""
 
 PAUSE = 0.002
 """Seconds between two steps of `finish`, that is while no other request needs the wire."""

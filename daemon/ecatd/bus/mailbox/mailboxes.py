@@ -55,6 +55,9 @@ _SHOWN = 16
 _NAMED = 5
 """How many slaves an error names one by one."""
 
+_LOOKING = 2
+"""Rounds from one wait to the next of a conversation that looks for an answer in vain."""
+
 _SMALL = 512
 """Most bytes of a mailbox that a conversation running alone reads together with its status."""
 
@@ -473,6 +476,9 @@ def talk_all(
 ) -> Steps[tuple[dict[int, T], dict[int, EcatError]]]:
     """Runs all conversations at the same time, and yields whenever all of them wait.
 
+    It yields true if slaves have answered since the last time, so that those who ask for the next
+    step need not wait longer and longer.
+
     Returns:
         The results, and the errors of the conversations that failed, both by their number in
         `talks`.
@@ -493,11 +499,14 @@ def talk_all(
     try:
         for number in range(len(talks)):
             step(number, None)
+        rounds = 0
         while wanted:
             asked, wanted = wanted, {}
             datagrams = [datagram for item in asked.values() for datagram in item]
+            rounds += 1
             if not datagrams:
-                yield
+                yield rounds > _LOOKING  # an answer is read, and the next question follows it
+                rounds = 0
             answers = iter(registers.exchange(datagrams, repeat=False))
             for number, item in asked.items():
                 step(number, list(itertools.islice(answers, len(item))))

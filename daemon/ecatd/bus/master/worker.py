@@ -97,8 +97,7 @@ class Worker:
             next(steps)
             while time.monotonic() < end and self._calls.empty():
                 time.sleep(pause)
-                pause = min(1.5 * pause, _LAST_PAUSE)
-                next(steps)
+                pause = _FIRST_PAUSE if next(steps) else min(1.5 * pause, _LAST_PAUSE)
         except StopIteration as stop:
             return stop.value
         return _UNFINISHED
