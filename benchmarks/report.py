@@ -19,7 +19,10 @@ from ecatd.model.errors import UsageError
 from .plot import Figure, Panel, Series
 from .target import Target
 
-SECTIONS = ("engine", "cores", "scale", "recovery", "requests", "client", "modelica", "simulator")
+SECTIONS = (
+    *("engine", "cores", "scale", "recovery"),
+    *("requests", "files", "client", "modelica", "simulator"),
+)
 """Names of the benchmarks, in the order of the page."""
 
 

@@ -328,3 +328,12 @@ def test_the_page_is_made_from_the_results(tmp_path: Path) -> None:
     assert benchmarks("--report-only", "--out", tmp_path).returncode == 0
     made, kept = (folder / "performance.md" for folder in (tmp_path, ROOT / "docs"))
     assert made.read_text() == kept.read_text()
+
+
+def test_files(tmp_path: Path) -> None:
+    result, page = measured("files", tmp_path)
+    for who in ("soem", "ecatd"):
+        assert result["rates"][who]["read"] > 0
+        assert result["rates"][who]["write"] > 0
+    assert result["cycles"] > 0
+    assert "of SOEM's rate on the idle bus" in page

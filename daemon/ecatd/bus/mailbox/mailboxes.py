@@ -59,7 +59,8 @@ _LOOKING = 2
 """Rounds from one wait to the next of a conversation that looks for an answer in vain."""
 
 _SMALL = 512
-"""Most bytes of a mailbox that a conversation running alone reads together with its status."""
+"""Most bytes of a mailbox that a conversation running alone reads together with its status again
+and again."""
 
 _LOOK_S = 0.2
 """Seconds for which a slave is asked that does not answer at all: a frame may get lost."""
@@ -200,8 +201,9 @@ class Mailbox:
     Args:
         station: Configured station address of the slave.
         line: State that conversations with the slave share.
-        alone: Whether conversations with other slaves do not share the frames. Then a small
-            mailbox is read together with its status, which saves a frame.
+        alone: Whether conversations with other slaves do not share the frames. Then the mailbox is
+            read together with its status the first time, and a small one each time, which saves a
+            frame.
 
     Attributes:
         skipped: Number of messages that were not the answer that was waited for.
@@ -387,9 +389,11 @@ class Mailbox:
     def _fetch(self) -> Talk[bytes | None]:
         """Waits for the next message, and reads it; None if it may have been read and then lost."""
         fetch = fprd(self._station, self._in.start, self._in.size)
+        together = self._alone  # the first time: most slaves have answered by then
         while not self._has_mail:
             yield []
-            if self._alone and self._in.size <= _SMALL:
+            if together:
+                together = self._in.size <= _SMALL
                 managers, mail = yield [self._question, fetch]
                 if managers.wkc == 1:
                     self._see(managers.data)
