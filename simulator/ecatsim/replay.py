@@ -10,8 +10,9 @@ from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
+from ecatd.model.datatypes import is_real, value_range
 from ecatd.model.errors import ConfigError, UsageError
-from ecatd.model.pdo import parse_address
+from ecatd.model.pdo import Entry, parse_address
 
 from .rig import Rig
 from .slave.device import Device
@@ -24,10 +25,28 @@ Value = int | float
 class _Track:
     """The values of one input, and where they go."""
 
-    def __init__(self, key: tuple[int, int], column: int) -> None:
+    def __init__(self, key: tuple[int, int], column: int, entry: Entry) -> None:
         self.key = key
         self.column = column
         self.values: list[Value | None] = []
+        self._is_real = is_real(entry.data_type)
+        self._range = value_range(entry.data_type, entry.bit_length)
+
+    def value(self, text: str) -> Value | None:
+        """A cell: None if it is empty.
+
+        Raises:
+            ValueError: It is no value that the input can have.
+        """
+        if not text:
+            return None
+        if self._is_real:
+            return float(text)
+        whole = int(text)
+        low, high = self._range
+        if not low <= whole <= high:
+            raise ValueError
+        return whole
 
 
 class Replay:
@@ -67,7 +86,7 @@ class Replay:
         except OSError as error:
             raise UsageError(f"cannot read '{path}': {error.strerror}") from error
         except (UnicodeDecodeError, csv.Error) as error:
-            raise ConfigError(f"{path}: this is not a CSV file: {error}") from error
+            raise ConfigError(f"{path}: this is no recording: it is no text in CSV") from error
         if not self._times:
             raise ConfigError(f"{path}: there are no values in it")
         return iter(tracks)
@@ -91,9 +110,11 @@ class Replay:
             device = rig.devices[slave]
             if key is None or key[0] not in device.dictionary:
                 raise ConfigError(f"{path}:1: slave {slave} ({device.order}) has no '{title}'")
-            if any(key == (e.index, e.subindex) for pdo in device.tx_pdos for e in pdo.entries):
+            entries = (entry for pdo in device.tx_pdos for entry in pdo.entries)
+            found = next((e for e in entries if key == (e.index, e.subindex)), None)
+            if found is not None:
                 known += 1
-                yield slave, _Track(key, column)
+                yield slave, _Track(key, column, found)
         if not known:
             raise ConfigError(f"{path}:1: no column is an input of rig {rig.name}")
 
@@ -101,9 +122,9 @@ class Replay:
         try:
             at = float(row[_TIME])
             cells = [row[track.column] for track in tracks]
-            values = [_number(cell) for cell in cells]
+            values = [track.value(cell) for track, cell in zip(tracks, cells, strict=True)]
         except (ValueError, IndexError):
-            text = f"{path}:{number}: a time and {len(tracks)} values are needed"
+            text = f"{path}:{number}: a time and {len(tracks)} values of the inputs are needed"
             raise ConfigError(text) from None
         if self._times and at <= self._times[-1]:
             raise ConfigError(f"{path}:{number}: times must ascend")
@@ -136,17 +157,3 @@ class Replay:
             period = whole + whole / (len(self._times) - 1)
             at = self._times[0] + (now - self._began) % period
         return max(0, bisect.bisect_right(self._times, at) - 1)
-
-
-def _number(text: str) -> Value | None:
-    """A cell: None if it is empty, an integer if it has no point.
-
-    Raises:
-        ValueError: It is no number.
-    """
-    if not text:
-        return None
-    try:
-        return int(text)
-    except ValueError:
-        return float(text)

@@ -1,6 +1,7 @@
 """`ecatctl foe-read`, `foe-write`, `diagnosis` and `identify`, on drives that have files."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -200,9 +201,44 @@ def test_idns_are_read_and_written(bus: Daemon) -> None:
         ("soe-write 1 S-0-0001 9000", 7, ("slave 1", "0x7007")),
         ("soe-write 1 P-0-0100 1", 7, ("slave 1", "0x7005")),
         ("soe-write 1 S-0-0001 x", 2, ("'x'",)),
-        ("soe-read 2 S-0-0001", 7, ("slave 2", "0x0002")),
+        ("soe-read 2 S-0-0001", 7, ("slave 2", "SoE")),
+        ("foe-read 2 a -o -", 7, ("slave 2", "FoE")),
     ):
         wrong = bus.ctl(*arguments.split(), check=False)
         assert wrong.returncode == status, wrong
         names(one_line_error(wrong.stderr, "ecatctl"), *tokens)
     assert bus.ctl("soe-read", "1", "47", check=False).returncode == 2
+
+
+def test_a_transfer_is_protected_and_ends_with_cancel(bus: Daemon, tmp_path: Path) -> None:
+    big = tmp_path / "big.bin"
+    big.write_bytes(bytes(3_000_000))
+    command = [sys.executable, "-m", "ecatd.cli", "foe-write", "0", str(big), "--yes"]
+    with subprocess.Popen(command, env=bus.env, stderr=subprocess.PIPE, text=True) as process:
+        wait_for(lambda: "writing file 'big.bin' begins (3000000" in bus.log, bus)
+        for arguments in (
+            ("state", "PREOP", "-p", "0"),
+            ("state", "PREOP"),
+            ("reboot", "0", "--yes"),
+            ("alias", "0", "7", "--yes"),
+        ):
+            refused = bus.ctl(*arguments, check=False)
+            assert refused.returncode == 7, (arguments, refused)
+            names(one_line_error(refused.stderr, "ecatctl"), "slave 0", "'big.bin'", "--cancel")
+        bus.ctl("foe-write", "0", str(big), "--cancel")
+        assert process.wait() == 7
+        assert process.stderr is not None
+        names(process.stderr.read(), "'big.bin'", "cancelled", "pid")
+    assert all(row["text"] == "OP" for row in bus.slave_rows("state"))
+
+
+def test_a_restart_of_the_gateway_does_not_end_the_command(bus: Daemon, tmp_path: Path) -> None:
+    big = tmp_path / "long.bin"
+    big.write_bytes(bytes(2_000_000))
+    command = [sys.executable, "-m", "ecatd.cli", "foe-write", "0", str(big), "--yes"]
+    with subprocess.Popen(command, env=bus.env, stdout=subprocess.PIPE, text=True) as process:
+        wait_for(lambda: "writing file 'long.bin' begins (2000000" in bus.log, bus)
+        os.kill(bus.child_pid("ecatd.gateway"), signal.SIGKILL)
+        text, _ = process.communicate()
+    assert process.returncode == 0
+    names(text, "2000000 bytes")

@@ -204,7 +204,40 @@ def test_an_expired_certificate_is_not_let_in(site: Site, tmp_path: Path) -> Non
     old.write_text("ecatd user: anna\n" + certificate.read_text() + key.read_text() + authority)
     with pytest.raises(UnreachableError):
         Remote(site.daemon.bus, site.endpoint, 3.0, old)
-    names(remote_command("show", str(old)).stdout, "'anna'", "2020")
+    shown = remote_command("show", str(old))
+    assert shown.returncode == 7
+    names(shown.stdout, "'anna'", "2020")
+    names(one_line_error(shown.stderr, "ecatctl"), str(old), "expired")
+
+
+def test_what_is_wrong_with_an_identity_is_shown(site: Site, tmp_path: Path) -> None:
+    anna, bob = (site[name].read_text() for name in ("anna", "bob"))
+    ends = "-----END CERTIFICATE-----\n"
+    file = tmp_path / "mixed.pem"
+    file.write_text(anna.split(ends)[0] + ends + ends.join(bob.split(ends)[1:]))
+    shown = remote_command("show", str(file))
+    assert shown.returncode == 7
+    names(shown.stderr, "does not belong")
+    file.write_text(anna.replace("user: anna", "user: eve"))
+    names(remote_command("show", str(file)).stderr, "'anna'", "'eve'")
+    file.write_text(anna.replace("MII", "XXX"))
+    broken = remote_command("show", str(file))
+    assert broken.returncode == 2
+    names(one_line_error(broken.stderr, "ecatctl"), str(file))
+    fine = remote_command("show", str(site["anna"]))
+    assert fine.returncode == 0
+    names(fine.stdout, "'anna'", "authority")
+
+
+def test_a_client_cannot_write_another_name_into_the_log(site: Site) -> None:
+    forged = "x'; slave 0, 0x6060:00: changed by user 'bob'"
+    payload = pack({"id": "forged", "data": b"\x08", "by": forged})
+    key = bus_key(site.daemon.bus, "as", "anna", "rw", "sdo", "0", "0x6060", "00")
+    with site.session("anna") as anna:
+        (answer,) = anna.get(key, payload=payload, timeout=10.0)
+        assert answer.ok is not None
+    (line,) = (line for line in site.daemon.log.splitlines() if "slave 0, 0x6060:00" in line)
+    assert "user 'anna' [x slave 0, 0x6060:00: changed by user bob]" in line
 
 
 def openssl(*arguments: str | Path) -> None:
@@ -236,13 +269,35 @@ def test_a_user_is_taken_out_while_the_bus_runs(
     wait_for(lambda: rights("bob") is not None and rights("anna") is None, daemon)
 
 
-def test_a_certificate_that_the_gateway_cannot_read(
+def test_certificates_that_cannot_be_used_cost_only_the_encrypted_addresses(
     start_daemon: Callable[..., Daemon], site: Site, tmp_path: Path
 ) -> None:
-    config = CONFIG.format(port=_free_port(), folder=tmp_path / "nowhere")
-    status, log = start_daemon("troll", config=config, ready=False).wait_end()
-    assert status != 0
-    names(log, "gateway.certificate", f"{tmp_path}/nowhere/daemon.pem")
+    config = CONFIG.format(port=_free_port(), folder=site.folder)
+    wrong = tmp_path / "wrong.pem"
+    wrong.write_text("nothing")
+    for old, new, tokens in (
+        ("daemon.pem", "nowhere.pem", ("gateway.certificate", "remote init")),
+        ("daemon.key", "authority.key", ("gateway.key", "together")),
+        (f"{site.folder}/daemon.pem", str(wrong), ("gateway.certificate", "PEM")),
+        (f"{site.folder}/authority.pem", str(wrong), ("gateway.users_ca", "PEM")),
+    ):
+        daemon = start_daemon("troll", config=config.replace(old, new))
+        assert len(daemon.slave_rows()) == 8
+        names(daemon.log, "encrypted addresses", *tokens)
+        assert daemon.stop() == 0
+
+
+def test_slaves_of_users_that_do_not_exist_are_named(
+    start_daemon: Callable[..., Daemon], site: Site
+) -> None:
+    port = _free_port()
+    config = CONFIG.format(port=port, folder=site.folder).replace('"EK1100"]', '"nix"]')
+    daemon = start_daemon("troll", config=config)
+    names(daemon.log, "gateway.user.slaves", "'anna'", "'nix'")
+    with Remote(daemon.bus, f"tls/127.0.0.1:{port}", 10.0, site["anna"]) as anna:
+        anna.sdo_write(0, 0x6060, 0, anna.sdo_read(0, 0x6060).data)
+        with pytest.raises(NotPermittedError, match="'anna'"):
+            anna.sdo_write(4, 0x8000, 0x16, b"\0")
 
 
 @pytest.mark.parametrize(
@@ -265,9 +320,9 @@ def test_wrong_identities(tmp_path: Path, text: str | None, tokens: tuple[str, .
 @pytest.mark.parametrize(
     ("arguments", "status", "tokens"),
     [
-        (("user",), 2, ("name of a user",)),
+        (("user",), 2, ("NAME",)),
         (("user", "a b"), 2, ("'a b'",)),
-        (("user", "anna", "--dir", "/nowhere"), 6, ("/nowhere", "ecatctl remote init")),
+        (("user", "anna", "--dir", "/nowhere"), 7, ("/nowhere/authority.pem", "remote init")),
         (("init", "anna"), 2, ("NAME",)),
         (("init", "--host", "a b"), 2, ("'a b'",)),
         (("show", "/nowhere.pem"), 2, ("/nowhere.pem",)),
@@ -281,7 +336,7 @@ def test_wrong_arguments(arguments: tuple[str, ...], status: int, tokens: tuple[
 
 def test_certificates_are_not_overwritten(site: Site) -> None:
     again = remote_command("init", "--dir", str(site.folder))
-    assert again.returncode == 7
+    assert again.returncode == 2
     names(one_line_error(again.stderr, "ecatctl"), f"{site.folder}/authority.pem", "exists")
     twice = remote_command("user", "anna", "--dir", str(site.folder), "-o", str(site["anna"]))
     assert twice.returncode == 2

@@ -172,10 +172,10 @@ def test_an_eeprom_is_written(bus: Daemon, tmp_path: Path) -> None:
     file.write_bytes(image)
     asked = bus.ctl("sii-write", "9", str(file), "--backup", str(backup), check=False)
     assert asked.returncode == 2
-    names(one_line_error(asked.stderr, "ecatctl"), "slave 9 (EL3102)", "1 words", "--yes")
+    names(one_line_error(asked.stderr, "ecatctl"), "slave 9 (EL3102)", "1 word", "--yes")
     assert not backup.exists()
     shown = bus.ctl("sii-write", "9", str(file), "--dry-run").stdout
-    names(shown, "- order code", "EL3199", "1 words would be written")
+    names(shown, "- order code", "EL3199", "1 word would be written")
     document = bus.ctl_json("sii-write", "9", str(file), "--backup", str(backup), "--yes")
     assert (document["differ"], document["written"]) == (1, 1)
     names(bus.log, "EEPROM words", "slave 9 (EL3102)", "pid")

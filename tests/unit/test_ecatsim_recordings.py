@@ -65,6 +65,8 @@ def test_each_value_comes_at_its_time(
         ("time_s,cycle,3/X (0x7000:01)\n0,1,1\n", ("no column is an input",)),
         (f"{HEAD}\n0,1,1\n", (":2", "values")),
         (f"{HEAD}\n0,1,x,1\n", (":2", "values")),
+        (f"{HEAD}\n0,1,nan,1\n", (":2", "values")),
+        (f"{HEAD}\n0,1,1,99999\n", (":2", "values")),
         (f"{HEAD}\n0,1,1,1\n0,2,1,1\n", (":3", "ascend")),
     ],
 )

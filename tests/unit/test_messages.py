@@ -95,7 +95,7 @@ def test_requests_survive(request_: Any) -> None:
         ({"op": "set_log_level", "level": "loud"}, "'loud' | error | debug"),
         ({"op": "set_log_level", "level": "info", "part": "sdo"}, "'sdo' | service | mailbox"),
         ({"op": "set_log_level", "level": "info", "by": "me\nerror: x"}, "'by' | printable"),
-        ({"op": "set_log_level", "level": "info", "by": "x" * 101}, "'by' | 100"),
+        ({"op": "set_log_level", "level": "info", "by": "x" * 201}, "'by' | 200"),
         ({"op": "describe", "x": 1}, "'x' | describe"),
         ({"op": "sdo_read", "op2": 1}, "'op2' | slave | index | subindex | complete"),
     ],

@@ -270,6 +270,8 @@ class BusServer:
             chosen = [n for n, slave in enumerate(slaves) if n in there or not slave.group]
         else:
             chosen = [self.bus.find(request.slave).position]
+        if self._slave_requests is not None:
+            self._slave_requests.check_free(None if request.slave is None else chosen[0])
         if request.by:
             whom = "all slaves" if request.slave is None else self.bus.find(request.slave).label
             self._log.notice(f"{whom}: {request.state.upper()} is asked for by {request.by}")

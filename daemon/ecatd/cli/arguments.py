@@ -24,7 +24,9 @@ def bounded(low: int, high: int) -> Callable[[str], int]:
     def convert(text: str) -> int:
         value = number(text)
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is out of range: 0x{low:X} to 0x{high:X}")
+            in_hex = "x" in text.lower()
+            limits = f"0x{low:X} to 0x{high:X}" if in_hex else f"{low} to {high}"
+            raise argparse.ArgumentTypeError(f"{text} is out of range: {limits}")
         return value
 
     return convert

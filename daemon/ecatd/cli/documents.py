@@ -24,22 +24,24 @@ def cstruct(options: argparse.Namespace) -> None:
     """Prints or saves a C header."""
     from ecatgen.c_header import c_header
 
-    _give(options, c_header(get_bus(options), VERSION))
+    bus = get_bus(options)
+    _give(options, bus.name, c_header(bus, VERSION))
 
 
 def xml(options: argparse.Namespace) -> None:
     """Prints or saves XML."""
     from ecatd.esi.writer import bus_document
 
-    _give(options, bus_document(get_bus(options), VERSION))
+    bus = get_bus(options)
+    _give(options, bus.name, bus_document(bus, VERSION))
 
 
-def _give(options: argparse.Namespace, text: str) -> None:
+def _give(options: argparse.Namespace, bus: str, text: str) -> None:
     if options.out is not None:
         save(options.out, text)
     if options.json:
         document = {"text": text} if options.out is None else {"file": str(options.out)}
-        print_json(document)
+        print_json({"bus": bus, **document})
     elif options.out is None:
         sys.stdout.write(text)
     else:

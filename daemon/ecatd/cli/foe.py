@@ -5,18 +5,26 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ecatd.model.bus import Slave
-from ecatd.model.errors import StateError, UsageError
+from ecatd.model.errors import (
+    EcatError,
+    NoAnswerError,
+    StateError,
+    UnreachableError,
+    UsageError,
+)
 from ecatd.model.messages import FILE_MAX
 
 from .arguments import bounded, slave
 from .confirm import add_yes, confirm
 from .output import print_json
 from .progress import progress
-from .saving import save_bytes
+from .saving import read_bytes, save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.file_transfer import FileTransfer
@@ -25,6 +33,7 @@ if TYPE_CHECKING:
 _STDOUT = Path("-")
 _PAUSES = 0.02, 0.2
 """Seconds between two questions how far a transfer is: at first, and at the most."""
+_RECONNECTIONS, _RECONNECTION_PAUSE = 10, 1.0
 _STEPS = {"to boot": "the slave goes to BOOT", "from boot": "the slave comes back from BOOT"}
 
 
@@ -50,6 +59,9 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
             dest="name",
             metavar="NAME",
             help="its name, as the slave knows it (default: that of FILE)",
+        )
+        command.add_argument(
+            "--cancel", action="store_true", help="end the transfer that the same command began"
         )
     command.add_argument(
         "--password",
@@ -95,18 +107,26 @@ def foe_read(remote: Remote, options: argparse.Namespace) -> None:
 def foe_write(remote: Remote, options: argparse.Namespace) -> None:
     """Writes a file, after a question."""
     name = options.name or options.file.name
-    data = _read(options.file)
+    data = read_bytes(options.file, FILE_MAX)
     found = remote.describe().find(options.slave)
     about = f"This writes {len(data)} bytes to {found.label}, as file '{name}'."
     if options.boot:
         about += " It is brought to BOOT for it, where it exchanges no process data, and back."
+
+    def start() -> FileTransfer:
+        return remote.start_file_write(
+            found.position, name, data, password=options.password, boot=options.boot
+        )
+
+    if options.cancel:
+        start().cancel()
+        print(f"{found.label}: file '{name}' is not written any more")
+        return
     confirm(options, about)
     begin = time.monotonic()
-    transfer = remote.start_file_write(
-        found.position, name, data, password=options.password, boot=options.boot
-    )
+    transfer = start()
     try:
-        _follow(transfer)
+        transfer = _insist(remote, transfer, start)
     except KeyboardInterrupt:
         if transfer.step != "receiving":
             print(
@@ -117,19 +137,31 @@ def foe_write(remote: Remote, options: argparse.Namespace) -> None:
     _report(remote, options, found, transfer, time.monotonic() - begin, "written")
 
 
-def _read(path: Path) -> bytes:
-    """Reads the file.
+def _insist(
+    remote: Remote, transfer: FileTransfer, start: Callable[[], FileTransfer]
+) -> FileTransfer:
+    """Follows a transfer that is written, also over a restart of the gateway.
 
     Raises:
-        UsageError: It cannot be read, or is too long.
+        EcatError: It has failed; or the daemon does not answer any more.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise UsageError(f"{path} cannot be read: {error.strerror}") from error
-    if len(data) > FILE_MAX:
-        raise UsageError(f"{path} has {len(data)} bytes; {FILE_MAX} are allowed")
-    return data
+    for left in reversed(range(_RECONNECTIONS)):
+        try:
+            _follow(transfer)
+            break
+        except (UnreachableError, NoAnswerError) as error:
+            if transfer.has_failed:
+                raise
+            if not left:
+                raise type(error)(
+                    f"{error}. The daemon goes on with the file if it runs; the same command again "
+                    "shows how far it is"
+                ) from error
+            time.sleep(_RECONNECTION_PAUSE)
+            with suppress(EcatError):
+                remote.reconnect()
+                transfer = start()  # asking again finds the same transfer
+    return transfer
 
 
 def _follow(transfer: FileTransfer) -> None:

@@ -19,12 +19,12 @@ from contextlib import suppress
 from pathlib import Path
 
 from ecatd.client.identity import USER_LINE, find_identity, read_identity
-from ecatd.model.atomic_write import write_whole
 from ecatd.model.config.gateway import USER_NAME, USER_NAME_RULE
 from ecatd.model.errors import NotPermittedError, StateError, UsageError
 
 from .arguments import bounded
 from .output import print_json
+from .saving import save_bytes
 
 _ACTIONS = """\
 actions:
@@ -95,7 +95,7 @@ def _init(options: argparse.Namespace) -> None:
     folder: Path = options.dir.resolve()
     for name in (_AUTHORITY, _AUTHORITY_KEY, _DAEMON, _DAEMON_KEY):
         if (folder / name).exists():
-            raise StateError(
+            raise UsageError(
                 f"{folder / name} exists already, and nothing was made: identities that it has "
                 "signed would no longer hold. Remove the files of this folder first, or give "
                 "another --dir"
@@ -153,8 +153,10 @@ def _is_address(host: str) -> bool:
 def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+    except PermissionError as error:
         raise NotPermittedError(f"{folder} cannot be made: {error.strerror}") from error
+    except OSError as error:
+        raise StateError(f"{folder} cannot be made: {error.strerror}") from error
 
 
 # --- user ----------------------------------------------------------------------------------------
@@ -162,17 +164,21 @@ def _make_folder(folder: Path) -> None:
 
 def _user(options: argparse.Namespace) -> None:
     name, folder = options.name, options.dir.resolve()
-    if name is None or not USER_NAME.fullmatch(name):
-        raise UsageError(f"'{name or ''}' is no name of a user: {USER_NAME_RULE}")
+    if name is None:
+        raise UsageError("remote user needs the NAME of the user")
+    if not USER_NAME.fullmatch(name):
+        raise UsageError(f"'{name}' is no name of a user: {USER_NAME_RULE}")
     days = options.days or _USER_DAYS
     out = options.out or Path(f"{name}.pem")
     if out.exists():
         raise UsageError(f"{out} exists already: give another -o FILE")
     for file in (_AUTHORITY, _AUTHORITY_KEY):
+        if not (folder / file).exists():
+            raise StateError(f"{folder / file} is missing: run `ecatctl remote init` first")
         if not os.access(folder / file, os.R_OK):
             raise NotPermittedError(
-                f"{folder / file} is missing or cannot be read: run `ecatctl remote init` first, "
-                "and this command as the same user"
+                f"{folder / file} cannot be read: run this command as the user who has run "
+                "`ecatctl remote init`"
             )
     with tempfile.TemporaryDirectory() as scratch:
         at = Path(scratch)
@@ -237,11 +243,8 @@ def _save(path: Path, source: Path, mode: int) -> None:
 
 
 def _write(path: Path, data: bytes, mode: int) -> None:
-    try:
-        write_whole(path, data, f".{path.name}-")
-        path.chmod(mode)
-    except OSError as error:
-        raise NotPermittedError(f"{path} cannot be written: {error.strerror}") from error
+    save_bytes(path, data)
+    path.chmod(mode)
 
 
 # --- show, test ----------------------------------------------------------------------------------
@@ -251,16 +254,55 @@ def _show(options: argparse.Namespace) -> None:
     identity = read_identity(Path(options.name)) if options.name else find_identity(None)
     if identity is None:
         raise UsageError("there is no identity: give a FILE, --identity or $ECATD_IDENTITY")
-    with tempfile.NamedTemporaryFile("w", suffix=".pem") as file:
-        file.write(identity.certificate)
-        file.flush()
-        lines = _openssl("x509", "-in", file.name, "-noout", "-enddate", "-issuer").splitlines()
-    until, issuer = (line.partition("=")[2].strip() for line in lines)
+    with tempfile.TemporaryDirectory() as scratch:
+        certificate, key, authority = (Path(scratch) / n for n in ("c.pem", "k.pem", "a.pem"))
+        certificate.write_text(identity.certificate)
+        key.write_text(identity.key)
+        authority.write_text(identity.authorities)
+        try:
+            facts = _facts(certificate)
+            signer = _facts(authority)["sha256 fingerprint"]
+            fits = _openssl("x509", "-in", certificate, "-noout", "-pubkey") == _openssl(
+                "pkey", "-in", key, "-pubout"
+            )
+            valid = _runs("verify", "-CAfile", authority, certificate)
+            holds = _runs("x509", "-in", certificate, "-noout", "-checkend", "0")
+        except StateError as error:
+            raise UsageError(f"{identity.path}: {error}") from error
+    name = facts["subject"].partition("CN=")[2]
+    problems = [
+        text
+        for text, is_so in (
+            (f"it has expired, at {facts['notafter']}", not holds),
+            (f"its certificate is of '{name}', not of '{identity.user}'", name != identity.user),
+            ("its key does not belong to its certificate", not fits),
+            ("its authority has not signed its certificate", holds and not valid),
+        )
+        if is_so
+    ]
+    until, issuer = facts["notafter"], facts["issuer"].partition("CN=")[2]
     if options.json:
-        document = {"file": str(identity.path), "user": identity.user}
-        print_json({**document, "until": until, "issuer": issuer})
+        document = {"file": str(identity.path), "user": name, "until": until, "issuer": issuer}
+        print_json({**document, "authority_sha256": signer, "problems": problems})
     else:
-        print(f"{identity.path}: user '{identity.user}', until {until}, signed by {issuer}")
+        print(f"{identity.path}: user '{name}', until {until}, signed by '{issuer}'")
+        print(f"authority {signer}")
+    if problems:
+        raise StateError(f"{identity.path} cannot be used: {'; '.join(problems)}")
+
+
+def _facts(certificate: Path) -> dict[str, str]:
+    what = ("-subject", "-issuer", "-enddate", "-fingerprint", "-sha256", "-nameopt", "RFC2253")
+    lines = _openssl("x509", "-in", certificate, "-noout", *what).splitlines()
+    return {line.partition("=")[0].lower(): line.partition("=")[2].strip() for line in lines}
+
+
+def _runs(*arguments: str | Path) -> bool:
+    try:
+        _openssl(*arguments)
+    except StateError:
+        return False
+    return True
 
 
 def _test(options: argparse.Namespace) -> None:
@@ -278,10 +320,10 @@ def _test(options: argparse.Namespace) -> None:
         print(f"bus '{options.bus}' of {info['host']}: this connection {may}, {where}")
         return
     changes = ", ".join(found["write"]) or "nothing"
-    slaves = ", ".join(map(str, found["slaves"])) or "all"
+    slaves = f"slaves {', '.join(map(str, found['slaves']))}" if found["slaves"] else "all slaves"
     print(
-        f"bus '{options.bus}' of {info['host']}: user '{found['user']}' reads everything, and "
-        f"changes {changes}" + (f" of slaves {slaves}" if found["write"] else "")
+        f"bus '{options.bus}' of {info['host']}: user '{found['user']}' reads everything but files "
+        f"of slaves, and changes {changes}" + (f" of {slaves}" if found["write"] else "")
     )
 
 

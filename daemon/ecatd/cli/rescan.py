@@ -42,8 +42,8 @@ def rescan(remote: Remote, options: argparse.Namespace) -> int:
     """Reads which devices are on the wire, and compares them with the slaves of the bus."""
     bus = remote.describe()
     answer = remote.rescan()
-    rows = [_row(bus, place, device) for place, device in enumerate(answer["devices"])]
     missing = [bus.slaves[at] for at in answer["missing"]]
+    rows = [_row(bus, missing, place, device) for place, device in enumerate(answer["devices"])]
     different = [row for row in rows if row["difference"]]
     lost = [item for item in missing if not item.group]
     if options.json:
@@ -60,11 +60,18 @@ def rescan(remote: Remote, options: argparse.Namespace) -> int:
     return _DIFFERENT if different or lost else 0
 
 
-def _row(bus: Bus, place: int, device: dict[str, Any]) -> dict[str, Any]:
+def _row(bus: Bus, missing: list[Slave], place: int, device: dict[str, Any]) -> dict[str, Any]:
     position = device["position"]
     row = {"place": place, **device, "difference": ""}
+    identity = device["vendor"], device["product"], device["revision"]
     if position is None:
         row["difference"] = "new: no part of the bus"
+        for item in missing:
+            if identity == (item.vendor, item.product, item.revision):
+                row["difference"] = (
+                    f"perhaps {item.label}, which was switched off and on: `ecatctl state OP -p "
+                    f"{item.position}` brings it back, if ecatd does not"
+                )
     elif device["vendor"] is None:
         row["difference"] = "its EEPROM cannot be read"
     else:
@@ -85,13 +92,16 @@ def _cells(bus: Bus, row: dict[str, Any]) -> tuple[object, ...]:
 
 
 def _conclusion(count: int, different: bool, lost: list[Slave]) -> str:
+    if lost:
+        return (
+            f"{count} devices. ecatd takes missing slaves back when they answer, unless somebody "
+            "has taken them out of OP"
+        )
     if different:
         return (
             f"{count} devices, not all as at the start: restart the daemon to use the bus as it is "
             "now"
         )
-    if lost:
-        return f"{count} devices; ecatd takes missing slaves back when they answer"
     return f"{count} devices, all as at the start"
 
 

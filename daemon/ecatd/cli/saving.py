@@ -1,11 +1,31 @@
-"""Saves what a command makes to a file that the user names."""
+"""Reads and writes files that the user of a command names."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from ecatd.model.atomic_write import write_whole
-from ecatd.model.errors import NotPermittedError, StateError
+from ecatd.model.errors import NotPermittedError, StateError, UsageError
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """Reads a file.
+
+    Args:
+        path: The file.
+        most: Bytes that it may have.
+
+    Raises:
+        UsageError: It cannot be read, or has more bytes.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(most + 1)
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}") from error
+    if len(data) > most:
+        raise UsageError(f"{path} has more than {most} bytes, which are allowed")
+    return data
 
 
 def save(path: Path, text: str) -> None:

@@ -21,10 +21,11 @@ from ecatd.model.datatypes import (
     type_name,
 )
 from ecatd.model.errors import SdoAbortError, UsageError
+from ecatd.model.messages import DATA_MAX
 
 from .arguments import bounded, slave
 from .output import print_json
-from .saving import save_bytes
+from .saving import read_bytes, save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote, SdoValue
@@ -167,10 +168,9 @@ def _data(remote: Remote, options: argparse.Namespace, chosen: DataType | None) 
         except ValueError:
             raise UsageError(f"'{text}' is no row of bytes: write it as 'hex:04 00'") from None
     if text.startswith("@"):
-        try:
-            return Path(text[1:]).read_bytes()
-        except OSError as error:
-            raise UsageError(f"{text[1:]} cannot be read: {error.strerror}") from error
+        if text == "@":
+            raise UsageError("'@' names no file: write it as @FILE")
+        return read_bytes(Path(text[1:]), DATA_MAX)
     if chosen is not None:
         return encode(chosen, text)
     match = _WITH_UNIT.fullmatch(text)

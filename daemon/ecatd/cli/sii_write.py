@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ecatd.model.bus import Slave
-from ecatd.model.errors import EcatError, StateError, UsageError
+from ecatd.model.errors import EcatError, NotPermittedError, StateError, UsageError
 from ecatd.model.messages import SII_WORDS_MAX
 from ecatd.model.sii import Sii
 from ecatd.model.sii_check import MAX_IMAGE, check_sii, sii_checksum
@@ -20,7 +20,7 @@ from .arguments import bounded, slave
 from .confirm import add_yes, confirm
 from .output import print_json
 from .progress import counted
-from .saving import save_bytes
+from .saving import read_bytes, save_bytes
 from .sii import sii_lines
 
 if TYPE_CHECKING:
@@ -96,10 +96,7 @@ def _read(path: Path) -> bytes:
     Raises:
         UsageError: It cannot be, or it cannot be read.
     """
-    try:
-        image = path.read_bytes()
-    except OSError as error:
-        raise UsageError(f"{path} cannot be read: {error.strerror}") from error
+    image = read_bytes(path, MAX_IMAGE)
     least = 2 * FIRST_CATEGORY
     if len(image) % 2 or not least <= len(image) <= MAX_IMAGE:
         raise UsageError(
@@ -140,7 +137,7 @@ def _changes(old: Sii, new: Sii, size: int) -> list[str]:
 
 
 def _about(found: Slave, old: Sii, new: Sii, words: int) -> str:
-    text = f"This writes {words} words of the EEPROM of {found.label}."
+    text = f"This writes {_words(words)} of the EEPROM of {found.label}."
     if (old.vendor, old.product) != (new.vendor, new.product):
         text += (
             f" It becomes another device for every master: vendor 0x{new.vendor:08X}, product "
@@ -160,11 +157,17 @@ def _write(remote: Remote, found: Slave, image: bytes, parts: Sequence[int], bac
             remote.write_sii(found.position, at // 2, image[at : at + _PART])
         if remote.sii(found.position)[: len(image)] != image:
             raise StateError(f"{found.label}: the EEPROM has other words than were written")
+    except (NotPermittedError, UsageError):
+        raise  # nothing was written
     except EcatError as error:
         raise type(error)(
             f"{error}. A part may be written: try again, or write the bytes before back with "
             f"`ecatctl sii-write {found.position} {backup}`"
         ) from error
+
+
+def _words(count: int) -> str:
+    return "1 word" if count == 1 else f"{count} words"
 
 
 def _report(
@@ -183,9 +186,9 @@ def _report(
     elif not words:
         print(f"the EEPROM of {found.label} has these bytes already: nothing was written")
     elif options.dry_run:
-        print(f"{words} words would be written")
+        print(f"{_words(words)} would be written")
     else:
-        print(f"{words} words were written; {_LATER}. The bytes before are in {backup}")
+        print(f"written: {_words(words)}; {_LATER}. The bytes before are in {backup}")
 
 
 # --- alias ---------------------------------------------------------------------------------------

@@ -43,6 +43,11 @@ class FileTransfer:
         self.busy = str(progress["busy"])
         self.note = str(progress["note"])
 
+    @property
+    def has_failed(self) -> bool:
+        """Whether the daemon has said that it has failed."""
+        return self._failure is not None
+
     def send(self) -> None:
         """Sends the next part of the file to the daemon, as long as `step` is `receiving`."""
         part = self._data[self._received : self._received + FILE_PART]

@@ -12,6 +12,8 @@ from ecatd.model.errors import NotPermittedError, UsageError
 
 _BLOCK = re.compile("-----BEGIN ([A-Z ]+)-----.*?-----END \\1-----\n?", re.DOTALL)
 _USER = re.compile("^ecatd user: (.+)$", re.MULTILINE)
+_MOST = 1 << 20
+"""Bytes of a file that are read."""
 _ENCRYPTED = ("tls/", "quic/")
 USER_LINE = "ecatd user: {}\n"
 """First line of a file with an identity."""
@@ -76,11 +78,12 @@ def find_identity(path: Path | None) -> Identity | None:
 def read_identity(path: Path) -> Identity:
     """Reads a file that `ecatctl remote user` has written; raises as `find_identity`."""
     try:
-        text = path.read_text()
+        with path.open("rb") as file:
+            text = file.read(_MOST).decode(errors="replace")
     except PermissionError as error:
         raise NotPermittedError(f"{path} cannot be read: {error.strerror}") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"{path} cannot be read: {error}") from error
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}") from error
     blocks = [(match[1], match[0]) for match in _BLOCK.finditer(text)]
     certificates = [block for kind, block in blocks if kind == "CERTIFICATE"]
     keys = [block for kind, block in blocks if kind.endswith("PRIVATE KEY")]

@@ -152,16 +152,25 @@ class Remote:
         self._timeout = timeout
         self._identity = find_identity(identity) if is_encrypted(connect) else None
         self._is_local = connect is None or connect.startswith("unixsock-stream/")
+        self._connect = connect
         zenoh.init_log_from_env_or("off")
-        deadline = time.monotonic() + min(timeout, _GATEWAY_PATIENCE)
+        self._session = self._opened()
+
+    def _opened(self) -> zenoh.Session:
+        connect, bus = self._connect, self.bus
+        deadline = time.monotonic() + min(self._timeout, _GATEWAY_PATIENCE)
         while True:
             try:
-                self._session = self._open(connect or _local_endpoint(bus), connect is None)
-                return
+                return self._open(connect or _local_endpoint(bus), connect is None)
             except UnreachableError:
                 if connect or time.monotonic() > deadline or not _is_coming(bus):
                     raise
             time.sleep(_GATEWAY_PAUSE)
+
+    def reconnect(self) -> None:
+        """Begins another session, after a restart of the gateway; raises as the constructor."""
+        before, self._session = self._session, self._opened()
+        before.close()  # type: ignore[no-untyped-call]
 
     def _open(self, endpoint: str, found: bool) -> zenoh.Session:
         settings = {
@@ -262,7 +271,8 @@ class Remote:
         if not alive and self.user:
             return NotPermittedError(
                 f"no daemon there lets user '{self.user}' use bus '{self.bus}': its configuration "
-                "does not name this user in [[gateway.user]], or it serves another bus"
+                "does not name this user in [[gateway.user]], it serves another bus, or its "
+                "gateway is just starting"
             )
         if not alive and self._is_local:
             return _unserved(self.bus)
@@ -576,7 +586,7 @@ def who() -> str:
     """This process, for the log of the daemon."""
     program = Path("/proc/self/comm").read_text(errors="replace").strip()
     name = "".join(letter if letter.isprintable() else "?" for letter in program)
-    return f"'{name}' (pid {os.getpid()}, uid {os.getuid()})"
+    return f"{name} (pid {os.getpid()}, uid {os.getuid()})"
 
 
 def _sdo_value(answer: dict[str, Any]) -> SdoValue:

@@ -9,13 +9,14 @@ so that the user gets an answer in words.
 
 from __future__ import annotations
 
-from pathlib import Path
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 from ecatd.model.bus import Bus
 from ecatd.model.config import GatewayConfig, UserConfig
 from ecatd.model.config.gateway import ENCRYPTED, PLAIN
-from ecatd.model.errors import NotPermittedError
+from ecatd.model.errors import NotPermittedError, StateError
 from ecatd.model.messages import Request
 from ecatd.zenoh_keys import AS, bus_key
 
@@ -23,7 +24,6 @@ _ASKING = ["query", "declare_subscriber", "liveliness_query", "declare_livelines
 _TELLING = ["put", "reply", "declare_queryable", "liveliness_token"]
 """Messages of Zenoh that others may send to the gateway, and that it may send to them."""
 _READ = ["ro/**", "alive"]
-_OWN = ("certificate", "key", "users_ca")
 
 
 def access_control(bus: str, config: GatewayConfig) -> dict[str, Any]:
@@ -86,14 +86,7 @@ def _rule(name: str, flow: str, messages: list[str], bus: str, keys: list[str]) 
 
 
 def certificates(config: GatewayConfig) -> dict[str, Any]:
-    """Zenoh's settings for encryption: none if there is no certificate.
-
-    Raises:
-        NotPermittedError: This process cannot read one of the files.
-    """
-    for name in _OWN:
-        if path := getattr(config, name):
-            _check_file(f"gateway.{name}", Path(path))
+    """Zenoh's settings for encryption: none if there is no certificate."""
     if not config.certificate:
         return {}
     settings = {
@@ -106,14 +99,22 @@ def certificates(config: GatewayConfig) -> dict[str, Any]:
     return {f"transport/link/tls/{name}": value for name, value in settings.items()}
 
 
-def _check_file(key: str, path: Path) -> None:
-    try:
-        path.read_bytes()
-    except OSError as error:
-        raise NotPermittedError(
-            f"{key}: the gateway cannot read {path}: {error.strerror}; as a service it has the "
-            f"user 'ecatd-gateway': sudo chgrp ecatd-gateway {path}; sudo chmod 640 {path}"
-        ) from error
+def without_encryption(config: GatewayConfig) -> GatewayConfig:
+    """The same configuration without encrypted addresses, for certificates that cannot be used."""
+    plain = [item for item in config.listen if item.partition("/")[0] not in ENCRYPTED]
+    return replace(config, listen=plain, certificate="", user=[])
+
+
+def unknown_slaves(config: GatewayConfig, bus: Bus) -> list[str]:
+    """Warnings about slaves that users may change, and that do not exist."""
+    found = []
+    for user in config.user:
+        for slave in user.slaves:
+            try:
+                bus.find(slave)
+            except StateError as error:
+                found.append(f"gateway.user.slaves of '{user.name}': {error}")
+    return found
 
 
 def rights(user: UserConfig) -> dict[str, Any]:
@@ -137,7 +138,10 @@ def check(user: UserConfig, request: Request, bus: Bus) -> None:
         )
     if not user.slaves or "slave" not in request.fields:
         return  # the number of a transfer is a secret of those who have started it
-    allowed = {bus.find(slave).position for slave in user.slaves}
+    allowed = set()
+    for slave in user.slaves:
+        with suppress(StateError):  # there is none; the log has said so
+            allowed.add(bus.find(slave).position)
     wanted: int | str | None = vars(request).get("slave")
     if wanted is None or bus.find(wanted).position not in allowed:
         raise NotPermittedError(

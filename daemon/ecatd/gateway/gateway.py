@@ -16,8 +16,10 @@ from urllib.parse import unquote
 
 import zenoh
 
+from ecatd.certificates import wrong_certificates
 from ecatd.encoding import MAX_MESSAGE, pack, unpack
 from ecatd.log import Log
+from ecatd.model.bus import Bus
 from ecatd.model.bus_reader import read_bus
 from ecatd.model.config import Config, GatewayConfig, UserConfig, read_config
 from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError, UsageError
@@ -36,7 +38,14 @@ from ecatd.stats import read, to_map
 from ecatd.stats.clocks import read_clocks
 from ecatd.zenoh_keys import AS, RIGHTS, SCHEMA, bus_key, session_config
 
-from .access import access_control, certificates, check, rights
+from .access import (
+    access_control,
+    certificates,
+    check,
+    rights,
+    unknown_slaves,
+    without_encryption,
+)
 from .bus_client import Answer, BusClient
 from .listening import Listening
 from .metrics import MetricsServer
@@ -50,8 +59,8 @@ _CLOSE_PATIENCE = 1.0
 _REMEMBERED = 1024
 """Number of changes whose answers are kept: a change that arrives twice is carried out once."""
 
-_SOMEBODY = "a request over Zenoh"
-"""Who asks, if the request does not say it."""
+_LOCAL = "somebody on this machine"
+"""Who asks over the Unix socket."""
 
 
 class Gateway:
@@ -72,7 +81,7 @@ class Gateway:
         self._runtime_dir = runtime_dir
         self._socket = zenoh_socket(runtime_dir, name)
         self._bus = BusClient(control_socket(runtime_dir, name), self._on_event, on_end)
-        self._config = GatewayConfig()
+        self._config = self._in_use = GatewayConfig()
         self._session: zenoh.Session | None = None
         self._declared: list[Any] = []
         self._metrics: MetricsServer | None = None
@@ -113,8 +122,18 @@ class Gateway:
             EcatError: That does not work.
         """
         self._bus_description = await self._bus.ask(Describe())
+        in_use = self._config
+        if wrong := wrong_certificates(in_use):
+            in_use = without_encryption(in_use)
+            self._log.error(
+                f"{wrong}. Nobody can use encrypted addresses until this is mended and the "
+                "configuration is read again"
+            )
+        self._in_use = in_use
+        for text in unknown_slaves(in_use, self._described()):
+            self._log.warning(text)
         zenoh.init_log_from_env_or("off")
-        listening = Listening(self._config.listen, self._log)
+        listening = Listening(in_use.listen, self._log)
         await listening.look()
         self._session = session = await self._open_session()
         self._keep(asyncio.create_task(listening.watch()))
@@ -145,10 +164,9 @@ class Gateway:
 
         Raises:
             UnreachableError: Zenoh does not open it, or does not listen on the local socket.
-            NotPermittedError: A certificate cannot be read.
         """
         remove_zenoh_socket(self._runtime_dir, self._name)
-        endpoints = [f"unixsock-stream/{self._socket}", *self._config.listen]
+        endpoints = [f"unixsock-stream/{self._socket}", *self._in_use.listen]
         old = os.umask(0o117)
         try:
             session = zenoh.open(self._session_config(endpoints))
@@ -171,8 +189,8 @@ class Gateway:
                 # An address that does not exist yet is tried again, and does not cost the others.
                 "listen/timeout_ms": -1,
                 "listen/exit_on_failure": False,
-                "access_control": access_control(self._name, self._config),
-                **certificates(self._config),
+                "access_control": access_control(self._name, self._in_use),
+                **certificates(self._in_use),
             },
         )
 
@@ -231,19 +249,21 @@ class Gateway:
         request = from_query(parts, parameters, values)
         if not changes(type(request)):
             return self._bus.ask(request)
-        by = getattr(request, "by", "")
+        who = _LOCAL
         if user is not None:
-            bus = read_bus(self._bus_description, "the bus server", strict=False)
             try:
-                check(user, request, bus)
+                check(user, request, self._described())
             except NotPermittedError as error:
                 self._log.notice(f"refused: {error}")
                 raise
-            by = f"user '{user.name}'" + (f", {by}" if by else "")
-        return self._once(user, identity, on_behalf(request, by or _SOMEBODY))
+            who = f"user '{user.name}'"
+        return self._once(user, identity, on_behalf(request, who))
+
+    def _described(self) -> Bus:
+        return read_bus(self._bus_description, "the bus server", strict=False)
 
     def _user(self, name: str) -> UserConfig:
-        for user in self._config.user:
+        for user in self._in_use.user:
             if user.name == name:
                 return user
         raise NotPermittedError(f"user '{name}' is not in the configuration of the daemon")
@@ -282,7 +302,8 @@ class Gateway:
     async def _reconfigure(self) -> None:
         """Has another gateway started if settings have changed that this one has used."""
         with suppress(UnreachableError):  # the bus server has ended
-            if (await self._settings()).gateway != self._config:
+            wanted = (await self._settings()).gateway
+            if wanted != self._config or self._in_use != self._config:  # it may be mended
                 self._on_end()
 
     async def report(self) -> dict[str, Any]:

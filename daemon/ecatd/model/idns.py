@@ -153,7 +153,7 @@ class Attribute:
         if not self.size:
             raise UsageError("nothing says what kind of value this IDN has: write hex:…")
         items = [item.strip() for item in text.split(",")] if self.is_list else [text]
-        return b"".join(self._bytes(kind, item) for item in items if item)
+        return b"".join(self._bytes(kind, item) for item in items)
 
     def _bytes(self, kind: int, text: str) -> bytes:
         try:

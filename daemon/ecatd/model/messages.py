@@ -11,14 +11,16 @@ access control can distinguish all three. Fields in braces stand in the key.
 
 from __future__ import annotations
 
+import re
 from typing import Any, ClassVar, NamedTuple, dataclass_transform
 
 from .al import AlState
 from .errors import UsageError
 from .log_levels import LEVELS, PARTS
 
-_BY_MAX = 100
-_FILE_NAME_MAX, _DIGEST_DIGITS = 255, 64
+_BY_MAX = 200
+_NOT_PLAIN = re.compile(r"[^\w .,@:/()-]")
+_FILE_NAME_MAX, _DIGEST_DIGITS, _NAME_SHOWN = 255, 64, 40
 FILE_MAX = 64 << 20
 """Bytes of a file that is transferred."""
 TRANSFER_MAX = 1 << 53
@@ -378,8 +380,8 @@ class StartFoe(Request):
             length = 0
         if not 1 <= length <= _FILE_NAME_MAX or not self.file.isprintable():
             raise UsageError(
-                f"{self.file!r} is no name of a file: a slave takes 1 to {_FILE_NAME_MAX} "
-                "printable letters of Latin-1"
+                f"{self.file[:_NAME_SHOWN]!r} is no name of a file: a slave takes 1 to "
+                f"{_FILE_NAME_MAX} printable letters of Latin-1, and this has {len(self.file)}"
             )
         if self.write and len(self.digest) != _DIGEST_DIGITS:
             raise UsageError(f"'digest' of {self.op} must be the SHA-256 of the file in hex")
@@ -477,8 +479,8 @@ class WriteIdn(Request):
     by: str = ""
 
     def _check(self) -> None:
-        if len(self.data) > _DATA_MAX:
-            raise UsageError(f"'data' of {self.op} has more than {_DATA_MAX} bytes")
+        if len(self.data) > DATA_MAX:
+            raise UsageError(f"'data' of {self.op} has more than {DATA_MAX} bytes")
 
 
 class ReadEvents(Request):
@@ -527,7 +529,8 @@ _RANGES = {
     "word": (0, 0x3FFFF),
     "count": (1, 256),
 }
-_DATA_MAX = 32 * 1024
+DATA_MAX = 32 * 1024
+"""Bytes of the value of an object."""
 _REGISTERS_END, _REGISTER_BYTES_MAX = 0x1000, 256
 
 
@@ -537,11 +540,21 @@ def to_map(request: Request) -> dict[str, Any]:
 
 
 def on_behalf(request: Request, who: str) -> Request:
-    """The same request, asked for by somebody else, if it says at all who asks."""
+    """The same request with the one who asks for it, if it says at all who asks.
+
+    What the client says itself stands in brackets behind it, without what could be taken for
+    something else in a line of the log.
+    """
     if "by" not in request.fields:
         return request
     values = {name: getattr(request, name) for name in request.fields}
-    return type(request)(**{**values, "by": who[:_BY_MAX]})
+    said = _NOT_PLAIN.sub("", values["by"])
+    return type(request)(**{**values, "by": (f"{who} [{said}]" if said else who)[:_BY_MAX]})
+
+
+def whose(by: str) -> str:
+    """Who asks, of what `on_behalf` has made, without what the client says itself."""
+    return by.partition(" [")[0]
 
 
 def parse_request(data: Any) -> Request:
@@ -572,8 +585,8 @@ def check_data(data: bytes) -> None:
     Raises:
         UsageError: There are no data, or too many bytes.
     """
-    if not 1 <= len(data) <= _DATA_MAX:
-        raise UsageError(f"'data' of sdo_write has {len(data)} bytes; 1 to {_DATA_MAX} are allowed")
+    if not 1 <= len(data) <= DATA_MAX:
+        raise UsageError(f"'data' of sdo_write has {len(data)} bytes; 1 to {DATA_MAX} are allowed")
 
 
 def check_registers(address: int, size: int) -> None:

@@ -50,8 +50,8 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands buses slaves graph pdos read write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis events errors sii-read sii-write alias foe-read foe-write soe-read soe-write rescan reboot identify reg-read reg-write log-level config startup scan cstruct xml generate library capture doctor remote service client-flags
-set -g _shtab_ecatctl_opts_with_value --as --backup --bus --config --connect --count --days --devices --dir --drive --duration --esi --every --fmi --for --from --histogram --host --identity --interface --last --latency --out --output --password --raw --root --seconds --since --size --slave --templates --timeout --type --watch -n -o -p
+set -g _shtab_ecatctl_commands buses slaves graph pdos read watch write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis events errors sii-read sii-write alias foe-read foe-write soe-read soe-write rescan reboot identify reg-read reg-write log-level config startup scan cstruct xml generate library capture doctor remote service client-flags
+set -g _shtab_ecatctl_opts_with_value --as --backup --bus --config --connect --count --days --devices --dir --drive --duration --esi --every --fmi --for --from --histogram --host --hz --identity --interface --last --latency --out --output --password --raw --root --seconds --since --size --slave --templates --timeout --type --watch -n -o -p
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -102,6 +102,15 @@ complete -c ecatctl -n '_shtab_ecatctl_using read' -l timeout -x -d 'seconds to 
 complete -c ecatctl -n '_shtab_ecatctl_using read' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using read' -l watch -x -d 'show it again every SECONDS (default: 1); statistics also those of the last interval'
 complete -c ecatctl -n '_shtab_ecatctl_using read' -l count -x -d 'with --watch: end after N times'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a watch -d 'Show values as they change, with minimum, mean and maximum.'
+complete -c ecatctl -n '_shtab_ecatctl_using watch' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using watch' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using watch' -l connect -x -d 'Zenoh endpoint of a daemon, for example tls/host:7448'
+complete -c ecatctl -n '_shtab_ecatctl_using watch' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
+complete -c ecatctl -n '_shtab_ecatctl_using watch' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using watch' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using watch' -l hz -x -d 'how often a second (default: 2)'
+complete -c ecatctl -n '_shtab_ecatctl_using watch' -l count -x -d 'end after N times'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a write -d 'Hold values at outputs, by names.'
 complete -c ecatctl -n '_shtab_ecatctl_using write' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using write' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
@@ -348,6 +357,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l identity -x -d 'certi
 complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l as -s n -x -d 'its name, as the slave knows it (default: that of FILE)'
+complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l cancel -d 'end the transfer that the same command began'
 complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l password -x -d 'password of the slave for it'
 complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l boot -d 'bring the slave to BOOT for it, and back afterwards'
 complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l yes -d 'do it without asking'

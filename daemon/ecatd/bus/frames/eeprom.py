@@ -178,7 +178,7 @@ def read_eeproms(
 
 def write_eeprom(
     registers: Datagrams, slave: Station, label: str, word: int, data: bytes
-) -> Steps[int]:
+) -> Steps[dict[int, bytes]]:
     """Writes words of an EEPROM, and reads them back. Words that are right already stay.
 
     The device gets its EEPROM back at the end, also after an error. It uses what was written when
@@ -192,7 +192,7 @@ def write_eeprom(
         data: The words, little endian.
 
     Returns:
-        How many words were written.
+        What the words that were written had before, by their addresses.
 
     Raises:
         StateError: The EEPROM cannot be read or written, or has other words afterwards.
@@ -205,7 +205,7 @@ def write_eeprom(
     before = read()
     wrong = [at for at in range(0, len(data), 2) if before[at : at + 2] != data[at : at + 2]]
     if not wrong:
-        return 0
+        return {}
     try:
         for owner in (_FORCE_TO_MASTER, _TO_MASTER):
             registers.exchange([slave.write(_ASSIGNMENT, owner)])
@@ -220,7 +220,7 @@ def write_eeprom(
                 f"{label}: EEPROM: word 0x{word + at // 2:04X} has {after[at : at + 2].hex(' ')} "
                 f"after {data[at : at + 2].hex(' ')} was written: it may be write-protected"
             )
-    return len(wrong)
+    return {word + at // 2: before[at : at + 2] for at in wrong}
 
 
 def _write_word(

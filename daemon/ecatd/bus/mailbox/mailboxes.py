@@ -80,6 +80,7 @@ _ENABLED, _REPEAT = 0x01, 0x02
 _HEADER = struct.Struct("<HHBB")
 HEADER_BYTES = _HEADER.size
 
+_UNKNOWN_PROTOCOL = 2
 _ERRORS = {
     1: "the slave does not understand the message",
     2: "the slave does not know the protocol",
@@ -468,11 +469,16 @@ def _area(managers: bytes, number: int, kind: int, least: int) -> _Area:
     return _Area(start, size)
 
 
+class UnknownProtocolError(StateError):
+    """The slave does not know the protocol of a message."""
+
+
 def _refused(body: bytes) -> StateError:
     if len(body) < 4:
         return StateError(f"the slave answered with a wrong frame: an error of {len(body)} bytes")
     (code,) = struct.unpack_from("<H", body, 2)
-    return StateError(f"mailbox error 0x{code:04X}: {_ERRORS.get(code, 'unknown')}")
+    kind = UnknownProtocolError if code == _UNKNOWN_PROTOCOL else StateError
+    return kind(f"mailbox error 0x{code:04X}: {_ERRORS.get(code, 'unknown')}")
 
 
 def talk_all(

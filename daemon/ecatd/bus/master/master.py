@@ -265,7 +265,7 @@ class Master:
             self._cancelled,
         )
 
-    def write_eeprom(self, position: int, word: int, data: bytes) -> Steps[int]:
+    def write_eeprom(self, position: int, word: int, data: bytes) -> Steps[dict[int, bytes]]:
         """Writes words of the SII EEPROM of one slave; see `eeprom.write_eeprom`."""
         station, label = Station(self.stations[position]), self._label(position)
         return write_eeprom(self.registers, station, label, word, data)

@@ -17,7 +17,7 @@ from ecatd.model.errors import BusyError, NoAnswerError, StateError
 
 from ..mailbox.coe import Coe
 from ..mailbox.foe import FOE_LEAST
-from ..mailbox.mailboxes import Line, Mailbox, Talk, talk_alone
+from ..mailbox.mailboxes import Line, Mailbox, Talk, UnknownProtocolError, talk_alone
 from ..mailbox.soe import SOE_LEAST
 from ..master.emergencies import Emergency
 from ..master.master import Master
@@ -84,11 +84,11 @@ class Conversations:
             StateError: The slave is in INIT, or has no mailbox.
             EcatError: As the conversation raises.
         """
-        return await self._other(slave, part, FOE_LEAST, _WITHOUT_FOE)
+        return await self._other(slave, part, FOE_LEAST, _WITHOUT_FOE, "files (FoE)")
 
     async def soe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
         """Has a conversation about IDNs of a drive, as `foe`."""
-        return await self._other(slave, part, SOE_LEAST, _WITHOUT_SOE)
+        return await self._other(slave, part, SOE_LEAST, _WITHOUT_SOE, "IDNs (SoE)")
 
     async def _other(
         self,
@@ -96,6 +96,7 @@ class Conversations:
         part: Callable[[Mailbox], Talk[T]],
         least: int,
         without: Mapping[AlState, str],
+        what: str,
     ) -> T:
         """A conversation of another protocol than CoE; emergencies are noted meanwhile."""
         coe = self._master.coe(slave.position, alone=True)
@@ -108,6 +109,10 @@ class Conversations:
 
         try:
             return await self._hold(slave, coe, talk())
+        except UnknownProtocolError as error:
+            raise StateError(
+                f"{slave.label} has no {what}: its mailbox does not know them"
+            ) from error
         except (NoAnswerError, StateError) as error:
             if str(error).startswith(slave.label):
                 raise

@@ -6,10 +6,14 @@ from typing import Any
 
 from ecatd.log import Log
 from ecatd.model.bus import Bus
+from ecatd.model.errors import EcatError
 from ecatd.model.messages import ReadSii, WriteSii
 
 from ..master.master import Master
 from ..master.worker import Worker
+
+_SHOWN = 8
+"""Words that a line of the log has."""
 
 
 class Eeproms:
@@ -51,10 +55,21 @@ class Eeproms:
             StateError: There is no such slave, or its EEPROM cannot be written.
         """
         slave = self._bus.find(request.slave)
-        last = request.word + len(request.data) // 2 - 1
-        self._log.notice(
-            f"{slave.label}: EEPROM words 0x{request.word:04X} to 0x{last:04X} are written by "
-            f"{request.by}"
-        )
         steps = self._master.write_eeprom(slave.position, request.word, request.data)
-        return {"written": await self._worker.request(steps)}
+        try:
+            before = await self._worker.request(steps)
+        except EcatError as error:
+            self._log.warning(f"EEPROM words could not be written for {request.by}: {error}")
+            raise
+        if before:
+            words = [
+                f"0x{word:04X} from {was.hex(' ')} to "
+                f"{request.data[2 * (word - request.word) :][:2].hex(' ')}"
+                for word, was in before.items()
+            ]
+            more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
+            self._log.notice(
+                f"{slave.label}: EEPROM words changed: {', '.join(words[:_SHOWN])}{more}, by "
+                f"{request.by}"
+            )
+        return {"written": len(before)}

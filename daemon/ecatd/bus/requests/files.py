@@ -27,6 +27,7 @@ from ecatd.model.messages import (
     PutFoe,
     StartFoe,
     TakeFoe,
+    whose,
 )
 
 from ..mailbox.foe import FileRead, FileTransfer, FileWrite
@@ -38,6 +39,7 @@ _AGAIN_S = 0.1
 """Seconds after which a transfer asks for its turn again that others did not leave it."""
 _ABANDONED_S = 60.0
 """Seconds after which a file that does not arrive from its client is dropped."""
+_NAME_SHOWN = 40
 _KEPT_S = 600.0
 """Seconds for which a transfer that has ended is kept."""
 _MANY, _ROOM = 16, 4 * FILE_MAX
@@ -81,6 +83,7 @@ class _Transfer:
         self.file: FileTransfer | None = None
         self.error: EcatError | None = None
         self.note = ""
+        self.cancelled_by = "the end of the bus"
         self.touched = self.began = time.monotonic()
         self.task: asyncio.Task[None] | None = None
 
@@ -91,6 +94,11 @@ class _Transfer:
             time.monotonic() - self.touched > _ABANDONED_S
         )
         return self.step not in _ENDED and not abandoned
+
+    @property
+    def cancelled(self) -> StateError:
+        """The error of a transfer that somebody has cancelled."""
+        return StateError(f"file '{self.request.file}': it was cancelled by {self.cancelled_by}")
 
     @property
     def room(self) -> int:
@@ -149,9 +157,7 @@ class Files:
             if item.slave is slave and item.is_under_way:
                 if _is_same(item.request, request):
                     return item.to_map()
-                raise BusyError(
-                    f"{slave.label} is transferring '{item.request.file}'; try again when that ends"
-                )
+                raise BusyError(_why_busy(item))
         self._make_room(request.size)
         number = secrets.randbelow(TRANSFER_MAX) + 1  # known to those only who may use it
         item = self._transfers[number] = _Transfer(number, slave, request)
@@ -160,6 +166,19 @@ class Files:
         elif request.size == 0:
             self._begin_writing(item)
         return item.to_map()
+
+    def check_free(self, position: int | None) -> None:
+        """Checks that no file goes to or from a slave, which a change would spoil.
+
+        Args:
+            position: The slave, or None for all slaves.
+
+        Raises:
+            BusyError: One does.
+        """
+        for item in self._transfers.values():
+            if item.is_under_way and position in (None, item.slave.position):
+                raise BusyError(f"{_why_busy(item)}; nothing was done")
 
     def _make_room(self, size: int) -> None:
         """Drops transfers that have ended, the oldest first, if there is no room for another one.
@@ -256,8 +275,9 @@ class Files:
         if item.step in _ENDED:
             return item.to_map()
         self._log.notice(f"{_what(item)} is cancelled by {request.by}")
+        item.cancelled_by = request.by
         if item.task is None:
-            item.step, item.error = _Step.FAILED, StateError("it was cancelled")
+            item.step, item.error = _Step.FAILED, item.cancelled
         else:
             item.task.cancel()
             with suppress(asyncio.CancelledError):
@@ -273,7 +293,7 @@ class Files:
         except EcatError as error:
             item.error, item.step = error, _Step.FAILED
         except asyncio.CancelledError:
-            item.error, item.step = StateError("it was cancelled"), _Step.FAILED
+            item.error, item.step = item.cancelled, _Step.FAILED
         finally:
             self._forget_later(item)
         took = f"after {time.monotonic() - item.began:.1f} s"
@@ -322,9 +342,24 @@ class Files:
 
 
 def _is_same(one: StartFoe, other: StartFoe) -> bool:
-    """Whether two requests are about the same file, for the same slave."""
+    """Whether two requests of the same user are about the same file, for the same slave."""
     same = ("file", "write", "size", "digest", "boot")
-    return all(getattr(one, name) == getattr(other, name) for name in same)
+    mine = whose(one.by) == whose(other.by)
+    return mine and all(getattr(one, name) == getattr(other, name) for name in same)
+
+
+def _why_busy(item: _Transfer) -> str:
+    file = item.request.file[:_NAME_SHOWN]
+    if item.step == _Step.RECEIVING:
+        left = _ABANDONED_S - (time.monotonic() - item.touched)
+        return (
+            f"{item.slave.label} waits for the rest of file '{file}' from another client, for "
+            f"{left:.0f} s more"
+        )
+    return (
+        f"{item.slave.label} is transferring file '{file}': wait until that ends, or end it with "
+        f"the command that has started it and --cancel"
+    )
 
 
 def _what(item: _Transfer) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 
 from ecatd.log import Log
 from ecatd.model.bus import Bus
-from ecatd.model.errors import StateError
+from ecatd.model.errors import UsageError
 from ecatd.model.idns import idn_text
 from ecatd.model.messages import ReadIdn, WriteIdn
 
@@ -50,6 +50,7 @@ class Idns:
 
         Raises:
             StateError: As `read`; or the drive refuses the value.
+            UsageError: The value has another size than that of the IDN.
         """
         slave = self._bus.find(request.slave)
         drive, number, data = request.drive, request.idn, request.data
@@ -58,7 +59,7 @@ class Idns:
             old = yield from read_idn(mailbox, drive, number)
             size, is_list = old.attribute.size, old.attribute.is_list
             if size and (len(data) % size or (not is_list and len(data) != size)):
-                raise StateError(
+                raise UsageError(
                     f"{idn_text(number)} ({old.name}) takes {size} bytes"
                     f"{' for each element' * is_list}, not {len(data)}"
                 )
@@ -68,6 +69,10 @@ class Idns:
         answer = await self._conversations.soe(slave, talk)
         self._log.notice(
             f"{slave.label}, drive {drive}, {idn_text(number)} ({answer['name']}): changed from "
-            f"{answer['before'][:_SHOWN].hex(' ')} to {data[:_SHOWN].hex(' ')} by {request.by}"
+            f"{_shown(answer['before'])} to {_shown(data)} by {request.by}"
         )
         return answer
+
+
+def _shown(data: bytes) -> str:
+    return data[:_SHOWN].hex(" ") + (" ..." if len(data) > _SHOWN else "")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 from ecatd.log import Log
@@ -74,7 +75,12 @@ class Registers:
         """The reply has `data`: what the registers have afterwards. Raises as `read`."""
         slave, address = self._bus.find(request.slave), request.address
 
+        before = b""
+
         def write() -> bytes:
+            nonlocal before
+            with suppress(StateError):
+                before = self._master.register_read(slave.position, address, len(request.data))
             try:
                 self._master.register_write(slave.position, address, request.data)
             except StateError as error:
@@ -93,11 +99,14 @@ class Registers:
 
         known = register_at(request.address)
         name = f" ({known.name})" if known else ""
-        self._log.notice(
-            f"{slave.label}: register 0x{request.address:04X}{name} is written: "
-            f"{request.data.hex(' ')}, by {request.by}"
-        )
-        return {"data": await self._worker.run(write)}
+        try:
+            return {"data": await self._worker.run(write)}
+        finally:  # also what has failed was tried
+            was = f" from {before.hex(' ')}" if before else ""
+            self._log.notice(
+                f"{slave.label}: register 0x{request.address:04X}{name} is written:{was} to "
+                f"{request.data.hex(' ')}, by {request.by}"
+            )
 
     async def errors(self) -> dict[str, Any]:
         """The reply has `slaves`: the counters of each slave that answers (`SlaveErrors`)."""

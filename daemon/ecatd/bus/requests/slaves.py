@@ -62,6 +62,7 @@ class SlaveRequests:
         states: States,
         log: Log,
     ) -> None:
+        self._bus = bus
         self._objects = Objects(bus, conversations, log)
         self._dictionaries = Dictionaries(bus, conversations)
         self._registers = Registers(bus, master, worker, log)
@@ -69,6 +70,14 @@ class SlaveRequests:
         self._idns = Idns(bus, conversations, log)
         self._wire = Wire(bus, master, worker)
         self._files = Files(bus, conversations, states, log)
+
+    def check_free(self, position: int | None) -> None:
+        """Checks that no file goes to or from a slave, or from any of them.
+
+        Raises:
+            BusyError: One does.
+        """
+        self._files.check_free(position)
 
     def close(self) -> None:
         """Ends what goes on without a request: transfers of files."""
@@ -92,6 +101,7 @@ class SlaveRequests:
             case ReadRegister():
                 return await self._registers.read(request)
             case WriteRegister():
+                self._files.check_free(self._bus.find(request.slave).position)
                 return await self._registers.write(request)
             case ReadErrors():
                 return await self._registers.errors()
@@ -100,6 +110,7 @@ class SlaveRequests:
             case ReadSii():
                 return await self._eeproms.read(request)
             case WriteSii():
+                self._files.check_free(self._bus.find(request.slave).position)
                 return await self._eeproms.write(request)
             case ReadIdn():
                 return await self._idns.read(request)
