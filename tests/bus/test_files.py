@@ -232,6 +232,7 @@ def test_a_transfer_is_protected_and_ends_with_cancel(bus: Daemon, tmp_path: Pat
     assert all(row["text"] == "OP" for row in bus.slave_rows("state"))
 
 
+@pytest.mark.long
 def test_a_restart_of_the_gateway_does_not_end_the_command(bus: Daemon, tmp_path: Path) -> None:
     big = tmp_path / "long.bin"
     big.write_bytes(bytes(2_000_000))

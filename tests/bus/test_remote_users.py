@@ -244,6 +244,7 @@ def openssl(*arguments: str | Path) -> None:
     subprocess.run(["openssl", *arguments], check=True, capture_output=True)
 
 
+@pytest.mark.long
 def test_a_user_is_taken_out_while_the_bus_runs(
     start_daemon: Callable[..., Daemon], site: Site
 ) -> None:
@@ -269,6 +270,7 @@ def test_a_user_is_taken_out_while_the_bus_runs(
     wait_for(lambda: rights("bob") is not None and rights("anna") is None, daemon)
 
 
+@pytest.mark.long
 def test_certificates_that_cannot_be_used_cost_only_the_encrypted_addresses(
     start_daemon: Callable[..., Daemon], site: Site, tmp_path: Path
 ) -> None:
@@ -287,6 +289,7 @@ def test_certificates_that_cannot_be_used_cost_only_the_encrypted_addresses(
         assert daemon.stop() == 0
 
 
+@pytest.mark.long
 def test_slaves_of_users_that_do_not_exist_are_named(
     start_daemon: Callable[..., Daemon], site: Site
 ) -> None:

@@ -73,6 +73,7 @@ def test_wrong_streams(remote: Remote) -> None:
             remote.stream(pattern, rate)
 
 
+@pytest.mark.long
 def test_there_are_so_many_streams_at_a_time(bus: Daemon, remote: Remote) -> None:
     open_ = []
     with pytest.raises(StateError, match="streams"):
@@ -99,6 +100,7 @@ def test_watch_shows_rows(bus: Daemon) -> None:
     names(one_line_error(wrong.stderr, "ecatctl"), "'nothing/*'")
 
 
+@pytest.mark.long
 def test_a_stream_ends_with_its_daemon(
     start_daemon: Callable[..., Daemon], monkeypatch: pytest.MonkeyPatch
 ) -> None:

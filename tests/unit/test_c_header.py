@@ -87,6 +87,7 @@ def test_members_have_the_values_of_the_image(
     assert [int(line) for line in output.split()] == [number(image, *item) for item in wanted]
 
 
+@pytest.mark.long
 @settings(
     max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

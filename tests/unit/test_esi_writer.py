@@ -48,7 +48,7 @@ def test_an_esi_reader_finds_the_same_devices(tmp_path: Path) -> None:
         assert layout([*device.inputs]) == layout(slave.inputs)
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(bus=buses)
 def test_any_bus_is_well_formed(bus: Bus) -> None:
     root = ElementTree.fromstring(bus_document(bus, "1"))
