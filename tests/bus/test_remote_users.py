@@ -1,6 +1,7 @@
 """Users of other machines: certificates, what each may do, and what nobody may."""
 
 import os
+import shutil
 import socket
 import subprocess
 from collections.abc import Callable
@@ -16,7 +17,11 @@ from ecatd.encoding import pack
 from ecatd.model.errors import NotPermittedError, StateError, UnreachableError, UsageError
 from ecatd.zenoh_keys import bus_key, session_config
 
-pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
+pytestmark = [
+    pytest.mark.bus,
+    pytest.mark.unprivileged,
+    pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificates"),
+]
 
 CONFIG = """\
 [gateway]
