@@ -147,9 +147,19 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "listen": ["[]", '["tcp/127.0.0.1:7447"]'],
         "publish_hz": ["0", "1000"],
         "metrics": ['""', '"unix:/run/x"', '"[::1]:1"'],
+        "certificate": ['""', '"/etc/ecatd/tls/daemon.pem"'],
+        "key": ['""', '"/etc/ecatd/tls/daemon.key"'],
+        "users_ca": ['"/etc/ecatd/tls/authority.pem"'],
+        "anonymous_reading": ["true", "false"],
+    },
+    "[[gateway.user]]": {
+        "name": ['"anna"', '"a.b@c"'],
+        "write": ["[]", '["sdo", "state"]'],
+        "slaves": ["[]", '[0, "drive"]'],
     },
 }
 REQUIRED = {
+    "[[gateway.user]]": ["name"],
     "[[slave]]": ["position"],
     "[[slave.module]]": ["slot", "ident"],
     "[[slave.pdo]]": ["index", "entries"],

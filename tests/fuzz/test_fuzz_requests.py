@@ -17,7 +17,24 @@ from mutations import inputs, mutants
 from conftest import Daemon
 from ecatd.encoding import LENGTH, frame, pack, unpack
 from ecatd.model.errors import EcatError, UsageError
-from ecatd.model.messages import SdoRead, SdoWrite, SetLogLevel, SetState, parse_request, to_map
+from ecatd.model.messages import (
+    CancelFoe,
+    DescribeObject,
+    PutFoe,
+    ReadFrames,
+    ReadIdn,
+    ReadRegister,
+    ReadSii,
+    SdoRead,
+    SdoWrite,
+    SetLogLevel,
+    SetState,
+    StartFoe,
+    TakeFoe,
+    WriteIdn,
+    parse_request,
+    to_map,
+)
 from ecatd.paths import control_socket
 from ecatd.zenoh_keys import bus_key, session_config
 
@@ -30,6 +47,18 @@ REQUESTS = [
     to_map(SetState("OP")),
     to_map(SetState("PREOP", 2)),
     to_map(SetLogLevel("debug", "mailbox", "'ecatctl' (pid 7, uid 0)")),
+    to_map(DescribeObject(0, 0x1018)),
+    to_map(ReadRegister("EK1100", 0x0130)),
+    to_map(ReadSii(2, 0x40, 8)),
+    to_map(ReadIdn(0, 17)),
+    to_map(WriteIdn(0, 0x8064, b"\x01\x02", 1, "ecatctl (pid 7, uid 0)")),
+    to_map(StartFoe(0, "firmware", True, 5, 64 * "0", 7, boot=False, by="somebody")),
+    to_map(StartFoe(1, "log.txt")),
+    to_map(PutFoe(1 << 40, 0, b"12345")),
+    to_map(TakeFoe(1 << 40, 0)),
+    to_map(CancelFoe(1 << 40, "somebody")),
+    to_map(ReadFrames("cycle", 100)),
+    {"op": "rescan"},
     {"op": "describe"},
     {"op": "states"},
     {"id": "a", "data": b"\x01"},
@@ -46,6 +75,14 @@ KEYS = [
     "ro/states",
     "rw/x",
     "ro/config",
+    "ro/wire",
+    "ro/stream",
+    "ro/sii/0",
+    "ro/idn/0/0/17",
+    "rw/idn/0/0/17",
+    "rw/foe/0",
+    "rw/foe/1/put",
+    "ro/foe/1/0",
 ]
 GROWTH_KIB = 4096
 """What allocators keep, whatever the number of requests."""
