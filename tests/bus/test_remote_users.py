@@ -176,16 +176,16 @@ def test_who_is_not_let_in(site: Site, tmp_path: Path) -> None:
     forged = tmp_path / "anna.pem"
     assert remote_command("user", "anna", "--dir", str(other), "-o", str(forged)).returncode == 0
     with pytest.raises(UnreachableError, match=naming("certificates", str(forged))):
-        Remote(site.daemon.bus, site.endpoint, 3.0, forged)
+        Remote(site.daemon.bus, site.endpoint, 1.0, forged)
     mixed = tmp_path / "mixed.pem"  # it trusts the daemon, which does not trust it
     authority = (site.folder / "authority.pem").read_text()
     head = forged.read_text().split("-----END PRIVATE KEY-----\n")[0]
     mixed.write_text(f"{head}-----END PRIVATE KEY-----\n{authority}")
     with pytest.raises(UnreachableError):
-        Remote(site.daemon.bus, site.endpoint, 3.0, mixed)
+        Remote(site.daemon.bus, site.endpoint, 1.0, mixed)
     # None at all.
     with pytest.raises(UnreachableError, match="ecatctl remote user"):
-        Remote(site.daemon.bus, site.endpoint, 3.0)
+        Remote(site.daemon.bus, site.endpoint, 1.0)
     assert site.as_user("anna").info()["host"]
 
 
@@ -208,7 +208,7 @@ def test_an_expired_certificate_is_not_let_in(site: Site, tmp_path: Path) -> Non
     authority = (site.folder / "authority.pem").read_text()
     old.write_text("ecatd user: anna\n" + certificate.read_text() + key.read_text() + authority)
     with pytest.raises(UnreachableError):
-        Remote(site.daemon.bus, site.endpoint, 3.0, old)
+        Remote(site.daemon.bus, site.endpoint, 1.0, old)
     shown = remote_command("show", str(old))
     assert shown.returncode == 7
     names(shown.stdout, "'anna'", "2020")

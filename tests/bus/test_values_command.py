@@ -169,6 +169,7 @@ def test_recordings_in_other_formats_have_the_same_values(bus: Daemon, tmp_path:
     assert [at for _, _, at in rows] == sorted(at for _, _, at in rows)
 
 
+@pytest.mark.long
 def test_a_replay_has_the_recorded_values(
     bus: Daemon, start_daemon: Callable[..., Daemon], tmp_path: Path
 ) -> None:
