@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from conftest import Daemon, names, one_line_error, run_module, wait_for
+from conftest import PATIENCE, Daemon, names, one_line_error, run_module, wait_for
 from ecatd import shm
 from ecatd.encoding import unpack
 from ecatd.model.al import AlState
@@ -51,6 +51,8 @@ class Bench:
             bus_key(daemon.bus, "ro", "event"),
             lambda sample: self.events.append(unpack(bytes(sample.payload))),
         )
+        # An answer to a question that was asked later says that the gateway knows the subscriber.
+        assert list(self._session.get(bus_key(daemon.bus, "ro", "info"), timeout=PATIENCE))
 
     def close(self) -> None:
         self._subscriber.undeclare()
@@ -79,7 +81,11 @@ class Bench:
                 (simulator.faults.power_on if on else simulator.faults.power_off)(position)
 
     def wait_for(self, condition: Callable[[], bool]) -> None:
-        wait_for(condition, self.daemon)
+        try:
+            wait_for(condition, self.daemon)
+        except AssertionError as error:
+            error.add_note(f"events: {self.events}")
+            raise
 
     def wait_for_log(self, text: str, count: int = 1) -> None:
         self.wait_for(lambda: self.daemon.log.count(text) >= count)

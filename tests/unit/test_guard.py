@@ -29,6 +29,10 @@ def test_careless():
 """
 
 
+PATIENT = {"ECATD_TEST_PATIENCE_S": "120"}
+"""Another run of the tests on this machine may leave something for a moment: it gets the time."""
+
+
 def guarded(*command: object, **environment: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, GUARD, *map(str, command)],
@@ -64,9 +68,7 @@ def test_what_a_test_leaves_is_named_and_ended(tmp_path: Path, what: str, status
 
 
 def test_nothing_is_left(tmp_path: Path) -> None:
-    # Another run of the tests on this machine may leave something for a moment: it gets the time.
-    patience = {"ECATD_TEST_PATIENCE_S": "120"}
-    run = guarded(sys.executable, "-c", "import subprocess; subprocess.run(['true'])", **patience)
+    run = guarded(sys.executable, "-c", "import subprocess; subprocess.run(['true'])", **PATIENT)
     assert (run.returncode, run.stderr) == (0, "")
     assert guarded(sys.executable, "-c", "raise SystemExit(3)").returncode == 3
 
@@ -92,7 +94,7 @@ def test_what_another_program_has_mapped_is_not_left_behind(tmp_path: Path) -> N
     other = subprocess.Popen([sys.executable, "-c", OTHER, begin, there, name])
     try:
         # The guard has taken stock before the other program makes its shared memory.
-        run = guarded("sh", "-c", f"echo > {begin}; cat {there}")
+        run = guarded("sh", "-c", f"echo > {begin}; cat {there}", **PATIENT)
         assert (run.returncode, run.stderr) == (0, "")
         assert name.exists()
     finally:
