@@ -50,7 +50,8 @@ _EXPEDITED_BYTES = 4
 _INFO = struct.Struct("<BxH")
 _INFO_MORE = 0x80
 _GET_LIST, _GET_OBJECT, _GET_ENTRY, _INFO_ERROR = 1, 3, 5, 7
-_ALL_OBJECTS = struct.pack("<H", 1)
+ALL_OBJECTS, OUTPUT_OBJECTS, INPUT_OBJECTS = 1, 2, 3
+"""Lists of objects of the SDO information service: all, and those that RxPDOs or TxPDOs can map."""
 _ACCESS_CATEGORY_MAPPING = 0x07  # what an entry description should contain: no values
 _UNIT, _VALUES = 0x08, (0x10, 0x20, 0x40)
 
@@ -340,11 +341,15 @@ class Coe:
 
     # --- SDO information -----------------------------------------------------------------------
 
-    def list_objects(self, tries: int = _TRIES) -> Talk[list[int]]:
-        """Reads the indices of all objects; raises as `describe_object`."""
+    def list_objects(self, tries: int = _TRIES, kind: int = ALL_OBJECTS) -> Talk[list[int]]:
+        """Reads the indices of all objects, or those of another list.
+
+        Raises as `describe_object`.
+        """
 
         def ask() -> Talk[list[int]]:
-            body = yield from self._ask_information(_GET_LIST, _ALL_OBJECTS, _ALL_OBJECTS, 2)
+            wanted = struct.pack("<H", kind)
+            body = yield from self._ask_information(_GET_LIST, wanted, wanted, 2)
             return [index for (index,) in struct.iter_unpack("<H", body[2 : len(body) & ~1])]
 
         return self._insist(f"slave {self._position}, list of objects", tries, ask)

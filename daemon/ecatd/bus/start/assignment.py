@@ -20,7 +20,8 @@ from .value_lists import ValueLists
 
 T = TypeVar("T")
 
-_INFORMATION = 0x02  # bit of the CoE details in the SII
+INFORMATION = 0x02
+"""Bit of the CoE details in the SII: the slave has the SDO information service."""
 ASSIGNMENT = 0x1C10
 """The assignment of the PDOs of sync manager 0; that of sync manager n is n more."""
 _PDOS_MAX, _ENTRIES_MAX = 64, 254
@@ -41,7 +42,7 @@ class Assignment:
         self._coe = coe
         self._lists = ValueLists(coe, slave.label, sii)
         self._describes = True  # until the SDO information service has failed once
-        self._tries = 3 if sii.coe & _INFORMATION else 1
+        self._tries = 3 if sii.coe & INFORMATION else 1
 
     def read(self) -> Talk[None]:
         """Reads PDOs and names into the slave.

@@ -29,8 +29,9 @@ from ..mailbox.mailboxes import Talk, converse
 from ..master.master import Master
 from .assignment import Assignment
 from .modules import Modules
+from .pdo_writer import choose_from_sii, warn_of_none
 from .refused import RefusedError
-from .slave_configuration import SlaveConfiguration, choose_from_sii
+from .slave_configuration import SlaveConfiguration
 from .watchdog_registers import WATCHED, watchdog_writes
 
 _PROTOCOL_COE = 0x04
@@ -168,6 +169,7 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
             talk = SlaveConfiguration(item.slave, item.sii, coe, item.settings).tell()
             item.refused = yield from talk
         yield from Assignment(item.slave, item.sii, coe).read()
+        item.refused = [*item.refused, *warn_of_none(item.slave, item.sii, item.settings)]
     except RefusedError:
         raise
     except (NoAnswerError, StateError) as error:

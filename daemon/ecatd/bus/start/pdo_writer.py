@@ -1,0 +1,310 @@
+"""Writes which PDOs a slave shall exchange, and what they map (ETG.1000.6).
+
+PDOs are written only where they differ from what the slave has, since some slaves refuse to write
+what they cannot change. First they are compared with what the slave offers, as far as its EEPROM
+and its dictionary say. Before an assignment or a mapping is written, its count is set to 0. If the
+slave then refuses something, it gets back what it had: otherwise it would go on without some of
+its PDOs, and nobody would see why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+
+from ecatd.model import abort_codes
+from ecatd.model.bus import Slave
+from ecatd.model.config import PdoConfig, SlaveConfig
+from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
+from ecatd.model.pdo import Pdo
+from ecatd.model.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
+
+from ..mailbox.coe import INPUT_OBJECTS, OUTPUT_OBJECTS, Coe
+from ..mailbox.mailboxes import Talk
+from .assignment import ASSIGNMENT, INFORMATION, Assignment
+from .refused import RefusedError, write
+
+_INPUTS = 0x1A00
+"""The first TxPDO; PDOs below it are RxPDOs."""
+_MISSING = (abort_codes.NO_OBJECT, abort_codes.NO_SUBINDEX)
+_OFFERED_MOST = 24
+"""Objects that a message names at most."""
+
+Mapping = list[tuple[int, int, int]]
+"""Index, subindex and bits of each entry of a PDO."""
+
+
+class PdoWriter:
+    """Writes assignment and mappings of one slave with CoE, as its configuration says.
+
+    Args:
+        slave: The slave.
+        sii: Its SII.
+        coe: CoE of the slave, for one conversation.
+        settings: Its table in the configuration.
+        tell_detail: Called with each thing that the slave is told.
+    """
+
+    def __init__(
+        self,
+        slave: Slave,
+        sii: Sii,
+        coe: Coe,
+        settings: SlaveConfig,
+        tell_detail: Callable[[str], None],
+    ) -> None:
+        self._slave = slave
+        self._sii = sii
+        self._coe = coe
+        self._settings = settings
+        self._tell_detail = tell_detail
+        self._assignment = Assignment(slave, sii, coe)
+
+    def write(self) -> Talk[None]:
+        """Writes the PDOs, and reads them back; a part of a conversation.
+
+        Raises:
+            RefusedError: The slave does not have them, or refuses them.
+            NoAnswerError: It does not answer.
+            StateError: Its answers are malformed.
+        """
+        outputs, inputs = yield from self._assignment.pdos()
+        before = {pdo.index: pdo for pdo in (*outputs, *inputs)}
+        wanted = self._wanted(before)
+        old = yield from self._changed_mappings(before)
+        new = {pdo.index: _configured(pdo) for pdo in self._settings.pdo if pdo.index in old}
+        for index, mapping in new.items():
+            yield from self._check_entries(index, mapping)
+        had = {
+            number: [pdo.index for pdo in before.values() if pdo.sync_manager == number]
+            for number in wanted
+        }
+        managers = [
+            number
+            for number, indices in wanted.items()
+            if indices != had[number] or any(index in new for index in indices)
+        ]
+        try:
+            yield from self._write_all({number: wanted[number] for number in managers}, new)
+            yield from self._verify(wanted)
+        except RefusedError as error:
+            try:
+                yield from self._write_all({number: had[number] for number in managers}, old)
+            except RefusedError as worse:
+                raise RefusedError(
+                    f"{error}; then it did not take back the PDOs that it had ({worse}): switch "
+                    "its power off and on"
+                ) from error
+            raise
+
+    # --- what is wanted ------------------------------------------------------------------------
+
+    def _wanted(self, before: dict[int, Pdo]) -> dict[int, list[int]]:
+        """The indices of the PDOs that each sync manager shall carry, by its number."""
+        channels = {usage: self._sii.channels(usage) for usage in (USAGE_OUTPUTS, USAGE_INPUTS)}
+        wanted: dict[int, list[int]] = {
+            number: [] for numbers in channels.values() for number in numbers
+        }
+        places = {pdo.index: pdo.sync_manager for pdo in (*self._sii.outputs, *self._sii.inputs)}
+        places |= {index: pdo.sync_manager for index, pdo in before.items()}
+        indices = list(before) if self._settings.pdos is None else self._settings.pdos
+        for index in indices:
+            usage = USAGE_INPUTS if index >= _INPUTS else USAGE_OUTPUTS
+            number = places.get(index, UNASSIGNED)
+            if number not in channels[usage]:
+                if not channels[usage]:
+                    raise RefusedError(
+                        f"{self._slave.label} has no sync manager for "
+                        f"{'inputs' if usage == USAGE_INPUTS else 'outputs'}, so PDO "
+                        f"0x{index:04X} cannot be assigned: remove it from pdos"
+                    )
+                number = channels[usage][0]
+            wanted[number].append(index)
+        return wanted
+
+    def _changed_mappings(self, before: dict[int, Pdo]) -> Talk[dict[int, Mapping]]:
+        """The mappings of the slave that differ from those configured, by index of the PDO."""
+        changed = {}
+        for pdo in self._settings.pdo:
+            if pdo.index in before:
+                now = before[pdo.index]
+            else:
+                now = yield from self._assignment.pdo(pdo.index, UNASSIGNED)
+            if _configured(pdo) == _mapping(now):
+                continue
+            if pdo.index in self._sii.fixed:
+                raise RefusedError(
+                    f"{self._slave.label}: the entries of PDO 0x{pdo.index:04X} are fixed, so "
+                    f"they cannot be mapped: remove its [[slave.pdo]], or choose another PDO"
+                )
+            changed[pdo.index] = _mapping(now)
+        return changed
+
+    # --- what is offered -----------------------------------------------------------------------
+
+    def _check_entries(self, index: int, mapping: Mapping) -> Talk[None]:
+        """Checks the entries of a PDO against the dictionary of the slave, if it describes it.
+
+        Raises:
+            RefusedError: An entry does not exist, or is too short.
+        """
+        if not self._sii.coe & INFORMATION:
+            return
+        for object_, subindex, bits in mapping:
+            if not object_:
+                continue
+            entry = f"0x{object_:04X}:{subindex:02X}"
+            try:
+                described = yield from self._coe.describe_entry(object_, subindex, 1)
+            except SdoAbortError as abort:
+                if abort.code in _MISSING and not (yield from self._exists(object_, subindex)):
+                    raise RefusedError(
+                        f"{self._slave.label} has no {entry}, which PDO 0x{index:04X} shall map"
+                        f"{yield from self._mappable(index)}"
+                    ) from abort
+                continue
+            except (NoAnswerError, StateError):
+                return  # it does not describe its objects after all
+            if 0 < described.bit_length < bits:
+                raise RefusedError(
+                    f"{self._slave.label}: {entry} has {described.bit_length} bits, and PDO "
+                    f"0x{index:04X} shall map {bits} of it: correct its bits"
+                )
+
+    def _exists(self, index: int, subindex: int) -> Talk[bool]:
+        """Whether an object exists that the slave does not describe: some describe only a part."""
+        try:
+            yield from self._coe.upload(index, subindex)
+        except SdoAbortError as abort:
+            return abort.code not in _MISSING
+        return True
+
+    def _mappable(self, pdo: int) -> Talk[str]:
+        """The objects that a PDO can map as the slave says, for the end of a message."""
+        kind = INPUT_OBJECTS if pdo >= _INPUTS else OUTPUT_OBJECTS
+        found: list[int] = []
+        if self._sii.coe & INFORMATION:
+            with suppress(SdoAbortError, NoAnswerError, StateError):
+                found = yield from self._coe.list_objects(1, kind)
+        if not found:
+            return ""
+        more = f" and {len(found) - _OFFERED_MOST} more" if len(found) > _OFFERED_MOST else ""
+        return f"; it can map {_indices(found[:_OFFERED_MOST])}{more}"
+
+    def _offer(self, index: int) -> str:
+        """The PDOs of the same direction that its EEPROM describes, for messages."""
+        pdos = self._sii.inputs if index >= _INPUTS else self._sii.outputs
+        offered = ", ".join(f"0x{pdo.index:04X}" for pdo in pdos)
+        return f" (its EEPROM offers {offered})" if offered else ""
+
+    # --- writing -------------------------------------------------------------------------------
+
+    def _write_all(
+        self, assignments: dict[int, list[int]], mappings: dict[int, Mapping]
+    ) -> Talk[None]:
+        """Writes the assignments of sync managers, by number, and mappings of PDOs, by index."""
+        for number in assignments:
+            yield from self._write(ASSIGNMENT + number, 0, "B", 0, "its PDO assignment")
+        for index, mapping in mappings.items():
+            yield from self._write_mapping(index, mapping)
+        for number, indices in assignments.items():
+            for at, index in enumerate(indices, 1):
+                yield from self._write(
+                    ASSIGNMENT + number, at, "H", index, f"PDO 0x{index:04X}{self._offer(index)}"
+                )
+            count = len(indices)
+            yield from self._write(
+                ASSIGNMENT + number, 0, "B", count, f"an assignment of {count} PDOs"
+            )
+
+    def _write_mapping(self, index: int, mapping: Mapping) -> Talk[None]:
+        pdo = f"PDO 0x{index:04X}"
+        yield from self._write(index, 0, "B", 0, f"another mapping of {pdo}")
+        for number, (object_, subindex, bits) in enumerate(mapping, 1):
+            entry = f"0x{object_:04X}:{subindex:02X}" if object_ else "a gap"
+            value = object_ << 16 | subindex << 8 | bits
+            what = f"entry {number} of {pdo} ({entry}, {bits} bits)"
+            try:
+                yield from self._write(index, number, "I", value, what)
+            except RefusedError as error:
+                raise RefusedError(f"{error}{yield from self._mappable(index)}") from error
+        yield from self._write(index, 0, "B", len(mapping), f"{pdo} with {len(mapping)} entries")
+
+    def _write(self, index: int, subindex: int, form: str, value: int, what: str) -> Talk[None]:
+        self._tell_detail(what)
+        return write(self._slave, self._coe, (index, subindex), form, value, what)
+
+    def _verify(self, wanted: dict[int, list[int]]) -> Talk[None]:
+        """Reads the PDOs back: some slaves accept what they do not use."""
+        outputs, inputs = yield from self._assignment.pdos()
+        own = {pdo.index: pdo for pdo in self._settings.pdo}
+        for number, indices in wanted.items():
+            now = [pdo for pdo in (*outputs, *inputs) if pdo.sync_manager == number]
+            if [pdo.index for pdo in now] != indices:
+                raise RefusedError(
+                    f"{self._slave.label} has accepted the PDOs {_indices(indices)} in sync "
+                    f"manager {number}, but has {_indices([pdo.index for pdo in now])}"
+                )
+            for pdo in now:
+                if pdo.index in own and _mapping(pdo) != _configured(own[pdo.index]):
+                    raise RefusedError(
+                        f"{self._slave.label} has accepted the mapping of PDO "
+                        f"0x{pdo.index:04X}, but has another one"
+                    )
+
+
+def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
+    """Sets the PDOs of a slave without CoE to those of its SII that the configuration names.
+
+    Raises:
+        ConfigError: The SII does not have them.
+    """
+    if settings.pdos is None:
+        return
+    found: dict[int, Pdo] = {pdo.index: pdo for pdo in (*sii.outputs, *sii.inputs)}
+    for index in settings.pdos:
+        if index not in found:
+            offered = _indices(list(found)) or "none"
+            settings.table.fail(
+                "pdos",
+                f"{slave.label} has no PDO 0x{index:04X}: its EEPROM offers {offered}; choose "
+                "among them, or leave pdos out",
+            )
+    chosen = [found[index] for index in settings.pdos]
+    for pdo in chosen:
+        if pdo.sync_manager == UNASSIGNED:
+            usage = USAGE_INPUTS if pdo.index >= _INPUTS else USAGE_OUTPUTS
+            pdo.sync_manager = sii.channels(usage)[0]
+    slave.outputs = [pdo for pdo in chosen if pdo.index < _INPUTS]
+    slave.inputs = [pdo for pdo in chosen if pdo.index >= _INPUTS]
+
+
+def warn_of_none(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
+    """Warnings about a slave that exchanges nothing in a direction in which it has PDOs.
+
+    So it is after somebody has begun to write its PDOs, and has not come to an end.
+    """
+    if settings.pdos is not None or settings.pdo:
+        return []
+    return [
+        f"{slave.label} has no {what} now, though its EEPROM assigns {_indices(offered)}: switch "
+        "its power off and on, or name the PDOs in its [[slave]] table"
+        for what, pdos, offers in (
+            ("outputs", slave.outputs, sii.outputs),
+            ("inputs", slave.inputs, sii.inputs),
+        )
+        if not any(pdo.entries for pdo in pdos)
+        and (offered := [p.index for p in offers if p.entries and p.sync_manager != UNASSIGNED])
+    ]
+
+
+def _configured(pdo: PdoConfig) -> Mapping:
+    return [(*entry.address, entry.bits) for entry in pdo.entries]
+
+
+def _mapping(pdo: Pdo) -> Mapping:
+    return [(entry.index, entry.subindex, entry.bit_length) for entry in pdo.entries]
+
+
+def _indices(indices: Iterable[int]) -> str:
+    return ", ".join(f"0x{index:04X}" for index in indices) or "none"
