@@ -13,7 +13,8 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from .model.errors import NotPermittedError, UsageError
+from .model.atomic_write import write_whole
+from .model.errors import NotPermittedError, StateError, UsageError
 
 SYSTEM = Path("/run/ecatd")
 MACHINE = Path("/etc/ecatd")
@@ -124,11 +125,38 @@ def zenoh_socket(folder: Path, bus: str) -> Path:
 
 
 def remove_zenoh_socket(folder: Path, bus: str) -> None:
-    """Removes the socket of `zenoh_socket`, and the lock beside it, which Zenoh leaves."""
+    """Removes the socket of `zenoh_socket`, the lock that Zenoh leaves beside it, and the host."""
     path = zenoh_socket(folder, bus)
-    for file in (path, path.with_name(f"{path.name}.lock")):
+    for file in (path, path.with_name(f"{path.name}.lock"), _host_file(folder, bus)):
         with suppress(OSError):
             file.unlink()
+
+
+def _host_file(folder: Path, bus: str) -> Path:
+    return gateway_dir(folder, bus) / "host"
+
+
+def write_host(folder: Path, bus: str, host: str) -> None:
+    """Tells clients of this machine the name of the machine in the keys of a bus; empty: none.
+
+    Raises:
+        StateError: The file cannot be written.
+    """
+    path = _host_file(folder, bus)
+    try:
+        if host:
+            write_whole(path, host.encode(), ".host")
+            path.chmod(0o644)  # the folder says who may read it
+    except OSError as error:
+        raise StateError(f"cannot write {path}: {error.strerror}") from error
+
+
+def read_host(folder: Path, bus: str) -> str:
+    """The name of the machine in the keys of a bus; empty: none."""
+    try:
+        return _host_file(folder, bus).read_text()
+    except OSError:
+        return ""
 
 
 def served_buses(folder: Path) -> list[str]:

@@ -2,6 +2,9 @@
 
 Each key but `alive` has `ro` or `rw` after the name of the bus, so that access control can
 distinguish reading from writing. A user of another machine has `as/NAME` before `rw`.
+
+Where several machines meet at a Zenoh router, the name of a bus begins with that of its machine:
+`cell4/ecat0`. It is one part of a key, so that `ecat/v1/*/alive` finds all buses: `cell4:ecat0`.
 """
 
 from __future__ import annotations
@@ -20,8 +23,23 @@ RIGHTS = ("ro", "rights")
 
 
 def bus_key(bus: str, *rest: str) -> str:
-    """A key below a bus, for example `bus_key("ecat0", "ro", "info")`."""
-    return "/".join(("ecat", VERSION, bus, *rest))
+    """A key below a bus, for example `bus_key("ecat0", "ro", "info")`.
+
+    Args:
+        bus: BUS or HOST/BUS; `*` for all.
+        rest: The parts behind the bus.
+    """
+    return "/".join(("ecat", VERSION, bus.replace("/", ":"), *rest))
+
+
+def bus_of(key: object) -> str:
+    """The bus of a key, BUS or HOST/BUS."""
+    return str(key).split("/")[2].replace(":", "/")
+
+
+def full_name(host: str, bus: str) -> str:
+    """The name of a bus for other machines: HOST/BUS, or BUS if the host is empty."""
+    return f"{host}/{bus}" if host else bus
 
 
 def session_config(mode: str, settings: dict[str, Any]) -> zenoh.Config:

@@ -189,24 +189,30 @@ def test_who_is_not_let_in(site: Site, tmp_path: Path) -> None:
     assert site.as_user("anna").info()["host"]
 
 
-def test_an_expired_certificate_is_not_let_in(site: Site, tmp_path: Path) -> None:
-    key, request, certificate = (tmp_path / name for name in ("k.pem", "r.pem", "c.pem"))
+def expired_identity(authority: Path, folder: Path) -> Path:
+    """An identity of anna, whose certificate has expired."""
+    key, request, certificate = (folder / name for name in ("k.pem", "r.pem", "c.pem"))
     new = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
     openssl("req", *new, "-keyout", key, "-out", request, "-subj", "/CN=anna")
-    (tmp_path / "index").write_text("")
-    (tmp_path / "serial").write_text("1234\n")
-    (tmp_path / "ca.cnf").write_text(
-        f"[ca]\ndefault_ca=c\n[c]\ndatabase={tmp_path}/index\nserial={tmp_path}/serial\n"
-        f"new_certs_dir={tmp_path}\npolicy=p\ndefault_md=sha256\n[p]\ncommonName=supplied\n"
+    (folder / "index").write_text("")
+    (folder / "serial").write_text("1234\n")
+    (folder / "ca.cnf").write_text(
+        f"[ca]\ndefault_ca=c\n[c]\ndatabase={folder}/index\nserial={folder}/serial\n"
+        f"new_certs_dir={folder}\npolicy=p\ndefault_md=sha256\n[p]\ncommonName=supplied\n"
     )
     openssl(
-        *("ca", "-batch", "-config", tmp_path / "ca.cnf", "-in", request, "-out", certificate),
-        *("-cert", site.folder / "authority.pem", "-keyfile", site.folder / "authority.key"),
+        *("ca", "-batch", "-config", folder / "ca.cnf", "-in", request, "-out", certificate),
+        *("-cert", authority / "authority.pem", "-keyfile", authority / "authority.key"),
         *("-startdate", "200101000000Z", "-enddate", "200201000000Z", "-notext"),
     )
-    old = tmp_path / "old.pem"
-    authority = (site.folder / "authority.pem").read_text()
-    old.write_text("ecatd user: anna\n" + certificate.read_text() + key.read_text() + authority)
+    parts = (certificate, key, authority / "authority.pem")
+    old = folder / "old.pem"
+    old.write_text("ecatd user: anna\n" + "".join(part.read_text() for part in parts))
+    return old
+
+
+def test_an_expired_certificate_is_not_let_in(site: Site, tmp_path: Path) -> None:
+    old = expired_identity(site.folder, tmp_path)
     with pytest.raises(UnreachableError):
         Remote(site.daemon.bus, site.endpoint, 1.0, old)
     shown = remote_command("show", str(old))

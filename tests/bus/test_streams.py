@@ -56,10 +56,12 @@ def test_a_peak_of_a_few_cycles_is_seen(bus: Daemon, remote: Remote) -> None:
 
 
 def test_readers_of_the_same_share_a_stream(remote: Remote) -> None:
-    first, second = (remote._ask("ro", "stream", parameters="pattern=4%2F*;hz=5") for _ in "12")
+    first, second = (
+        remote._session.ask("ro", "stream", parameters="pattern=4%2F*;hz=5") for _ in "12"
+    )
     assert first == second
     assert len(first["signals"]) == len({item["name"] for item in first["signals"]}) > 8
-    other = remote._ask("ro", "stream", parameters="pattern=4%2F*;hz=10")
+    other = remote._session.ask("ro", "stream", parameters="pattern=4%2F*;hz=10")
     assert other["key"] != first["key"]
 
 

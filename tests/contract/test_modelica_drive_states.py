@@ -119,9 +119,8 @@ def test_an_object_that_is_refused_keeps_the_drive_off(
     rows = [(0x6083, 0, UNSIGNED32, 80_000), (QUICK_STOP_OPTION, 0, INTEGER16, 4)]
     with play(generic(Mode.CYCLIC_VELOCITY), GENERIC, rows) as player:
         player.set(enable=True)
-        player.run(0.3)
+        player.until(lambda: player.a.start_up == FAILED)
         assert player.a.state == State.READY_TO_SWITCH_ON
-        assert player.a.start_up == FAILED
         player.set(enable=False)
         player.run(0.01)
         assert player.a.start_up == FAILED

@@ -144,7 +144,9 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "offset": ["0"],
     },
     "[gateway]": {
+        "host": ['""', '"cell-4.b"'],
         "listen": ["[]", '["tcp/127.0.0.1:7447"]'],
+        "connect": ["[]"],
         "publish_hz": ["0", "1000"],
         "metrics": ['""', '"unix:/run/x"', '"[::1]:1"'],
         "certificate": ['""', '"/etc/ecatd/tls/daemon.pem"'],
@@ -505,6 +507,10 @@ CONTRADICTIONS: list[tuple[str, dict[str, str]]] = [
     ("[[copy]]", COPY | {"entry": '"0x1"'}),
     ("[[copy]]", COPY | {"factor": "0"}),
     ("[gateway]", {"listen": '["here"]'}),
+    ("[gateway]", {"connect": '["tcp/hub:1"]', "anonymous_reading": "true"}),
+    ("[gateway]", {"connect": '["tcp/hub:1"]', "host": '"a"'}),
+    ("[gateway]", {"connect": '["tls/hub:1"]', "host": '"a"'}),
+    ("[gateway]", {"connect": '["unixsock-stream//x"]', "host": '"a"'}),
 ]
 
 

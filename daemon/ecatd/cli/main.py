@@ -12,7 +12,7 @@ import sys
 from typing import NoReturn
 
 from ecatd.lazy_command import LazyCommand
-from ecatd.model.bus_name import check_bus_name
+from ecatd.model.bus_name import check_bus_name, check_full_bus_name
 from ecatd.model.errors import EcatError, StateError, UsageError
 from ecatd.version import VERSION
 
@@ -211,7 +211,14 @@ def _main() -> int:
     if options.identity:  # it holds for all connections of this process
         os.environ["ECATD_IDENTITY"] = options.identity
     try:
-        check_bus_name(options.bus)
+        if options.connect:
+            check_full_bus_name(options.bus)
+        elif "/" in options.bus:
+            raise UsageError(
+                f"'{options.bus}' is a bus of another machine: say with --connect how to reach it"
+            )
+        else:
+            check_bus_name(options.bus)
         status = _run(options)
         sys.stdout.flush()  # so that a failed write is reported here, not by a traceback at the end
     except EcatError as error:

@@ -1,35 +1,45 @@
-"""Command `remote`: certificates for a daemon and for users of other machines.
+"""Command `remote`: certificates for daemons, routers and users, and what a user may do.
 
-The certificates are made by the program `openssl`. An organisation that has its own authority can
-use that instead: the daemon only needs the files that `[gateway]` names.
+An organisation that has its own authority can use that instead: the daemon only needs the files
+that `[gateway]` names.
 """
 
 from __future__ import annotations
 
 import argparse
-import grp
-import os
 import re
-import shutil
 import socket
-import subprocess
 import tempfile
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
-from ecatd.client.identity import USER_LINE, find_identity, read_identity
+from ecatd.client.identity import find_identity, read_identity
+from ecatd.model.bus_name import HOST_NAME, HOST_NAME_RULE
 from ecatd.model.config.gateway import USER_NAME, USER_NAME_RULE
-from ecatd.model.errors import NotPermittedError, StateError, UsageError
+from ecatd.model.errors import StateError, UsageError
 
 from .arguments import bounded
+from .authority import (
+    AUTHORITY,
+    AUTHORITY_KEY,
+    check_authority,
+    make_authority,
+    make_folder,
+    make_identity,
+    make_server,
+    openssl,
+)
 from .output import print_json
-from .saving import save_bytes
+from .router_config import router_config
+from .saving import save, save_bytes
 
 _ACTIONS = """\
 actions:
   init            make an authority, and a certificate for the daemon of this machine
   user NAME       make an identity, with which a user of another machine connects
+  machine NAME    make a certificate for the daemon of another machine
+  router NAME     make a certificate and the configuration of a Zenoh router, at which the
+                  buses of several machines meet
   show [FILE]     show whose an identity is, and until when it holds
   test            connect, and say what the user may do
 
@@ -38,13 +48,11 @@ into the configuration. On the other machine, the identity is given with --ident
 $ECATD_IDENTITY, or as ~/.config/ecatd/identity.pem.
 """
 _FOLDER = Path("/etc/ecatd/tls")
-_AUTHORITY, _AUTHORITY_KEY = "authority.pem", "authority.key"
-_DAEMON, _DAEMON_KEY = "daemon.pem", "daemon.key"
-_GROUP = "ecatd-gateway"
-_AUTHORITY_DAYS, _DAEMON_DAYS, _USER_DAYS = 3650, 1825, 365
+_DAEMON, _ROUTER = "daemon", "router"
+_ROUTER_CONFIG = "zenohd.json5"
+_ROUTER_PORT = 7447
+_SERVER_DAYS, _USER_DAYS = 1825, 365
 _HOST = re.compile("[A-Za-z0-9:.*_-]{1,253}")
-_NEW_KEY = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
-_PUBLIC, _OF_GROUP, _OWN = 0o644, 0o640, 0o600
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
@@ -53,139 +61,198 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.formatter_class = argparse.RawDescriptionHelpFormatter
     command.set_defaults(alone=remote)
     command.add_argument("action", choices=_RUN, metavar="ACTION", help="see below")
-    command.add_argument("name", nargs="?", metavar="NAME", help="user: its name; show: a file")
+    command.add_argument(
+        "name", nargs="?", metavar="NAME", help="user, machine, router: its name; show: a file"
+    )
     command.add_argument(
         "--dir",
         type=Path,
         default=_FOLDER,
         metavar="DIR",
-        help=f"init, user: the folder of the certificates (default: {_FOLDER})",
+        help=f"the folder of the authority (default: {_FOLDER})",
     )
     command.add_argument(
         "--host",
         action="append",
         default=[],
         metavar="HOST",
-        help="init: a further name or address by which others reach this machine",
+        help="init, machine, router: a further name or address by which others reach it",
+    )
+    command.add_argument(
+        "--machine",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="router: a machine whose buses are to be reached there",
+    )
+    command.add_argument(
+        "--user",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="router: a user who is let in",
     )
     command.add_argument(
         "--days",
         type=bounded(1, 36500),
         metavar="N",
-        help=f"init, user: how long the certificate holds (default: daemon {_DAEMON_DAYS}, user "
-        f"{_USER_DAYS} days)",
+        help=f"how long the certificate holds (default: {_SERVER_DAYS} days, user: {_USER_DAYS})",
     )
     command.add_argument(
-        "-o", dest="out", type=Path, metavar="FILE", help="user: the file (default: NAME.pem)"
+        "-o",
+        dest="out",
+        type=Path,
+        metavar="PATH",
+        help="user: the file (default: NAME.pem); machine, router: the folder (default: NAME)",
     )
 
 
 def remote(options: argparse.Namespace) -> None:
     """Carries out one action."""
-    wants_name = options.action in ("user", "show")
-    if options.name is not None and not wants_name:
-        raise UsageError(f"remote {options.action} takes no NAME")
-    _RUN[options.action](options)
+    action = options.action
+    if options.name is not None and action in ("init", "test"):
+        raise UsageError(f"remote {action} takes no NAME")
+    if options.name is None and action in ("user", "machine", "router"):
+        raise UsageError(f"remote {action} needs the NAME of the {action}")
+    _RUN[action](options)
 
 
-# --- init ----------------------------------------------------------------------------------------
+# --- init, machine, router -----------------------------------------------------------------------
 
 
 def _init(options: argparse.Namespace) -> None:
     folder: Path = options.dir.resolve()
-    for name in (_AUTHORITY, _AUTHORITY_KEY, _DAEMON, _DAEMON_KEY):
-        if (folder / name).exists():
-            raise UsageError(
-                f"{folder / name} exists already, and nothing was made: identities that it has "
-                "signed would no longer hold. Remove the files of this folder first, or give "
-                "another --dir"
-            )
-    hosts = _hosts(options.host)
-    days = options.days or _DAEMON_DAYS
-    _make_folder(folder)
-    with tempfile.TemporaryDirectory() as scratch:
-        at = Path(scratch)
-        _openssl(
-            *("req", "-x509", *_NEW_KEY, "-days", str(_AUTHORITY_DAYS)),
-            *("-keyout", at / _AUTHORITY_KEY, "-out", at / _AUTHORITY),
-            *("-subj", f"/CN=ecatd of {socket.gethostname()[:48]}"),
-            *("-addext", "keyUsage=critical,keyCertSign,cRLSign"),
-        )
-        names = ",".join(f"{'IP' if _is_address(host) else 'DNS'}:{host}" for host in hosts)
-        extensions = f"subjectAltName={names}\nextendedKeyUsage=serverAuth\n"
-        _sign(at, at, "daemon", "ecatd", extensions, days)
-        _save(folder / _AUTHORITY, at / _AUTHORITY, _PUBLIC)
-        _save(folder / _AUTHORITY_KEY, at / _AUTHORITY_KEY, _OWN)
-        _save(folder / _DAEMON, at / _DAEMON, _PUBLIC)
-        _save(folder / _DAEMON_KEY, at / _DAEMON_KEY, _OF_GROUP)
-    text = (
-        "[gateway]\n"
-        'listen = ["tcp/127.0.0.1:7447", "tls/0.0.0.0:7448"]\n'
-        f'certificate = "{folder / _DAEMON}"\n'
-        f'key = "{folder / _DAEMON_KEY}"\n'
-        f'users_ca = "{folder / _AUTHORITY}"\n'
+    _check_new(
+        [folder / name for name in (AUTHORITY, AUTHORITY_KEY, *_pair(_DAEMON))],
+        "identities that it has signed would no longer hold. Remove the files of this folder "
+        "first, or give another --dir",
     )
+    usual = (socket.gethostname(), socket.getfqdn(), "localhost", "127.0.0.1")
+    hosts = _hosts(options.host, usual)
+    days = options.days or _SERVER_DAYS
+    make_folder(folder)
+    make_authority(folder)
+    name = socket.gethostname()[:63]
+    make_server(folder, folder, _DAEMON, name, hosts, days)
+    text = _gateway(folder)
     if options.json:
         print_json({"folder": str(folder), "hosts": hosts, "days": days, "configuration": text})
         return
-    print(f"{folder}: an authority, and a certificate of the daemon for {', '.join(hosts)}\n")
+    print(f"{folder}: an authority, and a certificate of the daemon of '{name}' for")
+    print(f"{', '.join(hosts)}\n")
     print(f"This belongs into the configuration of the daemon:\n\n{text}")
-    print(f"Keep {folder / _AUTHORITY_KEY} to yourself: who has it can make users.")
+    print(f"Keep {folder / AUTHORITY_KEY} to yourself: who has it can make users.")
     print("Next: ecatctl remote user NAME")
 
 
-def _hosts(given: Sequence[str]) -> list[str]:
+def _gateway(folder: Path) -> str:
+    """The lines of a configuration that name the files of a daemon."""
+    return (
+        "[gateway]\n"
+        'listen = ["tcp/127.0.0.1:7447", "tls/0.0.0.0:7448"]\n'
+        f'certificate = "{folder / _DAEMON}.pem"\n'
+        f'key = "{folder / _DAEMON}.key"\n'
+        f'users_ca = "{folder / AUTHORITY}"\n'
+    )
+
+
+def _machine(options: argparse.Namespace) -> None:
+    name = _checked_host(options.name)
+    authority, out = options.dir.resolve(), (options.out or Path(name)).resolve()
+    check_authority(authority)
+    _check_new([out / file for file in (AUTHORITY, *_pair(_DAEMON))], "give another folder with -o")
+    hosts = _hosts(options.host, (name,))
+    days = options.days or _SERVER_DAYS
+    make_folder(out)
+    save_bytes(out / AUTHORITY, (authority / AUTHORITY).read_bytes())
+    make_server(authority, out, _DAEMON, name, hosts, days)
+    text = _gateway(_FOLDER)
+    if options.json:
+        print_json({"folder": str(out), "hosts": hosts, "days": days, "configuration": text})
+        return
+    print(f"{out}: a certificate of the daemon of '{name}' for {', '.join(hosts)}\n")
+    print(f"Bring these files to {_FOLDER} on '{name}': {_DAEMON}.pem, {_DAEMON}.key, {AUTHORITY}.")
+    print(f"This belongs into the configuration there:\n\n{text}")
+
+
+def _router(options: argparse.Namespace) -> None:
+    name = _checked_host(options.name)
+    machines = [_checked_host(item) for item in options.machine]
+    users = [_checked_user(item) for item in options.user]
+    if not machines:
+        raise UsageError(
+            "say with --machine whose buses are to be reached at the router, and with --user who "
+            "is let in; both can be given several times"
+        )
+    authority, out = options.dir.resolve(), (options.out or Path(name)).resolve()
+    check_authority(authority)
+    hosts = _hosts(options.host, (name,))
+    days = options.days or _SERVER_DAYS
+    made = not all((out / file).exists() for file in _pair(_ROUTER))
+    make_folder(out)
+    if made:  # else only who is let in has changed
+        save_bytes(out / AUTHORITY, (authority / AUTHORITY).read_bytes())
+        make_server(authority, out, _ROUTER, name, hosts, days)
+    config = out / _ROUTER_CONFIG
+    listen = f"tls/0.0.0.0:{_ROUTER_PORT}"
+    files = {"certificate": f"{_ROUTER}.pem", "key": f"{_ROUTER}.key", "authority": AUTHORITY}
+    paths = {key: str(out / file) for key, file in files.items()}
+    save(config, router_config(listen, machines, users, **paths))
+    text = f'host = "{machines[0]}"\nconnect = ["tls/{name}:{_ROUTER_PORT}"]\n'
+    if options.json:
+        print_json({"file": str(config), "hosts": hosts, "machines": machines, "users": users})
+        return
+    if made:
+        print(f"{out}: a certificate of the router for {', '.join(hosts)}")
+    print(
+        f"{config}: lets in the machines {', '.join(machines)}; users: {', '.join(users) or '-'}\n"
+    )
+    print(f"Start the router with: zenohd -c {config}")
+    print(f"This belongs into [gateway] of '{machines[0]}', and likewise of all others:\n\n{text}")
+    where = f"--connect tls/{name}:{_ROUTER_PORT} --bus {machines[0]}/ecat0"
+    print(f"Users connect with: ecatctl {where} --identity FILE ...")
+
+
+def _pair(name: str) -> tuple[str, str]:
+    return f"{name}.pem", f"{name}.key"
+
+
+def _check_new(files: Sequence[Path], remedy: str) -> None:
+    for file in files:
+        if file.exists():
+            raise UsageError(f"{file} exists already, and nothing was made: {remedy}")
+
+
+def _hosts(given: Sequence[str], usual: Sequence[str]) -> list[str]:
     for host in given:
         if not _HOST.fullmatch(host):
             raise UsageError(f"'{host}' is no name or address of a machine")
-    usual = (socket.gethostname(), socket.getfqdn(), "localhost", "127.0.0.1")
     return list(dict.fromkeys([*given, *usual]))
 
 
-def _is_address(host: str) -> bool:
-    for family in (socket.AF_INET, socket.AF_INET6):
-        with suppress(OSError):
-            socket.inet_pton(family, host)
-            return True
-    return False
+def _checked_host(name: str) -> str:
+    if not HOST_NAME.fullmatch(name):
+        raise UsageError(f"'{name}' is no name of a machine: it {HOST_NAME_RULE}")
+    return name
 
 
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except PermissionError as error:
-        raise NotPermittedError(f"{folder} cannot be made: {error.strerror}") from error
-    except OSError as error:
-        raise StateError(f"{folder} cannot be made: {error.strerror}") from error
+def _checked_user(name: str) -> str:
+    if not USER_NAME.fullmatch(name):
+        raise UsageError(f"'{name}' is no name of a user: {USER_NAME_RULE}")
+    return name
 
 
 # --- user ----------------------------------------------------------------------------------------
 
 
 def _user(options: argparse.Namespace) -> None:
-    name, folder = options.name, options.dir.resolve()
-    if name is None:
-        raise UsageError("remote user needs the NAME of the user")
-    if not USER_NAME.fullmatch(name):
-        raise UsageError(f"'{name}' is no name of a user: {USER_NAME_RULE}")
+    name, folder = _checked_user(options.name), options.dir.resolve()
     days = options.days or _USER_DAYS
     out = options.out or Path(f"{name}.pem")
     if out.exists():
         raise UsageError(f"{out} exists already: give another -o FILE")
-    for file in (_AUTHORITY, _AUTHORITY_KEY):
-        if not (folder / file).exists():
-            raise StateError(f"{folder / file} is missing: run `ecatctl remote init` first")
-        if not os.access(folder / file, os.R_OK):
-            raise NotPermittedError(
-                f"{folder / file} cannot be read: run this command as the user who has run "
-                "`ecatctl remote init`"
-            )
-    with tempfile.TemporaryDirectory() as scratch:
-        at = Path(scratch)
-        _sign(folder, at, "user", name, "extendedKeyUsage=clientAuth\n", days)
-        parts = (at / "user.pem", at / "user.key", folder / _AUTHORITY)
-        text = USER_LINE.format(name) + "".join(part.read_text() for part in parts)
-    _write(out, text.encode(), _OWN)
+    check_authority(folder)
+    make_identity(folder, out, name, days)
     table = (
         f'[[gateway.user]]\nname = "{name}"\nwrite = []   # what it may change, as "sdo", "state"\n'
     )
@@ -196,55 +263,6 @@ def _user(options: argparse.Namespace) -> None:
     print(f"This belongs into the configuration of the daemon:\n\n{table}")
     print(f"Bring {out} to the user in a way that nobody else can read it: it is like a password.")
     print(f"The user connects with: ecatctl --connect tls/HOST:7448 --identity {out} remote test")
-
-
-def _sign(authority: Path, at: Path, file: str, name: str, extensions: str, days: int) -> None:
-    """Makes a key and a certificate `file`.pem with a common name, in the folder `at`."""
-    (at / "extensions").write_text(extensions)
-    request = at / f"{file}.csr"
-    _openssl(
-        *("req", *_NEW_KEY, "-keyout", at / f"{file}.key", "-out", request),
-        *("-subj", f"/CN={name}"),
-    )
-    _openssl(
-        *("x509", "-req", "-in", request, "-days", str(days), "-out", at / f"{file}.pem"),
-        *("-CA", authority / _AUTHORITY, "-CAkey", authority / _AUTHORITY_KEY),
-        *("-set_serial", f"0x{os.urandom(15).hex()}", "-extfile", at / "extensions"),
-    )
-
-
-def _openssl(*arguments: str | Path) -> str:
-    """Runs `openssl`; returns what it prints.
-
-    Raises:
-        StateError: It is not installed, or fails.
-    """
-    program = shutil.which("openssl")
-    if program is None:
-        raise StateError("the program openssl is missing: sudo apt install openssl")
-    old = os.umask(0o077)
-    try:
-        found = subprocess.run(
-            [program, *arguments], capture_output=True, text=True, errors="replace", check=False
-        )
-    finally:
-        os.umask(old)
-    if found.returncode:
-        lines = found.stderr.strip().splitlines() or ["no reason given"]
-        raise StateError(f"openssl {arguments[0]} fails: {lines[-1]}")
-    return found.stdout
-
-
-def _save(path: Path, source: Path, mode: int) -> None:
-    _write(path, source.read_bytes(), mode)
-    if mode == _OF_GROUP:
-        with suppress(KeyError, PermissionError):  # without the service there is no such group
-            os.chown(path, -1, grp.getgrnam(_GROUP).gr_gid)
-
-
-def _write(path: Path, data: bytes, mode: int) -> None:
-    save_bytes(path, data)
-    path.chmod(mode)
 
 
 # --- show, test ----------------------------------------------------------------------------------
@@ -262,7 +280,7 @@ def _show(options: argparse.Namespace) -> None:
         try:
             facts = _facts(certificate)
             signer = _facts(authority)["sha256 fingerprint"]
-            fits = _openssl("x509", "-in", certificate, "-noout", "-pubkey") == _openssl(
+            fits = openssl("x509", "-in", certificate, "-noout", "-pubkey") == openssl(
                 "pkey", "-in", key, "-pubout"
             )
             valid = _runs("verify", "-CAfile", authority, certificate)
@@ -293,13 +311,13 @@ def _show(options: argparse.Namespace) -> None:
 
 def _facts(certificate: Path) -> dict[str, str]:
     what = ("-subject", "-issuer", "-enddate", "-fingerprint", "-sha256", "-nameopt", "RFC2253")
-    lines = _openssl("x509", "-in", certificate, "-noout", *what).splitlines()
+    lines = openssl("x509", "-in", certificate, "-noout", *what).splitlines()
     return {line.partition("=")[0].lower(): line.partition("=")[2].strip() for line in lines}
 
 
 def _runs(*arguments: str | Path) -> bool:
     try:
-        _openssl(*arguments)
+        openssl(*arguments)
     except StateError:
         return False
     return True
@@ -327,4 +345,11 @@ def _test(options: argparse.Namespace) -> None:
     )
 
 
-_RUN = {"init": _init, "user": _user, "show": _show, "test": _test}
+_RUN = {
+    "init": _init,
+    "user": _user,
+    "machine": _machine,
+    "router": _router,
+    "show": _show,
+    "test": _test,
+}

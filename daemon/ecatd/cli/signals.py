@@ -43,7 +43,7 @@ def open_client(options: argparse.Namespace) -> Iterator[Client]:
     if options.connect is not None:
         raise UsageError(
             "values are in shared memory, on the machine of the daemon: leave --connect out, or "
-            "run the command there"
+            "run the command there; `ecatctl watch` shows values of other machines"
         )
     from ecatd.client import Client
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 from ecatd.model.errors import EcatError
 from ecatd.model.messages import FILE_PART, CancelFoe, PutFoe, ReadFoe, TakeFoe
 
+from .identity import who
+
 if TYPE_CHECKING:
     from .remote import Remote
 
@@ -66,8 +68,6 @@ class FileTransfer:
 
     def cancel(self) -> None:
         """Ends it."""
-        from .remote import who
-
         self._take(self._remote.request(CancelFoe(self.number, who())))
 
     def result(self) -> bytes:

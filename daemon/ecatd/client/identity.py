@@ -108,3 +108,10 @@ def whose(identity: Identity | None) -> str:
         f"is it running, does it listen there, and do both certificates hold? `ecatctl remote show "
         f"{identity.path}` shows yours"
     )
+
+
+def who() -> str:
+    """This process, for the log of the daemon."""
+    program = Path("/proc/self/comm").read_text(errors="replace").strip()
+    name = "".join(letter if letter.isprintable() else "?" for letter in program)
+    return f"{name} (pid {os.getpid()}, uid {os.getuid()})"

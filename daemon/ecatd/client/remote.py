@@ -2,24 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import time
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-import zenoh
-
-from ecatd.encoding import MAX_REPLY, pack, unpack
-from ecatd.model.bus_name import check_bus_name
-from ecatd.model.errors import (
-    JOIN,
-    EcatError,
-    NoAnswerError,
-    NotPermittedError,
-    UnreachableError,
-    UsageError,
-)
+from ecatd.model.errors import NotPermittedError
 from ecatd.model.messages import (
     DescribeObject,
     ListObjects,
@@ -44,12 +31,10 @@ from ecatd.model.messages import (
     WriteRegister,
     WriteSii,
 )
-from ecatd.model.queries import to_query
-from ecatd.paths import search_dirs, zenoh_socket
-from ecatd.units import how_to_start
-from ecatd.zenoh_keys import AS, RIGHTS, bus_key, session_config
+from ecatd.zenoh_keys import AS, RIGHTS
 
-from .identity import find_identity, is_encrypted, whose
+from .identity import who
+from .session import Session
 
 # What only some requests need is loaded by them: most commands are one request, and short.
 if TYPE_CHECKING:
@@ -66,9 +51,6 @@ if TYPE_CHECKING:
 _SII_PART = 64
 """Words of an EEPROM that one request reads: the size of the smallest one. Other requests wait
 meanwhile, for some milliseconds."""
-
-_GATEWAY_PATIENCE, _GATEWAY_PAUSE = 5.0, 0.05
-"""Seconds for which a gateway is waited for that starts while the bus runs, and between tries."""
 
 
 class SdoValue(NamedTuple):
@@ -92,44 +74,11 @@ class SdoValue(NamedTuple):
     offset: float = 0.0
 
 
-def _local_endpoint(bus: str) -> str:
-    """The Unix socket of a daemon on this machine.
-
-    Raises:
-        UnreachableError: There is none; the message says why, or how to start one.
-    """
-    for folder in search_dirs():
-        path = zenoh_socket(folder, bus)
-        try:
-            if path.is_socket():
-                if not os.access(path, os.W_OK):
-                    raise NotPermittedError(f"no right to use bus '{bus}': {JOIN}")
-                return f"unixsock-stream/{path}"
-        except PermissionError as error:
-            from .unserved import has_shared_memory
-
-            if has_shared_memory(bus):  # else none of these serves it
-                raise NotPermittedError(f"no right to look into {folder}: {JOIN}") from error
-    raise _unserved(bus)
-
-
-def _is_coming(bus: str) -> bool:
-    from .unserved import awaits_gateway
-
-    return awaits_gateway(bus)
-
-
-def _unserved(bus: str) -> EcatError:
-    from .unserved import unserved
-
-    return unserved(bus)
-
-
 class Remote:
-    """A session with the gateway of one bus.
+    """The daemon of one bus, over Zenoh.
 
     Args:
-        bus: Name of the bus.
+        bus: Name of the bus; HOST/BUS behind a router, and where the daemon has a `gateway.host`.
         connect: Zenoh endpoint such as `tls/host:7447`; by default the daemon of this machine.
         timeout: Seconds to wait for an answer.
         identity: File with the certificate of a user, for an encrypted endpoint; by default the one
@@ -148,59 +97,32 @@ class Remote:
         timeout: float = 10.0,
         identity: Path | None = None,
     ) -> None:
-        self.bus = check_bus_name(bus)
-        self._timeout = timeout
-        self._identity = find_identity(identity) if is_encrypted(connect) else None
-        self._is_local = connect is None or connect.startswith("unixsock-stream/")
-        self._connect = connect
-        zenoh.init_log_from_env_or("off")
-        self._session = self._opened()
-
-    def _opened(self) -> zenoh.Session:
-        connect, bus = self._connect, self.bus
-        deadline = time.monotonic() + min(self._timeout, _GATEWAY_PATIENCE)
-        while True:
-            try:
-                return self._open(connect or _local_endpoint(bus), connect is None)
-            except UnreachableError:
-                if connect or time.monotonic() > deadline or not _is_coming(bus):
-                    raise
-            time.sleep(_GATEWAY_PAUSE)
-
-    def reconnect(self) -> None:
-        """Begins another session, after a restart of the gateway; raises as the constructor."""
-        before, self._session = self._session, self._opened()
-        before.close()  # type: ignore[no-untyped-call]
-
-    def _open(self, endpoint: str, found: bool) -> zenoh.Session:
-        settings = {
-            "connect/endpoints": [endpoint],
-            "connect/timeout_ms": int(min(self._timeout, 2.0) * 1000),
-            "connect/exit_on_failure": True,
-            **(self._identity.settings if self._identity else {}),
-        }
-        try:
-            config = session_config("client", settings)
-        except zenoh.ZError as error:
-            raise UsageError(f"'{endpoint}' is no Zenoh endpoint such as tcp/host:7447") from error
-        try:
-            return zenoh.open(config)
-        except zenoh.ZError as error:
-            if found:
-                raise _unserved(self.bus) from error
-            if is_encrypted(endpoint):
-                raise UnreachableError(
-                    f"no ecatd lets this user in for bus '{self.bus}' at {endpoint}: "
-                    + whose(self._identity)
-                ) from error
-            raise UnreachableError(
-                f"no ecatd answers for bus '{self.bus}' at {endpoint}; is it running, and does it "
-                f"listen there?"
-            ) from error
+        self._session = Session(bus, connect, timeout, identity)
+        self.bus = self._session.bus
 
     def close(self) -> None:
         """Ends the session."""
-        self._session.close()  # type: ignore[no-untyped-call]
+        self._session.close()
+
+    def reconnect(self) -> None:
+        """Begins another session, after a restart of the gateway; raises as the constructor."""
+        self._session.open()
+
+    def request(self, request: Request) -> dict[str, Any]:
+        """Has the daemon carry a request out; its answer.
+
+        Raises:
+            EcatError: The error that the daemon replied, as its own class.
+        """
+        return self._session.request(request)
+
+    def ask_all(self, what: str) -> dict[str, dict[str, Any]]:
+        """Asks all buses in reach at once; the answers by the name of the bus.
+
+        Args:
+            what: The key below `ro`: `info` or `state`.
+        """
+        return self._session.ask_all(what)
 
     def __enter__(self) -> Self:
         return self
@@ -213,92 +135,10 @@ class Remote:
     ) -> None:
         self.close()
 
-    def request(self, request: Request) -> dict[str, Any]:
-        """Has the daemon carry a request out; its answer.
-
-        Raises:
-            EcatError: The error that the daemon replied, as its own class.
-        """
-        key, parameters, payload = to_query(request)
-        if payload is not None:
-            payload["id"] = _request_id()
-            if self.user:
-                key = (AS, self.user, *key)
-        return self._ask(*key, payload=payload, parameters=parameters)
-
-    def _ask(
-        self, *key: str, payload: dict[str, Any] | None = None, parameters: str = ""
-    ) -> dict[str, Any]:
-        selector = bus_key(self.bus, *key) + (f"?{parameters}" if parameters else "")
-        data = pack(payload) if payload is not None else None
-        for reply in self._session.get(selector, payload=data, timeout=self._timeout):
-            sample = reply.ok if reply.ok is not None else reply.err
-            if sample is None:
-                continue
-            try:
-                answer = unpack(bytes(sample.payload), MAX_REPLY)
-            except UsageError:
-                break  # an error reply of Zenoh itself: nobody answered
-            if "error" in answer:
-                raise EcatError.from_reply(answer["error"])
-            return answer
-        raise self._silence(key)
-
-    def ask_all(self, what: str) -> dict[str, dict[str, Any]]:
-        """Asks all buses in reach at once; the answers by the name of the bus.
-
-        Args:
-            what: The key below `ro`: `info` or `state`.
-        """
-        found = {}
-        selector = bus_key("*", "ro", what)
-        for reply in self._session.get(
-            selector, target=zenoh.QueryTarget.ALL, timeout=self._timeout
-        ):
-            if reply.ok is not None:
-                answer = unpack(bytes(reply.ok.payload), MAX_REPLY)
-                found[str(reply.ok.key_expr).split("/")[2]] = answer
-        return found
-
-    def _silence(self, key: tuple[str, ...]) -> EcatError:
-        """Why no answer came: a change that is asked for from the network gets none at all."""
-        alive = any(
-            reply.ok is not None
-            for reply in self._session.liveliness().get(
-                bus_key(self.bus, "alive"), timeout=min(self._timeout, 2.0)
-            )
-        )
-        if not alive and self.user:
-            return NotPermittedError(
-                f"no daemon there lets user '{self.user}' use bus '{self.bus}': its configuration "
-                "does not name this user in [[gateway.user]], it serves another bus, or its "
-                "gateway is just starting"
-            )
-        if not alive and self._is_local:
-            return _unserved(self.bus)
-        if not alive:
-            text = f"no ecatd serves bus '{self.bus}' there; {how_to_start(self.bus)}"
-            return UnreachableError(text)
-        silent = f"the daemon of bus '{self.bus}' gave no answer"
-        if key[0] == AS:
-            return NotPermittedError(
-                f"{silent} to user '{self.user}': it does not know this user (`[[gateway.user]]` "
-                "of its configuration), or is busy"
-            )
-        if key[0] == "rw" and not self._is_local:
-            return NotPermittedError(
-                f"{silent}: changes are permitted on its own machine to members of the group "
-                f"'ecat', and to users with a certificate (`ecatctl remote`)"
-            )
-        silent += f" within {self._timeout:g} s: its bus server is busy, or hangs"
-        if key[0] == "rw":
-            silent += "; the change may still be carried out, so look before you ask again"
-        return NoAnswerError(silent)
-
     @property
     def user(self) -> str:
         """The user as whom this session asks; empty if the connection does not know users."""
-        return self._identity.user if self._identity else ""
+        return self._session.user
 
     def rights(self) -> dict[str, Any]:
         """What the user of this session may do: `user`, `read`, `write`, `slaves` (empty: all).
@@ -308,7 +148,7 @@ class Remote:
         """
         if not self.user:
             raise NotPermittedError("this connection does not know users: it has no certificate")
-        return self._ask(AS, self.user, *RIGHTS)
+        return self._session.ask(AS, self.user, *RIGHTS)
 
     def info(self) -> dict[str, Any]:
         """Version, interface, start time and cycle time of the daemon."""
@@ -335,7 +175,7 @@ class Remote:
         """The bus description."""
         from ecatd.model.bus_reader import read_bus
 
-        return read_bus(self._ask("ro", "slaves"), "the answer of the daemon", strict=False)
+        return read_bus(self._session.ask("ro", "slaves"), "the answer of the daemon", strict=False)
 
     def configuration(self) -> tuple[Config, dict[str, str]]:
         """The configuration in force, and where values come from, by key.
@@ -345,7 +185,7 @@ class Remote:
         """
         from ecatd.model.config import read_config
 
-        answer = self._ask("ro", "config")
+        answer = self._session.ask("ro", "config")
         return read_config(answer["config"], "the answer of the daemon"), dict(answer["origins"])
 
     def states(self) -> list[dict[str, Any]]:
@@ -376,18 +216,18 @@ class Remote:
         from .stream import Stream
 
         parameters = f"pattern={quote(pattern, safe='')};hz={rate:g}"
-        opened = self._ask("ro", "stream", parameters=parameters)
-        return Stream(self._session, opened, self._timeout)
+        opened = self._session.ask("ro", "stream", parameters=parameters)
+        return Stream(self._session.zenoh, opened, self._session.timeout)
 
     def stats(self) -> Snapshot:
         """Statistics of the bus since the start of the exchange."""
         from ecatd.stats import from_map
 
-        return from_map(self._ask("ro", "stats", parameters="buckets=1"))
+        return from_map(self._session.ask("ro", "stats", parameters="buckets=1"))
 
     def clocks(self) -> dict[str, Any]:
         """The distributed clocks of the bus; see `ecatd.stats.clocks.read_clocks`."""
-        return self._ask("ro", "dc")
+        return self._session.ask("ro", "dc")
 
     def sdo_read(
         self, slave: int | str, index: int, subindex: int = 0, *, complete: bool = False
@@ -582,17 +422,5 @@ def _slave_errors(answer: dict[str, Any]) -> list[SlaveErrors]:
     return [SlaveErrors.from_map(item) for item in answer["slaves"]]
 
 
-def who() -> str:
-    """This process, for the log of the daemon."""
-    program = Path("/proc/self/comm").read_text(errors="replace").strip()
-    name = "".join(letter if letter.isprintable() else "?" for letter in program)
-    return f"{name} (pid {os.getpid()}, uid {os.getuid()})"
-
-
 def _sdo_value(answer: dict[str, Any]) -> SdoValue:
     return SdoValue(**{key: answer[key] for key in SdoValue._fields if key in answer})
-
-
-def _request_id() -> str:
-    """Names one request, so that the daemon carries it out once even if it arrives twice."""
-    return os.urandom(16).hex()

@@ -5,6 +5,9 @@ nobody but the gateway can publish, answer or be alive under the keys of a bus. 
 machine is known by the certificate of the connection. Only this user's connection may use the keys
 below `as/NAME`, so the name in such a key is the truth. What the user may change is checked here,
 so that the user gets an answer in words.
+
+A router that the gateway connects to (`gateway.connect`) knows its users itself: it must let only
+NAME use the keys below `as/NAME`. `ecatctl remote router` makes such settings.
 """
 
 from __future__ import annotations
@@ -15,28 +18,24 @@ from typing import Any
 
 from ecatd.model.bus import Bus
 from ecatd.model.config import GatewayConfig, UserConfig
-from ecatd.model.config.gateway import ENCRYPTED, PLAIN
+from ecatd.model.config.gateway import ENCRYPTED, PLAIN, host_of, is_encrypted
 from ecatd.model.errors import NotPermittedError, StateError
 from ecatd.model.messages import Request
-from ecatd.zenoh_keys import AS, bus_key
-
-_ASKING = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
-_TELLING = ["put", "reply", "declare_queryable", "liveliness_token"]
-"""Messages of Zenoh that others may send to the gateway, and that it may send to them."""
-_READ = ["ro/**", "alive"]
+from ecatd.zenoh_access import ASKING, READ, TELLING, rule
+from ecatd.zenoh_keys import AS
 
 
 def access_control(bus: str, config: GatewayConfig) -> dict[str, Any]:
     """Zenoh's settings `access_control`.
 
     Args:
-        bus: Name of the bus.
+        bus: Name of the bus: BUS or HOST/BUS.
         config: The gateway's configuration.
     """
     rules = [
         # Others may ask all buses at once, to find out which there are.
-        _rule("ask", "ingress", _ASKING, "*", _READ),
-        _rule("tell", "egress", _TELLING, bus, _READ),
+        rule("ask", "ingress", ASKING, "*", READ),
+        rule("tell", "egress", TELLING, bus, READ),
         *_change("local", bus, "rw/**"),
     ]
     subjects: list[dict[str, Any]] = [
@@ -50,12 +49,12 @@ def access_control(bus: str, config: GatewayConfig) -> dict[str, Any]:
     if config.anonymous_reading:
         subjects.append({"id": "network", "link_protocols": [*PLAIN, *ENCRYPTED]})
         policies.append({"rules": ["ask", "tell"], "subjects": ["network"]})
-    for number, user in enumerate(config.user):
-        who = f"user-{number}"
-        rules += _change(who, bus, f"{AS}/{user.name}/**")
-        subjects.append(
-            {"id": who, "link_protocols": [*ENCRYPTED], "cert_common_names": [user.name]}
-        )
+    people = {f"user-{number}": user.name for number, user in enumerate(config.user)}
+    routers = {host_of(item): None for item in config.connect if is_encrypted(item)}
+    hubs = {f"router-{number}": name for number, name in enumerate(routers)}
+    for who, name in (people | hubs).items():
+        rules += _change(who, bus, f"{AS}/{name}/**" if who in people else f"{AS}/**")
+        subjects.append({"id": who, "link_protocols": [*ENCRYPTED], "cert_common_names": [name]})
         policies.append({"rules": ["ask", "tell", f"want-{who}", f"obey-{who}"], "subjects": [who]})
     return {
         "enabled": True,
@@ -69,20 +68,9 @@ def access_control(bus: str, config: GatewayConfig) -> dict[str, Any]:
 def _change(who: str, bus: str, keys: str) -> list[dict[str, Any]]:
     """Rules for somebody who may ask for changes below some keys."""
     return [
-        _rule(f"want-{who}", "ingress", ["query"], bus, [keys]),
-        _rule(f"obey-{who}", "egress", ["reply", "declare_queryable"], bus, [keys]),
+        rule(f"want-{who}", "ingress", ["query"], bus, [keys]),
+        rule(f"obey-{who}", "egress", ["reply", "declare_queryable"], bus, [keys]),
     ]
-
-
-def _rule(name: str, flow: str, messages: list[str], bus: str, keys: list[str]) -> dict[str, Any]:
-    """A rule of the access control: messages in one direction that are allowed for keys."""
-    return {
-        "id": name,
-        "flows": [flow],
-        "messages": messages,
-        "key_exprs": [bus_key(bus, key) for key in keys],
-        "permission": "allow",
-    }
 
 
 def certificates(config: GatewayConfig) -> dict[str, Any]:
@@ -94,15 +82,23 @@ def certificates(config: GatewayConfig) -> dict[str, Any]:
         "listen_private_key": config.key,
         "close_link_on_expiration": True,
     }
-    if config.user:
-        settings |= {"root_ca_certificate": config.users_ca, "enable_mtls": True}
+    if config.user or config.connect:
+        settings |= {
+            "root_ca_certificate": config.users_ca,
+            "enable_mtls": True,
+            "connect_certificate": config.certificate,
+            "connect_private_key": config.key,
+        }
     return {f"transport/link/tls/{name}": value for name, value in settings.items()}
 
 
 def without_encryption(config: GatewayConfig) -> GatewayConfig:
     """The same configuration without encrypted addresses, for certificates that cannot be used."""
-    plain = [item for item in config.listen if item.partition("/")[0] not in ENCRYPTED]
-    return replace(config, listen=plain, certificate="", user=[])
+    listen, connect = (
+        [item for item in endpoints if not is_encrypted(item)]
+        for endpoints in (config.listen, config.connect)
+    )
+    return replace(config, listen=listen, connect=connect, certificate="", user=[])
 
 
 def unknown_slaves(config: GatewayConfig, bus: Bus) -> list[str]:

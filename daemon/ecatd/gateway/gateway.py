@@ -33,10 +33,15 @@ from ecatd.model.messages import (
     on_behalf,
 )
 from ecatd.model.queries import changes, from_query, read_flag, read_parameters
-from ecatd.paths import control_socket, remove_zenoh_socket, zenoh_socket
+from ecatd.paths import (
+    control_socket,
+    remove_zenoh_socket,
+    write_host,
+    zenoh_socket,
+)
 from ecatd.stats import read, to_map
 from ecatd.stats.clocks import read_clocks
-from ecatd.zenoh_keys import AS, RIGHTS, SCHEMA, bus_key, session_config
+from ecatd.zenoh_keys import AS, RIGHTS, SCHEMA, bus_key, full_name, session_config
 
 from .access import (
     access_control,
@@ -50,6 +55,7 @@ from .bus_client import Answer, BusClient
 from .listening import Listening
 from .metrics import MetricsServer
 from .publisher import Publisher
+from .routers import watch_routers
 from .streams import Streams
 
 _OPEN_PATIENCE, _OPEN_PAUSE = 5.0, 0.005
@@ -75,7 +81,7 @@ class Gateway:
     """
 
     def __init__(self, name: str, runtime_dir: Path, log: Log, on_end: Callable[[], None]) -> None:
-        self._name = name
+        self._name = self._full_name = name
         self._log = log
         self._on_end = on_end
         self._runtime_dir = runtime_dir
@@ -130,6 +136,7 @@ class Gateway:
                 "configuration is read again"
             )
         self._in_use = in_use
+        self._full_name = full_name(in_use.host, self._name)
         for text in unknown_slaves(in_use, self._described()):
             self._log.warning(text)
         zenoh.init_log_from_env_or("off")
@@ -137,22 +144,26 @@ class Gateway:
         await listening.look()
         self._session = session = await self._open_session()
         self._keep(asyncio.create_task(listening.watch()))
-        self._streams = Streams(session, self._name)
+        self._keep(asyncio.create_task(watch_routers(session, in_use.connect, self._log)))
+        self._streams = Streams(session, self._name, self._full_name)
         loop = asyncio.get_running_loop()
 
         def receive(query: zenoh.Query) -> None:
             loop.call_soon_threadsafe(self._receive, query)
 
-        name = self._name
         for part in ("ro", "rw", AS):
-            self._declared.append(session.declare_queryable(bus_key(name, part, "**"), receive))
-        self._declared.append(session.liveliness().declare_token(bus_key(name, "alive")))
+            key = bus_key(self._full_name, part, "**")
+            self._declared.append(session.declare_queryable(key, receive))
+        alive = bus_key(self._full_name, "alive")
+        self._declared.append(session.liveliness().declare_token(alive))
         if address := self._config.metrics:
             self._metrics = MetricsServer(
-                address, name, lambda: self._bus.ask(ReadStates()), self._log
+                address, self._name, lambda: self._bus.ask(ReadStates()), self._log
             )
             await self._metrics.start()
-        publisher = Publisher(session, name, self._config.publish_hz, self._log)
+        publisher = Publisher(
+            session, self._name, self._full_name, self._config.publish_hz, self._log
+        )
         self._keep(asyncio.create_task(publisher.run()))
 
     def _keep(self, task: asyncio.Task[Any]) -> None:
@@ -166,6 +177,7 @@ class Gateway:
             UnreachableError: Zenoh does not open it, or does not listen on the local socket.
         """
         remove_zenoh_socket(self._runtime_dir, self._name)
+        write_host(self._runtime_dir, self._name, self._in_use.host)
         endpoints = [f"unixsock-stream/{self._socket}", *self._in_use.listen]
         old = os.umask(0o117)
         try:
@@ -189,7 +201,10 @@ class Gateway:
                 # An address that does not exist yet is tried again, and does not cost the others.
                 "listen/timeout_ms": -1,
                 "listen/exit_on_failure": False,
-                "access_control": access_control(self._name, self._in_use),
+                "connect/endpoints": self._in_use.connect,
+                "connect/timeout_ms": -1,
+                "connect/exit_on_failure": False,
+                "access_control": access_control(self._full_name, self._in_use),
                 **certificates(self._in_use),
             },
         )
@@ -214,7 +229,7 @@ class Gateway:
             self._log.debug(f"{str(query.selector)!r}: {how} after {took_ms:.1f} ms")
             try:
                 # The query may be for all buses, so the answer says which one this is.
-                key = bus_key(self._name, *_parts(query))
+                key = bus_key(self._full_name, *_parts(query))
                 query.reply(key, pack({"schema": SCHEMA, **answer.result()}))
             except EcatError as error:
                 query.reply_err(pack({"schema": SCHEMA, "error": error.to_reply()}))
@@ -296,7 +311,7 @@ class Gateway:
         if event["event"] in ("configuration", "log_levels"):
             self._keep(asyncio.create_task(self._reconfigure()))
         if self._session is not None:
-            key = bus_key(self._name, "ro", "event")
+            key = bus_key(self._full_name, "ro", "event")
             self._session.put(key, pack({"schema": SCHEMA, **event}))
 
     async def _reconfigure(self) -> None:

@@ -25,13 +25,17 @@ class Publisher:
     Args:
         session: The gateway's session.
         bus: Name of the bus.
+        full_name: Its name in keys.
         rate: Samples a second.
         log: Where failures are told.
     """
 
-    def __init__(self, session: zenoh.Session, bus: str, rate: float, log: Log) -> None:
+    def __init__(
+        self, session: zenoh.Session, bus: str, full_name: str, rate: float, log: Log
+    ) -> None:
         self._session = session
         self._bus = bus
+        self._full_name = full_name
         self._rate = rate
         self._log = log
         self._last: dict[int, float] = {}
@@ -56,7 +60,7 @@ class Publisher:
         signals = [
             (
                 signal,
-                bus_key(self._bus, "ro", "pdo", str(signal.slave), signal.address),
+                bus_key(self._full_name, "ro", "pdo", str(signal.slave), signal.address),
                 domains[signal.slave],
             )
             for signal in client.signals()

@@ -37,11 +37,13 @@ class Streams:
     Args:
         session: The gateway's session.
         bus: Name of the bus.
+        full_name: Its name in keys.
     """
 
-    def __init__(self, session: zenoh.Session, bus: str) -> None:
+    def __init__(self, session: zenoh.Session, bus: str, full_name: str) -> None:
         self._session = session
         self._bus = bus
+        self._full_name = full_name
         self._lock = threading.Lock()
         self._streams: dict[str, _Stream] = {}
 
@@ -72,7 +74,7 @@ class Streams:
                     raise BusyError(
                         f"{_STREAMS_MAX} streams are open already; try again when some have ended"
                     )
-                key = bus_key(self._bus, "ro", "stream", name)
+                key = bus_key(self._full_name, "ro", "stream", name)
                 self._streams[name] = _Stream(self._session, self._bus, key, pattern, rate)
             stream = self._streams[name]
             stream.asked = time.monotonic()

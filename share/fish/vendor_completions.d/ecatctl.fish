@@ -51,7 +51,7 @@ function _shtab_ecatctl_using
 end
 
 set -g _shtab_ecatctl_commands buses slaves graph pdos read watch write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis events errors sii-read sii-write alias foe-read foe-write soe-read soe-write rescan reboot identify reg-read reg-write log-level config startup scan cstruct xml generate library capture doctor remote service client-flags
-set -g _shtab_ecatctl_opts_with_value --as --backup --bus --config --connect --count --days --devices --dir --drive --duration --esi --every --fmi --for --from --histogram --host --hz --identity --interface --last --latency --out --output --password --raw --root --seconds --since --size --slave --templates --timeout --type --watch -n -o -p
+set -g _shtab_ecatctl_opts_with_value --as --backup --bus --config --connect --count --days --devices --dir --drive --duration --esi --every --fmi --for --from --histogram --host --hz --identity --interface --last --latency --machine --out --output --password --raw --root --seconds --since --size --slave --templates --timeout --type --user --watch -n -o -p
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -539,11 +539,13 @@ complete -c ecatctl -n '_shtab_ecatctl_using remote' -l connect -x -d 'Zenoh end
 complete -c ecatctl -n '_shtab_ecatctl_using remote' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
 complete -c ecatctl -n '_shtab_ecatctl_using remote' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using remote' -l json -d 'print JSON for programs'
-complete -c ecatctl -n '_shtab_ecatctl_using remote' -l dir -xka "(__fish_complete_directories)" -d 'init, user: the folder of the certificates (default: /etc/ecatd/tls)'
-complete -c ecatctl -n '_shtab_ecatctl_using remote' -l host -x -d 'init: a further name or address by which others reach this machine'
-complete -c ecatctl -n '_shtab_ecatctl_using remote' -l days -x -d 'init, user: how long the certificate holds (default: daemon 1825, user 365 days)'
-complete -c ecatctl -n '_shtab_ecatctl_using remote' -s o -xka "(__fish_complete_path (commandline -ct))" -d 'user: the file (default: NAME.pem)'
-complete -c ecatctl -n '_shtab_ecatctl_using remote; and test $_shtab_ecatctl_npos -eq 0' -ka "init user show test" -d 'see below'
+complete -c ecatctl -n '_shtab_ecatctl_using remote' -l dir -xka "(__fish_complete_directories)" -d 'the folder of the authority (default: /etc/ecatd/tls)'
+complete -c ecatctl -n '_shtab_ecatctl_using remote' -l host -x -d 'init, machine, router: a further name or address by which others reach it'
+complete -c ecatctl -n '_shtab_ecatctl_using remote' -l machine -x -d 'router: a machine whose buses are to be reached there'
+complete -c ecatctl -n '_shtab_ecatctl_using remote' -l user -x -d 'router: a user who is let in'
+complete -c ecatctl -n '_shtab_ecatctl_using remote' -l days -x -d 'how long the certificate holds (default: 1825 days, user: 365)'
+complete -c ecatctl -n '_shtab_ecatctl_using remote' -s o -xka "(__fish_complete_path (commandline -ct))" -d 'user: the file (default: NAME.pem); machine, router: the folder (default: NAME)'
+complete -c ecatctl -n '_shtab_ecatctl_using remote; and test $_shtab_ecatctl_npos -eq 0' -ka "init user machine router show test" -d 'see below'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a service -d 'Install, upgrade or remove the service of systemd.'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import re
 
+from ..bus_name import HOST_NAME, HOST_NAME_RULE
 from ..queries import CHANGES
 from ..toml_file import Key, Rules, Table, number, show
 from .tables import GatewayConfig, UserConfig
@@ -23,19 +24,31 @@ def read_gateway(top: Table, key: Key) -> GatewayConfig:
     config = GatewayConfig(**table.read(_GATEWAY))
     _check_certificates(table, config)
     _check_readers(table, config)
+    _check_routers(table, config)
     return config
+
+
+def host_of(endpoint: str) -> str:
+    """The host of an endpoint `PROTOCOL/HOST:PORT`."""
+    address = re.split("[?#]", endpoint.partition("/")[2], maxsplit=1)[0]
+    return address.rpartition(":")[0].strip("[]")
 
 
 def _check_certificates(table: Table, config: GatewayConfig) -> None:
     """Checks that what encrypted endpoints and users need is there."""
-    encrypted = [item for item in config.listen if item.partition("/")[0] in ENCRYPTED]
-    for name in ("certificate", "key"):
-        if encrypted and not getattr(config, name):
-            table.fail(
-                "listen",
-                f"{show(encrypted[0])} needs gateway.certificate and gateway.key; "
-                "`ecatctl remote init` makes them",
-            )
+    for where, needed in (
+        ("listen", ("certificate", "key")),
+        ("connect", ("certificate", "key", "users_ca")),
+    ):
+        encrypted = [item for item in getattr(config, where) if is_encrypted(item)]
+        for name in needed:
+            if encrypted and not getattr(config, name):
+                keys = [f"gateway.{item}" for item in needed]
+                table.fail(
+                    where,
+                    f"{show(encrypted[0])} needs {', '.join(keys[:-1])} and {keys[-1]}; "
+                    "`ecatctl remote init` makes them",
+                )
     if config.user and not config.users_ca:
         table.fail(
             "user",
@@ -52,9 +65,8 @@ def _check_readers(table: Table, config: GatewayConfig) -> None:
     """Checks that somebody may use each endpoint."""
     elements = table.elements("listen")
     for at, endpoint in enumerate(config.listen):
-        protocol, _, rest = endpoint.partition("/")
-        host = rest.rpartition(":")[0].strip("[]")
-        if config.anonymous_reading or (protocol in PLAIN and _is_loopback(host)):
+        protocol = endpoint.partition("/")[0]
+        if config.anonymous_reading or (protocol in PLAIN and _is_loopback(host_of(endpoint))):
             continue
         if protocol in PLAIN:
             elements.fail(
@@ -70,6 +82,45 @@ def _check_readers(table: Table, config: GatewayConfig) -> None:
                 f"nobody could use {show(endpoint)}: name those who may in [[gateway.user]], or "
                 "set gateway.anonymous_reading = true",
             )
+
+
+def _check_routers(table: Table, config: GatewayConfig) -> None:
+    """Checks that buses behind a router can be told apart, and that no secret gets there."""
+    if config.connect and not config.host:
+        table.fail(
+            "connect",
+            "other machines may have a bus of the same name at the router: add the name of this "
+            'machine, such as gateway.host = "cell4"',
+        )
+    elements = table.elements("connect")
+    for at, endpoint in enumerate(config.connect):
+        if endpoint.startswith(_LOCAL):
+            elements.fail(at, f"{show(endpoint)} is no router: write tls/HOST:PORT")
+        if not (is_encrypted(endpoint) or config.anonymous_reading):
+            elements.fail(
+                at,
+                f"{show(endpoint)} has no encryption, so nobody could read there: use "
+                "tls/HOST:PORT, or set gateway.anonymous_reading = true if everybody who reaches "
+                "the router may read the bus",
+            )
+    routers = {host_of(endpoint) for endpoint in config.connect}
+    for at, user in enumerate(config.user):
+        if user.name in routers:
+            table.tables("user")[at].fail(
+                "name", f"{show(user.name)} is the name of a router (gateway.connect): use another"
+            )
+
+
+def is_encrypted(endpoint: str) -> bool:
+    """Whether an endpoint is encrypted, and knows users."""
+    return endpoint.partition("/")[0] in ENCRYPTED
+
+
+def _host(table: Table, key: Key) -> str:
+    text = table.text(key)
+    if text and not HOST_NAME.fullmatch(text):
+        table.fail(key, f"{show(text)} is no name of a machine: it {HOST_NAME_RULE}")
+    return text
 
 
 def _endpoints(table: Table, key: Key) -> list[str]:
@@ -166,7 +217,9 @@ _USER: Rules = {
     "slaves": lambda table, key: table.array(key, _slave),
 }
 _GATEWAY: Rules = {
+    "host": _host,
     "listen": _endpoints,
+    "connect": _endpoints,
     "certificate": _path,
     "key": _path,
     "users_ca": _path,

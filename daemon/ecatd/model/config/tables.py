@@ -558,11 +558,14 @@ class GatewayConfig:
     """`[gateway]`: access to the bus over Zenoh.
 
     Attributes:
+        host: Name of this machine in the keys of the bus; empty for keys without a machine.
         listen: Zenoh endpoints for others, in addition to the Unix socket for users of this
             machine.
+        connect: Zenoh endpoints of routers, which this gateway connects to.
         certificate: File with the certificate of the daemon, in PEM; empty for none.
         key: File with its private key.
-        users_ca: File with the certificates of those who may sign certificates of users.
+        users_ca: File with the certificates of those who may sign certificates of users and
+            routers.
         user: The users.
         anonymous_reading: Whether other machines may read without a certificate.
         publish_hz: Rate in Hz at which values of signals are published, 0 for never.
@@ -570,7 +573,9 @@ class GatewayConfig:
             `unix:PATH`; empty: nowhere.
     """
 
+    host: str = ""
     listen: list[str] = field(default_factory=lambda: ["tcp/127.0.0.1:7447"])
+    connect: list[str] = field(default_factory=list)
     certificate: str = ""
     key: str = ""
     users_ca: str = ""

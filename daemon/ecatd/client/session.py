@@ -1,0 +1,256 @@
+"""A Zenoh session with the gateway of one bus: opens it, asks, and explains its silence."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from ecatd.encoding import MAX_REPLY, pack, unpack
+from ecatd.model.bus_name import check_bus_name, check_full_bus_name
+from ecatd.model.errors import (
+    JOIN,
+    EcatError,
+    NoAnswerError,
+    NotPermittedError,
+    UnreachableError,
+    UsageError,
+)
+from ecatd.model.messages import Request
+from ecatd.model.queries import to_query
+from ecatd.paths import read_host, search_dirs, zenoh_socket
+from ecatd.units import how_to_start
+from ecatd.zenoh_keys import AS, bus_key, bus_of, full_name, session_config
+
+from .identity import find_identity, is_encrypted, whose
+
+_GATEWAY_PATIENCE, _GATEWAY_PAUSE = 5.0, 0.05
+"""Seconds for which a gateway is waited for that starts while the bus runs, and between tries."""
+
+
+def _local_endpoint(bus: str) -> tuple[str, str]:
+    """The Unix socket of a daemon on this machine, and the name of the bus in its keys.
+
+    Raises:
+        UnreachableError: There is none; the message says why, or how to start one.
+    """
+    for folder in search_dirs():
+        path = zenoh_socket(folder, bus)
+        try:
+            if path.is_socket():
+                if not os.access(path, os.W_OK):
+                    raise NotPermittedError(f"no right to use bus '{bus}': {JOIN}")
+                return f"unixsock-stream/{path}", full_name(read_host(folder, bus), bus)
+        except PermissionError as error:
+            from .unserved import has_shared_memory
+
+            if has_shared_memory(bus):  # else none of these serves it
+                raise NotPermittedError(f"no right to look into {folder}: {JOIN}") from error
+    raise _unserved(bus)
+
+
+def _is_coming(bus: str) -> bool:
+    from .unserved import awaits_gateway
+
+    return awaits_gateway(bus)
+
+
+def _unserved(bus: str) -> EcatError:
+    from .unserved import unserved
+
+    return unserved(bus)
+
+
+class Session:
+    """A session with the gateway of one bus.
+
+    Args:
+        bus: Name of the bus; HOST/BUS behind a router, and where the daemon has a `gateway.host`.
+        connect: Zenoh endpoint such as `tls/host:7447`; by default the daemon of this machine.
+        timeout: Seconds to wait for an answer.
+        identity: File with the certificate of a user, for an encrypted endpoint; by default the one
+            that `find_identity` finds.
+
+    Raises:
+        UnreachableError: No daemon is there.
+        NotPermittedError: This user may not use it.
+        UsageError: The file is no identity.
+
+    Attributes:
+        bus: Name of the bus, as given.
+        timeout: Seconds to wait for an answer.
+        zenoh: The session of Zenoh.
+    """
+
+    def __init__(
+        self,
+        bus: str = "ecat0",
+        connect: str | None = None,
+        timeout: float = 10.0,
+        identity: Path | None = None,
+    ) -> None:
+        self.bus = check_bus_name(bus) if connect is None else check_full_bus_name(bus)
+        self._full_name = self.bus
+        self.timeout = timeout
+        self._identity = find_identity(identity) if is_encrypted(connect) else None
+        self._is_local = connect is None or connect.startswith("unixsock-stream/")
+        self._connect = connect
+        zenoh.init_log_from_env_or("off")
+        self.zenoh = self._opened()
+
+    def open(self) -> None:
+        """Begins another session of Zenoh in place of the last one; raises as the constructor."""
+        before, self.zenoh = self.zenoh, self._opened()
+        before.close()  # type: ignore[no-untyped-call]
+
+    def _opened(self) -> zenoh.Session:
+        deadline = time.monotonic() + min(self.timeout, _GATEWAY_PATIENCE)
+        while True:
+            try:
+                if self._connect:
+                    return self._open(self._connect, found=False)
+                endpoint, self._full_name = _local_endpoint(self.bus)
+                return self._open(endpoint, found=True)
+            except UnreachableError:
+                if self._connect or time.monotonic() > deadline or not _is_coming(self.bus):
+                    raise
+            time.sleep(_GATEWAY_PAUSE)
+
+    def _open(self, endpoint: str, *, found: bool) -> zenoh.Session:
+        settings = {
+            "connect/endpoints": [endpoint],
+            "connect/timeout_ms": int(min(self.timeout, 2.0) * 1000),
+            "connect/exit_on_failure": True,
+            **(self._identity.settings if self._identity else {}),
+        }
+        try:
+            config = session_config("client", settings)
+        except zenoh.ZError as error:
+            raise UsageError(f"'{endpoint}' is no Zenoh endpoint such as tcp/host:7447") from error
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError as error:
+            if found:
+                raise _unserved(self.bus) from error
+            if is_encrypted(endpoint):
+                raise UnreachableError(
+                    f"no ecatd lets this user in for bus '{self.bus}' at {endpoint}: "
+                    + whose(self._identity)
+                ) from error
+            raise UnreachableError(
+                f"no ecatd answers for bus '{self.bus}' at {endpoint}; is it running, and does it "
+                f"listen there?"
+            ) from error
+
+    def close(self) -> None:
+        """Ends the session."""
+        self.zenoh.close()  # type: ignore[no-untyped-call]
+
+    def request(self, request: Request) -> dict[str, Any]:
+        """Has the daemon carry a request out; its answer.
+
+        Raises:
+            EcatError: The error that the daemon replied, as its own class.
+        """
+        key, parameters, payload = to_query(request)
+        if payload is not None:
+            payload["id"] = _request_id()
+            if self.user:
+                key = (AS, self.user, *key)
+        return self.ask(*key, payload=payload, parameters=parameters)
+
+    def ask(
+        self, *key: str, payload: dict[str, Any] | None = None, parameters: str = ""
+    ) -> dict[str, Any]:
+        """Asks for a key below the bus, and returns the answer.
+
+        Args:
+            key: The parts of the key.
+            payload: A map that is sent with it.
+            parameters: What stands behind the key in a Zenoh selector, such as `hz=5`.
+
+        Raises:
+            EcatError: The error that the daemon replied, as its own class.
+        """
+        selector = bus_key(self._full_name, *key) + (f"?{parameters}" if parameters else "")
+        data = pack(payload) if payload is not None else None
+        for reply in self.zenoh.get(selector, payload=data, timeout=self.timeout):
+            sample = reply.ok if reply.ok is not None else reply.err
+            if sample is None:
+                continue
+            try:
+                answer = unpack(bytes(sample.payload), MAX_REPLY)
+            except UsageError:
+                break  # an error reply of Zenoh itself: nobody answered
+            if "error" in answer:
+                raise EcatError.from_reply(answer["error"])
+            return answer
+        raise self._silence(key)
+
+    def ask_all(self, what: str) -> dict[str, dict[str, Any]]:
+        """Asks all buses in reach at once; the answers by the name of the bus.
+
+        Args:
+            what: The key below `ro`: `info` or `state`.
+        """
+        found = {}
+        selector = bus_key("*", "ro", what)
+        for reply in self.zenoh.get(selector, target=zenoh.QueryTarget.ALL, timeout=self.timeout):
+            if reply.ok is not None:
+                answer = unpack(bytes(reply.ok.payload), MAX_REPLY)
+                found[bus_of(reply.ok.key_expr)] = answer
+        return found
+
+    def alive(self) -> list[str]:
+        """The names of the buses in reach, in order: BUS or HOST/BUS."""
+        found = self.zenoh.liveliness().get(bus_key("*", "alive"), timeout=min(self.timeout, 2.0))
+        return sorted(bus_of(reply.ok.key_expr) for reply in found if reply.ok is not None)
+
+    def _silence(self, key: tuple[str, ...]) -> EcatError:
+        """Why no answer came: a change that is asked for from the network gets none at all."""
+        buses = self.alive()
+        alive = self._full_name in buses
+        if buses and not alive and not self._is_local:
+            return UnreachableError(
+                f"no ecatd serves bus '{self.bus}' there, or its machine cannot be reached now; "
+                f"--bus may be {', '.join(buses)}"
+            )
+        if not alive and self.user:
+            return NotPermittedError(
+                f"no daemon there lets user '{self.user}' use bus '{self.bus}': its configuration "
+                "does not name this user in [[gateway.user]], it serves another bus, or its "
+                "gateway is just starting"
+            )
+        if not alive and self._is_local:
+            return _unserved(self.bus)
+        if not alive:
+            start = how_to_start(self.bus.rpartition("/")[2])
+            return UnreachableError(f"no ecatd serves bus '{self.bus}' there; {start}")
+        silent = f"the daemon of bus '{self.bus}' gave no answer"
+        if key[0] == AS:
+            return NotPermittedError(
+                f"{silent} to user '{self.user}': it does not know this user (`[[gateway.user]]` "
+                "of its configuration), or is busy"
+            )
+        if key[0] == "rw" and not self._is_local:
+            return NotPermittedError(
+                f"{silent}: changes are permitted on its own machine to members of the group "
+                f"'ecat', and to users with a certificate (`ecatctl remote`)"
+            )
+        silent += f" within {self.timeout:g} s: its bus server is busy, or hangs"
+        if key[0] == "rw":
+            silent += "; the change may still be carried out, so look before you ask again"
+        return NoAnswerError(silent)
+
+    @property
+    def user(self) -> str:
+        """The user as whom this session asks; empty if the connection does not know users."""
+        return self._identity.user if self._identity else ""
+
+
+def _request_id() -> str:
+    """Names one request, so that the daemon carries it out once even if it arrives twice."""
+    return os.urandom(16).hex()
