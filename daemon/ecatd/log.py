@@ -80,6 +80,10 @@ class Log:
     def levels(self, levels: Levels) -> None:
         self._writer.levels = levels
 
+    def set_audit_file(self, path: str) -> None:
+        """Writes each change that somebody has asked for into a file as well; empty: into none."""
+        self._writer.audit_file = path
+
     def set_bus(self, bus: str) -> None:
         """Gives the name of the bus, once it is known."""
         self._writer.bus = bus
@@ -99,8 +103,9 @@ class Log:
         self._write("warning", text, event, slaves)
 
     def notice(self, text: str) -> None:
-        """What somebody has changed in the log itself: it is written whatever the level is."""
+        """A change that somebody has asked for: it is written whatever the level is."""
         self._writer.write("notice", self._part, text)
+        self._writer.audit(text)
 
     def info(self, text: str, event: str = "", slaves: Iterable[int] = ()) -> None:
         """A normal step; arguments as of `error`."""
@@ -128,6 +133,8 @@ class _Writer:
     def __init__(self, name: str, levels: Levels, bus: str, journal: Path | None) -> None:
         self.levels = levels
         self.bus = bus
+        self.audit_file = ""
+        self._audited = True  # the last change is in the file
         self._name = name
         self._left_out = 0  # messages that the journal did not take
         self._journal = journal or (_JOURNAL if _stderr_is_journal() else None)
@@ -173,6 +180,34 @@ class _Writer:
             line = f"{self._name}: {'' if level == 'info' else level + ': '}{text}\n"
         sys.stderr.write(line)
         sys.stderr.flush()
+
+    def audit(self, text: str) -> None:
+        """Adds a line to the audit file, if there is one. It is opened anew: it may be rotated."""
+        if not self.audit_file:
+            return
+        now = time.time()
+        stamp = time.strftime("%Y-%m-%dT%H:%M:%S", time.localtime(now))
+        zone = time.strftime("%z", time.localtime(now))
+        plain = text.replace("\n", " ")
+        line = f"{stamp}.{int(now * 1000) % 1000:03d}{zone} {self.bus}: {plain}\n"
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+        try:
+            descriptor = os.open(self.audit_file, flags, 0o640)
+            try:
+                os.write(descriptor, line.encode(errors="replace"))
+            finally:
+                os.close(descriptor)
+        except OSError as error:
+            if self._audited:
+                self.write(
+                    "error",
+                    "service",
+                    f"changes cannot be written to {self.audit_file} (audit_file): "
+                    f"{error.strerror}; until that is mended they are only in this log",
+                )
+            self._audited = False
+        else:
+            self._audited = True
 
     def _send(
         self, journal: Path, level: str, part: str, text: str, event: str, slaves: Iterable[int]

@@ -13,7 +13,7 @@ import zenoh
 from conftest import Daemon, names, naming, one_line_error, run_module, wait_for
 from ecatd.client.identity import read_identity
 from ecatd.client.remote import Remote
-from ecatd.encoding import pack
+from ecatd.encoding import pack, unpack
 from ecatd.model.errors import NotPermittedError, StateError, UnreachableError, UsageError
 from ecatd.zenoh_keys import bus_key, session_config
 
@@ -35,6 +35,10 @@ write = ["sdo", "state", "log"]
 slaves = [0, "EK1100"]
 [[gateway.user]]
 name = "bob"
+[[gateway.user]]
+name = "dora"
+write = ["log"]
+changes_max = 2
 """
 
 
@@ -57,7 +61,7 @@ class Site:
         made = remote_command("init", "--dir", str(self.folder), "--host", "machine.example")
         assert made.returncode == 0, made.stderr
         names(made.stdout, "users_ca", f"{self.folder}/daemon.pem", "machine.example")
-        for user in ("anna", "bob", "carl"):
+        for user in ("anna", "bob", "carl", "dora"):
             made = remote_command("user", user, "--dir", str(self.folder), "-o", str(self[user]))
             assert made.returncode == 0, made.stderr
             names(made.stdout, "[[gateway.user]]", f'name = "{user}"')
@@ -357,3 +361,19 @@ def test_certificates_are_not_overwritten(site: Site) -> None:
     modes = {file.name: file.stat().st_mode & 0o777 for file in site.folder.iterdir()}
     assert modes["authority.key"] == modes["anna.pem"] == 0o600
     assert modes["daemon.key"] == 0o640
+
+
+def test_a_program_that_runs_wild_is_slowed_down(site: Site) -> None:
+    """Dora may ask for two changes a second: two come at once, four wait, and more are refused."""
+    key = bus_key(site.daemon.bus, "as", "dora", "rw", "log", "dc")
+    answers: list[zenoh.Reply] = []
+    with site.session("dora") as dora:
+        for number in range(20):
+            payload = pack({"id": f"wild {number}", "level": "info"})
+            dora.get(key, answers.append, payload=payload, timeout=60.0)
+        wait_for(lambda: len(answers) == 20, site.daemon)
+    refused = [unpack(bytes(reply.err.payload))["error"] for reply in answers if reply.err]
+    assert len(refused) >= 10
+    assert {error["name"] for error in refused} == {"busy"}
+    names(refused[0]["message"], "'dora'", "2", "gateway.user.changes_max")
+    assert sum(reply.ok is not None for reply in answers) >= 6

@@ -35,6 +35,7 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "second_interface": ['"eth2"'],
         "cycle_time_us": ["1000", "0x3E8"],
         "state_timeout_s": ["0.1", "300", "3.5"],
+        "audit_file": ['""', '"/var/log/ecatd/x"'],
         "profiles": ["[]", '["/here", "there"]'],
     },
     "[log]": {"level": ['"error"', '"debug"'], **{part: ['"debug"'] for part in PARTS}},
@@ -158,6 +159,7 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "name": ['"anna"', '"a.b@c"'],
         "write": ["[]", '["sdo", "state"]'],
         "slaves": ["[]", '[0, "drive"]'],
+        "changes_max": ["0.1", "10000"],
     },
 }
 REQUIRED = {

@@ -97,6 +97,7 @@ class BusServer:
         self._events = EventHistory(publish)
         self._set_levels = set_levels
         self._configured = config.log
+        log.set_audit_file(config.audit_file)
         self._worker = Worker()
         self._aborted = threading.Event()  # ends waiting for slaves while the bus is brought up
         self._up = BringUp(config, interface, log, self._aborted.is_set)
@@ -162,6 +163,7 @@ class BusServer:
         if self._fault_files is not None:
             self._fault_files.set_config(config.capture)
         self._configured = config.log
+        self._log.set_audit_file(config.audit_file)
         self._events.publish({"event": "configuration", "time_ns": time.time_ns()})
 
     async def monitor(self) -> None:

@@ -12,6 +12,8 @@ NAME use the keys below `as/NAME`. `ecatctl remote router` makes such settings.
 
 from __future__ import annotations
 
+import math
+import time
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -19,10 +21,13 @@ from typing import Any
 from ecatd.model.bus import Bus
 from ecatd.model.config import GatewayConfig, UserConfig
 from ecatd.model.config.gateway import ENCRYPTED, PLAIN, host_of, is_encrypted
-from ecatd.model.errors import NotPermittedError, StateError
+from ecatd.model.errors import BusyError, NotPermittedError, StateError
 from ecatd.model.messages import Request
 from ecatd.zenoh_access import ASKING, READ, TELLING, rule
 from ecatd.zenoh_keys import AS
+
+_BURST_S, _WAIT_S = 1.0, 2.0
+"""Changes of so many seconds may come at once, and those of so many more may wait."""
 
 
 def access_control(bus: str, config: GatewayConfig) -> dict[str, Any]:
@@ -144,3 +149,31 @@ def check(user: UserConfig, request: Request, bus: Bus) -> None:
             f"user '{user.name}' may change only slaves {', '.join(map(str, user.slaves))} of bus "
             f"'{bus.name}' (gateway.user.slaves in the configuration of the daemon)"
         )
+
+
+class Rate:
+    """Paces the changes that one user asks for, so that a program that runs wild harms nobody.
+
+    Args:
+        user: The user.
+    """
+
+    def __init__(self, user: UserConfig) -> None:
+        self._user = user
+        self._next = -math.inf  # when the next change may be carried out
+
+    def delay(self) -> float:
+        """Counts one change; returns the seconds until it may be carried out.
+
+        Raises:
+            BusyError: Too many are waiting.
+        """
+        now = time.monotonic()
+        begin = max(self._next, now - _BURST_S)
+        if begin - now > _WAIT_S:
+            raise BusyError(
+                f"user '{self._user.name}' asks for more than {self._user.changes_max:g} changes a "
+                "second: wait (gateway.user.changes_max in the configuration of the daemon)"
+            )
+        self._next = begin + 1 / self._user.changes_max
+        return max(0.0, begin - now)

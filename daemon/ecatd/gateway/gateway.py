@@ -44,6 +44,7 @@ from ecatd.stats.clocks import read_clocks
 from ecatd.zenoh_keys import AS, RIGHTS, SCHEMA, bus_key, full_name, session_config
 
 from .access import (
+    Rate,
     access_control,
     certificates,
     check,
@@ -94,6 +95,7 @@ class Gateway:
         self._streams: Streams | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
         self._answers: OrderedDict[tuple[str, str], Answer] = OrderedDict()
+        self._rates: dict[str, Rate] = {}
         self._bus_description: dict[str, Any] = {}  # which stays as it is
 
     async def connect(self) -> Config:
@@ -272,7 +274,18 @@ class Gateway:
                 self._log.notice(f"refused: {error}")
                 raise
             who = f"user '{user.name}'"
+            if "by" in request.fields:  # the parts of a file are no changes of their own
+                delay = self._rates.setdefault(user.name, Rate(user)).delay()
+                if delay > 0:
+                    request = on_behalf(request, who)
+                    return asyncio.ensure_future(self._later(delay, user, identity, request))
         return self._once(user, identity, on_behalf(request, who))
+
+    async def _later(
+        self, delay: float, user: UserConfig, identity: Any, request: Request
+    ) -> dict[str, Any]:
+        await asyncio.sleep(delay)
+        return await self._once(user, identity, request)
 
     def _described(self) -> Bus:
         return read_bus(self._bus_description, "the bus server", strict=False)

@@ -20,6 +20,7 @@ PACKAGED = Path("/usr/lib/ecatd/bin")
 """Where the Debian package has the programs."""
 CONFIGURATION = PurePosixPath("/etc/ecatd")
 STATE = PurePosixPath("/var/lib/ecatd")
+LOGS = PurePosixPath("/var/log/ecatd")
 SOCKETS = PurePosixPath("/run/ecatd")
 ADMINISTRATION = PurePosixPath("/etc/systemd/system")
 """Where systemd has which units are enabled or masked, and what the administrator has changed."""

@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 from ecatd.model.errors import StateError
 
 from .buses import autostart_links, is_masked
-from .places import ADMINISTRATION, CONFIGURATION, LOCAL, SOCKETS, STATE, Place, files
+from .places import ADMINISTRATION, CONFIGURATION, LOCAL, LOGS, SOCKETS, STATE, Place, files
 from .record import BEFORE, LIST, OLD, copies, is_ours, read_record
 from .service import refuse_package, tell_system
 from .steps import Remove, RemoveFolder, RemoveTree, Restore, Step, run
@@ -52,7 +52,11 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Step]:
     if place.at(SOCKETS).is_dir():
         yield RemoveFolder("remove", str(SOCKETS), "if no other ecatd runs", place.at(SOCKETS))
     yield from _remove_settings(place, purge=purge)
-    for folder, what in ((CONFIGURATION, "your configuration"), (STATE, "files about faults")):
+    for folder, what in (
+        (CONFIGURATION, "your configuration"),
+        (STATE, "files about faults"),
+        (LOGS, "the audit file"),
+    ):
         yield from _remove_tree(place, place.at(folder), what, purge=purge)
     yield from tell_system(place, users=False)
     if place.root == Path("/"):

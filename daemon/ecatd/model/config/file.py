@@ -83,6 +83,13 @@ def _capture_folder(table: Table, key: Key) -> str:
     return folder
 
 
+def _audit_file(table: Table, key: Key) -> str:
+    path = table.text(key)
+    if path and not (path.startswith("/") and path.isprintable()):
+        table.fail(key, f'{show(path)} is no file: write its whole path, "/var/log/ecatd/audit"')
+    return path
+
+
 def _capture(top: Table, key: Key) -> CaptureConfig:
     table = top.table(key)
     return CaptureConfig(**table.read(_CAPTURE), table=table)
@@ -113,6 +120,7 @@ _TOP: Rules = {
     "second_interface": _interface,
     "cycle_time_us": integer(100, 1_000_000),
     "state_timeout_s": number(0.1, 300),
+    "audit_file": _audit_file,
     "log": lambda top, key: {**DEFAULTS, **top.table(key).read(_LOG)},
     "profiles": array(_folder),
     "expected": read_expected,

@@ -215,6 +215,7 @@ _USER: Rules = {
     "name": _user_name,
     "write": _changes,
     "slaves": lambda table, key: table.array(key, _slave),
+    "changes_max": number(0.1, 10_000),
 }
 _GATEWAY: Rules = {
     "host": _host,

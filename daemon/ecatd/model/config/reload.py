@@ -8,6 +8,7 @@ from .differences import differences
 from .tables import Config
 
 _AT_ONCE = (
+    "audit_file",
     "capture.folder",
     "capture.keep",
     "gateway.",
@@ -44,6 +45,7 @@ def reload(before: Config, wanted: Config) -> Reload:
     used = [key for key in changed if key.startswith(_AT_ONCE)]
     config = replace(
         before,
+        audit_file=wanted.audit_file,
         log=wanted.log,
         capture=replace(wanted.capture, memory_mb=before.capture.memory_mb),
         gateway=wanted.gateway,

@@ -546,11 +546,13 @@ class UserConfig:
         write: Kinds of changes that the user may ask for, of `CHANGES`; none: only reading.
         slaves: The slaves that they may be about, by position or name; none: all, and what is about
             no particular slave.
+        changes_max: Changes a second that the user may ask for in the long run.
     """
 
     name: str
     write: list[str] = field(default_factory=list)
     slaves: list[int | str] = field(default_factory=list)
+    changes_max: float = 100.0
 
 
 @dataclass(slots=True)
@@ -596,6 +598,7 @@ class Config(Placed):
             for none.
         cycle_time_us: Base cycle in microseconds, 100 to 1000000.
         state_timeout_s: Time in which the slaves must reach a state, in seconds.
+        audit_file: File to which each change is added that somebody asks for; empty: none.
         log: Least important kind of message that is logged, by part; see `model.log_levels`.
         profiles: Folders with device profiles; these win over those of machine and user, and ours.
         expected: What happens if the bus is not the expected one.
@@ -617,6 +620,7 @@ class Config(Placed):
     second_interface: str = ""
     cycle_time_us: int = 1000
     state_timeout_s: float = 10.0
+    audit_file: str = ""
     log: dict[str, str] = field(default_factory=lambda: {**DEFAULTS})
     profiles: list[str] = field(default_factory=list)
     expected: ExpectedConfig = field(default_factory=ExpectedConfig)
