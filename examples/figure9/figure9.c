@@ -20,7 +20,9 @@
 #include "TrollPlant.h"
 
 #define SAMPLE_TIME 0.001
+#ifndef LEASE
 #define LEASE 0.1 /* seconds without samples until the outputs become safe */
+#endif
 
 /* Parameters of the component `reference`, in rad of the motor. */
 static const double distance = 471.24, max_speed = 62.832, max_acceleration = 125.66, start_time = 1;
