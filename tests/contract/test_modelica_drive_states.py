@@ -318,7 +318,7 @@ def test_a_model_that_dies_leaves_the_drive_without_power(
     calls: ctypes.CDLL, drives: Daemon
 ) -> None:
     drive = settings(Mode.CYCLIC_VELOCITY)
-    with Player(calls, drives.bus, ELMO, drive, lease=0.5) as player, drives.client() as client:
+    with Player(calls, drives.bus, ELMO, drive, lease=5) as player, drives.client() as client:
         player.reference = lambda time: 20.0
         player.enable()
         player.run(0.2)
