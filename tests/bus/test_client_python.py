@@ -1,7 +1,6 @@
 """The Python client on a real bus: entries, claims, requests, restarts of the daemon."""
 
 import os
-import time
 from collections.abc import Callable
 
 import pytest
@@ -29,6 +28,12 @@ def come(bus: Client, condition: Callable[[], bool]) -> None:
         if condition():
             return
     pytest.fail("it does not come about")
+
+
+def lapse(bus: Client) -> None:
+    """Waits, which alone is no sign of life, until the outputs are lost."""
+    while bus.owners():
+        bus.wait(timeout=30)
 
 
 def test_a_value_goes_out_and_comes_back(troll: Daemon) -> None:
@@ -124,8 +129,8 @@ def test_what_another_claim_holds_is_not_given_back(troll: Daemon) -> None:
 def test_a_claim_after_a_lapse_holds_what_an_older_one_has_lost(troll: Daemon) -> None:
     with troll.client() as bus:
         output = channel(bus, 0)[0]
-        old = bus.claim(output, lease=0.05)
-        time.sleep(0.3)
+        old = bus.claim(output, lease=2)
+        lapse(bus)
         with pytest.raises(LeaseError):
             bus.commit()
         with bus.claim(output, lease=30):
@@ -139,10 +144,10 @@ def test_a_claim_after_a_lapse_holds_what_an_older_one_has_lost(troll: Daemon) -
 def test_who_does_not_sample_loses_the_outputs(troll: Daemon) -> None:
     with troll.client() as bus:
         output, level = channel(bus, 0)
-        with bus.claim(EL2008, lease=0.05):
+        with bus.claim(EL2008, lease=2):
             output.raw = 1
             bus.commit()
-            time.sleep(0.3)
+            lapse(bus)
             with pytest.raises(LeaseError, match="claim them again"):
                 bus.commit()
             for value in (1, True):
@@ -253,9 +258,9 @@ def test_requests_of_a_closed_client_end_with_it(troll: Daemon) -> None:
 def test_a_request_does_not_take_the_answer_of_another(troll: Daemon) -> None:
     """When all requests have ended with the claims, their handles lead nowhere."""
     with troll.client() as bus:
-        bus.claim(EL2008, lease=0.05)
+        bus.claim(EL2008, lease=2)
         old = bus.sdo_upload(DRIVE, 0x1018, 2)
-        time.sleep(0.3)
+        lapse(bus)
         bus.claim(EL2008, lease=30)
         new = bus.sdo_upload(DRIVE, 0x1018, 1)
         with pytest.raises(UsageError, match=naming("has ended", "claims")):

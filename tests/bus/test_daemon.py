@@ -184,7 +184,7 @@ while True:
 
 
 @contextmanager
-def own_outputs(daemon: Daemon, lease: float = 0.1) -> Iterator[subprocess.Popen[str]]:
+def own_outputs(daemon: Daemon, lease: float = 2.0) -> Iterator[subprocess.Popen[str]]:
     """A process that owns the digital outputs, has set all of them and keeps its lease."""
     with subprocess.Popen(
         [sys.executable, "-c", OWNER, daemon.bus, str(lease)], stdout=subprocess.PIPE, text=True

@@ -246,10 +246,9 @@ def test_many_read_and_one_writes(model: Model, troll: Daemon) -> None:
 
 def test_a_paused_simulation_loses_its_outputs(model: Model, troll: Daemon) -> None:
     for mode in (ERROR, CONTINUE):
-        with model.play(bus=troll.bus, whenFailed=mode) as player:
+        with model.play(bus=troll.bus, whenFailed=mode, lease=2.0) as player:
             player.set("el2008.channel4Output", True)
-            player.step()
-            player.step()
+            until(player, lambda: outputs(troll)[3] == 1)
             wait_for(lambda: outputs(troll)[3] == 0, troll)
             if mode == ERROR:
                 with pytest.raises(Exception, match="DoStep"):
@@ -265,7 +264,7 @@ VICTIM = """
 import sys
 from pathlib import Path
 from player import STEP, Model, Player
-with Model(Path(sys.argv[1])).play(bus=sys.argv[2], lease=1.0, whenFailed=3) as player:
+with Model(Path(sys.argv[1])).play(bus=sys.argv[2], lease=2.0, whenFailed=3) as player:
     player.set("el2008.channel6Output", True)
     while True:
         player.step()
