@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import guard
-from ecatd.client import Client
+from ecatd.client import Client, Signal, Summary
 
 # A shell that starts the tests in the background has them ignore SIGINT, and so do their programs.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -54,6 +54,24 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 
 _BEGUN: set[str] = set()
+
+
+class PatientClient(Client):
+    """A client that goes on waiting where a busy machine exchanges nothing for a second."""
+
+    def wait(self, cycles: int = 1, timeout: float = PATIENCE, domain: int | None = None) -> None:
+        super().wait(cycles, timeout, domain)
+
+    def summarize(
+        self, signals: Sequence[str | Signal], cycles: int, timeout: float = PATIENCE
+    ) -> list[Summary]:
+        return super().summarize(signals, cycles, timeout)
+
+    async def next_cycle(self, cycles: int = 1, timeout: float = PATIENCE) -> int:
+        return await super().next_cycle(cycles, timeout)
+
+    def cycles(self, every: int = 1, timeout: float = PATIENCE) -> AsyncIterator[int]:
+        return super().cycles(every, timeout)
 
 
 class Daemon:
@@ -184,7 +202,7 @@ class Daemon:
 
     def client(self) -> Client:
         """A connection to its shared memory."""
-        return Client(self.bus)
+        return PatientClient(self.bus)
 
     def close(self) -> None:
         """Ends it if it still runs; one that does not end is killed, and the test fails."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from conftest import Daemon
+from conftest import PATIENCE, Daemon
 from ecatd import LeaseError, SdoAbortError, UnreachableError
 from ecatd.client import Client, Outputs
 from ecatd.model.errors import NoAnswerError, StateError
@@ -20,7 +20,7 @@ FOREVER = 1 << 40
 
 
 def run(program: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(program, 60))
+    asyncio.run(asyncio.wait_for(program, PATIENCE))
 
 
 def threads_of(bus: Client) -> list[threading.Thread]:
@@ -63,7 +63,7 @@ def test_the_event_loop_goes_on(troll: Daemon) -> None:
                     turns += 1
 
             other = asyncio.create_task(turn())
-            await bus.next_cycle(20)
+            await bus.next_cycle(500)
             assert turns > 20
             turns = 0
             async for cycle in bus.cycles():
@@ -92,14 +92,15 @@ def test_tasks_share_a_client(troll: Daemon) -> None:
 
 def test_who_waits_keeps_the_outputs(troll: Daemon) -> None:
     async def program() -> None:
-        with troll.client() as bus, bus.claim(EL2008, lease=0.25):
+        with troll.client() as bus, troll.client() as other, bus.claim(EL2008, lease=2):
             output = bus.signal(EL2008, 0x7000, 1)
             output.raw = 1
             bus.commit()
-            await bus.next_cycle(750, timeout=30)
+            await bus.next_cycle(3000)
             bus.commit()
             assert bus.output(output).state is Outputs.ACTIVE
-            time.sleep(0.6)  # the event loop hangs
+            while other.slaves()[EL2008].outputs is not Outputs.SAFE:  # the event loop hangs
+                other.wait()
             with pytest.raises(LeaseError):
                 bus.commit()
 
@@ -120,7 +121,7 @@ def test_who_owns_nothing_samples_only_when_the_wait_is_over(troll: Daemon) -> N
     async def program() -> None:
         async def samples(bus: Counting) -> int:
             before = bus.samples
-            await bus.next_cycle(500, timeout=30)
+            await bus.next_cycle(500, timeout=PATIENCE)
             return bus.samples - before
 
         with Counting(troll.bus) as bus:
@@ -225,7 +226,7 @@ def test_the_daemon_ends_and_comes_back(start_daemon: Callable[..., Daemon]) -> 
             with pytest.raises(UnreachableError):
                 await bus.next_cycle(timeout=0.2)
             begin = bus.instance
-            again = asyncio.create_task(bus.next_cycle(timeout=60))
+            again = asyncio.create_task(bus.next_cycle())
             await asyncio.to_thread(start_daemon, "troll", "--bus", daemon.bus)
             first = await again
             assert bus.instance != begin

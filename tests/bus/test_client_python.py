@@ -33,7 +33,7 @@ def come(bus: Client, condition: Callable[[], bool]) -> None:
 def lapse(bus: Client) -> None:
     """Waits, which alone is no sign of life, until the outputs are lost."""
     while bus.owners():
-        bus.wait(timeout=30)
+        bus.wait()
 
 
 def test_a_value_goes_out_and_comes_back(troll: Daemon) -> None:
@@ -291,7 +291,7 @@ def test_a_program_goes_on_after_a_restart(start_daemon: Callable[..., Daemon]) 
         with pytest.raises(UnreachableError):
             bus.wait(timeout=0.3)
         daemon = start_daemon("troll", "--bus", daemon.bus)
-        bus.wait(timeout=10)
+        bus.wait()
         bus.sample()
         assert bus.instance != before
         assert level.raw == 0
