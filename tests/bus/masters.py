@@ -21,6 +21,7 @@ ECATSIM = [sys.executable, "-m", "ecatsim"]
 INTERFACE = "ecat-master"
 INIT, PREOP, SAFEOP, OP, ERROR, ACK = 1, 2, 4, 8, 0x10, 0x10
 LOST = -1
+PATIENCE = 120.0  # as in `conftest`, which rig files cannot import
 
 
 def run(rig_name, master, *arguments):
