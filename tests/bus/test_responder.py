@@ -27,8 +27,8 @@ from ecatsim.net import netlink
 pytestmark = pytest.mark.bus
 
 PAIR = Pair(MASTER, "sim")
-PATIENCE = 20.0
-LEASE = 10.0
+PATIENCE = 120.0
+LEASE = 30.0
 WATCHDOG = 0x0420
 
 
@@ -72,11 +72,18 @@ def status(b, domain):
     return kind.from_address(at + domain * shm.size("ecat_shm_domain_status"))
 
 
+def some_cycles(b):
+    """Waits for cycles of every kind."""
+    domains = range(len(b.image.domains))
+    before = [status(b, n).exchanges for n in domains]
+    until(lambda: all(status(b, n).exchanges > before[n] + 10 for n in domains), "an exchange")
+
+
 def started(b, folder):
     """The program, and what a cycle has."""
     b.start()
     program = native.build(Path(folder), "responder")
-    return program, tap.answered(lambda: time.sleep(0.1), PAIR)
+    return program, tap.answered(lambda: some_cycles(b), PAIR)
 
 
 @in_namespace
@@ -97,7 +104,7 @@ def test_cycles_are_answered_in_the_kernel_and_registers_by_the_simulator():
             return [inputs.raw for _, inputs in signals] == [number, number]
 
         until(lambda: returns(7), "what was written")
-        answered = tap.answered(lambda: time.sleep(0.1), PAIR)
+        answered = tap.answered(lambda: some_cycles(b), PAIR)
         ask(b.wire.exchange, frame(APWR, 0, WATCHDOG, struct.pack("<H", 1000)))
         lost, wrong = b.shared.health.lost, b.shared.health.wkc_bad
         with responder.Responder(program, answered, PAIR) as kernel:
@@ -131,10 +138,8 @@ def test_other_frames_of_the_cycle_pass():
         ((sent, answer),) = answered
         shorter = sent[:16] + sent[16:18] + b"\1\0" + sent[20:]  # another address
         with responder.Responder(program, [(shorter, answer)], PAIR) as kernel:
-            before = b.shared.header.cycle
-            until(lambda: b.shared.header.cycle > before + 20, "cycles")
+            until(lambda: kernel.counts["passed"] >= 20, "a frame that passes")
             assert kernel.counts["answered"] == 0
-            assert kernel.counts["passed"] >= 20
 
 
 @in_namespace
@@ -144,7 +149,7 @@ def test_slaves_that_are_not_in_op_are_told():
         ((sent, answer),) = answered
         assert datagrams(answer)[0].data == b"\x08\0"
         answer = answer[:26] + b"\x04" + answer[27:]
-        with pytest.raises(StateError, match=r"^AL status is 0x04: slaves are not in OP$"):
+        with pytest.raises(StateError, match=r"0x04.*\bOP\b"):
             responder.Responder(program, [(sent, answer)], PAIR)
 
 
@@ -153,8 +158,8 @@ def test_clocks_are_told():
     with bench(2) as b, tempfile.TemporaryDirectory() as folder:
         b.start(Clock(b.bus.slaves[0].address, 0, 0, 100_000))
         program = native.build(Path(folder), "responder")
-        answered = tap.answered(lambda: time.sleep(0.1), PAIR)
-        with pytest.raises(StateError, match=r"^the kernel cannot answer for distributed clocks$"):
+        answered = tap.answered(lambda: some_cycles(b), PAIR)
+        with pytest.raises(StateError, match="distributed clocks"):
             responder.Responder(program, answered, PAIR)
 
 
