@@ -93,8 +93,8 @@ def served(
 
 
 @contextmanager
-def in_preop(*devices: Device) -> Iterator[tuple[Datagrams, Wire]]:
-    """Devices whose mailboxes work."""
+def in_preop(*devices: Device, timeout: float = 0.02) -> Iterator[tuple[Datagrams, Wire]]:
+    """Devices whose mailboxes work; `timeout` as for `served`."""
     segment = Segment()
     for device in devices:
         device.attach(segment, 0, 0)
@@ -106,7 +106,7 @@ def in_preop(*devices: Device) -> Iterator[tuple[Datagrams, Wire]]:
         for device in devices:
             device.run(now)
 
-    with served(segment, len(devices), react) as (registers, wire):
+    with served(segment, len(devices), react, timeout) as (registers, wire):
         for position, device in enumerate(devices):
             box = device.mailbox
             assert box is not None
