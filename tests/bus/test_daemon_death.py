@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import SHM, Daemon, wait_for
+from conftest import PATIENCE, SHM, Daemon, wait_for
 from handle import EBUSY, EDOWN, ELEASE, ESTALE, ETIMEOUT, Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
@@ -51,7 +51,7 @@ def test_a_writer_goes_on_after_a_new_claim(start_daemon: Callable[..., Daemon])
         assert handle.sample() == EDOWN
         assert handle.commit() == ELEASE
         daemon = restart(start_daemon, daemon)
-        while (code := handle.wait(1, 1.0)) == EDOWN:
+        while (code := handle.wait(1, 30.0)) == EDOWN:
             pass
         assert code == 0
         assert handle.instance != before
@@ -65,7 +65,7 @@ def test_a_writer_goes_on_after_a_new_claim(start_daemon: Callable[..., Daemon])
         assert handle.commit() == 0
         request = handle.sdo_start(DRIVE, 0x1018, 1, None, 0)
         while (code := handle.poll(request, None, 0, None, None)) == EBUSY:
-            assert handle.wait(1, 1.0) == 0
+            assert handle.wait(1, 30.0) == 0
             handle.sample()
         assert code == 0
         assert handle.sample() == 0
@@ -140,7 +140,7 @@ class Survivor(threading.Thread):
 
     def stop(self) -> None:
         self.end.set()
-        self.join(30)
+        self.join(PATIENCE)
 
 
 class Writer(Survivor):
@@ -198,7 +198,7 @@ def power_cut(daemon: Daemon) -> None:
         except (AssertionError, OSError):  # it has not started one yet
             daemon.kill_all()
     daemon.process.wait()
-    end = time.monotonic() + 60
+    end = time.monotonic() + PATIENCE
     while left := leftovers(daemon):
         assert time.monotonic() < end, left
         time.sleep(0.005)
@@ -241,7 +241,7 @@ def test_clients_survive_a_daemon_that_is_killed_at_any_point(tmp_path: Path) ->
                 time.sleep(random.uniform(0, 0.05))
                 begin = time.monotonic()
                 daemon.kill_all()
-                end = time.monotonic() + 30
+                end = time.monotonic() + PATIENCE
                 while not all(client.down for client in clients):
                     assert time.monotonic() < end
                     time.sleep(0.001)

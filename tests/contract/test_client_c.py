@@ -31,7 +31,7 @@ int main(int argc, char **argv) {
   if (ecat_write(bus, output, 2) != ECAT_ERANGE) return 5;
   if (ecat_write(bus, output, 1) != 0 || ecat_commit(bus) != 0) return 6;
   for (i = 0; i < 3000 && value != 1; i++)
-    if (ecat_wait(bus, 1, 1.0) != 0 || ecat_sample(bus) != 0 || ecat_read(bus, input, &value) != 0)
+    if (ecat_wait(bus, 1, 30.0) != 0 || ecat_sample(bus) != 0 || ecat_read(bus, input, &value) != 0)
       return 7;
   ecat_close(bus);
   printf("%g\n", value);
