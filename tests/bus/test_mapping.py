@@ -104,8 +104,8 @@ def master_that_scans(*trouble: str) -> Any:
     master = Master([FIRST])
     try:
         with Simulator() as simulator:
-            master.scan(5)
-            master.wait_for_state(AlState.PREOP, 5)
+            master.scan(60)
+            master.wait_for_state(AlState.PREOP, 60)
             found = mapping.identify_slaves(master)
             mapping.configure_slaves(master, found, Config())
     except EcatError as error:

@@ -208,9 +208,9 @@ def master_on_a_ring() -> Any:
     with Simulator() as simulator:
         master = Master([FIRST, SECOND])
         try:
-            master.scan(5)
+            master.scan(60)
             count = len(master.stations)
-            master.wait_for_state(AlState.PREOP, 5)
+            master.wait_for_state(AlState.PREOP, 60)
             found = [count, looks(master)]
             for broken in (1, 4, 7):
                 simulator.faults.break_link(broken)

@@ -26,7 +26,7 @@ def master_measures():
 
     master = Master([INTERFACE])
     try:
-        master.scan(5)
+        master.scan(60)
         return [measure_round_trip(master) for _ in range(3)]
     finally:
         master.close()

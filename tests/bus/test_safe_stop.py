@@ -162,7 +162,7 @@ def test_a_released_drive_is_braked_before_it_loses_its_power(braking: Daemon) -
 
 
 def test_a_drive_of_a_client_that_hangs_is_braked(braking: Daemon) -> None:
-    with Drive(braking, lease=0.05) as owner, Drive(braking) as other:
+    with Drive(braking, lease=2.0) as owner, Drive(braking) as other:
         owner.run()
         words, speed = other.until_off()  # meanwhile the owner does nothing
         assert words - {15} == {0x0002}

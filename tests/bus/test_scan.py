@@ -27,8 +27,8 @@ def scan(simulator: Simulator, *interfaces: str) -> list[Any]:
     """Why SOEM's numbers were not taken, station addresses by slave, and what slaves answer."""
     master = Master(interfaces)
     try:
-        why = master.scan(5)
-        master.wait_for_state(AlState.PREOP, 5)
+        why = master.scan(60)
+        master.wait_for_state(AlState.PREOP, 60)
         registers = [simulator.registers(place, 0x0010, 2) for place in range(LAST + 1)]
         return [
             why,
@@ -120,8 +120,8 @@ def test_more_slaves_than_soem_has_room_for(start_daemon: Callable[..., Daemon])
 def master_with_mailboxes() -> Any:
     master = Master([FIRST])
     try:
-        why = master.scan(5)
-        master.wait_for_state(AlState.PREOP, 5)
+        why = master.scan(60)
+        master.wait_for_state(AlState.PREOP, 60)
         return [why, [read_vendor(master, place) for place in range(0, 240, 8)]]
     finally:
         master.close()

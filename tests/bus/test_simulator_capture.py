@@ -283,7 +283,7 @@ def states():
     frame = b"\xff" * 12 + b"\x88\xa4" + struct.pack("<H", 0x1000 | len(datagram)) + datagram
     with socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(0x88A4)) as raw:
         raw.bind((INTERFACE, 0x88A4))
-        raw.settimeout(2)
+        raw.settimeout(60)
         raw.send(frame.ljust(60, b"\0"))
         while True:
             answer = raw.recv(2048)

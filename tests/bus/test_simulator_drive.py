@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from masters import new_master, run
+from masters import PATIENCE, new_master, run
 
 from ecatsim.devices.library import make
 from ecatsim.rig import Rig
@@ -87,7 +87,7 @@ class Axis:
             ) = INPUTS.unpack(data)
         time.sleep(0.001)
 
-    def until(self, condition, seconds=20.0):
+    def until(self, condition, seconds=PATIENCE):
         end = time.monotonic() + seconds
         while not condition():
             assert time.monotonic() < end, f"status 0x{self.status:04X} mode {self.display}"

@@ -22,7 +22,7 @@ def frame(index, command=12):
 def opened(name):
     wire = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(0x88A4))
     wire.bind((name, 0x88A4))
-    wire.settimeout(3)
+    wire.settimeout(60)
     return wire
 
 

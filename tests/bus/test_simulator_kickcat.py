@@ -71,12 +71,12 @@ def master_kickcat():
 
     bus = started_kickcat(mapped=True)
     bus.request_state(kickcat.State.SAFE_OP)
-    bus.wait_for_state(kickcat.State.SAFE_OP, 5.0)
+    bus.wait_for_state(kickcat.State.SAFE_OP, 60.0)
     slaves = list(bus.slaves())
     for slave in slaves:
         slave.set_output_bytes(bytes(slave.output_size))
     bus.request_state(kickcat.State.OPERATIONAL)
-    bus.wait_for_state(kickcat.State.OPERATIONAL, 5.0, bus.process_data)
+    bus.wait_for_state(kickcat.State.OPERATIONAL, 60.0, bus.process_data)
     for i, slave in enumerate(slaves):
         slave.set_output_bytes(pattern(i, 5, slave.output_size))
     for _ in range(50):

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from masters import new_master, run
+from masters import PATIENCE, new_master, run
 from test_simulator_masters import (
     ERROR,
     INIT,
@@ -346,7 +346,8 @@ def master_kickcat():
     status = kickcat.mailbox.request.MessageStatus
 
     def transfer(message):
-        for _ in range(1000):
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
             bus.process_mailboxes()
             if message.status() != status.RUNNING:
                 break
@@ -354,9 +355,11 @@ def master_kickcat():
         return message.status() == status.SUCCESS
 
     # The answer comes behind the emergency, and behind both that of the next request.
-    sent = transfer(slave.mailbox.write_sdo(0x2F00, 1, data=struct.pack("<H", 0x8130), timeout=1.0))
+    sent = transfer(
+        slave.mailbox.write_sdo(0x2F00, 1, data=struct.pack("<H", 0x8130), timeout=30.0)
+    )
     values = [
-        bus.read_sdo(slave, index, subindex, kickcat.PARTIAL, 4, 1.0).hex()
+        bus.read_sdo(slave, index, subindex, kickcat.PARTIAL, 4, 30.0).hex()
         for index, subindex in ((0x1001, 0), (0x1018, 2))
     ]
     name = bus.read_object_description(slave, 0x2F00)[0]

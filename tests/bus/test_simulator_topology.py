@@ -142,12 +142,12 @@ def master_kickcat(count):
     bus.init(0.0)
     bus.create_mapping()
     bus.request_state(kickcat.State.SAFE_OP)
-    bus.wait_for_state(kickcat.State.SAFE_OP, 5.0)
+    bus.wait_for_state(kickcat.State.SAFE_OP, 60.0)
     slaves = list(bus.slaves())
     for slave in slaves:
         slave.set_output_bytes(bytes(slave.output_size))
     bus.request_state(kickcat.State.OPERATIONAL)
-    bus.wait_for_state(kickcat.State.OPERATIONAL, 5.0, bus.process_data)
+    bus.wait_for_state(kickcat.State.OPERATIONAL, 60.0, bus.process_data)
     found = []
     with Simulator() as simulator:
         for broken in (None, 2, None, 0, None):
