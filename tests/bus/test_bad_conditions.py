@@ -218,7 +218,7 @@ def test_slaves_missing_and_back(bench: Bench) -> None:
 def test_slaves_that_do_not_answer_are_named_together(
     start_daemon: Callable[..., Daemon],
 ) -> None:
-    bench = Bench(start_daemon("troll", config="state_timeout_s = 0.5\n[gateway]\nlisten = []\n"))
+    bench = Bench(start_daemon("troll", config="state_timeout_s = 5.0\n[gateway]\nlisten = []\n"))
     bench.wait_for_data()
     bench.ctl("power-off", "2")
     bench.wait_for_log("slave count changed: 8, now 2")

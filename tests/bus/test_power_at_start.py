@@ -16,7 +16,7 @@ RIG = 'name = "machine"\n' + "".join(
 SLOW = '[[fault]]\nkind = "mailbox"\nslave = 2\nmode = "slow"\ndelay_s = 0.05\n'
 PARAMETER = '[[slave.startup]]\nobject = "0x6065:00"\ntype = "uint32"\nvalue = 4321\n'
 CONFIG = """
-state_timeout_s = 2.0
+state_timeout_s = 5.0
 [gateway]
 listen = []
 [log]

@@ -12,7 +12,7 @@ from ecatd.model.al import AlState
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 LONG_LINE = Path(__file__).parent.parent / "rigs" / "long_line.py"
-CONFIG = "state_timeout_s = 2.0\n[gateway]\nlisten = []\n[recovery]\nretry_s = 1.0\n"
+CONFIG = "state_timeout_s = 10.0\n[gateway]\nlisten = []\n[recovery]\nretry_s = 1.0\n"
 CONFIG += "[outputs]\nlease_max_ms = 60000\n"
 DRIVE = 2
 
@@ -185,7 +185,7 @@ def test_asking_by_hand_sets_up_a_slave_that_forgot_its_address(
     start_daemon: Callable[..., Daemon],
 ) -> None:
     """Where nobody else does."""
-    config = CONFIG.replace("retry_s = 1.0", 'slaves = "none"')
+    config = CONFIG.replace("retry_s = 1.0", 'slaves = "none"').replace("= 10.0", "= 5.0")
     bench = Bench(start_daemon("troll", config=config))
     bench.wait_for_data()
     bench.power(4, 5, on=False)

@@ -53,13 +53,13 @@ def test_what_cannot_be_done_is_told_with_the_reason(troll: Daemon) -> None:
 
 
 def test_the_state_machine_of_a_slave_may_refuse(start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll", config="state_timeout_s = 0.5\n[gateway]\nlisten = []\n")
+    daemon = start_daemon("troll", config="state_timeout_s = 5.0\n[gateway]\nlisten = []\n")
     with daemon.client() as client:
         simulator(daemon, "power-off", str(LAST))
         with pytest.raises(StateError, match=naming("slave 7 (EL6751)", "PREOP")):
-            client.request_state(LAST, AlState.PREOP).result()
+            client.request_state(LAST, AlState.PREOP).result(60)
         with pytest.raises(NoAnswerError, match=naming("slave 7 (EL6751)", "answer")):
-            client.sdo_upload(LAST, 0x1018, 1).result()
+            client.sdo_upload(LAST, 0x1018, 1).result(60)
 
 
 def simulator(daemon: Daemon, *command: str) -> None:
