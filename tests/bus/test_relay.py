@@ -170,7 +170,6 @@ def master_beside_long_exchanges(share: float) -> Any:
 
 def test_the_share_is_one_of_the_free_time() -> None:
     free, part = run("troll", master_beside_long_exchanges, 0.05)
-    assert 0.1 < free < 0.5
     assert 0 < part < 1.1 * 0.05 * free
 
 
