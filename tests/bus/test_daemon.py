@@ -367,7 +367,7 @@ def test_stopping_takes_the_slaves_to_init(tmp_path: Path) -> None:
         "while b'READY=1' not in ready.recv(4096): pass\n"
         "daemon.terminate(); assert daemon.wait() == 0\n"
         "raw = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(0x88A4))\n"
-        "raw.bind(('ecat-master', 0x88A4)); raw.settimeout(5)\n"
+        "raw.bind(('ecat-master', 0x88A4)); raw.settimeout(60)\n"
         # One BRD of AL status: the states of all slaves, ORed, and how many have answered.
         "raw.send(bytes.fromhex('ffffffffffff030101010101 88a4 0e10 07 77 00003001 0200 0000')"
         " + bytes(32))\n"

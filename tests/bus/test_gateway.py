@@ -60,7 +60,7 @@ def local(daemon: Daemon) -> zenoh.Session:
 
 def ask(session: zenoh.Session, key: str, payload: bytes | None = None) -> list[dict[str, object]]:
     answers = []
-    for reply in session.get(key, payload=payload, timeout=5.0):
+    for reply in session.get(key, payload=payload, timeout=60.0):
         sample = reply.ok if reply.ok is not None else reply.err
         answers.append(unpack(bytes(sample.payload), 1 << 26))
     return answers
@@ -95,7 +95,7 @@ def test_a_gateway_ends_whose_service_was_killed_while_it_started(
 
 
 def test_the_network_reads_and_does_not_write(daemon: Daemon, network: zenoh.Session) -> None:
-    remote = Remote(daemon.bus, f"tcp/127.0.0.1:{PORT}", 5.0)
+    remote = Remote(daemon.bus, f"tcp/127.0.0.1:{PORT}", 60.0)
     assert [slave.name for slave in remote.describe().slaves][1:3] == ["EK1100", "EL1018"]
     assert remote.sdo_read(0, 0x1018, 1).data == b"\x9a\0\0\0"
     with pytest.raises(NotPermittedError, match=naming("its own machine")):
@@ -128,7 +128,7 @@ def test_nobody_can_forge_what_the_daemon_says(daemon: Daemon, network: zenoh.Se
             for key in ("info", "state", "nothing"):
                 answers = [
                     bytes(reply.ok.payload if reply.ok else reply.err.payload)
-                    for reply in network.get(bus_key(daemon.bus, "ro", key), timeout=5.0)
+                    for reply in network.get(bus_key(daemon.bus, "ro", key), timeout=60.0)
                 ]
                 assert len(answers) == 1
                 assert forged not in answers
@@ -150,7 +150,7 @@ def test_nobody_can_forge_what_the_daemon_says(daemon: Daemon, network: zenoh.Se
 
 
 def test_buses_are_found(daemon: Daemon, network: zenoh.Session) -> None:
-    (reply,) = network.get("ecat/v1/*/ro/info", timeout=5.0)
+    (reply,) = network.get("ecat/v1/*/ro/info", timeout=60.0)
     assert str(reply.ok.key_expr) == bus_key(daemon.bus, "ro", "info")
     assert unpack(bytes(reply.ok.payload))["version"]
     (row,) = daemon.ctl_json("buses", "--connect", f"tcp/127.0.0.1:{PORT}")["buses"]
@@ -189,9 +189,11 @@ def test_a_bus_server_that_does_not_answer(
                 remote.set_state("OP")
             with pytest.raises(NoAnswerError, match=naming("1 s", "bus server")):
                 remote.states()
-        text = daemon.ctl("info", "--timeout", "1", check=False).stdout
-        assert "no answer   the daemon of bus" in text
-        assert "wire time   unknown without an answer\n" in text
+        lines = daemon.ctl("info", "--timeout", "1", check=False).stdout.splitlines()
+        (silent,) = (line for line in lines if line.startswith("no answer"))
+        names(silent, f"'{daemon.bus}'", "shared memory")
+        (wire_time,) = (line for line in lines if line.startswith("wire time"))
+        names(wire_time, "unknown")
         daemon.process.terminate()
     finally:
         os.kill(server, signal.SIGKILL)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from conftest import Daemon, names, one_line_error, wait_for
-from ecatd.client import Client
 from ecatd.client.remote import Remote
 from ecatd.model.errors import NoAnswerError, StateError, UsageError
 
@@ -31,7 +30,7 @@ def remote(bus: Daemon, monkeypatch: pytest.MonkeyPatch) -> Iterator[Remote]:
 def test_a_peak_of_a_few_cycles_is_seen(bus: Daemon, remote: Remote) -> None:
     with (
         remote.stream("2/Channel 1/Input", 4) as stream,
-        Client(bus.bus) as client,
+        bus.client() as client,
         client.claim(WIRED[0], lease=60),
     ):
         (signal,) = stream.signals
@@ -108,7 +107,7 @@ def test_a_stream_ends_with_its_daemon(
 ) -> None:
     daemon = start_daemon("troll")
     monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
-    with Remote(daemon.bus, timeout=5) as remote, remote.stream("2/*", 20) as stream:
+    with Remote(daemon.bus, timeout=20) as remote, remote.stream("2/*", 20) as stream:
         rows = iter(stream)
         next(rows)
         daemon.stop()
@@ -118,7 +117,7 @@ def test_a_stream_ends_with_its_daemon(
 
 
 def test_a_summary_of_cycles_in_this_process(bus: Daemon) -> None:
-    with Client(bus.bus) as client:
+    with bus.client() as client:
         found = client.summarize(["4/0x6000:11", "2/0x6000:01"], 50)
         assert all(0 < row.cycles <= 60 for row in found)
         assert -10 <= found[0].minimum <= found[0].mean <= found[0].maximum <= 10
