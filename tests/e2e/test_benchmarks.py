@@ -83,7 +83,6 @@ def test_scale(tmp_path: Path) -> None:
             assert min(counts["cycles"], counts["frames"]) > 0
     small, large = result["cases"]
     found = result["machine"]["interruptions"]
-    assert found["rate"] >= 0
     assert f"{found['rate']:g} times a second for longer than" in page
     assert small["shared"] < large["shared"]
     assert "## Many slaves" in page
@@ -131,11 +130,13 @@ def test_engine(tmp_path: Path) -> None:
     clocks = result["clocks"]
     assert clocks["locked"] > 0
     assert [len(start["seconds"]) for start in result["start"]] == [1, 1, 1]
-    work = result["work"]
-    # Processors in some virtual machines count no instructions.
-    assert "reason" in work or all(point["instructions"] > 0 for point in work["points"])
     assert "exchange beside 64 readers of the shared memory" in page
     assert "free-running, 8 slaves, busy" in page
+    work = result["work"]
+    if "reason" in work:  # processors in some virtual machines count no instructions
+        pytest.skip(f"all is so but for instructions, which are not counted: {work['reason']}")
+    assert work["points"]
+    assert all(point["instructions"] > 0 for point in work["points"])
 
 
 @pytest.mark.timeout(360)
@@ -177,7 +178,6 @@ def test_client(tmp_path: Path) -> None:
     for case in result["commits"]:
         assert 0 < case["commit"] < case["step"]
     assert {case["claimed"] for case in result["commits"]} == {1, 8, 200}
-    assert "reason" in result["calls"] or result["calls"]["calls"] == 0
     delay = result["delay"]
     outcomes = ("exact", "late", "lost", "wrong")
     assert sum(delay[outcome] for outcome in outcomes) == delay["cycles"] == 200
@@ -197,6 +197,10 @@ def test_client(tmp_path: Path) -> None:
     assert result["peers"]["device_drivers"] == {"reason": "DEVICE_DRIVERS names no checkout of it"}
     assert "| who owns an output |" in page
     assert "commit of the outputs of one slave, on a bus of 200 slaves" in page
+    calls = result["calls"]
+    if "reason" in calls:
+        pytest.skip(f"all is so but for system calls, which are not counted: {calls['reason']}")
+    assert calls["calls"] == 0
 
 
 def test_modelica(tmp_path: Path) -> None:

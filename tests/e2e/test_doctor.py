@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from conftest import Daemon
+from conftest import Daemon, names
 
 pytestmark = pytest.mark.bus
 
@@ -161,11 +161,27 @@ def test_a_killed_daemon_leaves_memory_that_is_named(
     daemon = start_daemon("line:1")
     found = findings(run("--bus", daemon.bus, "--json", env=daemon.env).stdout)
     assert found["service", "gateway"]["level"] == "ok"
-    left = f"/dev/shm/ecat.{daemon.bus}.out is left"
-    assert left not in run(env=daemon.env).stdout
-    assert (
-        "may write outputs" in run("--bus", daemon.bus, env=daemon.env).stdout or os.geteuid() == 0
-    )
+    left = f"/dev/shm/ecat.{daemon.bus}.out"
+
+    def told() -> list[str]:
+        document = json.loads(run("--json", env=daemon.env).stdout)
+        return [item["text"] for item in document["findings"] if left in item["text"]]
+
+    assert told() == []
+    daemon.kill_all()
+    shutil.rmtree(daemon.env["ECATD_RUNTIME_DIR"])  # as systemd does
+    (text,) = told()
+    names(text, left, f"'{daemon.bus}'")
+
+
+def test_ordinary_users_are_told_that_they_may_write(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("line:1")
+    user = [] if os.geteuid() else ["unshare", "--user", "--map-user=1000", "--map-group=1000"]
+    command = [*user, *shlex.split(CTL), "--bus", daemon.bus, "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=daemon.env)
+    found = findings(done.stdout)["this user", "use of the bus"]
+    assert found["level"] == "ok"
+    assert "write outputs" in found["text"]
 
 
 def test_a_bus_without_a_gateway(start_daemon: Callable[..., Daemon]) -> None:
