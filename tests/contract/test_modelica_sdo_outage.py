@@ -66,7 +66,9 @@ def test_a_request_without_a_bus_fails_with_the_reason(tmp_path: Path, compiler:
 """,
         without_bus=CONTINUE,
     )
-    for answer in answers(run(program, NO_BUS)):
+    found = answers(run(program, NO_BUS))
+    assert len(found) == 3
+    for answer in found:
         assert (answer.state, answer.code, answer.count) == (State.FAILED, -2, 0)
         names(answer.text, "no ecatd", f"'{NO_BUS}'")
 
