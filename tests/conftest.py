@@ -39,21 +39,13 @@ SHM = Path("/dev/shm")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
-    """Names the test for `guard.py` in the environment of all that it starts."""
+    """Names the test for `guard.py` in the environment of all that it starts, and in its diary."""
     os.environ[guard.RUNNING] = item.nodeid
-    tests = item.nodeid.partition("::")[0]
-    if tests not in _BEGUN:
-        _BEGUN.add(tests)
-        guard.note("begin", tests)
+    guard.note("begin", item.nodeid)
     try:
         return (yield)
     finally:
-        if nextitem is None or nextitem.nodeid.partition("::")[0] != tests:
-            _BEGUN.discard(tests)
-            guard.note("end", tests)
-
-
-_BEGUN: set[str] = set()
+        guard.note("end", item.nodeid)
 
 
 class PatientClient(Client):

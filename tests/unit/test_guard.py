@@ -1,6 +1,7 @@
-"""What tests leave behind is named, ended and removed, and makes the run fail."""
+"""What tests leave behind is named and makes the run fail; processes are ended as well."""
 
 import os
+import signal
 import subprocess
 import sys
 import uuid
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import guard
+from conftest import PATIENCE, children
 
 GUARD = Path(guard.__file__)
 
@@ -62,7 +64,7 @@ def test_what_a_test_leaves_is_named_and_ended(tmp_path: Path, what: str, status
     pid = int(left.read_text())
     test = "test_left.py::test_careless"
     assert f"left behind: process {pid} (sleep 1000), started by {test}" in run.stderr
-    assert f"left behind: shared memory /dev/shm/{name}, left by test_left.py" in run.stderr
+    assert f"left behind: shared memory /dev/shm/{name}, left by {test}" in run.stderr
     assert not Path(f"/proc/{pid}").exists()
     Path("/dev/shm", name).unlink()
 
@@ -103,14 +105,32 @@ def test_what_another_program_has_mapped_is_not_left_behind(tmp_path: Path) -> N
         name.unlink(missing_ok=True)
 
 
-def test_files_of_tests_that_were_running_are_suspects() -> None:
+def test_tests_that_were_running_are_suspects() -> None:
     diary = [
-        '["begin", "a.py", [[], [], []]]',
-        '["begin", "b.py", [[], [], []]]',
-        '["end", "b.py", [["/dev/shm/ecat.x"], [], []]]',
-        '["begin", "c.py", [["/dev/shm/ecat.x"], ["veth0"], []]]',
-        '["end", "a.py", [["/dev/shm/ecat.x"], ["veth0"], []]]',
+        '["begin", "a", [[], [], []]]',
+        '["begin", "b", [[], [], []]]',
+        '["end", "b", [["/dev/shm/ecat.x"], [], []]]',
+        '["begin", "c", [["/dev/shm/ecat.x"], ["veth0"], []]]',
+        '["end", "a", [["/dev/shm/ecat.x"], ["veth0"], []]]',
     ]
-    assert guard.suspects(diary, "/dev/shm/ecat.x") == ["a.py", "b.py"]
-    assert guard.suspects(diary, "veth0") == ["a.py", "c.py"]
-    assert guard.suspects(diary, "eth7") == ["c.py"]
+    assert guard.suspects(diary, "/dev/shm/ecat.x") == ["a", "b"]
+    assert guard.suspects(diary, "veth0") == ["a"], "it was there before the other one began"
+    assert guard.suspects(diary, "eth7") == ["c"]
+
+
+@pytest.mark.parametrize("victim", ["first", "second"])
+def test_nothing_stays_when_the_guard_is_killed(tmp_path: Path, victim: str) -> None:
+    left = tmp_path / "pid"
+    os.mkfifo(left)
+    script = f"setsid sleep 1000 & echo $! >{left}; wait"
+    run = subprocess.Popen(
+        [sys.executable, GUARD, "sh", "-c", script],
+        env={**os.environ, "ECATD_TEST_PATIENCE_S": "0.5"},
+        stderr=subprocess.PIPE,
+    )
+    pid = int(left.read_text())
+    (second,) = children(run.pid)
+    os.kill(run.pid if victim == "first" else second, signal.SIGKILL)
+    _, said = run.communicate(timeout=PATIENCE)  # nobody has it open any more
+    assert f"left behind: process {pid} (" in said.decode()
+    assert not Path(f"/proc/{pid}").exists()
