@@ -352,7 +352,7 @@ def test_the_daemon_ends_when_its_bus_server_dies(start_daemon: Callable[..., Da
     assert "the gateway" not in log  # which ends with the bus server
 
 
-def test_both_segments_have_the_documented_modes(troll: Daemon) -> None:
+def test_both_files_have_the_documented_modes(troll: Daemon) -> None:
     modes = {path.name: oct(path.stat().st_mode & 0o777) for path in SHM.glob(f"ecat.{troll.bus}*")}
     assert modes == {f"ecat.{troll.bus}": "0o640", f"ecat.{troll.bus}.out": "0o660"}
 

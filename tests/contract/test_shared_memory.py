@@ -1,4 +1,4 @@
-"""The segments: what the daemon writes is what the C client reads, and damage is noticed."""
+"""The shared memory: what the daemon writes is what the C client reads, and damage is noticed."""
 
 import ctypes
 import uuid

@@ -1,4 +1,4 @@
-"""`ecatctl shm` and `claims` on segments of all kinds: sound, damaged, left behind, and random."""
+"""`ecatctl shm` and `claims` on shared memory of all kinds: sound, damaged, left behind, and random."""
 
 import json
 import os
@@ -261,7 +261,7 @@ def test_a_leftover_is_shown_and_what_to_do_with_it(shared: SharedMemory) -> Non
         (False, b"ECATSHM1\1\0\0\0" + bytes(4096), "layout | 0.1 | 1.0 | update the daemon"),
     ],
 )
-def test_what_is_no_segment_is_told_in_one_sentence(
+def test_what_is_no_shared_memory_is_told_in_one_sentence(
     shared: SharedMemory, alive: bool, change: bytes, tokens: str
 ) -> None:
     with copy_of(shared, alive=alive) as (name, path, _fd):
@@ -294,7 +294,7 @@ def test_a_file_that_is_cut_short_says_so(shared: SharedMemory) -> None:
             contents(name)
 
 
-def test_the_segment_of_the_clients_may_be_damaged_too(shared: SharedMemory) -> None:
+def test_the_file_of_the_clients_may_be_damaged_too(shared: SharedMemory) -> None:
     with copy_of(shared, alive=True) as (name, path, _fd):
         out = path.with_name(f"{path.name}.out")
         whole = out.read_bytes()

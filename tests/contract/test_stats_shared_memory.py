@@ -31,7 +31,7 @@ from ecatd.stats.snapshot import COUNTERS, DOMAIN_COUNTERS
 
 
 @contextmanager
-def made_segment() -> Iterator[SharedMemory]:
+def made_memory() -> Iterator[SharedMemory]:
     bus = make_bus()
     made = SharedMemory(bus.name)
     try:
@@ -45,7 +45,7 @@ def made_segment() -> Iterator[SharedMemory]:
 
 @pytest.fixture
 def shared() -> Iterator[SharedMemory]:
-    with made_segment() as made:
+    with made_memory() as made:
         yield made
 
 
@@ -109,7 +109,7 @@ def test_everything_is_read(shared: SharedMemory) -> None:
     assert from_map(to_map(found, buckets=True)).counters == found.counters
 
 
-def test_a_fresh_segment_is_all_zero(shared: SharedMemory) -> None:
+def test_fresh_shared_memory_is_all_zero(shared: SharedMemory) -> None:
     found = read(name_of(shared))
     assert found.counters.cycles == 0
     assert all(histogram.count == 0 for _name, histogram in found.times.items())
@@ -222,7 +222,7 @@ def test_a_file_that_is_cut_short_is_refused(shared: SharedMemory) -> None:
 @settings(max_examples=60)
 @given(st.data())
 def test_random_bytes_are_errors_or_values(data: st.DataObject) -> None:
-    with made_segment() as shared:
+    with made_memory() as shared:
         name = name_of(shared)
         before = read(name)
         size = shared.header.size

@@ -102,7 +102,7 @@ def test_clients_that_hang_or_die_are_told(start_daemon: Callable[..., Daemon]) 
         assert (slot["held"], slot["lapses"], slot["reason"]) == (False, 1, "lapsed")
 
 
-def test_shm_shows_the_whole_segment(troll: Daemon) -> None:
+def test_shm_shows_all_there_is(troll: Daemon) -> None:
     document = troll.ctl_json("shm")
     assert (document["alive"], document["state"], document["problems"]) == (True, "running", [])
     assert document["counts"] == {"slave": 8, "signal": 156, "domain": 1, "slot": 32}
@@ -161,7 +161,7 @@ def test_watch_comes_again_and_outlives_the_daemon(start_daemon: Callable[..., D
             process.kill()
 
 
-def test_a_segment_that_was_left_behind(start_daemon: Callable[..., Daemon]) -> None:
+def test_shared_memory_that_was_left_behind(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll")
     daemon.kill_all()
     left = daemon.ctl("shm", check=False)
