@@ -1,4 +1,4 @@
-"""`ecatctl shm` and `claims` on shared memory of all kinds: sound, damaged, left behind, and random."""
+"""`ecatctl shm` and `claims` on shared memory that is sound, damaged, left behind, or random."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""A daemon that is killed while it makes its shared memory: the next start finds nothing in its way."""
+"""A daemon that is killed while it makes its shared memory: the next start can make it anew."""
 
 import os
 import subprocess

@@ -29,7 +29,7 @@
 #define COMMITS 2
 #define BEATS 3          /* heartbeats count modulo this */
 
-/* The .out segment; a client's life is told by `generation`, and so is who made an image. */
+/* The .out file; a client's life is told by `generation`, and so is who made an image. */
 bool lock[SLOTS];
 byte last[SLOTS], bell_generation[SLOTS], bell_beat[SLOTS], bell_claim[SLOTS], bell_commit[SLOTS];
 bit wants[SLOTS];

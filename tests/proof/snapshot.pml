@@ -1,5 +1,5 @@
 /* The seqlock of a domain's page: `cyclic_publish_domain()` in daemon/cyclic/publish.c writes,
- * `ecat_page_copy()` in client_c/src/segment.c reads.
+ * `ecat_page_copy()` in client_c/src/shared_memory.c reads.
  *
  * Between the fences both sides access the words in any order, as relaxed atomics may. The writer
  * may stop for ever at any point, as a daemon that is killed does. Readers only load, so one stands

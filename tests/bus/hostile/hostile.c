@@ -3,7 +3,7 @@
  * usage: hostile BUS KIND COUNT SEED
  *
  * The rig is `line:6`: domain 0 has slaves 0 to 2, domain 1 the others. A child process is hostile
- * COUNT times: `pages` writes random pages over the whole .out segment, `lies` claims, commits and
+ * COUNT times: `pages` writes random pages over the whole .out file, `lies` claims, commits and
  * releases as the protocol has it, but whatever it likes, and `requests` asks for random objects. The
  * parent meanwhile reads every cycle: the entry with a declared range stays within it, working
  * counters are right, and the cycle goes on. A writer of domain 1 keeps its outputs, unless its slot

@@ -4,7 +4,7 @@
  *
  * Socket pairs stand for the interfaces. The bus answers each frame with inputs that count its
  * frames, the same number in every word, and then loses, holds back, repeats, cuts, lengthens or
- * damages answers, or invents some. Clients write random bytes over the .out segment and cut it
+ * damages answers, or invents some. Clients write random bytes over the .out file and cut it
  * short; one of them claims and commits as it should, but whatever it likes. Meanwhile sockets are
  * replaced, events and images are read. What must hold: an image is that of one frame, no older
  * frame is taken after a newer one, nobody owns what nobody may, and no output leaves the bits and
@@ -221,7 +221,7 @@ static void *clients(void *argument) {
   uint8_t junk[256];
   ecat_out_header header;
   ecat_out_doorbell bell = {0};
-  if (pread(out_fd, &header, sizeof header, 0) != sizeof header) die("no .out segment");
+  if (pread(out_fd, &header, sizeof header, 0) != sizeof header) die("no .out file");
   while (!stopping()) {
     uint32_t at = header.doorbells_offset + below(&source, OUT_BYTES - header.doorbells_offset - 256);
     if (one_in(&source, 2)) at = header.doorbells_offset + 4 * below(&source, 8 * ECAT_SLOTS);
@@ -321,7 +321,7 @@ static void swap_socket(int *near, int port) {
   reached.swaps++;
 }
 
-/* --- the segments --------------------------------------------------------------------------- */
+/* --- the shared memory ----------------------------------------------------------------------- */
 
 static uint32_t place(uint32_t *end, size_t size) {
   uint32_t at = *end;
@@ -329,7 +329,7 @@ static uint32_t place(uint32_t *end, size_t size) {
   return at;
 }
 
-static void fill_segment(ecat_shm_header *h) {
+static void fill_header(ecat_shm_header *h) {
   uint32_t end = sizeof *h, i;
   uint32_t slaves_in[DOMAINS] = {1, SLAVES - 1}, base = 0;
   ecat_shm_slave *slaves;
@@ -397,7 +397,7 @@ static void fill_out(void) {
   out_fd = memfd_create("out", MFD_CLOEXEC);
   if (out_fd < 0 || ftruncate(out_fd, OUT_BYTES) != 0 ||
       pwrite(out_fd, &header, sizeof header, 0) != sizeof header)
-    die("no .out segment");
+    die("no .out file");
 }
 
 /* Exchanges of the first domain that arrived whole and in time. On a busy machine most are late. */
@@ -422,7 +422,7 @@ int main(int count, char **arguments) {
   shm = aligned_alloc(64, 1 << 20);
   if (shm == NULL || ports < 1 || ports > MAX_PORTS) die("cannot begin");
   memset(shm, 0, 1 << 20);
-  fill_segment((ecat_shm_header *)(void *)shm);
+  fill_header((ecat_shm_header *)(void *)shm);
   fill_out();
   for (i = 0; i < ports; i++) near[i] = new_pair(i);
   engine = cyclic_new(shm, out_fd, near[0], near[1], RUN);

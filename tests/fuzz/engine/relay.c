@@ -223,7 +223,7 @@ static uint32_t place(uint32_t *end, size_t size) {
 }
 
 /* A bus without slaves of its own: the engine asks for their status only. */
-static int make_segments(void) {
+static int make_files(void) {
   ecat_shm_header *h = (void *)shm;
   ecat_out_header out = {.slot_count = ECAT_SLOTS, .doorbells_offset = 4096, .slots_offset = 8192,
                          .slot_stride = 8192, .image_stride = 64};
@@ -237,7 +237,7 @@ static int make_segments(void) {
   h->slaves_offset = h->domains_offset = h->signals_offset = h->outputs_offset = end;
   h->domain_status_offset = end;
   if (fd < 0 || ftruncate(fd, 1 << 20) != 0 || pwrite(fd, &out, sizeof out, 0) != sizeof out)
-    die("no .out segment");
+    die("no .out file");
   return fd;
 }
 
@@ -254,7 +254,7 @@ int main(int count, char **arguments) {
   shm = aligned_alloc(64, 1 << 20);
   if (shm == NULL || ports < 1 || ports > MAX_PORTS) die("cannot begin");
   memset(shm, 0, 1 << 20);
-  out_fd = make_segments();
+  out_fd = make_files();
   for (i = 0; i < WIRES; i++) {
     far[i] = -1;
     if (i % MAX_PORTS < ports) near[i] = new_pair(&far[i]);

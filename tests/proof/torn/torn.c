@@ -22,12 +22,12 @@ int main(int count, char **arguments) {
   bench.size = (uint32_t)strtoul(arguments[2], NULL, 10);
   bench.count = strtoull(arguments[3], NULL, 10);
   snprintf(bench.name, sizeof bench.name, "torn%d", (int)getpid());
-  segments_make(&bench);
+  files_make(&bench);
   if (strcmp(what, "read") == 0)
     read_images(&bench);
   else
     take_commits(&bench);
   cyclic_free(bench.engine);
-  segments_remove();
+  files_remove();
   return 0;
 }

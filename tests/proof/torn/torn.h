@@ -1,4 +1,4 @@
-/* A bus without wires for the torn-read tests: the segments of the daemon as files, the engine's own
+/* A bus without wires for the torn-read tests: the shared memory of the daemon as files, the engine's own
  * parts that write and read them, and the real client in other threads. */
 #ifndef TORN_H
 #define TORN_H
@@ -37,9 +37,9 @@ static inline void rest(uint32_t turns) {
 }
 
 _Noreturn void die(const char *what, uint64_t number);
-/* Makes the segments and an engine on them, which is never started: the test calls its parts. */
-void segments_make(struct bench *bench);
-void segments_remove(void);
+/* Makes the files and an engine on them, which is never started: the test calls its parts. */
+void files_make(struct bench *bench);
+void files_remove(void);
 /* A connection as programs make it. */
 ecat_t *connection(const struct bench *bench);
 

@@ -13,11 +13,11 @@ static char paths[2][64];
 
 void die(const char *what, uint64_t number) {
   fprintf(stderr, "torn: %s (%llu)\n", what, (unsigned long long)number);
-  segments_remove();
+  files_remove();
   _exit(1);
 }
 
-void segments_remove(void) {
+void files_remove(void) {
   int i;
   for (i = 0; i < 2; i++)
     if (paths[i][0] != '\0') unlink(paths[i]);
@@ -85,11 +85,11 @@ static int make_out(const struct bench *bench, const ecat_shm_header *h) {
   out.image_stride = (uint32_t)((image + 63) / 64 * 64);
   out.slot_stride = (out.images_offset + ECAT_IMAGES * out.image_stride + 4095) / 4096 * 4096;
   fd = new_file(bench, 1, out.slots_offset + (size_t)ECAT_SLOTS * out.slot_stride);
-  if (pwrite(fd, &out, sizeof out, 0) != sizeof out) die("no .out segment", (uint64_t)errno);
+  if (pwrite(fd, &out, sizeof out, 0) != sizeof out) die("no .out file", (uint64_t)errno);
   return fd;
 }
 
-void segments_make(struct bench *bench) {
+void files_make(struct bench *bench) {
   ecat_shm_header h = {.magic = ECAT_SHM_MAGIC, .state = ECAT_BUS_RUNNING};
   struct flock lock = {.l_type = F_WRLCK, .l_whence = SEEK_SET, .l_start = ECAT_LOCK_DAEMON, .l_len = 1};
   uint32_t end = (sizeof h + 63) / 64 * 64, i, page;
@@ -120,7 +120,7 @@ void segments_make(struct bench *bench) {
   h.size = end;
   fd = new_file(bench, 0, end);
   shm = mmap(NULL, end, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
-  if (shm == MAP_FAILED || fcntl(fd, F_OFD_SETLK, &lock) != 0) die("no segment", (uint64_t)errno);
+  if (shm == MAP_FAILED || fcntl(fd, F_OFD_SETLK, &lock) != 0) die("no shared memory", (uint64_t)errno);
   memcpy(shm, &h, sizeof h);
   fill(bench, &h, shm);
   ((ecat_shm_domain *)(void *)(shm + h.domains_offset))->page_offset = page;
