@@ -199,7 +199,8 @@ def test_a_scan_in_json_and_under_another_name(troll: Daemon, tmp_path: Path) ->
         ("--from troll --config {rig}", "{rig}:1: name: | no key", 2),
         ("--from {scan} --config {rig}", "--config | rig | ESI files", 2),
         ("--from {scan}", "{scan}: slaves[0] | 'vendor'", 2),
-        ("--from {good} --bus a/b", "'a/b' | bus name | 31", 2),
+        ("--from {good} --bus a/b", "'a/b' | bus name | HOST/BUS | --connect", 2),
+        ("--from {good} --bus a!b", "'a!b' | bus name | 31", 2),
         ("--from troll --connect tcp/localhost:1", "--from | --connect", 2),
     ],
 )

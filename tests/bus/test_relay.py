@@ -174,7 +174,7 @@ def test_the_share_is_one_of_the_free_time() -> None:
 
 
 def left_over() -> list[Any]:
-    """Threads and files of this process, without numbers: sockets and files have others."""
+    """Threads and files of this process, without numbers: sockets and shared memory have others."""
     tasks = Path("/proc/self/task").iterdir()
     threads = sorted((task / "comm").read_text() for task in tasks)
     files = []

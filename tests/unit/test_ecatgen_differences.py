@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ecatgen.build
+from conftest import names
 from ecatd.model import bus_file
 from ecatd.model.bus import Bus, Domain, Slave
 from ecatd.model.config import Config
@@ -48,6 +49,17 @@ def entry_of(bus: Bus, slave: int, index: int) -> Entry:
     return next(entry for _, entry, _ in both if entry.index == index)
 
 
+def say(found: Sequence[str], *wanted: str) -> None:
+    """Asserts that each line names what is wanted of it; "1 -> 2": the first before the second."""
+    assert len(found) == len(wanted), found
+    for line, tokens in zip(found, wanted, strict=True):
+        for token in tokens.split(" | "):
+            first, arrow, second = token.partition(" -> ")
+            names(line, *filter(None, (first, second)))
+            if arrow:
+                names(line.rpartition(second)[0], first)
+
+
 def test_nothing_is_different() -> None:
     assert told(lambda bus: None) == []
 
@@ -56,12 +68,11 @@ def test_connectors_come_and_go() -> None:
     def shorten(bus: Bus) -> None:
         bus.slaves[3].outputs.pop()
 
-    assert told(shorten) == ["slave 3 EL2008: connector channel8Output is gone (output 0x7070:01)"]
+    say(told(shorten), "slave 3 | EL2008 | channel8Output | gone | output | 0x7070:01")
     new = sample_buses.troll()
     shorten(new)
-    assert lines(compared(new, sample_buses.troll())) == [
-        "slave 3 EL2008: connector channel8Output is new (output 0x7070:01, BOOLEAN)"
-    ]
+    found = lines(compared(new, sample_buses.troll()))
+    say(found, "slave 3 | EL2008 | channel8Output | new | output | 0x7070:01 | BOOLEAN")
 
 
 def test_connectors_change() -> None:
@@ -72,16 +83,15 @@ def test_connectors_change() -> None:
         entry_of(bus, 2, 0x6000).bit_length = 2
         entry_of(bus, 4, 0x6000).name = "Under range"
 
-    assert told(change) == [
-        "slave 0 GoldGCONDrive: connector targetPosition is now called goal (output 0x607A:00)",
-        "slave 0 GoldGCONDrive: connector goal: name on the slave was Target Position, is Goal",
-        "slave 0 GoldGCONDrive: connector targetTorque: was INTEGER16, is INTEGER32",
-        "slave 2 EL1018: connector channel1Input: bits was 1, is 2",
-        "slave 4 EL3008: connector aiStandardChannel1StatusUnderrange is now called "
-        "underRange (input 0x6000:01)",
-        "slave 4 EL3008: connector underRange: name on the slave was Status__Underrange, is Under "
-        "range",
-    ]
+    say(
+        told(change),
+        "slave 0 | GoldGCONDrive | targetPosition -> goal | output | 0x607A:00",
+        "slave 0 | GoldGCONDrive | goal | name | Target Position -> Goal",
+        "slave 0 | GoldGCONDrive | targetTorque | INTEGER16 -> INTEGER32",
+        "slave 2 | EL1018 | channel1Input | bits | 1 -> 2",
+        "slave 4 | EL3008 | aiStandardChannel1StatusUnderrange -> underRange | input | 0x6000:01",
+        "slave 4 | EL3008 | underRange | name | Status__Underrange -> Under range",
+    )
 
 
 def test_units_and_scales() -> None:
@@ -89,61 +99,68 @@ def test_units_and_scales() -> None:
         entry = entry_of(bus, 0, 0x6071)
         entry.unit, entry.scale = "N.m", 0.5
 
-    text = told(scale)
-    assert "slave 0 GoldGCONDrive: connector targetTorque: unit was nothing, is N.m" in text
-    assert "slave 0 GoldGCONDrive: connector targetTorque: scale was 1.0, is 0.5" in text
-    assert all(line.startswith("slave 0 GoldGCONDrive: connector targetTorque: ") for line in text)
+    found = told(scale)
+    for line in found:
+        names(line, "slave 0", "GoldGCONDrive", "targetTorque")
+    say([line for line in found if "targetTorque: unit" in line], "nothing -> N.m")
+    say([line for line in found if "targetTorque: scale" in line], "1.0 -> 0.5")
 
 
 def test_slaves_come_go_and_move() -> None:
     slaves = sample_buses.troll().slaves
     old = in_order(slaves)
-    assert lines(compared(old, in_order([slaves[0], *slaves]))) == [
-        "slave 1 GoldGCONDrive_2: is new (Gold EtherCAT GCON Drive, revision 0x00010420)",
-        "slaves 2 to 8: moved, were slaves 1 to 7",
-    ]
-    assert lines(compared(old, in_order(slaves[:-1]))) == [
-        "slave 7 EL6751_2: is gone (EL6751, revision 0x00140000)"
-    ]
+    say(
+        lines(compared(old, in_order([slaves[0], *slaves]))),
+        "slave 1 | GoldGCONDrive_2 | new | Gold EtherCAT GCON Drive | 0x00010420",
+        "moved | slaves 2 to 8 -> slaves 1 to 7",
+    )
+    say(
+        lines(compared(old, in_order(slaves[:-1]))),
+        "slave 7 | EL6751_2 | gone | EL6751 | 0x00140000",
+    )
     swapped = [*slaves[:2], slaves[3], slaves[2], *slaves[4:]]
-    assert lines(compared(old, in_order(swapped))) == [
-        "slave 2 EL2008: moved, was slave 3",
-        "slave 3 EL1018: moved, was slave 2",
-    ]
+    say(
+        lines(compared(old, in_order(swapped))),
+        "EL2008 | moved | slave 2 -> slave 3",
+        "EL1018 | moved | slave 3 -> slave 2",
+    )
     other = replace(slaves[2], name="EL1008", product=0x03F03052)
-    assert lines(compared(old, in_order([*slaves[:2], other, *slaves[3:]]))) == [
-        "slave 2 EL1018: is gone (EL1018, revision 0x00100000)",
-        "slave 2 EL1008: is new (EL1008, revision 0x00100000)",
-    ]
+    say(
+        lines(compared(old, in_order([*slaves[:2], other, *slaves[3:]]))),
+        "slave 2 | EL1018 | gone | 0x00100000",
+        "slave 2 | EL1008 | new | 0x00100000",
+    )
 
 
 def test_classes_that_other_slaves_have_now_are_told() -> None:
     slaves = sample_buses.troll().slaves
-    assert lines(compared(in_order(slaves), in_order([slaves[0], slaves[4], *slaves[1:]]))) == [
-        "slave 1 EL3008: is new (EL3008, revision 0x00140000)",
-        "slave 5 EL3008_2: its class was EL3008, is EL3008_2: models that use it must follow",
-        "slave 6 EL3008_3: its class was EL3008_2, is EL3008_3: models that use it must follow",
-        "slaves 2 to 8: moved, were slaves 1 to 7",
-    ]
+    say(
+        lines(compared(in_order(slaves), in_order([slaves[0], slaves[4], *slaves[1:]]))),
+        "slave 1 | EL3008 | new | 0x00140000",
+        "slave 5 | class | EL3008 -> EL3008_2 | models",
+        "slave 6 | class | EL3008_2 -> EL3008_3 | models",
+        "moved | slaves 2 to 8 -> slaves 1 to 7",
+    )
 
 
 def test_what_no_connector_shows_is_told_all_the_same() -> None:
     def pad(bus: Bus) -> None:
         bus.slaves[2].inputs.append(Pdo(0x1A10, "", 0, [Entry(0, 0, "", DataType.PADDING, 8)]))
 
-    assert told(pad) == ["slave 2 EL1018: has other PDOs, padding, domain or safe values"]
+    say(told(pad), "slave 2 | EL1018 | PDOs | padding")
 
     def configure(bus: Bus) -> None:
         bus.name, bus.cycle_time_us = "other", 500
         bus.domains = [Domain(), Domain("slow", 4, 1)]
         bus.slaves[1].revision = 1
 
-    assert told(configure) == [
-        "bus: name was ecat0, is other",
-        "bus: cycle was 1000 µs, is 500 µs",
-        "bus: domains: was 0 (every 1, phase 0), is 0 (every 1, phase 0), slow (every 4, phase 1)",
-        "slave 1 EK1100: revision was 0x00120000, is 0x00000001",
-    ]
+    say(
+        told(configure),
+        "bus | name | ecat0 -> other",
+        "bus | cycle | 1000 µs -> 500 µs",
+        "bus | domains | slow | every 4 | phase 1",
+        "slave 1 | EK1100 | revision | 0x00120000 -> 0x00000001",
+    )
 
 
 KINDS = [Slave(0, name, 2, product, 1) for name, product in (("A1", 1), ("B1", 2), ("C1", 3))]
@@ -177,7 +194,7 @@ def test_whatever_is_different_is_told(before: Bus, after: Bus) -> None:
 def test_a_large_bus_is_compared_quickly() -> None:
     slaves = 150 * KINDS
     *_, moved = lines(compared(in_order(slaves), in_order(slaves[1:])))
-    assert moved == "slaves 0 to 448: moved, were slaves 1 to 449"
+    say([moved], "moved | slaves 0 to 448 -> slaves 1 to 449")
 
 
 def test_a_report_has_the_differences(tmp_path: Path) -> None:
@@ -187,16 +204,17 @@ def test_a_report_has_the_differences(tmp_path: Path) -> None:
     for check in (True, False):
         report = generate(new, "Plant", tmp_path, check=check)
         (difference,) = report.differences
-        assert difference.to_dict() == {
+        document = difference.to_dict()
+        assert report.details() == [document.pop("text")]
+        say(report.details(), "slave 3 | EL2008 | channel8Output | gone | output | 0x7070:01")
+        assert document == {
             "slave": 3,
             "block": "EL2008",
             "connector": "channel8Output",
             "kind": "gone",
-            "text": "slave 3 EL2008: connector channel8Output is gone (output 0x7070:01)",
             "before": "channel8Output",
             "after": "",
         }
-        assert report.details() == [difference.to_dict()["text"]]
         assert not report.otherwise
     assert not generate(new, "Plant", tmp_path, check=True).is_change
 
@@ -214,9 +232,7 @@ def test_another_generator_is_told_as_such(tmp_path: Path, monkeypatch: pytest.M
     assert report.written == ("Plant/EL1018.mo", "Plant/UsersGuide.mo", "Plant/package.order")
     assert report.otherwise == ("Plant/UsersGuide.mo",)
     (line,) = report.details()
-    assert line.startswith(
-        "1 file would differ for the same bus, too (Plant/UsersGuide.mo): ecatd or"
-    )
+    names(line, "1 file", "same bus", "Plant/UsersGuide.mo", "ecatd")
     new = sample_buses.troll()
     new.slaves[3].outputs.pop()
     report = generate(new, "Plant", out, templates=[templates])
@@ -283,15 +299,16 @@ def test_a_profile_that_has_changed_is_told_by_slave_and_connector(
     changed = LEVEL.replace("4.5", "9").replace("connector = false", "").replace("ü", "u")
     (first, *_, values, drawn) = run(changed, check=True)
     before, after = 4.5 / 27648, 9 / 27648
-    assert first == (f"slave 2 EL1018: connector channel1Input: scale was {before}, is {after}")
-    assert values == (
-        'slave 2 EL1018: connector channel3Input: named values was -1 a "b", 16 ü, is '
-        '-1 a "b", 16 u'
+    say(
+        [first, values, drawn],
+        f"slave 2 | EL1018 | channel1Input | scale | {before} -> {after}",
+        'slave 2 | EL1018 | channel3Input | -1 a "b" | 16 ü -> 16 u',
+        "slave 2 | EL1018 | channel3Input | variable -> connector",
     )
-    assert drawn == "slave 2 EL1018: connector channel3Input: was a variable, is a connector"
     assert run(changed)
     assert run(changed) == []
-    assert "slave 2 EL1018: connector channel1Input: unit was m, is nothing" in run("")
+    (unit,) = (line for line in run("") if "channel1Input: unit" in line)
+    say([unit], "slave 2 | EL1018 | m -> nothing")
 
 
 def test_a_library_carries_what_its_values_mean(tmp_path: Path) -> None:
