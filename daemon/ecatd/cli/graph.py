@@ -5,77 +5,23 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.al import al_state_text
 from ecatd.model.bus import Bus
 from ecatd.model.errors import UsageError
-from ecatd.model.port_errors import PORT_ORDER, LinkErrors, SlaveErrors, links_with_errors
+from ecatd.model.port_errors import PORT_ORDER, SlaveErrors, links_with_errors
 
 from .output import print_json
 from .saving import save
+from .slave_tree import Node, errors_text, rows
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 _AT_MASTER = (-1, 0)
 _FORMATS = {".dot": "dot", ".gv": "dot", ".svg": "svg"}
-
-
-@dataclass(slots=True)
-class Node:
-    """A slave in the tree.
-
-    Attributes:
-        position: Its position.
-        name: Its name, or names.
-        state: Its AL state in a word; empty if it does not answer.
-        delay_ns: Propagation delay from the reference clock; None if it has no clock, or if clocks
-            are not used.
-        port: The port of the slave before it at which it is plugged in; None at the master, or if
-            nobody knows where it is plugged in.
-        known: Whether its place is known: it answers, and a link leads to it.
-        errors: The errors on its link to the slave before it; None for none.
-        loose: Errors at a port of it that leads nowhere now: its number, and the errors.
-        behind: The slaves that are plugged in at it, in the order of the frame.
-    """
-
-    position: int
-    name: str
-    state: str
-    delay_ns: int | None
-    port: int | None = None
-    known: bool = False
-    errors: LinkErrors | None = None
-    loose: list[tuple[int, LinkErrors]] = field(default_factory=list)
-    behind: list[Node] = field(default_factory=list)
-
-    @property
-    def error_text(self) -> str:
-        """The errors on its link, in a few words; empty for none."""
-        return "" if self.errors is None else _text(self.errors)
-
-    @property
-    def all_errors(self) -> str:
-        """As `error_text`, and the errors at ports that lead nowhere now."""
-        loose = [f"port {port}: {_text(errors)}" for port, errors in self.loose]
-        return "; ".join(filter(None, [self.error_text, *loose]))
-
-    @property
-    def delay_text(self) -> str:
-        """The propagation delay in µs."""
-        return "" if self.delay_ns is None else f"{self.delay_ns / 1000:.1f} µs"
-
-
-def _text(errors: LinkErrors) -> str:
-    # A damaged frame is often counted twice: as invalid, and by the physical layer.
-    counts = (
-        (max(errors.invalid, errors.physical), "errors"),
-        (errors.lost_links, "losses of the link"),
-    )
-    return ", ".join(f"{count} {name}" for count, name in counts if count)
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
@@ -166,22 +112,6 @@ def _document(node: Node) -> dict[str, Any]:
     }
 
 
-def rows(roots: list[Node]) -> Iterator[tuple[int, Node]]:
-    """Each node with the depth of its branch.
-
-    The last slave that is plugged in at another one goes on in the same branch, so a line of slaves
-    is one column, however long it is.
-    """
-    waiting = [(0, node) for node in roots[::-1]]
-    while waiting:
-        depth, node = waiting.pop()
-        yield depth, node
-        if node.behind:
-            *branches, last = node.behind
-            waiting.append((depth, last))
-            waiting += [(depth + 1, item) for item in branches[::-1]]
-
-
 def _lines(roots: list[Node]) -> Iterator[str]:
     drawn = [
         (f"{'│  ' * depth}{node.position:>3}  {node.name}", node) for depth, node in rows(roots)
@@ -205,7 +135,7 @@ def _dot(bus: Bus, roots: list[Node]) -> str:
     ]
     for node in _all(roots):
         words = [f"{node.position} {node.name}", node.state or "no answer", node.delay_text]
-        words += [f"port {port}: {_text(errors)}" for port, errors in node.loose]
+        words += [f"port {port}: {errors_text(errors)}" for port, errors in node.loose]
         label = "\\n".join(word.replace("\\", "\\\\").replace('"', '\\"') for word in words if word)
         color = "white" if node.state == "OP" else "mistyrose"
         lines.append(f'  s{node.position} [label="{label}", fillcolor="{color}"];')

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from html import escape
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from .graph import Node
+from .slave_tree import Node, rows
 
 _WIDTH, _HEIGHT, _GAP, _INDENT, _MARGIN = 360, 40, 14, 44, 16
 _STYLE = """\
@@ -28,8 +26,6 @@ def svg_text(name: str, roots: list[Node]) -> str:
         name: Name of the bus.
         roots: The slaves at the master.
     """
-    from .graph import rows
-
     placed = [
         (_MARGIN + depth * _INDENT, _MARGIN + (number + 1) * (_HEIGHT + _GAP), node)
         for number, (depth, node) in enumerate(rows(roots))

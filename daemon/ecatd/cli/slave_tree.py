@@ -1,0 +1,79 @@
+"""The slaves of a bus as a tree: each slave is behind the one at which it is plugged in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from ecatd.model.port_errors import LinkErrors
+
+
+@dataclass(slots=True)
+class Node:
+    """A slave in the tree.
+
+    Attributes:
+        position: Its position.
+        name: Its name, or names.
+        state: Its AL state in a word; empty if it does not answer.
+        delay_ns: Propagation delay from the reference clock; None if it has no clock, or if clocks
+            are not used.
+        port: The port of the slave before it at which it is plugged in; None at the master, or if
+            nobody knows where it is plugged in.
+        known: Whether its place is known: it answers, and a link leads to it.
+        errors: The errors on its link to the slave before it; None for none.
+        loose: Errors at a port of it that leads nowhere now: its number, and the errors.
+        behind: The slaves that are plugged in at it, in the order of the frame.
+    """
+
+    position: int
+    name: str
+    state: str
+    delay_ns: int | None
+    port: int | None = None
+    known: bool = False
+    errors: LinkErrors | None = None
+    loose: list[tuple[int, LinkErrors]] = field(default_factory=list)
+    behind: list[Node] = field(default_factory=list)
+
+    @property
+    def errorerrors_text(self) -> str:
+        """The errors on its link, in a few words; empty for none."""
+        return "" if self.errors is None else errors_text(self.errors)
+
+    @property
+    def all_errors(self) -> str:
+        """As `error_text`, and the errors at ports that lead nowhere now."""
+        loose = [f"port {port}: {errors_text(errors)}" for port, errors in self.loose]
+        return "; ".join(filter(None, [self.error_text, *loose]))
+
+    @property
+    def delayerrors_text(self) -> str:
+        """The propagation delay in µs."""
+        return "" if self.delay_ns is None else f"{self.delay_ns / 1000:.1f} µs"
+
+
+def errors_text(errors: LinkErrors) -> str:
+    """The errors on a link or at a port, in a few words."""
+    # A damaged frame is often counted twice: as invalid, and by the physical layer.
+    counts = (
+        (max(errors.invalid, errors.physical), "errors"),
+        (errors.lost_links, "losses of the link"),
+    )
+    return ", ".join(f"{count} {name}" for count, name in counts if count)
+
+
+def rows(roots: list[Node]) -> Iterator[tuple[int, Node]]:
+    """Each node with the depth of its branch.
+
+    The last slave that is plugged in at another one goes on in the same branch, so a line of slaves
+    is one column, however long it is.
+    """
+    waiting = [(0, node) for node in roots[::-1]]
+    while waiting:
+        depth, node = waiting.pop()
+        yield depth, node
+        if node.behind:
+            *branches, last = node.behind
+            waiting.append((depth, last))
+            waiting += [(depth + 1, item) for item in branches[::-1]]
