@@ -10,15 +10,13 @@ from typing import NamedTuple
 
 from ecatd.bus.engine.engine import Index, open_socket
 from ecatd.model.errors import NoAnswerError, StateError
+from ecatd.model.frame_sizes import DATAGRAM_MAX, ETHERNET_MIN, ETHERTYPE, FIRST_DATAGRAM
 from ecatsim.slave.sync_managers import derive
 
 APRD, APWR, BRD, BWR, LRW = 1, 2, 7, 8, 12
 BYTES = 32
 """Bytes of outputs, and of inputs, of each slave of `ecatsim`'s rig `line:N`."""
-MAX_DATA = 1486
-"""Bytes of data that fit in a frame with one datagram."""
-ETHERTYPE = 0x88A4
-INDEX = 17
+INDEX = FIRST_DATAGRAM + 1
 """Offset of the index of the first datagram in a frame."""
 _AL_CONTROL, _AL_STATUS, _WATCHDOG = 0x0120, 0x0130, 0x0420
 _FMMU, _SYNC_MANAGER = 0x0600, 0x0800
@@ -37,7 +35,7 @@ def frame(command: int, position: int, address: int, data: bytes) -> bytes:
     datagram = struct.pack("<BBHHHH", command, 0, position & 0xFFFF, address, len(data), 0)
     body = datagram + data + bytes(2)
     head = b"\xff" * 6 + bytes(6) + struct.pack(">H", ETHERTYPE)
-    return (head + struct.pack("<H", 0x1000 | len(body)) + body).ljust(60, b"\0")
+    return (head + struct.pack("<H", 0x1000 | len(body)) + body).ljust(ETHERNET_MIN, b"\0")
 
 
 def logical_frame(address: int, data: bytes) -> bytes:
@@ -202,7 +200,7 @@ class Line:
 
     def cycle_frames(self) -> list[bytes]:
         """Returns the frames of one cycle: all outputs and inputs, in as few frames as possible."""
-        room = MAX_DATA // (2 * self.size)  # slaves
+        room = DATAGRAM_MAX // (2 * self.size)  # slaves
         result = []
         for first in range(0, self.count, room):
             slaves = range(first, min(first + room, self.count))

@@ -9,8 +9,9 @@ from typing import Any
 
 from ecatd.bus.engine.engine import Index
 from ecatd.model.errors import StateError
+from ecatd.model.frame_sizes import ETHERTYPE
 
-from .frames import BRD, ETHERTYPE, INDEX, LRW, datagrams, layout
+from .frames import BRD, INDEX, LRW, datagrams, layout
 from .peers import SIMULATOR, Pair
 
 _ATTEMPTS = 200

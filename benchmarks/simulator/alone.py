@@ -8,13 +8,14 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from ecatd.model.frame_sizes import DATAGRAM_MAX
 from ecatd.native import load
 from ecatsim.esc import Chip, Segment
 from ecatsim.rigs.library import make
 from ecatsim.simulation import Simulation
 from ecatsim.slave.sii import Description, build
 
-from ..segment.frames import BYTES, MAX_DATA, Line, logical_frame
+from ..segment.frames import BYTES, Line, logical_frame
 from ..summary import fit
 
 _CALLS = 20
@@ -28,7 +29,7 @@ def processing(timing: ctypes.CDLL, batches: int) -> dict[str, Any]:
 
     "Bystanders" are slaves that the datagram does not address.
     """
-    most = MAX_DATA // (2 * BYTES)
+    most = DATAGRAM_MAX // (2 * BYTES)
     grid = [(n, size, 0) for n in (1, 2, 4, 8, 16, most) for size in (2, 8, 16, BYTES)]
     grid += [(8, BYTES, others) for others in _BYSTANDERS]
     points = [

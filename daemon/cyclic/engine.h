@@ -23,6 +23,7 @@ enum {
 
 /* Ethernet and EtherCAT framing (ETG.1000.4, 5.3 and 5.4). */
 enum {
+  ETHERTYPE = 0x88A4,
   ETHERNET_HEADER = 14,
   ETHERCAT_HEADER = 2,
   FIRST_DATAGRAM = ETHERNET_HEADER + ETHERCAT_HEADER,

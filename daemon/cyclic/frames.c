@@ -71,8 +71,8 @@ static void begin_frame(cyclic_t *c, struct frame *frame, uint32_t first) {
   memset(frame, 0, sizeof *frame);
   memcpy(frame->bytes, broadcast, sizeof broadcast);
   memcpy(frame->bytes + 6, c->source, sizeof c->source);
-  frame->bytes[12] = 0x88;
-  frame->bytes[13] = 0xA4;
+  frame->bytes[12] = ETHERTYPE >> 8;
+  frame->bytes[13] = ETHERTYPE & 0xFF;
   frame->first = first;
   frame->length = FIRST_DATAGRAM;
 }

@@ -18,8 +18,6 @@
 #include <sys/timerfd.h>
 #include <unistd.h>
 
-#define ETHERTYPE_ETHERCAT 0x88A4
-
 int cyclic_filter_index(int fd, uint32_t first, uint32_t last) {
   struct sock_filter code[] = {
       BPF_STMT(BPF_LD | BPF_B | BPF_ABS, INDEX_AT),
@@ -44,8 +42,7 @@ static int configure(int fd, const struct sockaddr_ll *address, uint32_t first, 
 }
 
 int cyclic_open_socket(const char *interface, uint32_t first, uint32_t last) {
-  struct sockaddr_ll address = {.sll_family = AF_PACKET,
-                                .sll_protocol = htons(ETHERTYPE_ETHERCAT)};
+  struct sockaddr_ll address = {.sll_family = AF_PACKET, .sll_protocol = htons(ETHERTYPE)};
   int fd, code;
   address.sll_ifindex = (int)if_nametoindex(interface);
   if (address.sll_ifindex == 0) return -ENODEV;

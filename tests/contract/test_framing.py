@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from ecatd.bus.engine import framing
+from ecatd.model import frame_sizes
 
 pytestmark = pytest.mark.unprivileged
 
@@ -15,13 +16,13 @@ ROOT = Path(__file__).parents[2]
 
 def test_both_languages_have_the_same_sizes(compiler: str, tmp_path: Path) -> None:
     header = (ROOT / "daemon/cyclic/engine.h").read_text()
-    names = [
-        name
-        for name, value in vars(framing).items()
+    ours = {
+        name: value
+        for name, value in (vars(frame_sizes) | vars(framing)).items()
         if isinstance(value, int) and re.search(rf"^  {name} = ", header, re.MULTILINE)
-    ]
-    assert len(names) >= 11, names
-    lines = "".join(f'printf("%d\\n", {name});' for name in names)
+    }
+    assert len(ours) >= 12, ours
+    lines = "".join(f'printf("%d\\n", {name});' for name in ours)
     source = tmp_path / "sizes.c"
     source.write_text(f'#include "engine.h"\n#include <stdio.h>\nint main(void) {{ {lines} }}\n')
     program = tmp_path / "sizes"
@@ -30,5 +31,5 @@ def test_both_languages_have_the_same_sizes(compiler: str, tmp_path: Path) -> No
         [compiler, *(f"-I{ROOT / folder}" for folder in folders), "-o", program, source], check=True
     )
     printed = subprocess.run([program], capture_output=True, text=True, check=True).stdout
-    sizes = dict(zip(names, map(int, printed.split()), strict=True))
-    assert sizes == {name: getattr(framing, name) for name in names}
+    sizes = dict(zip(ours, map(int, printed.split()), strict=True))
+    assert sizes == ours

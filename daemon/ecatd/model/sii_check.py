@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 
+from .frame_sizes import DATAGRAM_MAX
 from .pdo import Entry
 from .sii import (
     CATEGORY_DC,
@@ -22,7 +23,7 @@ _CHECKSUM_OFF = b"\xa4\x88"  # for development: an ESC accepts it as correct
 _GENERAL_BYTES = 18
 MAX_IMAGE = 0x80000  # bytes: the largest EEPROM that an ESC can have
 _RAM = 0x1000
-MAILBOX_SIZES = (24, 1486)
+MAILBOX_SIZES = (24, DATAGRAM_MAX)
 """Size in bytes of the smallest mailbox that can hold an SDO, and of the largest that fits into
 a frame."""
 _PDO_INDICES = {USAGE_OUTPUTS: (0x1600, 0x17FF), USAGE_INPUTS: (0x1A00, 0x1BFF)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any, TypeVar
 
+from ecatd.model.frame_sizes import DATAGRAM_MAX
 from ecatd.model.idns import parse_idn
 from ecatd.model.toml_file import Key, Rules, Table, choice, integer, show
 
@@ -67,9 +68,9 @@ _WORDED = ("protocols", "coe_details")  # `_bits` reads these
 _EITHER = {"dc_bits": (32, 64), "eeprom_bytes": (4, 8)}
 _MAILBOX: Bounds = {
     "receive": (0x1000, _U16),
-    "receive_size": (32, 1486),
+    "receive_size": (32, DATAGRAM_MAX),
     "send": (0x1000, _U16),
-    "send_size": (32, 1486),
+    "send_size": (32, DATAGRAM_MAX),
 }
 _SYNC_MANAGER: Rules = {
     "type": choice(_SM_TYPES),
@@ -88,7 +89,6 @@ _DC_MODE: Rules = {
     "sync1_cycle_factor": integer(-32768, 32767),
     "sync1_shift_ns": integer(-(1 << 31), (1 << 31) - 1),
 }
-_MAX_MAPPED = 1486
 _MAX_SLOTS = 0xFE
 
 
@@ -234,7 +234,7 @@ def _variable_mapping(table: Table, key: str, known: dict[str, Any]) -> None:
 
 
 def _mapping_limits(table: Table, key: str, known: dict[str, Any]) -> None:
-    limits = table.array(key, integer(0, _MAX_MAPPED))
+    limits = table.array(key, integer(0, DATAGRAM_MAX))
     if len(limits) != 2:
         table.fail(key, "must be two numbers of bytes: of outputs and of inputs")
     known[key] = (limits[0], limits[1])

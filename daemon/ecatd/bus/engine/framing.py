@@ -1,4 +1,4 @@
-"""How datagrams share frames: the sizes of ETG.1000.4, 5.3 and 5.4, and the packing rule.
+"""How datagrams share frames: the packing rule, and what a cycle has room for.
 
 The engine packs the frames of the cycle in C (`daemon/cyclic/frames.c`, `engine.h`), by the same
 rule and with the same sizes. A test compares the two.
@@ -8,23 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-ETHERTYPE = 0x88A4
-
-ETHERNET_HEADER = 14
-ETHERCAT_HEADER = 2
-FIRST_DATAGRAM = ETHERNET_HEADER + ETHERCAT_HEADER
-ETHERNET_MIN = 60
-"""Shortest frame in bytes. The check sum is not included: the interface adds it."""
-
-DATAGRAM_HEADER = 10
-DATAGRAM_WKC = 2
-DATAGRAM_FRAMING = DATAGRAM_HEADER + DATAGRAM_WKC
-
-PAYLOAD_MAX = 1498
-"""Most bytes of datagrams in one frame. A full frame has 1518 bytes with its check sum."""
-
-DATAGRAM_MAX = PAYLOAD_MAX - DATAGRAM_FRAMING
-"""Most bytes of data in one datagram. Such a datagram fills a frame alone."""
+from ecatd.model.frame_sizes import DATAGRAM_FRAMING as DATAGRAM_FRAMING
+from ecatd.model.frame_sizes import DATAGRAM_MAX as DATAGRAM_MAX
+from ecatd.model.frame_sizes import ETHERNET_MIN as ETHERNET_MIN
+from ecatd.model.frame_sizes import FIRST_DATAGRAM as FIRST_DATAGRAM
+from ecatd.model.frame_sizes import PAYLOAD_MAX
 
 STATUS_BYTES = 2
 TIME_BYTES = 8

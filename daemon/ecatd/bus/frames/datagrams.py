@@ -17,16 +17,17 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from ..engine.engine import Index
-from ..engine.framing import (
+from ecatd.model.frame_sizes import (
     DATAGRAM_FRAMING,
     DATAGRAM_HEADER,
     DATAGRAM_WKC,
     ETHERNET_MIN,
     ETHERTYPE,
     FIRST_DATAGRAM,
-    pack,
 )
+
+from ..engine.engine import Index
+from ..engine.framing import pack
 
 _MORE = 0x8000
 _WINDOW = 8

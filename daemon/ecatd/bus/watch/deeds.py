@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from ecatd.model.al import al_state_text
+from ecatd.model.frame_sizes import DATAGRAM_WKC, FIRST_DATAGRAM
 
-_FIRST_DATAGRAM = 16
 _HEADER = struct.Struct("<BBHHHH")  # command, index, address, register, length, interrupt
 _LENGTH, _MORE = 0x07FF, 0x8000
 _TO_SINGLE = (2, 3, 5, 6)  # APWR, APRW, FPWR, FPRW
@@ -74,12 +74,12 @@ def deeds(frame: bytes) -> Iterator[Deed]:
         frame: A frame that has come back, or its beginning. If the working counter of a datagram
             is cut off, the datagram counts as carried out.
     """
-    at, more = _FIRST_DATAGRAM, _MORE
+    at, more = FIRST_DATAGRAM, _MORE
     while more and at + _HEADER.size <= len(frame):
         command, _, _, register, length, _ = _HEADER.unpack_from(frame, at)
         data, more = at + _HEADER.size, length & _MORE
-        at = data + (length & _LENGTH) + 2
-        if at <= len(frame) and not any(frame[at - 2 : at]):
+        at = data + (length & _LENGTH) + DATAGRAM_WKC
+        if at <= len(frame) and not any(frame[at - DATAGRAM_WKC : at]):
             continue
         if command in _TO_IMAGE:
             yield Deed(Whom.IMAGE)
