@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from ecatd.installation.actions import Action
 from ecatd.installation.buses import configured, enabled, is_masked, outdated, unit
 from ecatd.installation.places import CONFIGURATION, Place, here
 from ecatd.installation.removal import uninstall
 from ecatd.installation.service import install, upgrade
-from ecatd.installation.steps import Step
 from ecatd.model.errors import UsageError
 from ecatd.version import VERSION
 
@@ -52,10 +52,10 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 
 
 def service(options: argparse.Namespace) -> None:
-    """Takes the steps of an action one after the other, and says each.
+    """Takes the actions of the command one after the other, and reports each.
 
     Raises:
-        EcatError: A step cannot be taken.
+        EcatError: An action cannot be taken.
     """
     try:
         root = Path(options.root).resolve(strict=True)
@@ -69,20 +69,20 @@ def service(options: argparse.Namespace) -> None:
         raise UsageError(f"--purge is for uninstall, not for {options.action}")
     place = here(root)
     before = enabled(place)
-    steps = _plan(place, options)
-    for step in steps:
+    actions = _plan(place, options)
+    for action in actions:
         if not options.dry_run:
-            step.do()
+            action.do()
         if not options.json:
             with suppress(BrokenPipeError):  # what has begun is finished, whoever listens
-                print(_line(step, dry_run=options.dry_run), flush=True)
+                print(_line(action, dry_run=options.dry_run), flush=True)
     following = [] if options.dry_run else _next(place, options, before)
     if options.json:
         print_json(
             {
                 "version": VERSION,
                 "dry_run": options.dry_run,
-                "steps": [{"verb": s.verb, "what": s.what, "why": s.why} for s in steps],
+                "steps": [{"verb": s.verb, "what": s.what, "why": s.why} for s in actions],
                 "next": following,
             }
         )
@@ -93,7 +93,7 @@ def service(options: argparse.Namespace) -> None:
         print("all is up to date")
 
 
-def _plan(place: Place, options: argparse.Namespace) -> list[Step]:
+def _plan(place: Place, options: argparse.Namespace) -> list[Action]:
     if options.action == "install":
         return list(install(place, options.bus, options.interface))
     if options.action == "upgrade":
@@ -101,9 +101,9 @@ def _plan(place: Place, options: argparse.Namespace) -> list[Step]:
     return list(uninstall(place, purge=options.purge))
 
 
-def _line(step: Step, *, dry_run: bool) -> str:
-    verb = f"would {step.verb}" if dry_run and type(step) is not Step else step.verb
-    return f"{verb:<13} {step.what}" + (f"  ({step.why})" if step.why else "")
+def _line(action: Action, *, dry_run: bool) -> str:
+    verb = f"would {action.verb}" if dry_run and type(action) is not Action else action.verb
+    return f"{verb:<13} {action.what}" + (f"  ({action.why})" if action.why else "")
 
 
 def _next(place: Place, options: argparse.Namespace, before: set[str]) -> list[str]:

@@ -9,11 +9,11 @@ from pathlib import Path, PurePosixPath
 
 from ecatd.model.errors import StateError
 
+from .actions import Action, Remove, RemoveFolder, RemoveTree, Restore, run
 from .buses import autostart_links, is_masked
 from .places import ADMINISTRATION, CONFIGURATION, LOCAL, LOGS, SOCKETS, STATE, Place, files
 from .record import BEFORE, LIST, OLD, copies, is_ours, read_record
 from .service import refuse_package, tell_system
-from .steps import Remove, RemoveFolder, RemoveTree, Restore, Step, run
 
 _USERS = ("ecatd", "ecatd-gateway")
 _GROUPS = ("ecat", "ecatd-gateway")
@@ -23,8 +23,8 @@ _NAMES_MAX = 5
 """Files of a folder in one line."""
 
 
-def uninstall(place: Place, *, purge: bool) -> Iterator[Step]:
-    """The steps that stop the services and remove what `install` has written.
+def uninstall(place: Place, *, purge: bool) -> Iterator[Action]:
+    """The actions that stop the services and remove what `install` has written.
 
     Args:
         place: Where.
@@ -44,11 +44,11 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Step]:
         yield Remove(
             "remove", str(place.seen(link)), f"{link.name} no longer starts with the machine", link
         )
-    steps = list(_remove_installed(place, record.files, purge=purge))
+    actions = list(_remove_installed(place, record.files, purge=purge))
     if record.files:
-        steps.append(Remove("remove", str(LIST), "", place.at(LIST)))
-    yield from steps
-    yield from _remove_folders(place, record.folders, steps)
+        actions.append(Remove("remove", str(LIST), "", place.at(LIST)))
+    yield from actions
+    yield from _remove_folders(place, record.folders, actions)
     if place.at(SOCKETS).is_dir():
         yield RemoveFolder("remove", str(SOCKETS), "if no other ecatd runs", place.at(SOCKETS))
     yield from _remove_settings(place, purge=purge)
@@ -63,7 +63,7 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Step]:
         yield from _remove_users(purge=purge)
 
 
-def _remove_installed(place: Place, listed: Mapping[str, str], *, purge: bool) -> Iterator[Step]:
+def _remove_installed(place: Place, listed: Mapping[str, str], *, purge: bool) -> Iterator[Action]:
     """Removes what was installed, and puts back what was there before."""
     known = {str(path) for path in files(LOCAL, place.programs / "ecatd")}
     for path in sorted(known | set(listed)):
@@ -79,27 +79,31 @@ def _remove_installed(place: Place, listed: Mapping[str, str], *, purge: bool) -
                 is_free = True
                 yield Remove("remove", path, "you have changed it", file)
             else:
-                yield Step("keep", path, "changed since it was installed: remove it yourself")
+                yield Action("keep", path, "changed since it was installed: remove it yourself")
         earlier = copies(file, BEFORE)
         if is_free and earlier:
             copy = earlier.pop()
             yield Restore("restore", path, f"from {place.seen(copy)}, your own file", file, copy)
         for copy in earlier:
-            yield Step("keep", str(place.seen(copy)), "your own file from before the installation")
+            yield Action(
+                "keep", str(place.seen(copy)), "your own file from before the installation"
+            )
         for copy in copies(file, OLD):
             yield _remove_or_keep(place, copy, f"{path} as you had changed it", purge=purge)
 
 
-def _remove_or_keep(place: Place, file: Path, what: str, *, purge: bool) -> Step:
+def _remove_or_keep(place: Place, file: Path, what: str, *, purge: bool) -> Action:
     path = str(place.seen(file))
-    return Remove("remove", path, what, file) if purge else Step("keep", path, what)
+    return Remove("remove", path, what, file) if purge else Action("keep", path, what)
 
 
-def _remove_folders(place: Place, made: Iterable[str], steps: Iterable[Step]) -> Iterator[Step]:
+def _remove_folders(
+    place: Place, made: Iterable[str], actions: Iterable[Action]
+) -> Iterator[Action]:
     """Removes the folders that the installation has made, if they are empty then."""
-    gone = {step.path for step in steps if isinstance(step, Remove)}
-    gone |= {step.copy for step in steps if isinstance(step, Restore)}
-    gone -= {step.path for step in steps if isinstance(step, Restore)}
+    gone = {action.path for action in actions if isinstance(action, Remove)}
+    gone |= {action.copy for action in actions if isinstance(action, Restore)}
+    gone -= {action.path for action in actions if isinstance(action, Restore)}
     for path in sorted(made, key=len, reverse=True):  # what is in a folder before it
         folder = place.at(PurePosixPath(path))
         if folder.is_symlink() or not folder.is_dir() or not place.holds(folder):
@@ -109,7 +113,7 @@ def _remove_folders(place: Place, made: Iterable[str], steps: Iterable[Step]) ->
             yield RemoveFolder("remove", path, "a folder that is empty then", folder)
 
 
-def _remove_settings(place: Place, *, purge: bool) -> Iterator[Step]:
+def _remove_settings(place: Place, *, purge: bool) -> Iterator[Action]:
     """What the administrator has changed about our units: drop-ins, masks, units in their place."""
     for folder in (ADMINISTRATION, ADMINISTRATION.with_name("system.control")):
         if not place.at(folder).is_dir() or not place.holds(place.at(folder)):
@@ -122,10 +126,10 @@ def _remove_settings(place: Place, *, purge: bool) -> Iterator[Step]:
             elif is_masked(place, item.name):
                 yield _remove_or_keep(place, item, "the unit is masked", purge=purge)
             else:
-                yield Step("keep", str(place.seen(item)), "a unit of yours: remove it yourself")
+                yield Action("keep", str(place.seen(item)), "a unit of yours: remove it yourself")
 
 
-def _remove_tree(place: Place, folder: Path, what: str, *, purge: bool) -> Iterator[Step]:
+def _remove_tree(place: Place, folder: Path, what: str, *, purge: bool) -> Iterator[Action]:
     """A folder of the administrator or the service: each file that is removed is named."""
     path = str(place.seen(folder))
     if folder.is_symlink() or folder.is_file():
@@ -134,13 +138,13 @@ def _remove_tree(place: Place, folder: Path, what: str, *, purge: bool) -> Itera
     if not folder.is_dir():
         return
     if not place.holds(folder):
-        yield Step("keep", path, f"its folder leads out of {place.root}")
+        yield Action("keep", path, f"its folder leads out of {place.root}")
         return
     inside = sorted(item for item in folder.rglob("*") if item.is_symlink() or not item.is_dir())
     if not purge:
         names = ", ".join(str(item.relative_to(folder)) for item in inside[:_NAMES_MAX])
         more = f" and {len(inside) - _NAMES_MAX} more" if len(inside) > _NAMES_MAX else ""
-        yield Step("keep", path, f"{what}: {names or 'it is empty'}{more}")
+        yield Action("keep", path, f"{what}: {names or 'it is empty'}{more}")
         return
     for item in inside:
         yield Remove("remove", str(place.seen(item)), what, item)
@@ -148,10 +152,10 @@ def _remove_tree(place: Place, folder: Path, what: str, *, purge: bool) -> Itera
     yield RemoveTree("remove", path, why, folder)
 
 
-def _remove_users(*, purge: bool) -> Iterator[Step]:
+def _remove_users(*, purge: bool) -> Iterator[Action]:
     if not purge:
         what = f"users {' and '.join(_USERS)}, groups {' and '.join(_GROUPS)}"
-        yield Step("keep", what, "files may belong to them")
+        yield Action("keep", what, "files may belong to them")
         return
     for user in _USERS:
         yield run("userdel", user, may_fail=True)

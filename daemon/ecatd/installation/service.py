@@ -14,10 +14,10 @@ from ecatd.model.bus_name import check_bus_name
 from ecatd.model.config import load_config
 from ecatd.model.errors import EcatError, StateError, UsageError
 
+from .actions import Action, Link, Remove, Save, Write, run
 from .buses import is_masked, unit
 from .places import CONFIGURATION, LOCAL, PROGRAMS, Place, example, files
 from .record import BEFORE, LIST, OLD, Record, copies, digest, is_ours, read, read_record
-from .steps import Link, Remove, Save, Step, Write, run
 
 _BIN = PurePosixPath("/usr/local/bin")
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
@@ -27,8 +27,8 @@ _PROGRAM_PATH = re.compile(r"[A-Za-z0-9_./+-]+")
 _INTERFACE = re.compile(rb'^interface = "[^"\n]*"', re.MULTILINE)
 
 
-def install(place: Place, bus: str, interface: str | None) -> Iterator[Step]:
-    """The steps that install the service of a bus, or bring what is installed up to date.
+def install(place: Place, bus: str, interface: str | None) -> Iterator[Action]:
+    """The actions that install the service of a bus, or bring what is installed up to date.
 
     Args:
         place: Where.
@@ -42,7 +42,9 @@ def install(place: Place, bus: str, interface: str | None) -> Iterator[Step]:
     if interface is not None and not _INTERFACE_NAME.fullmatch(interface):
         raise UsageError(f"{interface!r} is no name of a network interface: `ip link` lists them")
     if place.is_packaged:
-        yield Step("keep", "/usr/lib/ecatd", "the package of the distribution has all other files")
+        yield Action(
+            "keep", "/usr/lib/ecatd", "the package of the distribution has all other files"
+        )
     else:
         _check_visible(place)
         yield from _bring_up_to_date(place)
@@ -50,13 +52,13 @@ def install(place: Place, bus: str, interface: str | None) -> Iterator[Step]:
     yield from tell_system(place)
     if is_masked(place, unit(bus)):
         why = f"it is masked: `systemctl unmask {unit(bus)}`, then install again"
-        yield Step("skip", f"systemctl enable {unit(bus)}", why)
+        yield Action("skip", f"systemctl enable {unit(bus)}", why)
     elif place.is_running:
         yield run("systemctl", "enable", unit(bus), why="it starts with the machine")
 
 
-def upgrade(place: Place) -> Iterator[Step]:
-    """The steps that bring what is installed up to date. A bus that runs goes on as it is.
+def upgrade(place: Place) -> Iterator[Action]:
+    """The actions that bring what is installed up to date. A bus that runs goes on as it is.
 
     Raises:
         UsageError: The service could not see the program.
@@ -119,7 +121,7 @@ def check_readable(file: Path) -> None:
             )
 
 
-def _bring_up_to_date(place: Place) -> Iterator[Step]:
+def _bring_up_to_date(place: Place) -> Iterator[Action]:
     """The files, the links, and the list of both."""
     before = read_record(place)
     data_of, links = files(LOCAL, place.programs / "ecatd"), _links(place)
@@ -137,14 +139,14 @@ def _bring_up_to_date(place: Place) -> Iterator[Step]:
         yield Write("write", str(LIST), "what is installed", place.at(LIST), listed)
     for path, data in data_of.items():
         if path in kept:
-            yield Step("keep", str(path), "yours: a link or a folder")
+            yield Action("keep", str(path), "yours: a link or a folder")
         else:
             yield _write(place, path, data)
     for path, target in links.items():
         if path in kept:
-            yield Step("keep", str(path), f"another program, which is not {target}")
+            yield Action("keep", str(path), f"another program, which is not {target}")
         elif place.at(path).is_symlink() and place.at(path).readlink() == target:
-            yield Step("keep", str(path), "up to date")
+            yield Action("keep", str(path), "up to date")
         else:
             yield Link("link", str(path), f"to {target}", place.at(path), target)
     for old, listed_digest in before.files.items():
@@ -172,7 +174,7 @@ def _is_kept(place: Place, path: PurePosixPath) -> bool:
 
 def _save(
     place: Place, path: PurePosixPath, data: bytes, before: Mapping[str, str]
-) -> Iterator[Step]:
+) -> Iterator[Action]:
     """Copies a file that somebody else has written, before ours takes its place."""
     file = place.at(path)
     there = read(file)
@@ -193,20 +195,20 @@ def _save(
     yield Save("save", str(place.seen(copy)), why, file, copy)
 
 
-def _write(place: Place, path: PurePosixPath, data: bytes) -> Step:
+def _write(place: Place, path: PurePosixPath, data: bytes) -> Action:
     there = read(place.at(path))
     if there == data:
-        return Step("keep", str(path), "up to date")
+        return Action("keep", str(path), "up to date")
     return Write("write", str(path), "new" if there is None else "changed", place.at(path), data)
 
 
-def _remove_old(place: Place, path: str, listed: str) -> Iterator[Step]:
+def _remove_old(place: Place, path: str, listed: str) -> Iterator[Action]:
     """Removes what an older version has installed, and this one does not have."""
     file = place.at(PurePosixPath(path))
     if is_ours(file, listed) and place.holds(file):
         yield Remove("remove", path, "this version has no such file", file)
     elif file.exists() or file.is_symlink():
-        yield Step("keep", path, "changed since it was installed: remove it yourself")
+        yield Action("keep", path, "changed since it was installed: remove it yourself")
 
 
 def _links(place: Place) -> dict[PurePosixPath, Path]:
@@ -224,16 +226,16 @@ def _is_free(place: Place, path: PurePosixPath, before: Mapping[str, str], targe
     return not link.exists()
 
 
-def _configure(place: Place, bus: str, interface: str | None) -> Iterator[Step]:
+def _configure(place: Place, bus: str, interface: str | None) -> Iterator[Action]:
     path = CONFIGURATION / f"{bus}.toml"
     file = place.at(path)
     if file.is_symlink() and not file.exists():
-        yield Step("keep", str(path), f"a link to {file.readlink()}, which does not exist")
+        yield Action("keep", str(path), f"a link to {file.readlink()}, which does not exist")
     elif file.exists():
-        yield Step("keep", str(path), _state(file))
+        yield Action("keep", str(path), _state(file))
     elif interface is None:
         why = f"--interface IF writes one; {unit(bus)} does not start before it exists"
-        yield Step("skip", str(path), why)
+        yield Action("skip", str(path), why)
     else:
         data = _INTERFACE.sub(b'interface = "' + interface.encode() + b'"', example(), count=1)
         data = data.replace(b'bus = "ecat0"', f'bus = "{bus}"'.encode(), 1)
@@ -248,7 +250,7 @@ def _state(file: Path) -> str:
     return "your configuration"
 
 
-def tell_system(place: Place, *, users: bool = True) -> Iterator[Step]:
+def tell_system(place: Place, *, users: bool = True) -> Iterator[Action]:
     """Has the parts of the system read the files.
 
     Args:
@@ -256,7 +258,7 @@ def tell_system(place: Place, *, users: bool = True) -> Iterator[Step]:
         users: Make the users and groups that do not exist.
     """
     if place.root != Path("/"):
-        yield Step("skip", "commands of the system", f"{place.root} is not the running system")
+        yield Action("skip", "commands of the system", f"{place.root} is not the running system")
         return
     if users and shutil.which("systemd-sysusers"):
         yield run("systemd-sysusers", why="users and groups ecatd, ecatd-gateway, ecat")
@@ -264,9 +266,9 @@ def tell_system(place: Place, *, users: bool = True) -> Iterator[Step]:
         why = (
             "it is not installed: make the users and groups of /etc/sysusers.d/ecatd.conf yourself"
         )
-        yield Step("skip", "systemd-sysusers", why)
+        yield Action("skip", "systemd-sysusers", why)
     if not place.is_running:
-        yield Step("skip", "systemctl, udevadm", "systemd does not run here")
+        yield Action("skip", "systemctl, udevadm", "systemd does not run here")
         return
     yield run("systemctl", "daemon-reload")
     yield run("journalctl", "--update-catalog", why="explanations for journalctl -x")

@@ -1,4 +1,4 @@
-"""What an installation does, one step after the other; each can say what it would do."""
+"""What an installation does, one action after the other; each can say what it would do."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from ecatd.model.errors import NotPermittedError, StateError
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
-    """One step; this one does nothing.
+class Action:
+    """One action; this one does nothing.
 
     Attributes:
         verb: What it does: `save`, `write`, `remove`, `restore`, `link`, `run`, `keep` or `skip`.
@@ -38,7 +38,7 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class Write(Step):
+class Write(Action):
     """Writes a file, and makes the folders that it needs."""
 
     path: Path = Path()
@@ -53,7 +53,7 @@ class Write(Step):
 
 
 @dataclass(frozen=True, slots=True)
-class Link(Step):
+class Link(Action):
     """Makes a symbolic link, in place of another link."""
 
     path: Path = Path()
@@ -68,7 +68,7 @@ class Link(Step):
 
 
 @dataclass(frozen=True, slots=True)
-class Save(Step):
+class Save(Action):
     """Copies a file as it is, with its owner and its rights."""
 
     path: Path = Path()
@@ -83,7 +83,7 @@ class Save(Step):
 
 
 @dataclass(frozen=True, slots=True)
-class Restore(Step):
+class Restore(Action):
     """Moves a copy back to its place."""
 
     path: Path = Path()
@@ -96,7 +96,7 @@ class Restore(Step):
 
 
 @dataclass(frozen=True, slots=True)
-class Remove(Step):
+class Remove(Action):
     """Removes a file or a link."""
 
     path: Path = Path()
@@ -108,7 +108,7 @@ class Remove(Step):
 
 
 @dataclass(frozen=True, slots=True)
-class RemoveFolder(Step):
+class RemoveFolder(Action):
     """Removes a folder that is empty; one that is not stays."""
 
     path: Path = Path()
@@ -120,7 +120,7 @@ class RemoveFolder(Step):
 
 
 @dataclass(frozen=True, slots=True)
-class RemoveTree(Step):
+class RemoveTree(Action):
     """Removes a folder with all that is in it, or has come meanwhile."""
 
     path: Path = Path()
@@ -132,7 +132,7 @@ class RemoveTree(Step):
 
 
 @dataclass(frozen=True, slots=True)
-class Run(Step):
+class Run(Action):
     """Runs a command of the system.
 
     Attributes:
@@ -161,7 +161,7 @@ class Run(Step):
 
 
 def run(*command: str, why: str = "", may_fail: bool = False) -> Run:
-    """The step that runs a command."""
+    """The action that runs a command."""
     return Run("run", shlex.join(command), why, command, may_fail)
 
 
