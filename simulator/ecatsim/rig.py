@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from ecatd.model.errors import UsageError
 
 from .faults import Fault
-from .plants.paced import Paced
+from .plants.fixed_step import FixedStep
 from .plants.point import Point, Terminal
 from .slave.device import Device
 from .topology import Topology, Wiring
@@ -158,4 +158,4 @@ class Rig:
         Raises:
             UsageError: `period` is not positive.
         """
-        self.plants.append(Paced(plant, period, catch_up))
+        self.plants.append(FixedStep(plant, period, catch_up))

@@ -14,7 +14,7 @@ from ecatd.model.errors import ConfigError, UsageError
 from ecatsim import DataType, Device, Entry, Pdo, Rig
 from ecatsim.devices.library import make
 from ecatsim.plants import waveforms
-from ecatsim.plants.paced import Paced
+from ecatsim.plants.fixed_step import FixedStep
 from ecatsim.plants.point import Point
 
 
@@ -111,11 +111,11 @@ def test_a_waveform_beyond_the_range_sets_the_status_of_the_input():
 
 def test_a_plant_is_called_at_its_own_rate():
     times = []
-    plant = Paced(times.append, 0.004)
+    plant = FixedStep(times.append, 0.004)
     for i in range(101):
         plant(50.0 + i / 1000)
     assert times == pytest.approx([50.0 + 0.004 * i for i in range(26)])
-    fast = Paced(times.append, 0.00025)
+    fast = FixedStep(times.append, 0.00025)
     times.clear()
     fast(0.0)
     fast(0.001)
@@ -124,7 +124,7 @@ def test_a_plant_is_called_at_its_own_rate():
 
 def test_a_plant_catches_up_within_bounds():
     times = []
-    plant = Paced(times.append, 0.001, catch_up=0.1)
+    plant = FixedStep(times.append, 0.001, catch_up=0.1)
     plant(0.0)
     plant(0.05)
     assert len(times) == 51, "a short pause is made up for"
@@ -143,7 +143,7 @@ def test_a_plant_that_cannot_keep_up_gives_way():
         while time.thread_time() < end:
             pass
 
-    plant = Paced(slow, 0.001)
+    plant = FixedStep(slow, 0.001)
     plant(0.0)
     for i in range(1, 11):
         before = plant.steps
@@ -154,7 +154,7 @@ def test_a_plant_that_cannot_keep_up_gives_way():
 
 def test_the_same_period_as_the_simulation_means_one_step_each_time():
     times = []
-    plant = Paced(times.append, 0.001)
+    plant = FixedStep(times.append, 0.001)
     for i in range(5000):
         plant(1234.5 + i * 0.001)
         assert len(times) == i + 1

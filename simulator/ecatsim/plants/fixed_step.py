@@ -11,7 +11,7 @@ from ecatd.model.errors import UsageError
 _BUDGET = 0.005  # seconds of processor time per call; the slaves must be served in between
 
 
-class Paced:
+class FixedStep:
     """Runs a plant with a fixed step size.
 
     A late plant catches up, but only for a few milliseconds per call. A plant whose steps take
