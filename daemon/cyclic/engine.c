@@ -67,9 +67,9 @@ static void exchange(cyclic_t *c, uint64_t receive_until) {
   uint32_t i;
   c->send_ns = cyclic_now();
   cyclic_frames_fill(c);
-  cyclic_wire_send(c);
+  cyclic_ports_send(c);
   cyclic_slots_sent(c);
-  cyclic_wire_receive(c, receive_until);
+  cyclic_ports_receive(c, receive_until);
   received = cyclic_now();
   cyclic_count(&c->health->exchange, received - c->send_ns);
   c->typical_ns += ((int64_t)(received - c->send_ns) - c->typical_ns) / 16;

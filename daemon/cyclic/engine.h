@@ -236,9 +236,9 @@ int cyclic_frame_complete(const cyclic_t *c, const struct frame *frame, const ui
 /* Takes over the data that a frame has brought back. */
 void cyclic_frame_take(cyclic_t *c, const struct frame *frame, const uint8_t *bytes);
 
-/* wire.c */
-void cyclic_wire_send(cyclic_t *c);
-void cyclic_wire_receive(cyclic_t *c, uint64_t deadline_ns);
+/* ports.c */
+void cyclic_ports_send(cyclic_t *c);
+void cyclic_ports_receive(cyclic_t *c, uint64_t deadline_ns);
 
 /* clock.c */
 uint64_t cyclic_clock_estimate(const cyclic_t *c); /* of the reference clock's time, at send_ns */

@@ -1,4 +1,4 @@
-/* The wire: sockets, sending, receiving, and telling answers from foreign frames.
+/* The ports of the engine: sockets, sending, receiving, and telling answers from foreign frames.
  *
  * With cable redundancy each frame leaves by both ports. On a closed ring the copy of the first port
  * meets all slaves and arrives at the second port; the other copy passes the slaves unprocessed. On a
@@ -72,7 +72,7 @@ static int send_copy(cyclic_t *c, struct frame *frame, uint32_t port) {
   return 0;
 }
 
-void cyclic_wire_send(cyclic_t *c) {
+void cyclic_ports_send(cyclic_t *c) {
   uint32_t i, port;
   int error[MAX_PORTS] = {0, 0};
   c->waiting = 0;
@@ -219,7 +219,7 @@ static void leave_out(cyclic_t *c, const struct frame *frame) {
   if (frame == &c->frame[0]) c->silent++;
 }
 
-void cyclic_wire_receive(cyclic_t *c, uint64_t deadline_ns) {
+void cyclic_ports_receive(cyclic_t *c, uint64_t deadline_ns) {
   int usable[MAX_PORTS] = {1, 1}, timer_set = 0;
   uint32_t i, port;
   for (i = 0; i < c->frames; i++)
