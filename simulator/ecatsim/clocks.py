@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from dataclasses import dataclass
 
-from .wire import MAX_SLAVES, Handle, checked
+from .links import MAX_SLAVES, Handle, checked
 
 
 @dataclass(frozen=True, slots=True)

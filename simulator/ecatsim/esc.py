@@ -18,20 +18,20 @@ from ecatd.model.errors import (
 )
 from ecatd.native import load
 
-from . import clocks, wire
+from . import clocks, links
 from .chip import Chip, Config, config
 from .clocks import Clock, Clocks
-from .net import netlink
-from .wire import (
+from .links import (
     MAX_FAULTS,
     MAX_SLAVES,
     FaultKind,
     FrameFault,
     InjectedFault,
+    Links,
     Passage,
-    Wire,
     checked,
 )
+from .net import netlink
 
 __all__ = [
     "MAX_FAULTS",
@@ -130,7 +130,7 @@ def _library() -> ctypes.CDLL:
     segment, number, size = ctypes.c_void_p, ctypes.c_int, ctypes.c_size_t
     data, address = ctypes.c_char_p, ctypes.c_uint16
     functions: dict[str, tuple[type | None, list[type]]] = {
-        **wire.signatures(),
+        **links.signatures(),
         **clocks.signatures(),
         "esc_add_slave": (number, [segment, ctypes.POINTER(Config), data, size]),
         "esc_replace": (number, [segment, number, ctypes.POINTER(Config), data, size]),
@@ -164,7 +164,7 @@ def _library() -> ctypes.CDLL:
     return lib
 
 
-class Segment(Wire, Clocks):
+class Segment(Links, Clocks):
     """The slave controllers behind one interface, or in a ring between two interfaces.
 
     The controllers run in C; this class is their process data interface (PDI). All methods are

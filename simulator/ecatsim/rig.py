@@ -108,7 +108,7 @@ class Rig:
                 )
         return self._topology.wiring(self.devices, self.ring)
 
-    def wire(
+    def connect_entries(
         self, source: Terminal, target: Terminal, scale: float = 1.0, offset: float = 0.0
     ) -> None:
         """Connects an output with an input: input = output * scale + offset.

@@ -17,7 +17,7 @@ from ecatd import shm
 from ecatd.bus.engine.engine import Clock, EventType, Index, open_socket
 from ecatd.bus.watch.foreign import ForeignWatch
 from ecatd.model.errors import EcatError, UnreachableError
-from ecatsim.wire import FaultKind, FrameFault
+from ecatsim.links import FaultKind, FrameFault
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 

@@ -23,10 +23,12 @@ def rig():
     """All devices; outputs are wired to inputs of the same kind."""
     devices = {item.name: make(item.name) for item in library()}
     result = Rig("library", list(devices.values()))
-    result.wire((devices["EL2004"], 0x7030, 1), (devices["EL1008"], 0x6020, 1))
-    result.wire((devices["EL4008"], 0x7070, 1), (devices["EL3102"], 0x6010, 0x11))
-    result.wire((devices["EL4004"], 0x7000, 1), (devices["AnalogIO"], 0x6000, 4), scale=-0.5)
-    result.wire((devices["DigitalIO"], 0x7000, 8), (devices["DigitalIO"], 0x6000, 1))
+    result.connect_entries((devices["EL2004"], 0x7030, 1), (devices["EL1008"], 0x6020, 1))
+    result.connect_entries((devices["EL4008"], 0x7070, 1), (devices["EL3102"], 0x6010, 0x11))
+    result.connect_entries(
+        (devices["EL4004"], 0x7000, 1), (devices["AnalogIO"], 0x6000, 4), scale=-0.5
+    )
+    result.connect_entries((devices["DigitalIO"], 0x7000, 8), (devices["DigitalIO"], 0x6000, 1))
     return result
 
 

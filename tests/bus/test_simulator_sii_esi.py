@@ -33,8 +33,8 @@ def rig():
     copies = [device_from_sii(device.sii_image(), device.order) for device in library]
     made = Rig("files", [*copies, axis, inputs])
     outputs = next(device for device in copies if device.order == "EL2008")
-    made.wire((outputs, 0x7010, 1), (inputs, 0x6000, 1))
-    made.wire((axis, 0x607A, 0), (axis, 0x2100, 2))
+    made.connect_entries((outputs, 0x7010, 1), (inputs, 0x6000, 1))
+    made.connect_entries((axis, 0x607A, 0), (axis, 0x2100, 2))
     return made
 
 

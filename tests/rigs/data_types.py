@@ -36,5 +36,5 @@ def rig() -> Rig:
     rig = Rig("data_types", devices)
     for source, target in (devices, devices[::-1]):
         for subindex in range(1, len(BITS) + 1):
-            rig.wire((source, 0x7000, subindex), (target, 0x6000, subindex))
+            rig.connect_entries((source, 0x7000, subindex), (target, 0x6000, subindex))
     return rig

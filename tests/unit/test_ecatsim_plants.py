@@ -80,8 +80,8 @@ def test_a_point_says_which_entries_there_are():
 def test_a_wire_carries_volts_between_terminals_of_different_resolution():
     source, fine, coarse = make("AnalogIO", bits=32), make("AnalogIO", bits=16), make("EL3102")
     rig = Rig("wires", [source, fine, coarse])
-    rig.wire((source, 0x7000, 1), (fine, 0x6000, 1))
-    rig.wire((source, 0x7000, 1), (coarse, 0x6000, 0x11), scale=0.5, offset=1.0)
+    rig.connect_entries((source, 0x7000, 1), (fine, 0x6000, 1))
+    rig.connect_entries((source, 0x7000, 1), (coarse, 0x6000, 0x11), scale=0.5, offset=1.0)
     source[0x7000, 1] = round(0.4 * 0x7FFFFFFF)  # 4 V
     run(rig)
     assert fine[0x6000, 1] == round(0.4 * 32767)
@@ -91,7 +91,7 @@ def test_a_wire_carries_volts_between_terminals_of_different_resolution():
 def test_a_wire_from_an_analog_output_to_an_analog_input():
     output, inputs = make("EL4004"), make("EL3102")
     rig = Rig("wires", [output, inputs])
-    rig.wire((output, 0x7010, 1), (inputs, 0x6010, 0x11))
+    rig.connect_entries((output, 0x7010, 1), (inputs, 0x6010, 0x11))
     output.connection(0x7010, 1).value = 12345.0
     run(rig)
     assert inputs[0x6010, 0x11] == 12345

@@ -7,9 +7,9 @@ from typing import Annotated, ClassVar
 
 from ecatd.model.errors import UsageError
 
+from ..links import FaultKind
+from ..links import FrameFault as SegmentFault
 from ..parameters import Is
-from ..wire import FaultKind
-from ..wire import FrameFault as SegmentFault
 from .fault import Fault, Slave
 
 _MAX_DELAY_US = 10_000_000

@@ -54,7 +54,7 @@ def load(path: Path) -> Rig:
         row.only(("from", "to", "scale", "offset"))
         source = _terminal(row, "from", rig)
         target = _driven(row, rig, driven)
-        rig.wire(source, target, row.number("scale", 1.0), row.number("offset", 0.0))
+        rig.connect_entries(source, target, row.number("scale", 1.0), row.number("offset", 0.0))
     for row in table.tables("waveform"):
         rig.drive(_driven(row, rig, driven), rig_signals.read(row))
     for row in table.tables("plant"):

@@ -29,9 +29,15 @@ def rig() -> Rig:
     result.connect(digital, junction, _FIRST_BRANCH)
     result.connect(analog, junction, _SECOND_BRANCH)
     for channel in range(8):
-        result.wire((outputs, 0x7000 + 16 * channel, 1), (inputs, 0x6000 + 16 * channel, 1))
+        result.connect_entries(
+            (outputs, 0x7000 + 16 * channel, 1), (inputs, 0x6000 + 16 * channel, 1)
+        )
     for channel in range(4):
-        result.wire((switches, 0x7000 + 16 * channel, 1), (lamps, 0x6000 + 16 * channel, 1))
+        result.connect_entries(
+            (switches, 0x7000 + 16 * channel, 1), (lamps, 0x6000 + 16 * channel, 1)
+        )
     for channel in range(2):
-        result.wire((volts, 0x7000 + 16 * channel, 1), (meters, 0x6000 + 16 * channel, 0x11))
+        result.connect_entries(
+            (volts, 0x7000 + 16 * channel, 1), (meters, 0x6000 + 16 * channel, 0x11)
+        )
     return result

@@ -35,7 +35,9 @@ def rig() -> Rig:
         ],
     )
     for channel in range(_WIRED):
-        result.wire((outputs, 0x7000 + 16 * channel, 1), (inputs, 0x6000 + 16 * channel, 1))
+        result.connect_entries(
+            (outputs, 0x7000 + 16 * channel, 1), (inputs, 0x6000 + 16 * channel, 1)
+        )
     for channel, frequency in _BLINK_HZ.items():
         result.drive((inputs, 0x6000 + 16 * channel, 1), square(frequency))
     result.trace = Trace(

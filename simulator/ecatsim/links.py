@@ -1,4 +1,4 @@
-"""The wire of a segment: links, power, the path of frames, and frame faults (see `Segment`)."""
+"""The links of a segment: cables, power, the path of frames, frame faults (see `Segment`)."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ class Handle:
         return self._pointer
 
 
-class Wire(Handle):
+class Links(Handle):
     """The methods of `Segment` for cables, power and frames."""
 
     # --- slaves and links ----------------------------------------------------------------------
