@@ -7,7 +7,7 @@
  *
  * usage: awake      (runs until it is killed)
  */
-#include "wire.h"
+#include "raw_socket.h"
 
 static void lower_session(void)
 {

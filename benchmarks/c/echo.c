@@ -2,7 +2,7 @@
  *
  * usage: echo INTERFACE      (prints "ready" when it answers, and runs until it is killed)
  */
-#include "wire.h"
+#include "raw_socket.h"
 
 enum { PRIORITY = 85, STOP_POLL_US = 20000, PROCESSED_MARK = 0x02 };
 
@@ -14,7 +14,7 @@ int main(int count, char **arguments)
         return 2;
     }
     die_with_parent();
-    int fd = open_wire(arguments[1], STOP_POLL_US);
+    int fd = open_raw_socket(arguments[1], STOP_POLL_US);
     ask_for_real_time(PRIORITY);
     puts("ready");
     fflush(stdout);

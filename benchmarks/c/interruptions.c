@@ -6,7 +6,7 @@
  * processor. Prints one line of JSON: how long it measured, how often it was interrupted for longer
  * than US microseconds, and the longest interruption.
  */
-#include "wire.h"
+#include "raw_socket.h"
 
 #include <inttypes.h>
 #include <string.h>

@@ -4,7 +4,7 @@
  * A deadline is missed if it passes before the program wakes up for the deadline before it. Prints
  * one line of JSON; the samples are the lateness of the wake-ups, in nanoseconds.
  */
-#include "wire.h"
+#include "raw_socket.h"
 
 #include "histogram.h"
 #include <errno.h>

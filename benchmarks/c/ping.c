@@ -14,7 +14,7 @@
  * A cycle whose frames are not all back after 100 ms counts as lost. Prints one line of JSON;
  * times are nanoseconds.
  */
-#include "wire.h"
+#include "raw_socket.h"
 
 #include "histogram.h"
 #include <errno.h>
@@ -246,7 +246,7 @@ int main(int count, char **arguments)
     die_with_parent();
     read_options(count, arguments);
     read_frames();
-    int fd = open_wire(options.interface, options.first ? FIRST_TIMEOUT_US : TIMEOUT_US);
+    int fd = open_raw_socket(options.interface, options.first ? FIRST_TIMEOUT_US : TIMEOUT_US);
     bool real_time = ask_for_real_time(PRIORITY);
     if (options.first) {
         wait_for_first(fd);

@@ -14,7 +14,7 @@
  * Prints "ready" when it answers. For each further byte on standard input, prints a line of JSON
  * with the numbers of EtherCAT frames answered and passed on. Ends when standard input is closed.
  */
-#include "wire.h"
+#include "raw_socket.h"
 
 #include <errno.h>
 #include <inttypes.h>

@@ -20,7 +20,7 @@ from ..masters.engine import EngineMaster
 from ..masters.python_masters import Kickcat, Soem
 from ..masters.worker import Worker
 from ..segment import cells, tap
-from ..segment.peers import SIMULATOR, ecatsim, wire
+from ..segment.peers import SIMULATOR, ecatsim, frame_socket
 from ..segment.shared_line import Map, SharedLine
 
 BARE, SLEEP, ENGINE, PYSOEM, KICKCAT = "bare", "sleep", "engine", "pysoem", "kickcat"
@@ -100,7 +100,7 @@ class Turns:
 
     def _give_turn(self, number: int) -> None:
         if number != self._turn:
-            with wire() as opened, self._line.over(opened.exchange):
+            with frame_socket() as opened, self._line.over(opened.exchange):
                 self._line.turn(number)
         self._turn = number
 
@@ -126,16 +126,16 @@ def on_line(bench: Bench, slaves: int, size: int, *, others: bool = True) -> Ite
             return stack.enter_context(worker)
 
         stack.enter_context(ecatsim(cells.write_rig(bench.folder, slaves, size), bench.processors))
-        with wire() as opened:
+        with frame_socket() as opened:
             line = SharedLine(opened.exchange, bus, lay_out(bus, set()))
         for name, make in _MASTERS.items():
             if reason := obstacle(name, slaves, size):
                 missing[name] = reason
             elif others:
                 workers[name] = start(make)
-                with wire() as opened, line.over(opened.exchange):
+                with frame_socket() as opened, line.over(opened.exchange):
                     maps.append(line.saved())
-        with wire() as opened, line.over(opened.exchange):
+        with frame_socket() as opened, line.over(opened.exchange):
             line.share(maps)
         engine = start(EngineMaster, slaves, size)
         yield Turns(bench, line, {ENGINE: engine, **workers}, missing)

@@ -43,7 +43,7 @@ def logical_frame(address: int, data: bytes) -> bytes:
     return frame(LRW, address & 0xFFFF, address >> 16, data)
 
 
-class Wire:
+class FrameSocket:
     """Exchanges single frames on an interface.
 
     It does not receive the frames of an engine, so both can run at the same time.

@@ -16,7 +16,7 @@ from ecatd.bus.engine.layout import lay_out
 from ..bench import Bench
 from ..masters.engine import PRIORITY, running
 from . import cells
-from .peers import SIMULATOR, ecatsim, wire
+from .peers import SIMULATOR, ecatsim, frame_socket
 from .shared_line import SharedLine
 
 CYCLE_US = 1000
@@ -74,6 +74,6 @@ def mirror_line(bench: Bench, slaves: int, size: int) -> Iterator[MirrorLine]:
     """Starts `slaves` slaves with `size` bytes of outputs, and of inputs, each."""
     with ecatsim(cells.write_rig(bench.folder, slaves, size), bench.processors):
         bus = cells.bus(bench.bus, slaves, size, CYCLE_US)
-        with wire() as opened:
+        with frame_socket() as opened:
             _Mirror(opened.exchange, bus, lay_out(bus, set())).share([])
         yield MirrorLine(bench, slaves, size)

@@ -14,7 +14,7 @@ from typing import Any
 from ecatd.model.errors import StateError
 
 from ..machine import Processors
-from .frames import Line, Wire
+from .frames import FrameSocket, Line
 
 
 @dataclass(frozen=True)
@@ -83,16 +83,16 @@ def ecatsim(rig: object, processors: Processors, *options: str) -> Iterator[None
         yield
 
 
-def wire(pair: Pair = SIMULATOR) -> contextlib.closing[Wire]:
-    """Opens a wire for single frames on the master's end of a pair."""
-    return contextlib.closing(Wire(pair.near))
+def frame_socket(pair: Pair = SIMULATOR) -> contextlib.closing[FrameSocket]:
+    """Opens a socket for single frames on the master's end of a pair."""
+    return contextlib.closing(FrameSocket(pair.near))
 
 
 @contextlib.contextmanager
 def simulator(count: int, processors: Processors) -> Iterator[Line]:
     """Runs `ecatsim run line:COUNT`, with all slaves in OP and returning their outputs."""
     with ecatsim(f"line:{count}", processors):
-        with wire() as opened:
+        with frame_socket() as opened:
             line = Line(opened.exchange, count)
             line.bring_to_op()
             line.check_exchange()

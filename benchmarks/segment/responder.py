@@ -22,7 +22,7 @@ from ecatd.model.errors import NotPermittedError, StateError
 from . import tap
 from .frames import BRD, BWR, ask, datagrams, encode, frame
 from .peers import SIMULATOR as PAIR
-from .peers import Pair, wire
+from .peers import Pair, frame_socket
 
 SIMULATOR, KERNEL = "simulator", "kernel"
 """The programs that can answer the frames of the cycle."""
@@ -108,7 +108,7 @@ def _switch_watchdogs_off(pair: Pair, source: bytes) -> None:
     The frame has the source address of the master, which would report a foreign master otherwise.
     """
     request = frame(BWR, 0, _WATCHDOG, bytes(2))
-    with wire(pair) as opened:
+    with frame_socket(pair) as opened:
         ask(opened.exchange, request[: _SOURCE.start] + source + request[_SOURCE.stop :])
 
 

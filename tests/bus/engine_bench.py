@@ -17,7 +17,7 @@ import time
 import uuid
 from pathlib import Path
 
-from benchmarks.segment.frames import BRD, Wire, ask, frame
+from benchmarks.segment.frames import BRD, FrameSocket, ask, frame
 
 from ecatd import network_namespace as namespace
 from ecatd.bus.engine.engine import Engine, Index, RealTime, open_socket
@@ -108,7 +108,7 @@ class Bench:
         for domain, divider in zip(self.image.domains, dividers, strict=True):
             domain.divider = divider
         self.engine = self.shared = None
-        self.wire = Wire(MASTER)
+        self.wire = FrameSocket(MASTER)
         if ring:  # frames shall come back where they were sent, until the engine is there
             self.esc.break_link(count - 1, 1, True)
         self._set_up()

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from itertools import combinations, pairwise
 
 from .geometry import Box, Point, box_of
-from .scene import Part, Scene, Wire
+from .scene import ConnectLine, Part, Scene
 from .shapes import Label, Shape
 
 _NEAR = 0.05  # largest distance of the end of a line from its connector, in units of a diagram
@@ -21,10 +21,10 @@ def check_diagram(scene: Scene) -> Iterator[str]:
     Every line must begin and end in the middle of its connectors, as in an editor. Components must
     not overlap each other. Lines must not cross components or lie upon each other.
     """
-    yield from _wires_meet(scene)
+    yield from _lines_meet(scene)
     yield from _overlaps(scene)
-    yield from _wires_cross(scene)
-    yield from _wires_coincide(scene)
+    yield from _lines_cross(scene)
+    yield from _lines_coincide(scene)
     for part in scene.parts.values():
         yield from _labels(part.name, part)
 
@@ -45,21 +45,21 @@ def check_icon(scene: Scene) -> Iterator[str]:
     yield from _labels(name, part)
 
 
-def _wires_meet(scene: Scene) -> Iterator[str]:
-    for wire in scene.wires:
-        places = [_place(scene, connector) for connector in (wire.a, wire.b)]
-        if len(wire.points) < 2:
+def _lines_meet(scene: Scene) -> Iterator[str]:
+    for line in scene.lines:
+        places = [_place(scene, connector) for connector in (line.a, line.b)]
+        if len(line.points) < 2:
             if None not in places:  # a hidden connector has no place and needs no line
-                yield f"{_name(wire)} has no line"
+                yield f"{_name(line)} has no line"
             continue
-        ends = (wire.points[0], wire.points[-1])
-        for connector, place, end in zip((wire.a, wire.b), places, ends, strict=True):
+        ends = (line.points[0], line.points[-1])
+        for connector, place, end in zip((line.a, line.b), places, ends, strict=True):
             if place is None:
-                yield f"{_name(wire)}: {connector} has no place"
+                yield f"{_name(line)}: {connector} has no place"
                 continue
             middle = place.box.centre
             if max(abs(middle.x - end.x), abs(middle.y - end.y)) > _NEAR:
-                yield (f"{_name(wire)} ends at {_pair(end)}, but {connector} is at {_pair(middle)}")
+                yield (f"{_name(line)} ends at {_pair(end)}, but {connector} is at {_pair(middle)}")
 
 
 def _place(scene: Scene, connector: str) -> Part | None:
@@ -86,7 +86,7 @@ def _whole(part: Part) -> Box:
     return box_of(Point(x, y) for box in boxes for x, y in ((box.x1, box.y1), (box.x2, box.y2)))
 
 
-def _wires_cross(scene: Scene) -> Iterator[str]:
+def _lines_cross(scene: Scene) -> Iterator[str]:
     blocks = [
         (part.name, part.box.grown(-_EDGE)) for part in scene.parts.values() if not part.connector
     ]
@@ -96,19 +96,19 @@ def _wires_cross(scene: Scene) -> Iterator[str]:
         for item in part.items
         if isinstance(item, Label)
     ]
-    for wire in scene.wires:
-        for a, b in pairwise(wire.points):
+    for line in scene.lines:
+        for a, b in pairwise(line.points):
             segment = box_of((a, b))
             for name, box in blocks:
                 if min(segment.overlap(box)) >= 0:
-                    yield f"{_name(wire)} crosses {name}"
+                    yield f"{_name(line)} crosses {name}"
             for name, text, box in texts:
                 if min(segment.overlap(box)) >= 0:
-                    yield f"{_name(wire)} crosses the text {text!r} of {name}"
+                    yield f"{_name(line)} crosses the text {text!r} of {name}"
 
 
-def _wires_coincide(scene: Scene) -> Iterator[str]:
-    for one, other in combinations(scene.wires, 2):
+def _lines_coincide(scene: Scene) -> Iterator[str]:
+    for one, other in combinations(scene.lines, 2):
         if set(map(_whole_array, (one.a, one.b))) & set(map(_whole_array, (other.a, other.b))):
             continue  # the same signal, or the same array
         for a, b in pairwise(one.points):
@@ -147,8 +147,8 @@ def _overlapping(a: Box, b: Box) -> bool:
     return min(a.overlap(b)) > _EDGE
 
 
-def _name(wire: Wire) -> str:
-    return f"connect({wire.a}, {wire.b})"
+def _name(line: ConnectLine) -> str:
+    return f"connect({line.a}, {line.b})"
 
 
 def _pair(p: Point) -> str:

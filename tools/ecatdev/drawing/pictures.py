@@ -72,7 +72,7 @@ def pictures(standard_library: Path | None = None) -> dict[str, str]:
             for path in models(found, name):
                 scene = diagram(found, path)
                 partial = "partial" in found.get(path).definition.prefixes
-                if not partial and any(wire.points for wire in scene.wires):
+                if not partial and any(line.points for line in scene.lines):
                     result[f"{path}.svg"] = draw_diagram(scene)
         return result
 
@@ -83,7 +83,7 @@ def draw_diagram(scene: Scene) -> str:
     items = [item for part in scene.parts.values() for item in part.items]
     boxes += [item.box for item in [*scene.items, *items] if isinstance(item, Label)]
     points = [Point(x, y) for b in boxes for x, y in ((b.x1, b.y1), (b.x2, b.y2))]
-    points += [p for wire in scene.wires for p in wire.points]
+    points += [p for line in scene.lines for p in line.points]
     svg = Svg(Box(*box_of(points)).grown(_MARGIN), f"{scene.path}: {scene.description}")
     svg.scene(scene)
     return svg.write()

@@ -38,7 +38,7 @@ class Part:
 
 
 @dataclass(slots=True)
-class Wire:
+class ConnectLine:
     """A connection: its two connectors as written, and its line."""
 
     a: str
@@ -57,7 +57,7 @@ class Scene:
         box: The extent of its coordinate system.
         items: Its own primitives, at the back.
         parts: Its components, by name.
-        wires: Its connections.
+        lines: Its connections.
     """
 
     path: str
@@ -65,7 +65,7 @@ class Scene:
     box: Box
     items: list[Item]
     parts: dict[str, Part]
-    wires: list[Wire] = field(default_factory=list)
+    lines: list[ConnectLine] = field(default_factory=list)
 
 
 def icon(
@@ -117,8 +117,10 @@ def diagram(libraries: Libraries, path: str) -> Scene:
             if not (_is_there(instance, connect.a) and _is_there(instance, connect.b)):
                 continue
             style = Style(connect.annotation.part("Line"), instance)
-            scene.wires.append(
-                Wire(connect.a, connect.b, style.points("points"), list(line(style, Transform())))
+            scene.lines.append(
+                ConnectLine(
+                    connect.a, connect.b, style.points("points"), list(line(style, Transform()))
+                )
             )
     return scene
 

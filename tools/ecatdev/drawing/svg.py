@@ -45,8 +45,8 @@ class Svg:
         self.items(scene.items)
         for part in scene.parts.values():
             self.part(part)
-        for wire in scene.wires:
-            self.items(wire.items)
+        for line in scene.lines:
+            self.items(line.items)
 
     def part(self, part: Part) -> None:
         """Draws a component."""

@@ -1,6 +1,6 @@
 /* Functions for both ends of the wire: raw socket (like the simulator's), clock, real time. */
-#ifndef BENCHMARK_WIRE_H
-#define BENCHMARK_WIRE_H
+#ifndef BENCHMARK_RAW_SOCKET_H
+#define BENCHMARK_RAW_SOCKET_H
 
 #include <arpa/inet.h>
 #include <linux/if_packet.h>
@@ -35,7 +35,7 @@ static inline int64_t now_ns(void)
 
 /* Opens a socket for EtherCAT frames on an interface, with the options of simulator/esc/segment.c.
  * Ends the program if the interface cannot be used. */
-static inline int open_wire(const char *interface, long timeout_us)
+static inline int open_raw_socket(const char *interface, long timeout_us)
 {
     unsigned index = if_nametoindex(interface);
     int fd = socket(AF_PACKET, SOCK_RAW | SOCK_CLOEXEC, 0);
