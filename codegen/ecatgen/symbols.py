@@ -56,7 +56,7 @@ def symbol(kind: SlaveKind, corner: Point) -> tuple[str, ...]:
         return tuple(_coupler(pen))
     if kind == "other":
         return tuple(_chip(pen))
-    return tuple(_signal(pen, kind))
+    return tuple(_waveform(pen, kind))
 
 
 class _Pen:
@@ -108,8 +108,8 @@ def _chip(pen: _Pen) -> Iterator[str]:
     yield pen.rectangle((7, 5), (25, 27))
 
 
-def _signal(pen: _Pen, kind: SlaveKind) -> Iterator[str]:
-    """Draws a signal with an arrow: on the left for outputs, on the right for inputs."""
+def _waveform(pen: _Pen, kind: SlaveKind) -> Iterator[str]:
+    """Draws a waveform with an arrow: on the left for outputs, on the right for inputs."""
     if kind.startswith("digital"):
         points = ((7, 6), (11, 6), (11, 26), (18, 26), (18, 6), (25, 6), (25, 26))
         yield pen.line(*points)

@@ -133,7 +133,7 @@ MISFITS = [
     ("[[dc.slave]]\nslave = 1\n", "5: dc.slave[0].slave: slave 1 (S) | clock | 0, 2"),
     (
         "[[dc.slave]]\nslave = 2\nsync1_us = 3e6\n",
-        "4: dc.slave[0].sync0_us: slave 2 (O) | 32 bits | more often",
+        "4: dc.slave[0].sync0_us: slave 2 (O) | 32 bits | SYNC",
     ),
     (
         "[[slave.startup]]\nobject = '0x2001:00'\ntype = 'int16'\nvalue = 1\nunit = 'rpm'\n",

@@ -136,7 +136,7 @@ def test_conditional_connectors_and_invisible_shapes_follow_parameters(lab: Libr
 
 
 def test_a_connection_to_what_is_not_there_is_not_drawn(lab: Libraries) -> None:
-    assert [(w.a, w.b) for w in diagram(lab, "Lab.Example").wires] == [("a.y", "b.u")]
+    assert [(w.a, w.b) for w in diagram(lab, "Lab.Example").lines] == [("a.y", "b.u")]
 
 
 def test_components_are_where_their_placement_says(lab: Libraries) -> None:
@@ -241,9 +241,9 @@ def test_the_check_of_icons_sees(tmp_path: Path, old: str, new: str, problem: st
 
 def test_lines_of_two_signals_may_cross_but_not_lie_upon_each_other(lab: Libraries) -> None:
     scene = diagram(lab, "Lab.Example")
-    other = diagram(lab, "Lab.Example").wires[0]
+    other = diagram(lab, "Lab.Example").lines[0]
     other.a, other.b = "turned.y", "turned.u"
-    scene.wires.append(other)
+    scene.lines.append(other)
     assert any("lies upon" in finding for finding in check_diagram(scene))
     other.points = [Point(-45, 20), Point(5, 20)]
     assert not any("lies upon" in finding for finding in check_diagram(scene))

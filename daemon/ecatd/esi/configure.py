@@ -239,7 +239,7 @@ class _Adder:
         for number, mode in enumerate(self._device.dc):
             words = filter(None, (mode.description, f"AssignActivate 0x{mode.assign_activate:04X}"))
             text = f"- {mode.name} ({', '.join(words)}): "
-            rule = self._signals(mode)
+            rule = self._sync_pulses(mode)
             if rule is None:
                 self._modes.append(f"{text}no [[dc.slave]]")
                 continue
@@ -249,8 +249,8 @@ class _Adder:
                 dc.slave.append(rule)
                 dc.enabled = True
 
-    def _signals(self, mode: EsiDcMode) -> DcSlaveConfig | None:
-        """The SYNC signals of a mode; None if it has none."""
+    def _sync_pulses(self, mode: EsiDcMode) -> DcSlaveConfig | None:
+        """The SYNC pulses of a mode; None if it has none."""
         if mode.assign_activate & _SYNC0 != _SYNC0:
             return None
         cycle_ns = self._config.domain_cycle_us(self._slave.position) * 1000
@@ -268,7 +268,7 @@ class _Adder:
         )
 
     def _problem(self, rule: DcSlaveConfig) -> str:
-        """Why signals cannot be had here, or nothing."""
+        """Why this slave cannot make these SYNC pulses; empty if it can."""
         cycle = self._config.domain_cycle_us(self._slave.position)
         sync0 = self._config.sync0_us(rule)
         if not self._slave.dc_bits:

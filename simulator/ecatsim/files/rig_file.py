@@ -17,8 +17,7 @@ from ..esc import MAX_SLAVES
 from ..plants.point import Terminal
 from ..rig import Rig
 from ..slave.device import Device
-from . import device_file, python_file, rig_fmu, rig_links, sources
-from . import rig_waveforms as rig_signals
+from . import device_file, python_file, rig_fmu, rig_links, rig_waveforms, sources
 from .esi import device_from_esi
 
 _KEYS = ("name", "ring", "slave", "wire", "waveform", "plant", "fault")
@@ -56,7 +55,7 @@ def load(path: Path) -> Rig:
         target = _driven(row, rig, driven)
         rig.connect_entries(source, target, row.number("scale", 1.0), row.number("offset", 0.0))
     for row in table.tables("waveform"):
-        rig.drive(_driven(row, rig, driven), rig_signals.read(row))
+        rig.drive(_driven(row, rig, driven), rig_waveforms.read(row))
     for row in table.tables("plant"):
         _add_plant(row, rig)
     for row in table.tables("fault"):

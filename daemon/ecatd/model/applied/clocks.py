@@ -12,7 +12,7 @@ from ..toml_file import Table
 
 NEAR_NS, LEAD_NS = 2_000_000_000, 100_000_000
 """A clock of 32 bits takes a start that is further ahead than the first for one in the past; the
-second is the time from the set-up of a signal to its first pulse."""
+second is the time from the set-up of SYNC0 to its first pulse."""
 
 
 @dataclass(slots=True)
@@ -117,15 +117,15 @@ def _check_follower(bus: Bus, plan: ClockPlan, item: DcSlaveConfig) -> None:
 
 
 def _note(config: Config, item: DcSlaveConfig, slave: Slave) -> None:
-    """Notes the times of the signals of a slave in its description."""
+    """Notes the times of the SYNC pulses of a slave in its description."""
     slave.sync0_ns = round(config.sync0_us(item) * 1000)
     slave.sync1_ns = round(item.sync1_us * 1000)
     slave.sync_shift_ns = round(config.shift_us(item) * 1000)
     if slave.dc_bits == 32 and whole_period(slave) > NEAR_NS - LEAD_NS:
         item.table.fail(
             "sync0_us",
-            f"{slave.label} has a clock of 32 bits, which cannot tell times that are more than "
-            f"{NEAR_NS * 1e-9:g} s away: its signals must come more often",
+            f"{slave.label} has a clock of 32 bits, which cannot hold a time that is more than "
+            f"{NEAR_NS * 1e-9:g} s away: shorten the period of its SYNC signals",
         )
 
 
