@@ -366,7 +366,7 @@ class Engine:
         _LIB.cyclic_make_safe(self._engine)
 
     def attend(self, cycles: int) -> bool:
-        """Says that the control side works; without it, outputs are made safe after `cycles`.
+        """Tells the engine that the control side works; else it makes outputs safe after `cycles`.
 
         Returns:
             False: too late, the outputs are safe already.

@@ -12,8 +12,9 @@ that do not support the LRW command, "optional" those that come and go:
 Outputs lie before inputs, as clients expect. The two parts in the middle are exchanged together by
 LRW, those before by LWR, and those behind by LRD. So only slaves without LRW and optional slaves
 cost extra datagrams. A datagram always ends at the boundary of a slave, so that its working counter
-is known. Each group of optional slaves has datagrams of its own: their working counters tell in
-every cycle whether the group is there, and those of the others do not depend on it.
+is known. Each group of optional slaves has datagrams of its own: their working counters show in
+every cycle whether the group is there, and the working counters of other datagrams do not depend on
+it.
 """
 
 from __future__ import annotations

@@ -212,7 +212,7 @@ class SharedMemory:
 
     def _remove_leftover(self) -> None:
         with suppress(FileNotFoundError):
-            if not stat.S_ISREG(self.path.lstat().st_mode):  # no daemon makes such a thing
+            if not stat.S_ISREG(self.path.lstat().st_mode):  # no daemon makes such a file
                 self.path.unlink()
         try:
             old = os.open(self.path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -241,7 +241,7 @@ class SharedMemory:
             row.granted = int(grant.wanted and grant.error == 0)
 
     def set_leases(self, shortest_ns: int, longest_ns: int) -> None:
-        """Changes the leases; those that clients have already stay until they claim again."""
+        """Changes the leases. A client keeps the lease that it has until it claims again."""
         self.header.lease_ns, self.header.lease_max_ns = shortest_ns, longest_ns
 
     def publish(self) -> None:

@@ -64,7 +64,7 @@ class Asked:
             return parse_request(to_map(SdoWrite(**where, data=data, complete=complete)))
         if raw.op == shm.Request.STATE and len(data) == 1 and data[0] in _STATES:
             return SetState(AlState(data[0]).name, raw.slave)
-        raise UsageError(f"{raw.op} is no request that can be carried out")
+        raise UsageError(f"{raw.op} is not a request that ecatd can carry out")
 
 
 class Cells:

@@ -28,7 +28,7 @@ T = TypeVar("T")
 _REQUESTS_MAX, _OF_ONE_SLAVE_MAX = 128, 32
 """Requests that may wait, in all and for one slave; further ones are refused with BusyError."""
 _PATIENCE = 10.0
-"""Seconds after which a request that could not begin is not carried out any more."""
+"""Seconds after which a request that could not begin is given up."""
 
 _STATE = 0x0F
 _WITHOUT_COE = {AlState.INIT: "its objects", AlState.BOOT: "its objects"}
@@ -52,7 +52,7 @@ class Conversations:
         self._note = note
 
     async def coe(self, slave: Slave, part: Callable[[Coe], Talk[T]]) -> T:
-        """Has a conversation about the objects of a slave, when it is its turn.
+        """Has a conversation about the objects of a slave, once the request has its turn.
 
         Args:
             slave: The slave, which speaks CoE.
@@ -73,7 +73,7 @@ class Conversations:
         return await self._hold(slave, coe, talk())
 
     async def foe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
-        """Has a conversation about files of a slave, when it is its turn.
+        """Has a conversation about files of a slave, once the request has its turn.
 
         Args:
             slave: The slave.
@@ -98,7 +98,7 @@ class Conversations:
         without: Mapping[AlState, str],
         what: str,
     ) -> T:
-        """A conversation of another protocol than CoE; emergencies are noted meanwhile."""
+        """Has a conversation of a protocol other than CoE, and notes emergencies meanwhile."""
         coe = self._master.coe(slave.position, alone=True)
         coe.mailbox.on_other = coe.note
 
@@ -111,7 +111,7 @@ class Conversations:
             return await self._hold(slave, coe, talk())
         except UnknownProtocolError as error:
             raise StateError(
-                f"{slave.label} has no {what}: its mailbox does not know them"
+                f"{slave.label} has no {what}: its mailbox does not support them"
             ) from error
         except (NoAnswerError, StateError) as error:
             if str(error).startswith(slave.label):
@@ -153,7 +153,7 @@ class Conversations:
 
 
 async def _patiently(called: asyncio.Event, slave: Slave) -> None:
-    """Waits until it is the turn of a request.
+    """Waits until a request has its turn.
 
     Raises:
         BusyError: This takes longer than `_PATIENCE`.
@@ -163,8 +163,8 @@ async def _patiently(called: asyncio.Event, slave: Slave) -> None:
             await called.wait()
     except TimeoutError as error:
         raise BusyError(
-            f"{slave.label} has not come to this request within {_PATIENCE:g} s, as it answers "
-            f"earlier ones slowly; nothing was done"
+            f"{slave.label} is still busy with earlier requests after {_PATIENCE:g} s, because it "
+            "answers slowly; nothing was done, so try again"
         ) from error
 
 

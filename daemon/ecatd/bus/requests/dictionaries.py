@@ -30,7 +30,7 @@ class Dictionaries:
 
     Args:
         bus: The bus description.
-        conversations: The way to the slaves.
+        conversations: The conversations with the slaves.
     """
 
     def __init__(self, bus: Bus, conversations: Conversations) -> None:
@@ -51,7 +51,7 @@ class Dictionaries:
         return {"objects": found}
 
     async def describe(self, request: DescribeObject) -> dict[str, Any]:
-        """The reply is as that of `DictionaryObject.to_map`."""
+        """The reply has the fields of `DictionaryObject.to_map`."""
         slave = self._bus.find_coe(request.slave)
         key = slave.position, request.index
         if key not in self._objects:
@@ -65,7 +65,7 @@ class Dictionaries:
             except SdoAbortError:
                 raise
             except (NoAnswerError, StateError) as error:
-                # A slave that answers nothing at all is another case, with another remedy.
+                # If a slave does not answer at all, the cause is another one, and so is the remedy.
                 yield from coe.upload(_IDENTITY, 0, tries=1)
                 raise type(error)(
                     f"{slave.label} does not describe its objects: {error}; take the descriptions "

@@ -13,7 +13,7 @@ from ..master.master import Master
 from ..master.worker import Worker
 
 _SHOWN = 8
-"""Words that a line of the log has."""
+"""Most EEPROM words in one line of the log."""
 
 
 class Eeproms:
@@ -23,7 +23,7 @@ class Eeproms:
         bus: The bus description.
         master: The master.
         worker: The worker on which slaves are asked.
-        log: Where changes are told.
+        log: The log for changes.
     """
 
     def __init__(self, bus: Bus, master: Master, worker: Worker, log: Log) -> None:
@@ -35,7 +35,7 @@ class Eeproms:
     async def read(self, request: ReadSii) -> dict[str, Any]:
         """The reply has `data`: the words, little endian.
 
-        The ESC lends its EEPROM to the master meanwhile (register 0x0500).
+        Meanwhile the EEPROM is assigned to the master, not to the slave (register 0x0500).
 
         Raises:
             StateError: There is no such slave, or its EEPROM cannot be read.

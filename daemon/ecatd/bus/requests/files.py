@@ -1,7 +1,8 @@
-"""Requests about files of slaves (FoE): the transfers, which go on while nobody asks.
+"""Requests about files of slaves (FoE): transfers, which go on without their client.
 
-Half of a firmware is worse than none. So the daemon has the whole file before the slave gets its
-first byte, and goes on if the client goes away. Who asks for the same again finds that transfer.
+A slave with half of its firmware may not work at all. So the daemon receives the whole file before
+it sends the first byte to the slave, and goes on when the client disconnects. A client that asks
+for the same file again gets the transfer that is already under way.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from ..mailbox.foe import FileRead, FileTransfer, FileWrite
 from .conversations import Conversations
 
 _PACKETS = 32
-"""Packets in a row; then it is the turn of others who wait for the slave."""
+"""Packets before other requests to the slave get a turn."""
 _AGAIN_S = 0.1
-"""Seconds after which a transfer asks for its turn again that others did not leave it."""
+"""Seconds after which a transfer tries again if other requests have filled the queue."""
 _ABANDONED_S = 60.0
 """Seconds after which a file that does not arrive from its client is dropped."""
 _NAME_SHOWN = 40
@@ -47,7 +48,7 @@ _MANY, _ROOM = 16, 4 * FILE_MAX
 
 
 class States(Protocol):
-    """What transfers need of the AL states; the monitor of the bus has it."""
+    """The AL states as transfers need them. The monitor of the bus provides them."""
 
     async def change(self, positions: Sequence[int], state: AlState) -> None:
         """Brings slaves to a state."""
@@ -102,7 +103,7 @@ class _Transfer:
 
     @property
     def room(self) -> int:
-        """Bytes that it takes, or will take."""
+        """Bytes of memory that it takes, or will take."""
         return (
             self.request.size if self.request.write else len(self.file.data if self.file else b"")
         )
@@ -126,9 +127,9 @@ class Files:
 
     Args:
         bus: The bus description.
-        conversations: The way to the slaves.
+        conversations: The conversations with the slaves.
         states: Their AL states.
-        log: Where transfers are told.
+        log: The log for transfers.
     """
 
     def __init__(self, bus: Bus, conversations: Conversations, states: States, log: Log) -> None:
@@ -142,11 +143,11 @@ class Files:
         """Ends all transfers."""
         for item in self._transfers.values():
             if item.task is not None and item.step not in _ENDED:
-                self._log.warning(f"{_what(item)} is cut off, since the bus is being stopped")
+                self._log.warning(f"{_what(item)} was aborted because the bus is stopping")
                 item.task.cancel()
 
     def start(self, request: StartFoe) -> dict[str, Any]:
-        """Starts a transfer; the reply is as that of `describe`.
+        """Starts a transfer; the reply has the fields of that of `describe`.
 
         Raises:
             BusyError: The slave has another transfer, or there are too many.
@@ -159,7 +160,8 @@ class Files:
                     return item.to_map()
                 raise BusyError(_why_busy(item))
         self._make_room(request.size)
-        number = secrets.randbelow(TRANSFER_MAX) + 1  # known to those only who may use it
+        # The number is a secret: whoever knows it may use the transfer.
+        number = secrets.randbelow(TRANSFER_MAX) + 1
         item = self._transfers[number] = _Transfer(number, slave, request)
         if not request.write:
             self._begin(item, FileRead(request.file, request.password, FILE_MAX))
@@ -168,23 +170,23 @@ class Files:
         return item.to_map()
 
     def check_free(self, position: int | None) -> None:
-        """Checks that no file goes to or from a slave, which a change would spoil.
+        """Checks that no file goes to or from a slave, since a change would spoil the transfer.
 
         Args:
             position: The slave, or None for all slaves.
 
         Raises:
-            BusyError: One does.
+            BusyError: There is such a transfer.
         """
         for item in self._transfers.values():
             if item.is_under_way and position in (None, item.slave.position):
                 raise BusyError(f"{_why_busy(item)}; nothing was done")
 
     def _make_room(self, size: int) -> None:
-        """Drops transfers that have ended, the oldest first, if there is no room for another one.
+        """Forgets transfers that have ended, the oldest first, until there is room for another one.
 
         Raises:
-            BusyError: There is no room either way.
+            BusyError: There is no room, even without those.
         """
         ended = [item for item in self._transfers.values() if not item.is_under_way]
         while len(self._transfers) >= _MANY or self._taken + size > _ROOM:
@@ -201,12 +203,13 @@ class Files:
     def _find(self, number: int) -> _Transfer:
         if number not in self._transfers:
             raise StateError(
-                f"there is no transfer {number}: they are kept for {_KEPT_S / 60:g} minutes"
+                f"there is no transfer {number}: ecatd forgets a transfer {_KEPT_S / 60:g} "
+                "minutes after its end"
             )
         return self._transfers[number]
 
     def describe(self, number: int) -> dict[str, Any]:
-        """The reply says how far a transfer is: `step` is one of `_Step`.
+        """The reply says how far a transfer is: its `step` is one of `_Step`.
 
         It also has the bytes that are `received` from the client and `moved` over the bus, what a
         `busy` slave says, the `failure`, and a `note` about a transfer that is done.
@@ -217,11 +220,11 @@ class Files:
         return self._find(number).to_map()
 
     def put(self, request: PutFoe) -> dict[str, Any]:
-        """Takes a part of a file from the client; the reply is as that of `describe`.
+        """Takes a part of a file from the client; the reply has the fields of that of `describe`.
 
         Raises:
             StateError: There is no such transfer.
-            UsageError: The part does not belong there, or the whole is another file.
+            UsageError: The part does not belong there, or the file is not the announced one.
         """
         item = self._find(request.transfer)
         if item.step == _Step.RECEIVING and not item.is_under_way:
@@ -230,7 +233,9 @@ class Files:
         size = item.request.size
         if item.step == _Step.RECEIVING and request.offset == len(item.received):
             if len(item.received) + len(request.data) > size or not request.data:
-                raise UsageError(f"a part of {len(request.data)} bytes is no part of this file")
+                raise UsageError(
+                    f"{len(request.data)} more bytes do not fit the announced size of this file"
+                )
             item.received += request.data
             item.digest.update(request.data)
             if len(item.received) == size:
@@ -241,7 +246,10 @@ class Files:
         request, data = item.request, item.received
         if item.digest.hexdigest() != request.digest:
             item.step = _Step.FAILED
-            item.error = UsageError("the file has another SHA-256 than the client has announced")
+            item.error = UsageError(
+                "the SHA-256 of the file differs from the one that the client has announced; "
+                "send it again"
+            )
             self._forget_later(item)
             return
         self._begin(item, FileWrite(request.file, request.password, data))
@@ -262,11 +270,13 @@ class Files:
         """
         item = self._find(request.transfer)
         if item.request.write or item.file is None or not item.file.ended:
-            raise StateError(f"transfer {item.number} has no file: it is {item.step}")
+            raise StateError(
+                f"transfer {item.number} has no file to fetch: its step is {item.step}"
+            )
         return {"data": bytes(item.file.data[request.offset : request.offset + FILE_PART])}
 
     async def cancel(self, request: CancelFoe) -> dict[str, Any]:
-        """Ends a transfer; the reply is as that of `describe`.
+        """Ends a transfer; the reply has the fields of that of `describe`.
 
         Raises:
             StateError: There is no such transfer.
@@ -274,7 +284,7 @@ class Files:
         item = self._find(request.transfer)
         if item.step in _ENDED:
             return item.to_map()
-        self._log.notice(f"{_what(item)} is cancelled by {request.by}")
+        self._log.notice(f"{_what(item)} was cancelled by {request.by}")
         item.cancelled_by = request.by
         if item.task is None:
             item.step, item.error = _Step.FAILED, item.cancelled
@@ -328,7 +338,10 @@ class Files:
                 except BusyError:  # nothing was sent
                     await asyncio.sleep(_AGAIN_S)
                 if self._taken > _ROOM:
-                    raise StateError("there is no more room for files that are read")
+                    raise StateError(
+                        "ecatd has no more memory for files that are read; try again when other "
+                        "transfers have ended"
+                    )
         except asyncio.CancelledError:
             with suppress(EcatError):
                 await self._conversations.foe(item.slave, file.give_up)
@@ -357,8 +370,8 @@ def _why_busy(item: _Transfer) -> str:
             f"{left:.0f} s more"
         )
     return (
-        f"{item.slave.label} is transferring file '{file}': wait until that ends, or end it with "
-        f"the command that has started it and --cancel"
+        f"{item.slave.label} is transferring file '{file}': wait until that ends, or cancel it "
+        "with --cancel behind the command that has started it"
     )
 
 

@@ -20,16 +20,17 @@ def read_frames(
 ) -> dict[str, Any]:
     """Reads frames; the reply has whole records as they are in memory (`cyclic_frame_record`).
 
-    `position` is where to go on, and `more` whether to do that at once. `overwritten` says how many
-    bytes were lost before the first record.
-    `now_ns` is the time in front of which nothing is missing, and `clock_ns` what added to a time
-    gives Unix time; all in ns.
+    The next request continues at `position`; `more` says whether it can do so at once.
+    `overwritten` says how many bytes were lost before the first record. No frame from before
+    `now_ns` is missing. The time of a frame plus `clock_ns` is Unix time. All times are in ns.
 
     Raises:
         StateError: The configuration gives no memory for frames.
     """
     if not rings:
-        raise StateError("no frames are kept: capture.memory_mb of the configuration is 0")
+        raise StateError(
+            "ecatd keeps no frames, because capture.memory_mb of the configuration is 0"
+        )
     now_ns = time.monotonic_ns()
     position, records = rings[request.ring].read(request.position, _ROOM)
     return {

@@ -23,8 +23,8 @@ class Idns:
 
     Args:
         bus: The bus description.
-        conversations: The way to the slaves.
-        log: Where changes are told.
+        conversations: The conversations with the slaves.
+        log: The log for changes.
     """
 
     def __init__(self, bus: Bus, conversations: Conversations, log: Log) -> None:
@@ -33,7 +33,7 @@ class Idns:
         self._log = log
 
     async def read(self, request: ReadIdn) -> dict[str, Any]:
-        """The reply is as that of `IdnValue.to_map`.
+        """The reply has the fields of `IdnValue.to_map`.
 
         Raises:
             StateError: There is no such slave or IDN, or the slave has no SoE.
@@ -46,7 +46,7 @@ class Idns:
         return found.to_map()
 
     async def write(self, request: WriteIdn) -> dict[str, Any]:
-        """The reply is as that of `read`, with the value that was there before as `before`.
+        """The reply has the fields of that of `read`, and the previous value as `before`.
 
         Raises:
             StateError: As `read`; or the drive refuses the value.

@@ -23,8 +23,8 @@ class Objects:
 
     Args:
         bus: The bus description.
-        conversations: The way to the slaves.
-        log: Where changes are told.
+        conversations: The conversations with the slaves.
+        log: The log for changes.
     """
 
     def __init__(self, bus: Bus, conversations: Conversations, log: Log) -> None:
@@ -43,7 +43,7 @@ class Objects:
         return {"data": data, **known.of(data).to_map()}
 
     async def write(self, request: SdoWrite) -> dict[str, Any]:
-        """Downloads an object; the reply is as that of `read`, with the data that were sent."""
+        """Downloads an object; the reply has the fields of that of `read`, with the data sent."""
         slave = self._bus.find_coe(request.slave)
         index, subindex = request.index, request.subindex
         known, data = self._type(slave, index, subindex), request.data
@@ -62,7 +62,7 @@ class Objects:
         return {"data": data, **known.of(data).to_map()}
 
     async def _before(self, slave: Slave, request: SdoWrite) -> bytes | None:
-        """The value before a change, for the log; None if the slave does not say it."""
+        """The value before a change, for the log; None if the slave does not return it."""
         index, subindex, complete = request.index, request.subindex, request.complete
         with suppress(EcatError):
             return await self._conversations.coe(

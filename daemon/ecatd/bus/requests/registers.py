@@ -34,7 +34,7 @@ class Registers:
         bus: The bus description.
         master: The master.
         worker: The worker on which slaves are asked.
-        log: Where changes are told.
+        log: The log for changes.
     """
 
     def __init__(self, bus: Bus, master: Master, worker: Worker, log: Log) -> None:
@@ -101,7 +101,7 @@ class Registers:
         name = f" ({known.name})" if known else ""
         try:
             return {"data": await self._worker.run(write)}
-        finally:  # also what has failed was tried
+        finally:  # a failed write may have changed something, too
             was = f" from {before.hex(' ')}" if before else ""
             self._log.notice(
                 f"{slave.label}: register 0x{request.address:04X}{name} is written:{was} to "
@@ -168,9 +168,9 @@ class Registers:
 def _leads(
     there: Sequence[int], status: Sequence[Answer]
 ) -> dict[tuple[int, int], tuple[int, int]]:
-    """Where each port with a link leads: the position and port there, position -1 for the master.
+    """Returns where each port with a link leads: position and port; position -1 is the master.
 
-    Nothing is known if links and slaves contradict each other, as while a slave is coming.
+    Returns nothing if links and slaves contradict each other, as while a slave is being connected.
     """
     ports = [Ports.with_status(int.from_bytes(status[at].data, "little")) for at in there]
     found: dict[tuple[int, int], tuple[int, int]] = {}

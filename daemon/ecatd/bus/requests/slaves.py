@@ -1,4 +1,4 @@
-"""Requests about slaves: hands each to the module that carries it out."""
+"""Requests about slaves: passes each one to the module that carries it out."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class SlaveRequests:
         bus: The bus description.
         master: The master.
         worker: The worker on which slaves are asked.
-        conversations: The way to the mailboxes of the slaves.
+        conversations: The conversations with the mailboxes of the slaves.
         states: The AL states of the slaves.
-        log: Where changes are told.
+        log: The log for changes.
     """
 
     def __init__(
@@ -75,19 +75,19 @@ class SlaveRequests:
         """Checks that no file goes to or from a slave, or from any of them.
 
         Raises:
-            BusyError: One does.
+            BusyError: There is such a transfer.
         """
         self._files.check_free(position)
 
     def close(self) -> None:
-        """Ends what goes on without a request: transfers of files."""
+        """Ends the transfers of files, which go on without requests."""
         self._files.close()
 
     async def answer(self, request: Request) -> dict[str, Any]:
         """Carries a request out.
 
         Raises:
-            EcatError: It cannot be done, or the slave refuses.
+            EcatError: The request cannot be carried out, or the slave refuses it.
         """
         match request:
             case SdoRead():

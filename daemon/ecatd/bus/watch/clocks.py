@@ -1,4 +1,4 @@
-"""Watches the distributed clocks of a running bus: are the cycle and all clocks still in step?"""
+"""Watches whether the cycle and the distributed clocks of a running bus stay in step."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .rate_limiter import Throttle
 
 _PERIOD = 1.0
 _AGAIN_NS = IN_STEP_NS // 2
-"""How close a clock must come back to count as in step: else one at the limit fills the log."""
+"""A clock is in step again only below this difference, so that one at the limit fills no log."""
 
 
 class ClockWatch:
@@ -28,7 +28,7 @@ class ClockWatch:
         shared: The shared memory; the differences of clocks are written there.
         worker: The worker on which they are read.
         log: The log for changes.
-        tell: Publishes an event: its kind, and facts.
+        tell: Publishes an event; gets its kind, and facts about it.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class ClockWatch:
         else:
             self._log.warning(
                 f"the cycle has lost the clock of {reference}: it was "
-                f"{health.dc_offset_ns / 1000:.1f} µs from it when that was last read",
+                f"{health.dc_offset_ns / 1000:.1f} µs off when the clock was last read",
                 "clock",
             )
         self._tell(

@@ -1,4 +1,4 @@
-"""Reports counters of trouble, which stand still on a healthy bus.
+"""Reports counters of disturbances, which stand still on a healthy bus.
 
 The first increment is reported at once. While counters keep running, reports come at growing
 intervals: so the log shows even a short disturbance, and a lasting one does not fill it.
@@ -19,9 +19,9 @@ class Report:
     """A report about running counters.
 
     Attributes:
-        counts: How far each counter has run since the last report; if the disturbance is over,
-            since its beginning. Counters that stood still are left out.
-        seconds: The time in which they did; at least 1, the interval of looks.
+        counts: By how much each counter has risen since the last report or, if the disturbance is
+            over, since its beginning. Counters that stood still are left out.
+        seconds: The time in which they rose: at least 1, the interval between two looks.
         over: Whether all counters have stopped.
     """
 
@@ -79,7 +79,7 @@ class Disturbance:
         return report
 
     def _end(self) -> Report | None:
-        """Ends a disturbance; reports it if there was more than the first report has told."""
+        """Ends a disturbance; reports it if more has happened than the first report said."""
         report = None
         if self._reports and (self._reports > 1 or self._since_told):
             lasted = max(1.0, self._changed_at - self._begin)

@@ -57,7 +57,7 @@ class Deed:
     """A write to slaves.
 
     Attributes:
-        whom: Which slaves.
+        whom: Which slaves it writes to.
         register: First register of the area; 0 for the process image.
         value: The value in words, where it matters.
     """
@@ -115,4 +115,8 @@ def facts(done: Iterable[Deed]) -> list[str]:
 def sentence(done: Iterable[Deed]) -> str:
     """Describes writes in one sentence: `It wrote AL control (0x0120: INIT) of all slaves`."""
     parts = [f"{', '.join(names)} {_WORDS[whom]}" for whom, names in _named(done).items()]
-    return f"It wrote {', and '.join(parts)}" if parts else "It has only read, as far as was seen"
+    return (
+        f"It wrote {', and '.join(parts)}"
+        if parts
+        else ("As far as ecatd has seen, it has only read")
+    )

@@ -1,4 +1,4 @@
-"""Numbers the events of a bus, and keeps the last ones for those who ask later."""
+"""Numbers the events of a bus, and keeps the last ones for clients that ask later."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class EventHistory:
         self._send(numbered)
 
     def since(self, sequence: int) -> dict[str, Any]:
-        """The events from a number on; all that are kept if this run has not come to that number.
+        """Returns the events from a number on, or all of them if this run has not reached it.
 
         The reply has `events`, `next` (the number of the next one), and `left_out`: how many from
         that number on are no longer kept.

@@ -21,9 +21,9 @@ from ecatd.pcapng import header, packet, read_records
 from ..frames.frame_ring import FrameRing
 
 _AFTERMATH = 1.0
-"""Seconds that pass between a fault and its file, so that what follows is in it, too."""
+"""Seconds between a fault and its file, so that the file also has the frames that follow."""
 _PAUSE = 30.0
-"""Seconds between two files: one file has the faults that follow each other."""
+"""Seconds between two files. Faults that follow each other sooner share a file."""
 _ROOM = 1 << 20
 _SUFFIX = ".pcapng"
 
@@ -36,8 +36,8 @@ class FaultFiles:
         config: Where they are written, and how many are kept.
         rings: The last frames.
         interfaces: Names of the interfaces.
-        first_cycle: What happened before this cycle, on the way to OP, is no fault.
-        log: Where a new file is told, or why there is none.
+        first_cycle: The first cycle in OP. What happens before it is no fault.
+        log: The log for new files, and for the reason if there is none.
     """
 
     def __init__(
@@ -59,9 +59,9 @@ class FaultFiles:
         self.set_config(config)
 
     def set_config(self, config: CaptureConfig) -> None:
-        """Takes another folder, or another number of files to keep.
+        """Changes the folder, or the number of files to keep.
 
-        The folder is made now, so that a mistake shows before there is a fault.
+        It makes the folder now, so that a mistake shows before there is a fault.
         """
         self._config = config
         if config.folder and self._rings:
@@ -75,12 +75,12 @@ class FaultFiles:
 
     def _refuse(self, error: OSError) -> None:
         self._log.warning(
-            f"frames of faults cannot be written to {self._config.folder} (capture.folder): "
-            f"{error.strerror}; give the user of ecatd a folder that it can write"
+            f"ecatd cannot write frames of faults to {self._config.folder} (capture.folder): "
+            f"{error.strerror}; name a folder that the user of ecatd can write to"
         )
 
     def note(self, kind: str, facts: Mapping[str, Any]) -> None:
-        """Takes an event; if it is a fault, a file follows."""
+        """Takes an event. If it is a fault, a file is written soon."""
         if not self._config.folder or not self._rings or not _is_fault(kind, facts):
             return
         if facts.get("cycle", self._first_cycle) < self._first_cycle:
@@ -93,7 +93,7 @@ class FaultFiles:
         self._task = asyncio.create_task(self._write(f"{kind}: {text}"))
 
     async def close(self) -> None:
-        """Waits until a file that was begun is written; what would follow the fault is left out."""
+        """Writes a pending file at once, without the frames that would follow the fault."""
         if self._task is not None and not self._task.done():
             self._task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
@@ -131,9 +131,9 @@ class FaultFiles:
 
 
 def _make(folder: Path) -> None:
-    """Makes a folder, and those above it, that members of the group can read, whatever the umask.
+    """Makes a folder and those above it. Members of the group can read it, whatever the umask.
 
-    Those that exist stay as they are.
+    Folders that exist stay as they are.
     """
     if folder.is_dir():
         return
@@ -150,7 +150,7 @@ def _all(ring: FrameRing) -> bytes:
     while True:
         position, records = ring.read(position, _ROOM)
         parts.append(records)
-        if len(records) < _ROOM // 2:  # else there was more than one answer can have
+        if len(records) < _ROOM // 2:  # else there are more frames than fit in one answer
             return b"".join(parts)
 
 

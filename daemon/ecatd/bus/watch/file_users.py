@@ -1,4 +1,4 @@
-"""Which programs have a file open: who may have written into it."""
+"""Which programs have a file open, and so may have written into it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Program:
 
 
 def programs_with(fd: int, *, writing: bool = False) -> list[Program]:
-    """Other processes that have a file open or mapped, as far as this user may know.
+    """Returns other processes that have a file open or mapped, as far as this user can see.
 
     Args:
         fd: The open file.
@@ -60,7 +60,7 @@ def _opened(process: Path, wanted: os.stat_result, writing: bool) -> bool:
 
 
 def names(programs: Sequence[Program]) -> str:
-    """The first of them, for a sentence."""
+    """Returns the first of the programs as text, for a sentence."""
     more = len(programs) - _NAMED
     shown = ", ".join(map(str, programs[:_NAMED]))
     return f"{shown} and {more} more" if more > 0 else shown

@@ -39,7 +39,7 @@ class FileWatch:
     Args:
         shared: The shared memory.
         log: The log for damage.
-        tell: Publishes an event: its kind and its facts.
+        tell: Publishes an event; gets its kind, and facts about it.
     """
 
     def __init__(self, shared: SharedMemory, log: Log, tell: Callable[..., None]) -> None:
@@ -92,15 +92,12 @@ def _damages(file: _File) -> Iterator[tuple[str, str]]:
         )
     if os.pread(file.fd, len(file.head), 0) != file.head:
         os.pwrite(file.fd, file.head, 0)
-        yield "written over", "its header is right again"
+        yield "written over", "ecatd has restored its header"
     if stat.S_IMODE(found.st_mode) & 0o777 != file.mode:
         with suppress(PermissionError):
             os.fchmod(file.fd, file.mode)
-            yield "given other rights", f"they are {file.mode:04o} again"
-    consequence = (
-        "programs that are connected go on, but others will not find the bus until ecatd is "
-        "started again"
-    )
+            yield "given other rights", f"ecatd has restored {file.mode:04o}"
+    consequence = "connected programs go on, but others cannot find the bus until you restart ecatd"
     try:
         if not has_name(file.fd, file.path):
             yield "replaced", consequence

@@ -32,7 +32,7 @@ _MASTERS = {
     "02:c0:ff:ee:00:ff": "KickCAT",
     "12:10:10:10:10:10": "EtherCrab",
 }
-"""Masters with a source address of their own, by this address as slaves change it."""
+"""Masters with a known source address, by this address as slaves change it."""
 
 _LOOK_AT = 512
 _HEAD_BYTES = 256
@@ -101,7 +101,7 @@ class ForeignWatch:
         return new
 
     def reopen(self, number: int) -> None:
-        """Opens the socket of an interface again that was made again; raises as the constructor."""
+        """Opens a new socket for an interface that was made again; raises as the constructor."""
         new = self._open(self._interfaces[number])
         self._sockets[number].close()
         self._sockets[number] = new
@@ -137,7 +137,7 @@ def _drain(item: socket.socket) -> tuple[list[bytes], int]:
 
 
 def _describe(head: bytes) -> str:
-    """The source of a frame, with what it tells of the program that sent it."""
+    """The source of a frame, and the program that has sent it, if the address shows which."""
     source = head[_SOURCE_AT : _SOURCE_AT + 6]
     words = source.hex(":")
     # On a closed ring, one copy of a frame meets no slave, so its bit may not be set.

@@ -1,4 +1,4 @@
-"""Watches the connection of engine and slaves: links, ring, lost frames, other masters."""
+"""Watches what lies between engine and slaves: links, ring, lost frames, other masters."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ _COUNTERS = {
 _LINKS = {
     shm.Link.UP: "the link is up",
     shm.Link.NO_CARRIER: "no carrier: check the cable, and the power of {slave}",
-    shm.Link.DOWN: "was switched off: no frames until somebody does `ip link set {interface} up`",
-    shm.Link.GONE: "is gone: waiting for an interface of this name",
+    shm.Link.DOWN: "was switched off: switch it on with `ip link set {interface} up`",
+    shm.Link.GONE: "is gone: ecatd waits for an interface of this name",
 }
 
 
 class InterfaceWatch:
-    """The watch over the wire of one bus.
+    """The watch over the interfaces of one bus, and over what arrives at them.
 
     Args:
         running: The bus.
-        log: Where changes are told.
-        tell: Publishes an event: its kind, and facts.
+        log: The log for changes.
+        tell: Publishes an event; gets its kind, and facts about it.
 
     Raises:
         EcatError: The interfaces cannot be watched.
@@ -81,14 +81,14 @@ class InterfaceWatch:
         self._foreign_at = -_FOREIGN_GONE  # when frames of another master were last seen
         self._foreign_masters = [Disturbance({"frames": 0}) for _ in running.interfaces]
         self._sources = [""] * len(running.interfaces)
-        self._deeds: list[set[Deed]] = [set() for _ in running.interfaces]  # that are not told yet
+        self._deeds: list[set[Deed]] = [set() for _ in running.interfaces]  # not reported yet
         self._disturbance = Disturbance(self._read_counters())
 
     def _read_counters(self) -> dict[str, int]:
         return {name: int(getattr(self._health, name)) for name in _COUNTERS}
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Begins to tell of changes of the links."""
+        """Starts reporting changes of the links."""
         self._links.start(loop)
 
     def close(self) -> None:
@@ -101,7 +101,7 @@ class InterfaceWatch:
         self._foreign.close()
 
     def describe(self) -> dict[str, Any]:
-        """Returns names and states of the links; all else is in shared memory."""
+        """Returns names and states of the links; the rest is in shared memory."""
         return {
             "links": {
                 name: state.link.name.lower()
@@ -121,7 +121,7 @@ class InterfaceWatch:
         self.look()
 
     def look(self) -> None:
-        """Reports running counters of trouble, and frames of other masters."""
+        """Reports counters of disturbances that run, and frames of other masters."""
         now = time.monotonic()
         report = self._disturbance.look(self._read_counters(), now)
         if report is not None:
@@ -213,7 +213,7 @@ class InterfaceWatch:
         self._ring_told = text
         if state == shm.Ring.CLOSED and brief is not None:
             place = _place(self._bus, self._interfaces, brief.slave)
-            text = f"the ring was broken {place} for a moment: a bad contact? Now {text}"
+            text = f"the ring was broken {place} for a moment: check the plugs. Now {text}"
         tell = self._log.info if state == shm.Ring.CLOSED and not brief else self._log.error
         tell(text, "ring")
         self._tell(
@@ -239,7 +239,7 @@ class InterfaceWatch:
         if now.index not in (0, self._indices[number]):
             self._take_new(number, now)
             if now.link == shm.Link.DOWN:
-                return  # it has just been switched on, which will be told
+                return  # it has just been switched on, which will be reported
         if now.link == shm.Link.DOWN and before.link != shm.Link.GONE:
             # Perhaps it is about to vanish.
             asyncio.get_running_loop().call_later(_SETTLED, self._note_link, number, now)
@@ -268,7 +268,7 @@ class InterfaceWatch:
             if now.link == shm.Link.DOWN:
                 switch_on(interface)
         except EcatError as error:
-            # It may have gone again already, which will be told, and so will its return.
+            # It may be gone again already. That will be reported, and so will its return.
             self._log.error(f"{interface} is back, but cannot be used: {error}", "link")
             return
         self._indices[number] = now.index

@@ -1,4 +1,4 @@
-"""The links of the bus: which state its network interfaces are in, as the kernel tells (rtnetlink).
+"""The links of the bus: states of its network interfaces, as the kernel reports them (rtnetlink).
 
 The kernel sends a message for every change (`man 7 rtnetlink`, RTM_NEWLINK and RTM_DELLINK). An
 interface that is removed and comes back under the same name gets another index. Sockets of the old
@@ -78,7 +78,7 @@ class LinkWatch:
         self._ask()
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Begins to tell of changes."""
+        """Starts reporting changes."""
         loop.add_reader(self._socket, self._receive)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Watches a running bus: brings the engine's events to those whom they concern, and keeps looking.
+"""Watches a running bus: passes the engine's events to the modules that handle them, and polls.
 
 `slaves.py` knows the slaves, `clocks.py` their clocks, `interfaces.py` what lies between
 them and the engine. Whatever changes is written to shared memory, logged, and published as an
@@ -49,7 +49,7 @@ class Monitor:
         outputs: What is configured about outputs.
         answer: Carries out requests of clients.
         worker: The worker on which slaves are asked.
-        log: Where events are told.
+        log: The log for events.
         publish: Called with every event, as a map, on the event loop's thread.
         fault_files: Writes the frames of faults to files.
     """
@@ -93,7 +93,7 @@ class Monitor:
 
     @property
     def emergencies(self) -> Batch[Emergency]:
-        """Takes emergencies that slaves send, and tells of them."""
+        """Takes the emergencies that slaves send, and reports them."""
         return self._mailboxes.emergencies
 
     @property
@@ -106,7 +106,7 @@ class Monitor:
         self._slaves.read()
 
     async def change(self, positions: Sequence[int], state: AlState) -> None:
-        """Brings slaves to a state because somebody wants it; they stay there.
+        """Brings slaves to a state on request; they stay there.
 
         Raises:
             StateError: Slaves did not reach it; the message names each, and why.
@@ -118,11 +118,11 @@ class Monitor:
         return self._slaves.wanted(position)
 
     def condition(self, position: int) -> tuple[str, str]:
-        """What is known of a slave that should be in OP and is not: a word, and more of them."""
+        """What is known of a slave that should be in OP and is not: a condition, and a text."""
         return self._slaves.condition(position)
 
     def down_since(self, position: int) -> float | None:
-        """When a slave that should be in OP has left it, in Unix seconds; None: it has not."""
+        """When a slave that should be in OP has left it, in Unix seconds; None if it has not."""
         return self._slaves.down_since(position)
 
     def set_recovery(self, config: RecoveryConfig) -> None:
@@ -130,11 +130,11 @@ class Monitor:
         self._slaves.set_recovery(config)
 
     async def look(self) -> None:
-        """Reads the AL states, and tells of every change."""
+        """Reads the AL states, and reports every change."""
         await self._slaves.look()
 
     def describe(self) -> dict[str, Any]:
-        """What `ecatctl info` shows of links and slaves, beside what is in shared memory."""
+        """What `ecatctl info` shows of links and slaves, in addition to the shared memory."""
         conditions = {i: self.condition(i) for i in range(len(self._bus.slaves))}
         recovery = [
             {"slave": position, "state": str(word), "text": text}
@@ -144,13 +144,13 @@ class Monitor:
         return {**self._interfaces.describe(), "recovery": recovery}
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Begins to bring the engine's events, and those of the links, to the event loop."""
+        """Starts passing the events of the engine and of the links to the event loop."""
         self._interfaces.start(loop)
         self._thread = threading.Thread(target=self._watch_events, args=(loop,), daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Ends the watch: no event is handled any more, and no slave brought back."""
+        """Ends the watch: handles no more events, and brings no more slaves back."""
         self._stopping.set()
         self._requests.close()
         self._slaves.close()
@@ -237,12 +237,12 @@ class Monitor:
         await asyncio.gather(*(self._persist(watch) for watch in watches))
 
     async def _persist(self, watch: Callable[[], Awaitable[None]]) -> None:
-        """Watching must go on: an unwatched bus looks like a healthy one."""
+        """Starts a watch again whenever it fails: an unwatched bus looks like a healthy one."""
         while not self._stopping.is_set():
             try:
                 await watch()
             except StateError:
                 await asyncio.sleep(0.1)  # the worker is busy: the next look is soon
             except Exception as error:
-                self._log.error(f"defect while watching the bus: {error!r}")
+                self._log.error(f"defect in ecatd while watching the bus: {error!r}")
                 await asyncio.sleep(1)

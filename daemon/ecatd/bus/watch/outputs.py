@@ -35,7 +35,7 @@ _WRONG = (EventType.REFUSED, EventType.MALFORMED)
 
 _REASONS = {
     shm.Reason.RELEASED: "{} released them",
-    shm.Reason.LAPSED: "{} gave no sign of life for its lease",
+    shm.Reason.LAPSED: "{} gave no sign of life during its lease",
     shm.Reason.GONE: "{} lost its slot: another client took it, or a program has overwritten it",
     shm.Reason.STOPPING: "the daemon stops; {} owned them",
     shm.Reason.WKC: (
@@ -61,14 +61,14 @@ class _Client:
 
 
 class OutputWatch:
-    """What is told about outputs and their owners; for the thread of the event loop.
+    """Reports about outputs and their owners; for the thread of the event loop.
 
     Args:
         bus: The bus.
         shared: Its shared memory.
-        config: Tells how long drives have to stop.
-        log: Where it is told.
-        tell: Publishes an event: its kind and its facts.
+        config: Has the time that drives may take to stop.
+        log: The log for these reports.
+        tell: Publishes an event; gets its kind, and facts about it.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class OutputWatch:
         )
 
     def close(self) -> None:
-        """Tells what is left."""
+        """Reports the events that are still waiting."""
         for item in self._gathered.values():
             item.close()
 
@@ -136,8 +136,8 @@ class OutputWatch:
         left_out += sum(len(group) for group, _ in groups[:-_TOLD])
         if left_out:
             self._log.warning(
-                f"{left_out} events about outputs of the client in slot {slot} are not told: they "
-                f"come too often"
+                f"{left_out} events about outputs of the client in slot {slot} were not reported, "
+                "because they come too often"
             )
         for group, client in groups[-_TOLD:]:
             self._say(group, client)
@@ -150,7 +150,7 @@ class OutputWatch:
             self._looked = time.monotonic()
 
     def _others(self, owner: _Client) -> str:
-        """Who can have written into a slot, if not only its owner; else nothing."""
+        """Which programs can have written into a slot; empty if only its owner can."""
         if all(program.pid == owner.pid for program in self._writers):
             return ""
         return f"{self._shared.out_path} is open for writing in {names(self._writers)}"
@@ -194,7 +194,7 @@ class OutputWatch:
                 self._log.warning(
                     f"slot {first.slot}{others and f', of {who},'} contains data that no client "
                     f"library writes; ecatd ignores it: "
-                    + (f"{others}: see what they do" if others else f"see what {who} does"),
+                    + (f"{others}: check what they do" if others else f"check what {who} does"),
                     event,
                 )
             case EventType.STOPPED if first.value:
@@ -229,5 +229,5 @@ class OutputWatch:
         return (
             f"{entry.address} ({entry.name or 'no name'}) of {slave} out of its declared range, "
             f"{low} to {high} {entry.unit}".rstrip()
-            + "; the value before is kept"
+            + "; the output keeps the value before"
         )

@@ -49,7 +49,7 @@ class Throttle:
         self._tell(event)
 
     def close(self) -> None:
-        """Tells nothing any more."""
+        """Passes nothing on any more."""
         if self._timer is not None:
             self._timer.cancel()
 
@@ -96,7 +96,7 @@ class Batch(Generic[T]):
             self._tell(events, left_out)
 
     def close(self) -> None:
-        """Tells what is left, and nothing after that."""
+        """Passes on what is left, and nothing after that."""
         if self._timer is not None:
             self._timer.cancel()
         self._flush()

@@ -32,7 +32,7 @@ _PAUSES = (0.5, 2.0)
 _STEADY = 10.0
 """Seconds in OP after which the tries of a slave are counted from 0 again."""
 _ASKED_ONLY = 2
-"""Number of tries in which OP is only requested; after them the slave is set up anew."""
+"""Tries in which OP is only requested. After them the slave is set up anew."""
 _PATIENCE = 3.0
 """Seconds for which a slave that left OP without an error is left alone. If another master has
 done that, its frames are noticed in this time."""
@@ -61,7 +61,7 @@ class Failure:
     Attributes:
         text: In words.
         condition: What it is from now on; `WAITING` is tried again.
-        early: Whether the try was only too early, and does not count: the wire was changing.
+        early: Whether the try came too early and does not count, because the wire was changing.
     """
 
     text: str
@@ -71,16 +71,16 @@ class Failure:
 
 @dataclass(slots=True)
 class Plan:
-    """What follows from the states of the slaves; positions.
+    """What follows from the states of the slaves. All are positions.
 
     Attributes:
-        fallen: Have left OP, or the bus, since the last look.
-        ask: To be asked for OP now.
-        set_up: To be set up anew now.
-        recovered: Are back in OP, and the seconds that it took; infinity where a slave is there for
-            the first time.
-        slow: Have used their quick tries; told once.
-        refused: Have a reason of their own, in words; told once.
+        fallen: Slaves that have left OP, or the bus, since the last look.
+        ask: Slaves to be asked for OP now.
+        set_up: Slaves to be set up anew now.
+        recovered: Slaves that are back in OP, and the seconds that it took; infinity for a slave
+            that is there for the first time.
+        slow: Slaves that have used up their quick tries; reported once.
+        refused: Slaves that gave a reason of their own, in words; reported once.
     """
 
     fallen: list[int] = field(default_factory=list)
@@ -99,14 +99,14 @@ class _Slave:
     state: int = AlState.OP  # AL status when it was last seen
     changed_at: float = 0.0
     code: int = 0  # the last reason that it gave
-    watchdog: bool = False  # it fell by its watchdog, and has not been in OP since
+    watchdog: bool = False  # its watchdog took it out of OP, and it has not been in OP since
     thorough: bool = False  # somebody else may have changed its settings
     tries: int = 0
     not_before: float = 0.0
     told_slow: bool = False
-    told: str = ""  # the failure that was last told
+    told: str = ""  # the failure that was last reported
     missing: bool = False
-    busy: bool = False  # somebody is at work on it
+    busy: bool = False  # a repair is at work on it
     condition: Condition = Condition.FINE
     text: str = ""
 
@@ -167,7 +167,7 @@ class Recovery:
         return self._slaves[position].wanted
 
     def condition(self, position: int) -> tuple[Condition, str]:
-        """What is known of a slave, and in words where there is more to say."""
+        """Returns the condition of a slave, and a text where there is more to say."""
         slave = self._slaves[position]
         if slave.down_since is None:
             return Condition.FINE, ""
@@ -235,17 +235,17 @@ class Recovery:
             plan.fallen.append(item.position)
         slave.thorough = slave.thorough or foreign
         if foreign:
-            slave.code = 0  # what the slave says to another master is nothing to us
+            slave.code = 0  # the slave answers another master: its reason does not concern this bus
         elif item.al_state & AL_ERROR_FLAG:
             slave.code = item.al_code
             slave.watchdog = slave.watchdog or item.al_code == AL_WATCHDOG
         if slave.missing == bool(item.al_state) and not slave.busy:
-            slave.begin_anew()  # it has come or gone: what failed before says nothing about it
+            slave.begin_anew()  # it has come or gone: earlier failures say nothing about it
         slave.missing = not item.al_state
         if slave.tries and not slave.busy and slave.condition == Condition.FINE:
-            slave.condition = Condition.WAITING  # asked, it came to OP only for a moment, if at all
+            slave.condition = Condition.WAITING  # it was in OP only for a moment, if at all
         if item.al_state in (AlState.NONE, AlState.INIT) and slave.condition == Condition.REFUSED:
-            slave.begin_anew()  # it was switched off, which may have mended it
+            slave.begin_anew()  # it was switched off, which may have cured it
             slave.condition, slave.code = Condition.MISSING, 0
 
     def _choose(self, slave: _Slave, item: SlaveState, strangers: int) -> str | None:
@@ -269,7 +269,7 @@ class Recovery:
         if not item.al_state & 0x0F:
             absent = item.position in self._optional
             slave.condition = Condition.ABSENT if absent else Condition.MISSING
-            slave.text = slave.told = ""  # the next one that is put in is told again
+            slave.text = slave.told = ""  # a slave that is put in later is reported again
         elif self._mode != "all" or item.al_state & 0x0F == AlState.BOOT:
             slave.condition, slave.text = Condition.LEFT, ""
         elif slave.condition != Condition.REFUSED:
@@ -283,7 +283,7 @@ class Recovery:
     def _count(self, slave: _Slave, now: float) -> None:
         slave.tries = min(slave.tries + 1, QUICK_TRIES)
         slave.busy = True
-        if slave.condition != Condition.EXCHANGED:  # which it is until another one is found there
+        if slave.condition != Condition.EXCHANGED:  # it stays so until another slave is found there
             slave.condition, slave.text = Condition.RECOVERING, ""
         pauses = (*_PAUSES, self._retry_s)
         slave.not_before = now + min(pauses[slave.tries - 1], self._retry_s)

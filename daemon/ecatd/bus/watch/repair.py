@@ -1,4 +1,4 @@
-"""Brings slaves back to OP as `recovery.py` decides, beside the watch and beside other requests."""
+"""Brings slaves back to OP as `recovery.py` decides, while the watch and other requests go on."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class Repair:
     Args:
         running: The bus.
         worker: The worker on which it is done.
-        log: Where it is told.
-        tell: Publishes an event: its kind, and facts.
-        look: Reads the AL states and tells of changes.
+        log: The log for the recovery.
+        tell: Publishes an event; gets its kind, and facts about it.
+        look: Reads the AL states and reports changes.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Repair:
         self._recovery.want(running.idle, AlState.PREOP)
         self._settled(running.idle)
         self._jobs: dict[asyncio.Task[None], set[int]] = {}
-        self._steps: dict[int, str] = {}  # what was told last about the tries with a slave
+        self._steps: dict[int, str] = {}  # what was last reported about the tries with a slave
 
     def wanted(self, position: int) -> AlState:
         """The state in which a slave should be."""
@@ -78,12 +78,12 @@ class Repair:
         return condition, text
 
     def down_since(self, position: int) -> float | None:
-        """When a slave that should be in OP has left it, in Unix seconds; None: it has not."""
+        """When a slave that should be in OP has left it, in Unix seconds; None if it has not."""
         duration = self._recovery.down_for(position, time.monotonic())
         return None if duration is None else round(time.time() - duration, 3)
 
     def _want(self, positions: Iterable[int], state: AlState) -> None:
-        """Ends recovery of slaves, since a person or program wants them in a state."""
+        """Ends the recovery of slaves, because a person or a program has requested a state."""
         chosen = set(positions)
         for task, at_work in list(self._jobs.items()):
             if at_work & chosen:
@@ -96,7 +96,7 @@ class Repair:
             self._recovery.done(position, None)
 
     async def change(self, positions: Sequence[int], state: AlState) -> None:
-        """Brings slaves to a state because somebody wants it; they stay there.
+        """Brings slaves to a state on request; they stay there.
 
         If a slave refuses the state, its error is acknowledged, and its wanted state is the one
         before. Only a slave that refuses OP keeps its error, which says why.
@@ -129,7 +129,7 @@ class Repair:
             )
 
     async def _take_back(self, before: dict[int, AlState]) -> None:
-        """Forgets a request as far as slaves have refused it."""
+        """Forgets a request for those slaves that have refused it."""
         refused = await self._worker.run_steps(self._running.master.acknowledge(before))
         for position in refused:
             self._recovery.want([position], before[position])
@@ -142,7 +142,7 @@ class Repair:
         lost = [position for position in positions if not seen[position]]
         found, failures = self._find(lost)
         _refuse(self._bus, {p: failure for p, failure in failures.items() if failure.text})
-        if failures:  # nobody is there: they are waited for, and named if they do not come
+        if failures:  # no slave is there: wait for them, and name those that do not come
             yield from running.master.require_state(min(state, AlState.PREOP), timeout, failures)
         if state == AlState.BOOT:
             elsewhere = [p for p in positions if seen[p] != AlState.BOOT and p not in failures]
@@ -174,7 +174,7 @@ class Repair:
         self._recovery.set_policy(config.slaves, config.retry_s)
 
     def close(self) -> None:
-        """Ends what is under way."""
+        """Ends all repairs that are under way."""
         for task in self._jobs:
             task.cancel()
 
@@ -250,8 +250,8 @@ class Repair:
             early = isinstance(error, WireChangedError)
             failures = dict.fromkeys(positions, Failure(str(error), early=early))
         except Exception as error:
-            self._log.error(f"defect while bringing slaves back: {error!r}")
-            failures = dict.fromkeys(positions, Failure(f"defect: {error!r}"))
+            self._log.error(f"defect in ecatd while bringing slaves back: {error!r}")
+            failures = dict.fromkeys(positions, Failure(f"defect in ecatd: {error!r}"))
         self._finish(positions, failures)
         await self._look()
 
@@ -260,7 +260,7 @@ class Repair:
         for position in positions:
             failure = failures.get(position)
             if failure is not None:
-                text = failure.text or "nobody is there"
+                text = failure.text or "no slave is there"
                 self._log.debug(f"slave {position}: this try failed ({failure.condition}): {text}")
             if self._recovery.done(position, failure) and failure is not None and failure.text:
                 news[position] = failure
@@ -279,12 +279,14 @@ class Repair:
         if plan.ask:
             self._log.debug(f"{name_slaves(self._bus, plan.ask)}: asked for OP again")
         if plan.set_up:
-            self._log.debug(f"{name_slaves(self._bus, plan.set_up)}: looked for and set up")
+            self._log.debug(
+                f"{name_slaves(self._bus, plan.set_up)}: ecatd looks for it and sets it up"
+            )
         self._tell_recovered(plan.recovered)
         if plan.slow:
             self._log.warning(
                 f"{name_slaves(self._bus, plan.slow)}: not back in OP after {QUICK_TRIES} tries; "
-                f"from now on one every {self._retry_s:g} s, for as long as OP is wanted",
+                f"ecatd goes on with one try every {self._retry_s:g} s while OP is wanted",
                 "recovery",
                 plan.slow,
             )
@@ -296,7 +298,7 @@ class Repair:
             self._tell_one(position, Condition.REFUSED, text=text)
 
     def _tell_step(self, position: int, step: str) -> None:
-        """Tells what is tried with a slave, unless the last try was the same."""
+        """Reports what is tried with a slave, unless the last try was the same."""
         if self._steps.get(position) != step:
             self._steps[position] = step
             self._tell_one(position, step)
@@ -325,7 +327,7 @@ def _failure(missed: Missed) -> Failure:
 
 
 def _lines(bus: Bus, failures: dict[int, Failure]) -> Iterator[str]:
-    """Failures in words; slaves that failed alike share a line where they are many."""
+    """Failures in words. If many slaves failed alike, they share a line."""
     alike: dict[str, list[int]] = {}
     for position, failure in failures.items():
         alike.setdefault(failure.text, []).append(position)

@@ -2,7 +2,7 @@
 
 The engine only reports that a slot has new requests, since the cycle must not wait for a slave.
 Each slot is served separately, one request after the other, so no client can block the mailboxes
-for others. The slot of a client with senseless requests is read less and less often.
+for others. The slot of a client that writes nonsense is read less and less often.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _PAUSE = 0.001
 """Seconds between two looks at a slot."""
 _PAUSE_DOUBLINGS = 10
 _ALIVE_PAUSE = 0.05
-"""Seconds between two looks whether the client of a waiting request lives."""
+"""Seconds between two checks whether the client of a waiting request is alive."""
 
 Answer = Callable[[Request], Awaitable[dict[str, Any]]]
 
@@ -56,11 +56,11 @@ class SlotRequests:
 
     Args:
         shared: The shared memory.
-        engine: Tells of new requests, and takes the answers.
-        answer: Carries a request out, whoever asks.
-        wrong: Called with slot and generation of a client that asks for what no client library
-            asks for.
-        log: Where defects are told.
+        engine: Reports new requests, and takes the answers.
+        answer: Carries out a request of any client.
+        wrong: Called with slot and generation of a client that writes what no client library
+            writes.
+        log: The log for defects.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class SlotRequests:
     def _look(self, number: int) -> None:
         slot, loop = self._slots[number], asyncio.get_running_loop()
         slot.timer = None
-        self._engine.listen(number)  # before it is read: whatever comes later rings again
+        self._engine.listen(number)  # before it is read: a later request rings again
         good = 0
         for asked in self._cells.read(number):
             if slot.seen.get(asked.cell) == (asked.generation, asked.seq):
@@ -126,8 +126,8 @@ class SlotRequests:
         work = asyncio.ensure_future(self._answer(request))
         try:
             while not (await asyncio.wait((work,), timeout=_ALIVE_PAUSE))[0]:
-                # What has begun may be done all the same; but a state is asked for in steps that
-                # belong together.
+                # The slave may carry out a request that has begun, even if its client is gone. A
+                # state request has several steps that belong together, so it is not cancelled.
                 if not isinstance(request, SetState) and not self._cells.is_wanted(asked):
                     work.cancel()
             if not work.cancelled():
@@ -135,9 +135,9 @@ class SlotRequests:
         except EcatError as error:
             self._refuse(asked, error)
         except Exception as error:
-            # The bus must outlive a defect in one answer; the caller hears of it.
-            self._log.error(f"defect while answering a request of a client: {error!r}")
-            self._refuse(asked, EcatError(f"defect in the daemon: {error!r}"))
+            # A defect in one answer must not stop the bus. The caller gets an error.
+            self._log.error(f"defect in ecatd while answering a request of a client: {error!r}")
+            self._refuse(asked, EcatError(f"defect in ecatd: {error!r}"))
         finally:
             work.cancel()
 
@@ -164,7 +164,7 @@ class _Slot:
         self.task: asyncio.Task[None] | None = None
         self.timer: asyncio.TimerHandle | None = None
         self.next_look = 0.0
-        self.in_vain = 0  # looks, one after the other, that have found nothing to do
+        self.in_vain = 0  # looks in a row that have found nothing to do
 
     def drop(self, cell: int) -> bool:
         """Drops the waiting request of a cell that holds another request now."""
