@@ -1,7 +1,7 @@
 """The exit statuses of commands that show a bus on which nothing answers.
 
-They print what they know all the same. With `--json` that is the only document on stdout, so what
-is said here goes to stderr.
+They print what they know in any case. With `--json` stdout has this document only, so the messages
+of this module go to stderr.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _ABSENT = "absent"
 
 
 def check_slaves(rows: Iterable[Mapping[str, Any]]) -> int:
-    """Says on stderr if no slave answers; optional ones that are absent need not.
+    """Says on stderr if no slave answers. Absent optional slaves do not count.
 
     Args:
         rows: AL states, as `Remote.states` returns them.
@@ -45,12 +45,12 @@ def check_cycle(snapshot: Snapshot, source: Source) -> int:
         return _say(
             NoAnswerError(
                 f"no cycle of bus '{snapshot.bus}' for {snapshot.silence:.1f} s: its bus server "
-                f"was stopped or hangs; ecatd ends one that hangs for 10 s"
+                "was stopped or hangs; ecatd ends a bus server that hangs for 10 s"
             )
         )
     if snapshot.slaves_expected and not snapshot.slaves_found:
         rows: list[dict[str, Any]] = [{"al_state": 0}]
-        with suppress(EcatError):  # then nobody knows that they are optional
+        with suppress(EcatError):  # then it is not known that they are optional
             rows = source.remote().states()
         return check_slaves(rows)
     return 0

@@ -37,8 +37,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="SOURCE",
-        help="not the bus that runs, but a scan saved by 'ecatctl scan -o', a rig (name or file), "
-        "or ESI files (or a folder of them; --from may be repeated) with --devices",
+        help="use not the running bus, but a scan saved by 'ecatctl scan -o', a rig (name or "
+        "file), or ESI files (or a folder of them; --from may be repeated) with --devices",
     )
     command.add_argument(
         "--devices",
@@ -59,12 +59,12 @@ def get_bus(options: argparse.Namespace) -> Bus:
     """Returns the description of the bus that the options choose.
 
     Raises:
-        EcatError: The description cannot be had, or the options or files are wrong.
+        EcatError: There is no description, or the options or files are wrong.
     """
     sources: list[str] = options.sources
     kinds = check_options(options)
     if not sources:
-        from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+        from ecatd.client.remote import Remote  # loading Zenoh is slow
 
         with Remote(options.bus, options.connect, options.timeout) as remote:
             return remote.describe()
@@ -99,22 +99,22 @@ def silent_now(options: argparse.Namespace) -> list[int]:
     """
     if options.sources:
         return []
-    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+    from ecatd.client.remote import Remote  # loading Zenoh is slow
 
     with Remote(options.bus, options.connect, options.timeout) as remote:
         return silent_slaves(remote.states())
 
 
 def warn_of_silent(bus: Bus, silent: Sequence[int]) -> None:
-    """Warns about slaves that do not answer: what the description says of them is old."""
+    """Warns about slaves that do not answer: the description of them is old."""
     if not silent:
         return
     labels = [bus.slaves[position].label for position in silent]
     more = f" and {len(labels) - _TOLD} more" if len(labels) > _TOLD else ""
     who = "it" if len(labels) == 1 else "them"
     print(
-        f"ecatctl: warning: no answer at the moment from {', '.join(labels[:_TOLD])}{more}: "
-        f"what is said about {who} is as at the start of ecatd",
+        f"ecatctl: warning: no answer at the moment from {', '.join(labels[:_TOLD])}{more}: the "
+        f"description of {who} is that of the start of ecatd",
         file=sys.stderr,
     )
 
@@ -153,17 +153,17 @@ def check_options(options: argparse.Namespace) -> list[Kind]:
     """Checks that the options fit together; returns the kinds of the sources.
 
     Raises:
-        UsageError: They do not.
+        UsageError: They do not fit together.
     """
     kinds = [_kind(source) for source in options.sources]
     kind = kinds[0] if kinds else "live"
     if len(kinds) > 1 and set(kinds) != {"esi"}:
-        raise UsageError("only ESI files can be several: give one --from otherwise")
+        raise UsageError("only ESI files can be given with several --from: give one --from")
     if kinds and options.connect is not None:
-        raise UsageError("--connect asks a daemon, --from does without one: leave one of them out")
+        raise UsageError("--connect asks a daemon, and --from needs none: give only one of them")
     if options.config is not None and kind not in ("rig", "esi"):
-        what = "a saved scan" if kind == "scan" else "a bus that runs"
-        raise UsageError(f"--config goes with a rig or ESI files: {what} has been configured")
+        what = "a saved scan" if kind == "scan" else "a running bus"
+        raise UsageError(f"--config goes with a rig or ESI files: {what} is configured already")
     if kind == "esi" and not options.devices and options.config is None:
         raise UsageError(
             "an ESI file describes devices, but not which of them are on the bus: add --devices, "
@@ -178,7 +178,7 @@ def _described(rig: str, options: argparse.Namespace) -> Bus:
     """Runs a daemon on a simulated rig, and returns its bus description.
 
     Raises:
-        EcatError: The daemon has failed; with its message, or that of the simulator.
+        EcatError: The daemon has failed; it has the message of the daemon or of the simulator.
     """
     command = [sys.executable, "-P", "-m", "ecatd.service", "--describe", "--quiet"]
     command += ["--simulate", rig, "--bus", options.bus]

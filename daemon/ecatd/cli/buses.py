@@ -1,4 +1,4 @@
-"""Command `buses`: all buses of this machine, or all in reach of a Zenoh endpoint."""
+"""Command `buses`: all buses of this machine, or all that a Zenoh endpoint reaches."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def buses(options: argparse.Namespace) -> None:
     elif options.connect:
         print(f"no bus answers at {options.connect}")
     else:
-        print("no bus is served on this machine; with --connect, buses of other machines are asked")
+        print("no bus is served on this machine; --connect asks for buses of other machines")
 
 
 def _here(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """The buses of this machine, also those that do not answer."""
-    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+    from ecatd.client.remote import Remote  # loading Zenoh is slow
 
     names = {bus: None for folder in search_dirs() for bus in served_buses(folder)}
     for bus in names:

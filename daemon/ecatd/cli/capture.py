@@ -62,7 +62,7 @@ class Source:
         self.missing = 0
 
     def read(self) -> list[Frame]:
-        """All frames since the last call; those that might come out of order wait for the next."""
+        """Returns the frames since the last call. Those that may be out of order wait."""
         complete_ns = min([self._read(ring) for ring in RINGS])
         self._waiting.sort(key=lambda frame: frame.time_ns)
         count = sum(frame.time_ns < complete_ns for frame in self._waiting)
@@ -70,14 +70,14 @@ class Source:
         return ready
 
     def _read(self, ring: str) -> int:
-        """Reads what a ring has; returns the time in front of which nothing is missing."""
+        """Reads the frames in a ring; returns the time up to which no frame is missing."""
         while True:
             before = self._positions[ring]
             answer = self._remote.read_frames(ring, before)
             self.interfaces, self.clock_ns = answer["interfaces"], answer["clock_ns"]
             self._waiting.extend(read_records(answer["records"]))
             self._positions[ring] = answer["position"]
-            if before:  # what came before the first look was never asked for
+            if before:  # frames from before the first look do not count as missing
                 self.missing += max(answer["overwritten"], 0)
             if not answer["more"]:
                 return int(answer["now_ns"])
@@ -127,7 +127,7 @@ def _opened(path: str) -> Iterator[BinaryIO]:
         yield sys.stdout.buffer
         return
     try:
-        file = Path(path).open("wb")  # noqa: SIM115  only what fails here is about the path
+        file = Path(path).open("wb")  # noqa: SIM115  only errors of this line are about the path
     except OSError as error:
         raise StateError(f"{path} cannot be written: {error.strerror}") from error
     with file:

@@ -1,7 +1,7 @@
 """Command `check`: says in one line whether the bus is well, for monitoring systems.
 
-The exit statuses are those of monitoring plug-ins: 0 well, 1 degraded, 2 down, 3 unknown, since it
-is denied to look.
+The exit statuses are those of monitoring plug-ins: 0 well, 1 degraded, 2 down, 3 unknown, because
+the user may not look.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def _wire_problems(snapshot: Snapshot) -> Iterator[str]:
 
 
 def _seen_from_here(snapshot: Snapshot) -> Iterator[str]:
-    """What the shared memory says of the slaves, where nobody can be asked for each of them."""
+    """What the shared memory says of the slaves, if no gateway answers for each of them."""
     if snapshot.slaves_found < snapshot.slaves_expected:
         yield f"{snapshot.slaves_found} of {snapshot.slaves_expected} slaves answer"
     if snapshot.slaves_found and snapshot.al_status != AlState.OP:

@@ -64,8 +64,8 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.add_argument(
         "--esi",
         metavar="PATH",
-        help="init: take over what this ESI file, or a folder of them, says about the slaves; "
-        "check: compare pdos with it, too",
+        help="init: take what this ESI file, or a folder of them, says about the slaves; check: "
+        "compare pdos with it, too",
     )
     add_options(command)
 
@@ -85,7 +85,7 @@ def config(options: argparse.Namespace) -> int:
     if options.action == "from-eni" and (
         options.sources or options.devices or options.config or options.connect
     ):
-        raise UsageError("config from-eni reads FILE alone: leave other sources out")
+        raise UsageError("config from-eni reads only FILE: leave other sources out")
     if options.esi is not None and options.action not in ("init", "check"):
         raise UsageError("--esi goes with config init and config check")
     if options.action in ("diff", "show") and options.sources:
@@ -95,7 +95,7 @@ def config(options: argparse.Namespace) -> int:
 
 def _remote(options: argparse.Namespace) -> tuple[Bus, Config, dict[str, str]]:
     """The bus of a daemon, its configuration, and where that comes from."""
-    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+    from ecatd.client.remote import Remote  # loading Zenoh is slow
 
     with Remote(options.bus, options.connect, options.timeout) as remote:
         return remote.describe(), *remote.configuration()
@@ -167,7 +167,7 @@ def _write(
 
 
 def _keep(file: Path, text: str) -> str:
-    """Keeps a file that gets another text, since its comments are lost; returns the new name.
+    """Keeps a file that is about to be replaced, with its comments; returns its new name.
 
     Raises:
         StateError: It cannot be kept.
@@ -196,7 +196,7 @@ def _from_eni(options: argparse.Namespace) -> int:
     if not options.json:
         labels = {slave.position: slave.label for slave in found.bus.slaves}
         print("\n".join(found.report.lines(str(options.file), labels)), file=sys.stderr)
-    _write(options, found.bus, text, "go through it, then", found.report.to_dict())
+    _write(options, found.bus, text, "check it, then", found.report.to_dict())
     return 0
 
 
@@ -252,7 +252,7 @@ def _table(row: dict[str, Any]) -> str:
 def _moved(moved: list[Moved]) -> str:
     shown = ", ".join(f"{item.slave}: {item.before} to {item.after}" for item in moved[:_TOLD])
     more = f" and {len(moved) - _TOLD} more" if len(moved) > _TOLD else ""
-    return f"so slaves behind have other positions ({shown}{more})"
+    return f"so later slaves have other positions ({shown}{more})"
 
 
 def _show(options: argparse.Namespace) -> int:
@@ -292,7 +292,7 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _signals(bus: Bus, used: Config) -> list[dict[str, Any]]:
-    """Entries that are no raw numbers, and where their meaning comes from."""
+    """Entries that have a meaning, and where it comes from."""
     places = compare(used, bus.slaves).places
     told = {(places.get(rule.slave), rule.address) for rule in used.signal}
     rows = []
@@ -326,7 +326,7 @@ def _shown(key: str, value: Any) -> str:
 
 
 def _value_text(key: str, value: Any) -> str:
-    """As `value_text`, with numbers that the configuration has as texts without quotes."""
+    """As `value_text`, but without quotes for numbers that the configuration has as texts."""
     return value_text(key, number_of(value) if key == "value" and type(value) is str else value)
 
 

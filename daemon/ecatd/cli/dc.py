@@ -34,8 +34,8 @@ def dc(options: argparse.Namespace) -> None:
         rows = [_row(slave, document) for slave in document["slaves"]]
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise EcatError(
-            f"the daemon's clocks cannot be understood ({error!r}): is it of another version? Run "
-            f"'ecatctl info', and install the same version here"
+            f"this ecatctl does not understand the clocks of the daemon ({error!r}): run 'ecatctl "
+            "info', and install the version of the daemon here"
         ) from error
     print("\n".join(summary))
     print()

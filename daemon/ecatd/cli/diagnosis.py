@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
 """Distributed clocks count from here (ETG.1000.4)."""
 _FIRST_YEAR_NS = 365 * 86400 * 10**9
-"""Clocks that nobody has set count from when the slave was switched on."""
+"""A clock that was not set counts from the moment when the slave was switched on."""
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:

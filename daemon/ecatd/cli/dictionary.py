@@ -166,7 +166,7 @@ def _value(
 ) -> dict[str, Any]:
     try:
         found = read_value(remote, position, index, subindex, entry)
-    except SdoAbortError as error:  # an entry may be described, and not be readable now
+    except SdoAbortError as error:  # an entry can have a description and not be readable now
         return {"error": error.to_reply()}
     return {
         "data": found.data.hex(),
@@ -177,7 +177,7 @@ def _value(
 
 
 def _cells(rows: list[dict[str, Any]], values: bool) -> Iterator[tuple[str, ...]]:
-    """The lines of the table: of an object with several entries, its name comes first."""
+    """The lines of the table. An object with several entries begins with a line for its name."""
     for item in rows:
         address = f"0x{item['index']:04X}"
         single = len(item["entries"]) == 1 and item["entries"][0]["subindex"] == 0

@@ -1,4 +1,4 @@
-"""Command `doctor`: looks at this machine for what makes a bus slow, late or unreachable."""
+"""Command `doctor`: finds what makes a bus slow, late or unreachable on this machine."""
 
 from __future__ import annotations
 
@@ -54,15 +54,15 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "--config",
         type=Path,
         metavar="FILE",
-        help="configuration (default: /etc/ecatd/BUS.toml): its interface and CPU are looked at",
+        help="configuration (default: /etc/ecatd/BUS.toml), whose interface and CPU are checked",
     )
-    command.add_argument("--interface", metavar="IF", help="interface to look at instead")
+    command.add_argument("--interface", metavar="IF", help="interface to check instead")
     command.add_argument(
         "--latency",
         type=seconds,
         metavar="SECONDS",
-        help="also measure for so long how late the engine would wake up, half of it with all "
-        "processors busy",
+        help="also measure for SECONDS how late the engine would wake up, half of the time with "
+        "all processors busy",
     )
     changes = command.add_mutually_exclusive_group()
     changes.add_argument(
@@ -76,7 +76,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 
 
 def doctor(options: argparse.Namespace) -> int:
-    """Looks, measures and mends; returns 1 if there is a problem, else 0."""
+    """Checks, measures and changes settings; returns 1 if there is a problem, else 0."""
     file = options.config or MACHINE / f"{options.bus}.toml"
     about, config = look_at_configuration(file)
     if options.config is not None and not file.exists():
@@ -117,7 +117,7 @@ def _look(options: argparse.Namespace, config: Config | None) -> Iterator[Findin
 
 
 def _measured(options: argparse.Namespace, changes: Iterator[str]) -> Iterator[str]:
-    """Adds to each change what it brought, if a bus runs here: the median of the exchange."""
+    """Adds the effect to each change if a bus runs here: the median time of the exchange."""
     before = _exchange_us(options)
     for text in changes:
         after = _exchange_us(options)
@@ -129,7 +129,7 @@ def _measured(options: argparse.Namespace, changes: Iterator[str]) -> Iterator[s
 
 
 def _exchange_us(options: argparse.Namespace) -> float | None:
-    """Median of the exchange in µs, of the next two seconds; None without a bus on this machine."""
+    """Measures the median of the exchange in µs for two seconds; None without a bus here."""
     with Source(options) as source:
         if not source.local:
             return None
@@ -172,7 +172,7 @@ def _lines(report: _Report, options: argparse.Namespace) -> Iterator[str]:
         yield ""
         yield from report.done
         if options.fix:
-            yield "`ecatctl doctor --undo` changes that back; so does the next start of the machine"
+            yield "`ecatctl doctor --undo` changes that back, and so does the next boot"
     elif options.fix or options.undo:
         yield ""
         yield "nothing to change"

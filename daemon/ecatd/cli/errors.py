@@ -33,7 +33,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 
 
 def errors(remote: Remote, options: argparse.Namespace) -> int:
-    """Shows the error counters; with `--watch`, what comes in addition.
+    """Shows the error counters; with `--watch`, by how much they rise.
 
     Returns the exit status: 4 if slaves do not answer.
     """
@@ -47,7 +47,7 @@ def errors(remote: Remote, options: argparse.Namespace) -> int:
     silent = _silent(bus, chosen, found)
     _print(bus, found, chosen, options)
     for label in silent:
-        print(f"ecatctl: {label} does not answer: nobody knows its counters", file=sys.stderr)
+        print(f"ecatctl: {label} does not answer, so its counters are not known", file=sys.stderr)
     if options.reset:
         if len(silent) < len(bus.slaves) if chosen is None else not silent:
             remote.reset_errors(chosen)
@@ -83,7 +83,7 @@ def _silent(bus: Bus, chosen: int | None, found: Sequence[SlaveErrors]) -> list[
 
 
 def _added(before: Sequence[SlaveErrors], now: Sequence[SlaveErrors]) -> Iterator[SlaveErrors]:
-    """What has come in addition. A counter that is smaller was cleared, so it counts as a whole."""
+    """By how much the counters have risen. A smaller counter was cleared, so all of it counts."""
     earlier = {item.position: item for item in before}
     for item in now:
         old = earlier.get(item.position)
@@ -170,8 +170,9 @@ def _sentences(bus: Bus, found: Sequence[SlaveErrors], chosen: int | None) -> It
         label = bus.slaves[item.position].label
         if item.processing and not any(port.forwarded or port.damaged for port in item.ports):
             yield (
-                f"{label}: {item.processing} frames that are malformed or no EtherCAT"
-                f"{_since(item.since)}: is another device on this wire?"
+                f"{label}: {item.processing} frames that are malformed or not "
+                f"EtherCAT{_since(item.since)}: look for a device on this wire that is no "
+                "EtherCAT slave"
             )
         if item.pdi:
             yield (
@@ -202,7 +203,7 @@ def _counts(link: LinkErrors) -> str:
         )
         if count
     ]
-    more = " (a counter stands at 255, so there may be more)" if link.full else ""
+    more = " (a counter has reached 255, its maximum, so there may be more)" if link.full else ""
     text = " and ".join([", ".join(parts[:-1]), parts[-1]] if parts[1:] else parts)
     return text + more
 
@@ -216,5 +217,5 @@ def _since(when: float | None) -> str:
 
 def _advice(link: LinkErrors) -> str:
     if link.invalid or link.physical:
-        return ": check this cable and its plugs, and what disturbs it"
+        return ": check this cable, its plugs, and sources of interference near it"
     return ": check this cable and its plugs, and the power of both sides"

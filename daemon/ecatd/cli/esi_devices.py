@@ -11,7 +11,7 @@ from ecatd.model.errors import StateError, UsageError
 
 
 def esi_files(sources: Sequence[str]) -> list[Path]:
-    """The ESI files, also those in folders; each of them once."""
+    """Returns the ESI files, also those in folders, each of them once."""
     found: dict[Path, None] = {}
     for source in map(Path, sources):
         if not source.is_dir():
@@ -25,7 +25,7 @@ def esi_files(sources: Sequence[str]) -> list[Path]:
 
 
 def describe(slaves: Sequence[Slave], source: str) -> dict[int, EsiDevice]:
-    """The descriptions of slaves, by position: of the revision of each, or the newest before it.
+    """Finds the descriptions of slaves, by position: of its revision, or the newest before it.
 
     Args:
         slaves: The slaves.

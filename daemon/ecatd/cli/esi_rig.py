@@ -106,7 +106,7 @@ def expected(config: Path) -> list[Wanted]:
     Slaves that are found by an alias or an identification stand behind those with a position.
 
     Raises:
-        ConfigError: The file is wrong, or says not of every slave which device it is.
+        ConfigError: The file is wrong, or does not say of every slave which device it is.
     """
     slaves = sorted(load_config(config).slave, key=lambda item: item.position)
     if not slaves:
@@ -187,7 +187,7 @@ def _module(text: str) -> str | int:
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except (OSError, ValueError):  # a list is no valid file name: too long, or with a NUL
+    except (OSError, ValueError):  # a list may be no valid file name: too long, or with a NUL
         return False
 
 

@@ -1,4 +1,4 @@
-"""Command `events`: what has happened on the bus, and what happens."""
+"""Command `events`: what has happened on the bus, and what happens now."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 _PAUSE, _RETRY = 0.5, 2.0
-"""Seconds between two questions for new events, and for a daemon that is gone."""
+"""Seconds between two requests for new events, and for a daemon that is gone."""
 _AGO = re.compile(r"(\d+)([smhd])")
 _UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
@@ -34,10 +34,10 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "--since",
         type=_time,
         metavar="TIME",
-        help="only those since then: 10m, 2h, 1d, or a time of today as 10:02 (default: all that "
-        "the daemon keeps, up to 1000)",
+        help="only events since this time: 10m, 2h, 1d, or a time of today as 10:02 (default: "
+        "all that the daemon keeps, up to 1000)",
     )
-    command.add_argument("-f", "--follow", action="store_true", help="go on with new ones")
+    command.add_argument("-f", "--follow", action="store_true", help="go on with new events")
     add_slave(command)
 
 
@@ -56,7 +56,7 @@ def _time(text: str) -> float:
 
 def events(options: argparse.Namespace) -> None:
     """Prints the events that the daemon keeps; with `--follow`, new ones as they come."""
-    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+    from ecatd.client.remote import Remote  # loading Zenoh is slow
 
     since, shown_since, first = 0, options.since, True
     while True:
@@ -93,7 +93,10 @@ def _follow(
             print_json({"bus": bus.name, "events": found})
         else:
             if since and answer["left_out"] and not options.json:
-                print(f"{answer['left_out']} events were too many to keep", flush=True)
+                print(
+                    f"{answer['left_out']} events are missing: the daemon keeps only the last ones",
+                    flush=True,
+                )
             _print(bus, found, as_json=options.json)
         since = answer["next"]
         yield since

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 _STDOUT = Path("-")
 _PAUSES = 0.02, 0.2
-"""Seconds between two questions how far a transfer is: at first, and at the most."""
+"""Seconds between two requests for the progress of a transfer: the first ones, and later ones."""
 _RECONNECTIONS, _RECONNECTION_PAUSE = 10, 1.0
 _STEPS = {"to boot": "the slave goes to BOOT", "from boot": "the slave comes back from BOOT"}
 
@@ -61,7 +61,9 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
             help="its name, as the slave knows it (default: that of FILE)",
         )
         command.add_argument(
-            "--cancel", action="store_true", help="end the transfer that the same command began"
+            "--cancel",
+            action="store_true",
+            help=("cancel the transfer that the same command has started"),
         )
     command.add_argument(
         "--password",
@@ -71,7 +73,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         help="password of the slave for it",
     )
     command.add_argument(
-        "--boot", action="store_true", help="bring the slave to BOOT for it, and back afterwards"
+        "--boot", action="store_true", help="bring the slave to BOOT before, and back afterwards"
     )
     add_yes(command)
 
@@ -95,7 +97,7 @@ def foe_read(remote: Remote, options: argparse.Namespace) -> None:
         _follow(transfer)
         data = transfer.result()
     except KeyboardInterrupt:
-        start().cancel()  # asking again finds the same transfer
+        start().cancel()  # the same request finds the same transfer
         raise
     if options.out != _STDOUT:
         save_bytes(options.out, data)
@@ -111,7 +113,10 @@ def foe_write(remote: Remote, options: argparse.Namespace) -> None:
     found = remote.describe().find(options.slave)
     about = f"This writes {len(data)} bytes to {found.label}, as file '{name}'."
     if options.boot:
-        about += " It is brought to BOOT for it, where it exchanges no process data, and back."
+        about += (
+            " Before, ecatd brings it to BOOT, where it exchanges no process data, and "
+            "afterwards back."
+        )
 
     def start() -> FileTransfer:
         return remote.start_file_write(
@@ -120,7 +125,7 @@ def foe_write(remote: Remote, options: argparse.Namespace) -> None:
 
     if options.cancel:
         start().cancel()
-        print(f"{found.label}: file '{name}' is not written any more")
+        print(f"{found.label}: file '{name}' : the transfer was cancelled")
         return
     confirm(options, about)
     begin = time.monotonic()
@@ -130,7 +135,8 @@ def foe_write(remote: Remote, options: argparse.Namespace) -> None:
     except KeyboardInterrupt:
         if transfer.step != "receiving":
             print(
-                "\necatctl: the daemon goes on with it; the same command again shows how far it is",
+                "\necatctl: the daemon goes on with the file; repeat the command to see how far "
+                "it is",
                 file=sys.stderr,
             )
         raise
@@ -143,7 +149,7 @@ def _insist(
     """Follows a transfer that is written, also over a restart of the gateway.
 
     Raises:
-        EcatError: It has failed; or the daemon does not answer any more.
+        EcatError: It has failed, or the daemon no longer answers.
     """
     for left in reversed(range(_RECONNECTIONS)):
         try:
@@ -154,13 +160,13 @@ def _insist(
                 raise
             if not left:
                 raise type(error)(
-                    f"{error}. The daemon goes on with the file if it runs; the same command again "
-                    "shows how far it is"
+                    f"{error}. If the daemon runs, it goes on with the file; repeat the command "
+                    "to see how far it is"
                 ) from error
             time.sleep(_RECONNECTION_PAUSE)
             with suppress(EcatError):
                 remote.reconnect()
-                transfer = start()  # asking again finds the same transfer
+                transfer = start()  # the same request finds the same transfer
     return transfer
 
 
@@ -203,7 +209,7 @@ def _report(
     seconds: float,
     verb: str,
 ) -> None:
-    """Says what was done.
+    """Reports the result.
 
     Raises:
         StateError: The slave does not come back from BOOT.

@@ -57,8 +57,8 @@ def graph(remote: Remote, options: argparse.Namespace) -> None:
 
 
 def _tree(bus: Bus, found: list[SlaveErrors], states: list[dict[str, Any]]) -> list[Node]:
-    """The slaves at the master: one, or several if nobody knows where some are plugged in."""
-    measured = any(slave.dc_delay_ns for slave in bus.slaves)  # else the clocks are not used
+    """The slaves at the master: one, or several if it is not known where some are plugged in."""
+    measured = any(slave.dc_delay_ns for slave in bus.slaves)  # if not, the clocks are not used
     nodes = {
         slave.position: Node(
             slave.position,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _RUN_LED = 0x0138
 """Register "RUN LED override" (ETG.1000.4): bit 4 takes it over, bits 0 to 3 say how it blinks."""
 _FLICKERING = b"\x1e"
-"""10 Hz. No AL state looks like that but for BOOT, in which a slave is for minutes at the most."""
+"""10 Hz. Only the AL state BOOT looks like that, and no slave is in BOOT for long."""
 _OWN = b"\0"
 
 

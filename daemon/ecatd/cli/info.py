@@ -54,7 +54,7 @@ def _document(snapshot: Snapshot, running: dict[str, Any], silent: str) -> dict[
     kept = ("bus", "version", "state", "cycle_time_us", "slaves", "ring", "links", "dc", "domains")
     document = {key: known[key] for key in kept}
     document["started"] = snapshot.instance * 1e-9
-    document["interface"] = None  # only the gateway knows its name
+    document["interface"] = None  # only the gateway knows the name of the interface
     document["links"] = dict(_links(snapshot, running))
     document["settings"] = [
         {
@@ -99,7 +99,7 @@ def info_lines(snapshot: Snapshot, running: dict[str, Any], silent: str) -> list
     ]
     rows += [("recovery", text) for text in _recovery(running)]
     if silent:
-        rows.append(("no answer", f"{silent}; all this is from shared memory"))
+        rows.append(("no answer", f"{silent}; the values here are from shared memory"))
     if snapshot.silence:
         rows.append(("NO CYCLE", f"for {snapshot.silence:.1f} s: the exchange stands still"))
     return [f"{name:<12}{value}" for name, value in rows]
@@ -117,7 +117,7 @@ def _slaves(snapshot: Snapshot) -> str:
 
 
 def _recovery(running: dict[str, Any]) -> list[str]:
-    """Lines about slaves that should be in OP and are not; those in the same state share a line."""
+    """Lines about slaves that should be in OP and are not. Those in the same state share a line."""
     alike: dict[str, list[int]] = {}
     for row in running.get("recovery", []):
         alike.setdefault(row["state"], []).append(row["slave"])
@@ -151,7 +151,7 @@ def _effect(grant: Grant) -> str:
 
 
 def real_time_lines(snapshot: Snapshot) -> list[str]:
-    """Table of the real-time settings, and how to have refused ones granted."""
+    """Table of the real-time settings, and how to get those that were refused."""
     refused = [grant for grant in snapshot.grants if _refused(grant)]
     rows = []
     for grant in snapshot.grants:

@@ -39,9 +39,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
 
 def _add_generate(command: argparse.ArgumentParser) -> None:
     command.add_argument("name", metavar="NAME", help="name of the library, as TrollPlant")
-    command.add_argument(
-        "out", metavar="DIR", type=Path, help="folder that the library is put into"
-    )
+    command.add_argument("out", metavar="DIR", type=Path, help="folder for the library")
     add_options(command)
     command.add_argument(
         "--templates",
@@ -49,8 +47,8 @@ def _add_generate(command: argparse.ArgumentParser) -> None:
         default=[],
         metavar="DIR",
         type=Path,
-        help="folder with templates of yours, before those of ~/.config/ecatd/templates; may be "
-        "repeated, the first one wins",
+        help="folder with your templates, which precede those of ~/.config/ecatd/templates; may "
+        "be repeated, the first one wins",
     )
     command.add_argument(
         "--fmu", action="store_true", help="write an FMU for co-simulation instead: DIR/NAME.fmu"
@@ -65,9 +63,7 @@ def _add_library(command: argparse.ArgumentParser) -> None:
     command.description = (
         "Installs the part of the Modelica libraries that is the same for every bus."
     )
-    command.add_argument(
-        "out", metavar="DIR", type=Path, nargs="?", help="folder that the library is put into"
-    )
+    command.add_argument("out", metavar="DIR", type=Path, nargs="?", help="folder for the library")
     command.add_argument(
         "--openmodelica",
         action="store_true",
@@ -96,12 +92,12 @@ def _add_rewrite(command: argparse.ArgumentParser) -> None:
     how.add_argument(
         "--check",
         action="store_true",
-        help="write nothing, say what would change; then the exit status is 1",
+        help="write nothing, but say what would change; the exit status is 1 if anything would",
     )
     how.add_argument(
         "--force",
         action="store_true",
-        help="also replace generated files that were changed by hand, and keep those as FILE.orig",
+        help="also replace generated files that were changed by hand, and keep them as FILE.orig",
     )
 
 
@@ -112,7 +108,7 @@ def generate(options: argparse.Namespace) -> int:
         The exit status.
     """
     if options.fmi and not options.fmu:
-        raise UsageError("--fmi is the version of an FMU: say --fmu, too")
+        raise UsageError("--fmi is the version of an FMU: give --fmu, too")
     if options.fmu and (options.force or options.templates):
         raise UsageError("--force and --templates are about libraries: leave them out with --fmu")
     bus = get_bus(options)
@@ -139,7 +135,7 @@ def library(options: argparse.Namespace) -> int:
     from ecatgen.static_library import install_library
 
     if (options.out is None) != options.openmodelica:
-        raise UsageError("say where to put the library: DIR, or --openmodelica, and not both")
+        raise UsageError("say where to put the library: give either DIR or --openmodelica")
     out = options.out or _openmodelica_folder()
     report = install_library(out, check=options.check, force=options.force)
     return _tell_report(options, report, {})

@@ -42,7 +42,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 
 
 def log_level(remote: Remote, options: argparse.Namespace) -> None:
-    """Shows the levels, of one part or all; changes them first if a level is given."""
+    """Shows the levels of one part or all; changes them before if a level is given."""
     part = None if options.part == _ALL else options.part
     if options.level is None:
         found = remote.log_levels()

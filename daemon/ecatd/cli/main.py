@@ -21,7 +21,7 @@ from .arguments import seconds
 _EPILOG = """\
 exit status:
   0 done   2 wrong usage   3 daemon not reachable   4 no answer in time   5 SDO abort
-  6 not permitted   7 wrong state or no such slave   70 a defect of ours
+  6 not permitted   7 wrong state or no such slave   70 a defect in ecatd
   1 only by --check of generate and library: something would change; by doctor: a problem
   check has statuses of its own: 0 well, 1 degraded, 2 down
 
@@ -29,7 +29,7 @@ The daemon of this machine is used; --connect tls/HOST:7448 asks one of another 
 """
 
 _COMMANDS = (
-    ("buses", "buses", "List the buses of this machine, or all in reach of --connect."),
+    ("buses", "buses", "List the buses of this machine, or all that --connect reaches."),
     ("slaves", "show", "List the slaves in the order of the wire."),
     ("graph", "graph", "Show which slave is plugged in at which port, as a tree or a picture."),
     ("pdos", "show", "List the process data of the slaves."),
@@ -44,14 +44,14 @@ _COMMANDS = (
     ("claims", "shared_memory", "Show who owns which outputs, and why the others are safe."),
     ("shm", "shared_memory", "Show all that is in the shared memory of the bus."),
     ("dc", "dc", "Show the distributed clocks."),
-    ("info", "info", "Show what the daemon is, and which real time it was granted."),
+    ("info", "info", "Show the daemon, its bus, and the real-time settings that were granted."),
     ("sdos", "dictionary", "List the objects of a slave: types, access rights, values."),
     ("sdo-read", "sdo", "Read an object of a slave."),
     ("sdo-write", "sdo", "Write an object of a slave."),
     ("sdo-dump", "sdo_file", "Save the values of all objects of a slave to a file."),
     ("sdo-restore", "sdo_file", "Write the values in such a file back, where they differ."),
     ("diagnosis", "diagnosis", "Show the diagnosis history of a slave (object 0x10F3)."),
-    ("events", "events", "Show what has happened on the bus, and what happens."),
+    ("events", "events", "Show what has happened on the bus, and what happens now."),
     ("errors", "errors", "Show the error counters of the slaves, and which cables they are about."),
     ("sii-read", "sii", "Show what is in the EEPROM of a slave, or save it."),
     ("sii-write", "sii_write", "Write the EEPROM of a slave, from a file."),
@@ -68,13 +68,13 @@ _COMMANDS = (
     ("log-level", "log_level", "Show the levels of the log, or change one while the bus runs."),
     ("config", "config", "Write, check, compare or show the configuration."),
     ("startup", "startup", "Compare start-up parameters with the slaves, or capture them."),
-    ("scan", "scan", "Print or save what the bus is: slaves, process data, domains."),
+    ("scan", "scan", "Print or save the bus description: slaves, process data, domains."),
     ("cstruct", "documents", "Print a C header of the process image."),
     ("xml", "documents", "Print the bus as XML with the elements of ESI files."),
     ("generate", "library", "Write a Modelica library, or an FMU, of the bus."),
     ("library", "library", "Install the Modelica library EtherCAT."),
     ("capture", "capture", "Write the last frames on the wire to a file, for Wireshark."),
-    ("doctor", "doctor", "Look at this machine for what makes a bus slow, late or unreachable."),
+    ("doctor", "doctor", "Find what makes a bus slow, late or unreachable on this machine."),
     ("remote", "remote_access", "Make certificates for users of other machines, and test them."),
     ("service", "service", "Install, upgrade or remove the service of systemd."),
     ("client-flags", "library", "Print compiler flags for C and C++ programs."),
@@ -177,7 +177,7 @@ def make_parser() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace) -> int:
     if alone := getattr(options, "alone", None):  # it connects to the bus itself, if at all
         return alone(options) or 0
-    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+    from ecatd.client.remote import Remote  # loading Zenoh is slow
 
     with Remote(options.bus, options.connect, options.timeout) as remote:
         return options.run(remote, options) or 0
@@ -194,7 +194,7 @@ def main() -> int:
         return _main()
     except KeyboardInterrupt:
         return 130
-    except Exception:  # Python's own status would be 1, which is a result of --check
+    except Exception:  # Python's own exit status would be 1, which is a result of --check
         import traceback
 
         traceback.print_exc()

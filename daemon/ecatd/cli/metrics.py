@@ -20,7 +20,8 @@ def metrics(options: argparse.Namespace) -> None:
     """Prints the metrics; those of single slaves only if the gateway answers."""
     if options.json:
         raise UsageError(
-            "metrics are a format of their own; `ecatctl stats --json` has the same as JSON"
+            "metrics have a format of their own; `ecatctl stats --json` gives the statistics as "
+            "JSON"
         )
     with Source(options) as source:
         snapshot = source.read()

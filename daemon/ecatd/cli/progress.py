@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
-    """Yields a function that shows how far a command is. At the end, nothing of it is left."""
+    """Yields a function that shows how far a command is. At the end, the line is cleared."""
     shown = sys.stderr.isatty()
 
     def show(text: str) -> None:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ecatd.client.signals import Signal
 
 _PATIENCE, _PERIOD_MOST = 5.0, 3600.0
-"""Seconds for which a cycle may be late, and most seconds between two lines."""
+"""Seconds for which a cycle may be late, and longest time between two lines in seconds."""
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
@@ -49,7 +49,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "--raw", action="store_true", help="raw values, as `ecatsim run --replay` needs them"
     )
     command.add_argument(
-        "--every", type=times, default=1, metavar="N", help="only each Nth cycle (default: 1)"
+        "--every", type=times, default=1, metavar="N", help="only every Nth cycle (default: 1)"
     )
     add_for(command, "end after so many seconds (default: with Ctrl-C)")
 
@@ -89,7 +89,7 @@ def record(options: argparse.Namespace) -> None:
             }
         )
         return
-    more = f"; {left_out} cycles were missed, because this program had no processor" * bool(
+    more = f"; {left_out} cycles were missed, because this program got no processor in time" * bool(
         left_out
     )
     more += f"; {empty} fields are empty, because their values could not be trusted" * bool(empty)
@@ -98,7 +98,7 @@ def record(options: argparse.Namespace) -> None:
 
 @contextmanager
 def _alone(path: Path) -> Iterator[BinaryIO]:
-    """Opens a file for writing that no other `record` writes.
+    """Opens a file for writing, unless another `record` writes it.
 
     Raises:
         StateError: Another one writes it.
@@ -157,7 +157,7 @@ def _record(
 def _cells(chosen: list[Signal], group: SignalGroup, only_raw: bool) -> list[Cell]:
     """The values; that of an entry that cannot be trusted is None.
 
-    All entries of a slave in one direction are worth the same.
+    All entries of a slave in one direction can be trusted, or none of them.
     """
     worth: dict[tuple[int, bool], bool] = {}
     cells: list[Cell] = []

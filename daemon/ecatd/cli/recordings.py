@@ -44,10 +44,10 @@ class Recording(Protocol):
     """A file that is being written."""
 
     def add(self, seconds: float, cycle: int, cells: Sequence[Cell]) -> None:
-        """Adds the values of a cycle: time since the first one, its number, and a cell a column."""
+        """Adds a cycle: the time since the first one, its number, and a value for each column."""
 
     def end(self) -> None:
-        """Writes what is missing."""
+        """Writes the rest of the file."""
 
 
 def open_recording(suffix: str, file: BinaryIO, bus: str, columns: Sequence[Column]) -> Recording:
@@ -121,7 +121,7 @@ class _Mcap:
 
     def add(self, seconds: float, cycle: int, cells: Sequence[Cell]) -> None:
         finite = (None if cell is None or not math.isfinite(cell) else cell for cell in cells)
-        values = dict(zip(self._names, finite, strict=True))  # JSON knows no infinity
+        values = dict(zip(self._names, finite, strict=True))  # JSON has no infinity
         at = self._begin_ns + round(1e9 * seconds)
         data = json.dumps({"cycle": cycle, "values": values}).encode()
         self._writer.add_message(

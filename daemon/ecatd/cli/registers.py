@@ -27,7 +27,7 @@ _FEATURES, _HAS_CLOCK = 0x0008, 0x04
 _CLOCK = range(0x0910, 0x0A00)
 _SIZE = 2
 _NUMBER_MOST = 8
-"""Bytes that are shown as a number, too."""
+"""Sizes in bytes that are also shown as a number."""
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
@@ -62,7 +62,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
 
 
 def _register(text: str, size: int | None) -> Register:
-    """The register that a user means, with the bytes that he wants.
+    """Returns the register that the user has named, with the wanted number of bytes.
 
     Raises:
         UsageError: There is no such register.
@@ -103,8 +103,8 @@ def reg_read(remote: Remote, options: argparse.Namespace) -> None:
 def _all(remote: Remote, slave: int | str) -> Iterator[dict[str, Any]]:
     """The registers with a name that the slave has.
 
-    Those of the clock are the last ones. They do not answer if the slave has none, or if its EEPROM
-    switches it off.
+    The registers of the clock are the last ones. They do not answer if the slave has no clock, or
+    if its EEPROM switches the clock off.
     """
     features = int.from_bytes(remote.register_read(slave, _FEATURES), "little")
     for item in REGISTERS:
@@ -140,7 +140,7 @@ def reg_write(remote: Remote, options: argparse.Namespace) -> None:
         f"This writes {data.hex(' ')} to register 0x{register.address:04X}{name} of {found.label}."
     )
     if decided := controlled(register.address, len(data)):
-        about += f" ecatd itself decides {', '.join(decided)}, so the bus may stop working."
+        about += f" ecatd itself controls {', '.join(decided)}, so the bus may stop working."
     confirm(options, about)
     row = _row(register, remote.register_write(options.slave, register.address, data))
     if options.json:
@@ -153,7 +153,7 @@ def _data(text: str, size: int) -> bytes:
     """The bytes of a value.
 
     Raises:
-        UsageError: It is no number of this size, or no bytes.
+        UsageError: It is neither a number of this size, nor bytes.
     """
     if text.startswith("hex:"):
         try:

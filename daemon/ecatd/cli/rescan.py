@@ -22,7 +22,7 @@ _RESET, _LETTERS = 0x0040, b"RES"
 """Register "ESC reset ECAT" (ETG.1000.4): three letters in three writes."""
 _PAUSE = 0.1
 _DIFFERENT = 7
-"""Exit status if the wire is not as at the start: that of a bus that is not the expected one."""
+"""Exit status if the wire differs from the start; the same as for an unexpected bus."""
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
@@ -65,7 +65,7 @@ def _row(bus: Bus, missing: list[Slave], place: int, device: dict[str, Any]) -> 
     row = {"place": place, **device, "difference": ""}
     identity = device["vendor"], device["product"], device["revision"]
     if position is None:
-        row["difference"] = "new: no part of the bus"
+        row["difference"] = "new: not a slave of this bus"
         for item in missing:
             if identity == (item.vendor, item.product, item.revision):
                 row["difference"] = (
@@ -94,13 +94,13 @@ def _cells(bus: Bus, row: dict[str, Any]) -> tuple[object, ...]:
 def _conclusion(count: int, different: bool, lost: list[Slave]) -> str:
     if lost:
         return (
-            f"{count} devices. ecatd takes missing slaves back when they answer, unless somebody "
+            f"{count} devices. ecatd brings missing slaves back when they answer, unless somebody "
             "has taken them out of OP"
         )
     if different:
         return (
-            f"{count} devices, not all as at the start: restart the daemon to use the bus as it is "
-            "now"
+            f"{count} devices, and some differ from the start: restart the daemon to use the bus "
+            "as it is now"
         )
     return f"{count} devices, all as at the start"
 
@@ -119,7 +119,7 @@ def reboot(remote: Remote, options: argparse.Namespace) -> None:
     confirm(
         options,
         f"This resets the controller of {found.label}, and its processor if that is wired: its "
-        "outputs go off, and it takes part again when ecatd has set it up.",
+        "outputs go off until ecatd has set it up again.",
     )
     begin = time.monotonic()
     _reset(remote, found)
@@ -137,7 +137,7 @@ def _reset(remote: Remote, found: Slave) -> None:
             step = remote.register_write(found.position, _RESET, bytes([letter]))
         except NoAnswerError:
             if letter == _LETTERS[-1]:
-                return  # it has lost its address: this is what a reset looks like
+                return  # it has lost its address, which shows that it was reset
             raise
     states = {row["position"]: row for row in remote.states()}
     if states[found.position]["al_state"] == AlState.OP:

@@ -75,7 +75,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         command.add_argument(
             "-o", dest="out", metavar="FILE", type=Path, help="save the bytes to this file"
         )
-    command.add_argument("-v", "--verbose", action="store_true", help="print name and type too")
+    command.add_argument("-v", "--verbose", action="store_true", help="print name and type, too")
 
 
 def sdo_read(remote: Remote, options: argparse.Namespace) -> None:
@@ -144,7 +144,7 @@ def _document(remote: Remote, options: argparse.Namespace, found: SdoValue) -> d
 def _hint(index: Index) -> Iterator[None]:
     """Adds a hint to the error about a missing object if its index may lack the 0x.
 
-    Objects are known by hexadecimal numbers, so users easily type 6060 for 0x6060.
+    Documents give objects in hexadecimal, so users easily type 6060 for 0x6060.
     """
     try:
         yield
@@ -156,10 +156,10 @@ def _hint(index: Index) -> Iterator[None]:
 
 
 def _data(remote: Remote, options: argparse.Namespace, chosen: DataType | None) -> bytes | str:
-    """What is written: bytes, or a text of which the daemon makes them.
+    """What to write: bytes, or a text that the daemon converts to bytes.
 
     Raises:
-        UsageError: The value is none, a file cannot be read, or a unit does not fit.
+        UsageError: The value is malformed, a file cannot be read, or a unit does not fit.
     """
     text: str = options.value
     if text.startswith("hex:"):
@@ -178,8 +178,8 @@ def _data(remote: Remote, options: argparse.Namespace, chosen: DataType | None) 
 
 
 def _raw(remote: Remote, options: argparse.Namespace, value: float, unit: str) -> str:
-    """A physical value as the raw one; the text itself if the object is one."""
-    from ecatd.model.pdo import Entry  # takes longer to load than the rest of the command
+    """Converts a physical value to the raw one; returns the text itself if the object is a text."""
+    from ecatd.model.pdo import Entry  # loading it takes longer than the rest of the command
     from ecatd.model.physical import to_raw
 
     known = remote.sdo_read(options.slave, options.index, options.subindex)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 _STDOUT = "-"
 _FIRST_OWN = 0x2000
-"""Objects below describe the communication (ETG.1000.6): the configuration decides about them."""
+"""Objects below describe the communication (ETG.1000.6): the configuration has their values."""
 
 _COMMENT_MOST = 120
 _U32 = integer(0, 0xFFFFFFFF)
@@ -181,11 +181,11 @@ def _plain(text: str) -> str:
 
 @dataclass(slots=True)
 class _Row:
-    """One value of the file, and what became of it.
+    """One value of the file, and the result.
 
     Attributes:
-        parameter: As it stands in the file.
-        before: What the slave has; None if it cannot be read.
+        parameter: The parameter in the file.
+        before: The value in the slave; None if it cannot be read.
         result: `differs`, `written`, or why it was not written.
     """
 
@@ -246,7 +246,7 @@ def _tell(
     *,
     dry_run: bool,
 ) -> None:
-    """Says at the end what was done."""
+    """Reports the result."""
     if not wanted and not bad:
         print(f"{found.label} has all {count} values of the file already")
     elif dry_run:
@@ -280,23 +280,23 @@ def _read(file: Path, found: Slave) -> list[StartupConfig]:
     wanted = device.get("values", len(parameters))
     if not parameters or len(parameters) != wanted:
         raise UsageError(
-            f"{file} has {len(parameters)} of {wanted or 'some'} values: was it cut? If you have "
-            "removed tables on purpose, remove the line 'values' in [slave], too"
+            f"{file} has {len(parameters)} of {wanted or 'some'} values: it may be truncated. If "
+            "you have removed tables on purpose, remove the line 'values' in [slave], too"
         )
     for item in parameters:
         if item.unit is not None:
-            item.table.fail("unit", "is for the configuration: write the raw value here")
+            item.table.fail("unit", "works only in the configuration: write the raw value here")
     if (revision := device.get("revision", found.revision)) != found.revision:
         print(
             f"ecatctl: {file} is of revision 0x{revision:08X}, but {found.label} is "
-            f"0x{found.revision:08X}: look at the differences before you go on",
+            f"0x{found.revision:08X}: check the differences before you go on",
             file=sys.stderr,
         )
     return parameters
 
 
 def _compared(remote: Remote, found: Slave, parameters: Sequence[StartupConfig]) -> Iterator[_Row]:
-    """Reads what the slave has. The result of a value that is the same is empty."""
+    """Reads the values of the slave. The result of a value that is equal is empty."""
     for item in counted(parameters, "values"):
         try:
             now = remote.sdo_read(found.position, *item.address, complete=item.complete).data
@@ -310,8 +310,8 @@ def _compared(remote: Remote, found: Slave, parameters: Sequence[StartupConfig])
 def _write(remote: Remote, position: int, rows: Sequence[_Row]) -> None:
     """Writes the values in the order of the file, and reads each of them back.
 
-    A slave may refuse a value because of another one that comes later in the file. So those that it
-    has refused are tried once more at the end.
+    A slave may refuse a value because of another one that comes later in the file. So refused
+    values are tried once more at the end.
     """
     try:
         refused = [row for row in counted(rows, "values") if not _write_one(remote, position, row)]

@@ -74,7 +74,7 @@ def service(options: argparse.Namespace) -> None:
         if not options.dry_run:
             action.do()
         if not options.json:
-            with suppress(BrokenPipeError):  # what has begun is finished, whoever listens
+            with suppress(BrokenPipeError):  # the action goes on even if nobody reads the output
                 print(_line(action, dry_run=options.dry_run), flush=True)
     following = [] if options.dry_run else _next(place, options, before)
     if options.json:
@@ -107,17 +107,20 @@ def _line(action: Action, *, dry_run: bool) -> str:
 
 
 def _next(place: Place, options: argparse.Namespace, before: set[str]) -> list[str]:
-    """What the user does next, after services that were enabled before."""
+    """What the user does next, with the services that were enabled before."""
     if options.action == "upgrade":
         return [
-            f"{name} still runs the version before: `systemctl restart {name}`, when the machine "
-            "may stop"
+            f"{name} still runs the previous version: run `systemctl restart {name}` when the "
+            "machine may stop"
             for name in outdated(place)
         ]
     if options.action == "uninstall":
         if options.purge:
             return []
-        lines = [f"`{place.programs}/ecatctl service uninstall --purge` also removes what is kept"]
+        lines = [
+            f"`{place.programs}/ecatctl service uninstall --purge` also removes the files that "
+            "were kept"
+        ]
         return [
             *lines,
             *(
@@ -131,7 +134,7 @@ def _next(place: Place, options: argparse.Namespace, before: set[str]) -> list[s
 
 def _after_installation(place: Place, bus: str) -> Iterator[str]:
     ctl = "ecatctl" if bus == "ecat0" else f"ecatctl --bus {bus}"
-    yield "`usermod -aG ecat USER` for those who may use the bus; they log in again then"
+    yield "`usermod -aG ecat USER` for each user of the bus, who then has to log in again"
     file = CONFIGURATION / f"{bus}.toml"
     if not place.at(file).exists():
         yield f"`{ctl} service install --interface IF` writes {file}"

@@ -66,7 +66,7 @@ def claims(options: argparse.Namespace) -> int:
 def _check_local(options: argparse.Namespace) -> None:
     if options.connect is not None:
         raise UsageError(
-            "shared memory can only be read on the machine of the daemon: leave --connect out, or "
+            "only the machine of the daemon can read the shared memory: leave --connect out, or "
             "run the command there"
         )
 

@@ -16,7 +16,7 @@ from .stats_screen import duration
 from .terminal import alarm, heading
 
 WIDTH = 80
-_SHORTEST = 12  # names are not cut to less
+_SHORTEST = 12  # names are not cut shorter
 _REASONS = {
     "start": "never claimed",
     "released": "released",
@@ -71,7 +71,7 @@ def _title(document: Document) -> str:
     cycle = f"cycle {document['cycle']}, ended {age(document['age_us'])} ago"
     text = f"bus {document['bus']}: {document['state']}, {cycle}"
     if not document["alive"]:
-        return alarm(f"bus {document['bus']}: NO DAEMON, what it left behind; {cycle}")
+        return alarm(f"bus {document['bus']}: NO DAEMON, only its leftovers; {cycle}")
     return heading(text)
 
 
@@ -244,7 +244,7 @@ def _outputs(document: Document) -> list[str]:
         if row["owner"] is not None:
             return f"slot {row['owner']} {shortened(programs.get(row['owner'], '?'), 12)}"
         if row["state"] == "copied" and row["reason"] in ("start", "source"):
-            source = row["source"] or "an input that is not there"
+            source = row["source"] or "an input that does not exist"
             return f"from {source}{', not valid' * (row['reason'] == 'source')}"
         return str(_REASONS.get(row["reason"], row["reason"]))
 
@@ -288,7 +288,7 @@ def _grouped(
 
 
 def _slave_names(document: Document) -> dict[int, str]:
-    """Names of slaves by position; with a default, since damaged memory may have wrong ones."""
+    """Names of slaves by position, with a default for wrong positions in damaged memory."""
     names = defaultdict[int, str](lambda: "(no such slave)")
     for slave in document["slaves"]:
         names[slave["position"]] = f"{slave['position']} {slave['name'] or '(no name)'}"
@@ -352,7 +352,7 @@ def _problems(document: Document) -> list[str]:
         file = document["file"]
         made += [
             "",
-            "No daemon runs on this bus. The next start of ecatd replaces what is left here;",
+            "No daemon runs on this bus. The next start of ecatd replaces these leftovers;",
             f"to remove it now: rm -f {file} {file}.out",
         ]
     elif problems:

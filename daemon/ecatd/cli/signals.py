@@ -1,4 +1,4 @@
-"""What `read`, `write` and `record` have in common: entries of the process image, by names."""
+"""Finds entries of the process image by names, for `read`, `write` and `record`."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def add_for(command: argparse.ArgumentParser, text: str) -> None:
 
 @contextmanager
 def open_client(options: argparse.Namespace) -> Iterator[Client]:
-    """A client of the shared memory, which has an image.
+    """Connects to the shared memory, and waits until there is a process image.
 
     Raises:
         UsageError: `--connect` is given.
@@ -42,8 +42,8 @@ def open_client(options: argparse.Namespace) -> Iterator[Client]:
     """
     if options.connect is not None:
         raise UsageError(
-            "values are in shared memory, on the machine of the daemon: leave --connect out, or "
-            "run the command there; `ecatctl watch` shows values of other machines"
+            "only the machine of the daemon has the values in shared memory: leave --connect "
+            "out, or run the command there; `ecatctl watch` shows values of other machines"
         )
     from ecatd.client import Client
 
@@ -53,7 +53,7 @@ def open_client(options: argparse.Namespace) -> Iterator[Client]:
 
 
 def is_physical(signal: Signal) -> bool:
-    """Whether the value of an entry differs from its raw value."""
+    """Whether an entry has a physical value that differs from its raw value."""
     return (signal.scale, signal.offset) != (1.0, 0.0)
 
 

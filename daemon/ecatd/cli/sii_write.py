@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _ALIAS, _CHECKSUM = 4, 7  # words of the configuration area (ETG.1000.6, table "SII")
 _PART = 2 * SII_WORDS_MAX
-_LATER = "the slave uses it when it is switched on the next time"
+_LATER = "the slave uses it from its next power-on"
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
@@ -42,16 +42,21 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         add_yes(command)
         return
     command.set_defaults(run=sii_write)
-    command.add_argument("file", type=Path, metavar="FILE", help="the bytes, as of sii-read -o")
+    command.add_argument(
+        "file", type=Path, metavar="FILE", help=("the bytes, as `sii-read -o` has written them")
+    )
     command.add_argument(
         "--backup",
         metavar="FILE",
         type=Path,
-        help="save the bytes before to this file (default: sii-BUS-POSITION-TIME.bin, here)",
+        help=(
+            "save the previous bytes to this file (default: sii-BUS-POSITION-TIME.bin in this "
+            "folder)"
+        ),
     )
     command.add_argument("--dry-run", action="store_true", help="only show what would change")
     command.add_argument(
-        "--force", action="store_true", help="write also bytes that are no good EEPROM"
+        "--force", action="store_true", help="write the bytes even if they are not a valid EEPROM"
     )
     add_yes(command)
 
@@ -94,7 +99,7 @@ def _read(path: Path) -> bytes:
     """Reads a file that may be an EEPROM.
 
     Raises:
-        UsageError: It cannot be, or it cannot be read.
+        UsageError: The file cannot be read, or cannot be an EEPROM.
     """
     image = read_bytes(path, MAX_IMAGE)
     least = 2 * FIRST_CATEGORY
@@ -110,8 +115,8 @@ def _check(options: argparse.Namespace, new: Sii) -> None:
     if new.problems and not options.force:
         more = f" (and {len(new.problems) - 1} more)" if len(new.problems) > 1 else ""
         raise UsageError(
-            f"{options.file}: {new.problems[0]}{more}; nothing was written. With --force it is "
-            "written as it is"
+            f"{options.file}: {new.problems[0]}{more}; nothing was written. --force writes it as "
+            "it is"
         )
 
 
@@ -131,7 +136,7 @@ def _differing(before: bytes, image: bytes, at: int, size: int) -> int:
 
 
 def _changes(old: Sii, new: Sii, size: int) -> list[str]:
-    """The decoded fields that differ, before with `-`, and after with `+`."""
+    """The decoded fields that differ: the previous ones with `-`, the new ones with `+`."""
     lines = difflib.ndiff([*sii_lines(old, size)], [*sii_lines(new, size)])
     return [line for line in lines if line[:1] in "-+"]
 
@@ -140,7 +145,7 @@ def _about(found: Slave, old: Sii, new: Sii, words: int) -> str:
     text = f"This writes {_words(words)} of the EEPROM of {found.label}."
     if (old.vendor, old.product) != (new.vendor, new.product):
         text += (
-            f" It becomes another device for every master: vendor 0x{new.vendor:08X}, product "
+            f" Every master will take it for another device: vendor 0x{new.vendor:08X}, product "
             f"0x{new.product:08X}."
         )
     return text
@@ -156,12 +161,12 @@ def _write(remote: Remote, found: Slave, image: bytes, parts: Sequence[int], bac
         for at in counted(parts, "parts"):
             remote.write_sii(found.position, at // 2, image[at : at + _PART])
         if remote.sii(found.position)[: len(image)] != image:
-            raise StateError(f"{found.label}: the EEPROM has other words than were written")
+            raise StateError(f"{found.label}: the EEPROM does not have the words that were written")
     except (NotPermittedError, UsageError):
         raise  # nothing was written
     except EcatError as error:
         raise type(error)(
-            f"{error}. A part may be written: try again, or write the bytes before back with "
+            f"{error}. A part may be written: try again, or write the previous bytes back with "
             f"`ecatctl sii-write {found.position} {backup}`"
         ) from error
 
@@ -188,7 +193,7 @@ def _report(
     elif options.dry_run:
         print(f"{_words(words)} would be written")
     else:
-        print(f"written: {_words(words)}; {_LATER}. The bytes before are in {backup}")
+        print(f"written: {_words(words)}; {_LATER}. The previous bytes are in {backup}")
 
 
 # --- alias ---------------------------------------------------------------------------------------
@@ -201,9 +206,8 @@ def set_alias(remote: Remote, options: argparse.Namespace) -> None:
     before = int.from_bytes(head[2 * _ALIAS : 2 * _ALIAS + 2], "little")
     if sii_checksum(head[: 2 * _CHECKSUM]) != head[2 * _CHECKSUM]:
         raise StateError(
-            f"the EEPROM of {found.label} has a wrong checksum, which hides what else is wrong "
-            f"with it: mend it first with `ecatctl sii-write {found.position} FILE`; nothing was "
-            "written"
+            f"the EEPROM of {found.label} has a wrong checksum, which hides other errors: repair "
+            f"it first with `ecatctl sii-write {found.position} FILE`; nothing was written"
         )
     if before != options.alias:
         confirm(

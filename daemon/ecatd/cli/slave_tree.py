@@ -19,10 +19,10 @@ class Node:
         delay_ns: Propagation delay from the reference clock; None if it has no clock, or if clocks
             are not used.
         port: The port of the slave before it at which it is plugged in; None at the master, or if
-            nobody knows where it is plugged in.
+            it is not known where it is plugged in.
         known: Whether its place is known: it answers, and a link leads to it.
         errors: The errors on its link to the slave before it; None for none.
-        loose: Errors at a port of it that leads nowhere now: its number, and the errors.
+        loose: Errors at ports of it that lead nowhere now: the number of the port, and the errors.
         behind: The slaves that are plugged in at it, in the order of the frame.
     """
 

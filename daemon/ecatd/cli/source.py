@@ -1,4 +1,4 @@
-"""Source of statistics for commands: the shared memory of this machine, else the gateway."""
+"""Source of statistics for commands: the shared memory of this machine, or the gateway."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Source:
             return self.ask()
         try:
             return read(self._options.bus)
-        except UnreachableError as error:  # a daemon that was killed has left it
+        except UnreachableError as error:  # it is left over from a daemon that was killed
             from ecatd.client.unserved import unserved
 
             raise unserved(self._options.bus) from error
@@ -49,7 +49,7 @@ class Source:
     def remote(self) -> Remote:
         """The session with the gateway; opens it on first use."""
         if self._remote is None:
-            from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+            from ecatd.client.remote import Remote  # loading Zenoh is slow
 
             options = self._options
             self._remote = Remote(options.bus, options.connect, options.timeout)
@@ -60,7 +60,7 @@ class Source:
         try:
             return self.remote().stats()
         except EcatError:
-            self.close()  # the next try begins with a new session
+            self.close()  # the next try opens a new session
             raise
 
     def close(self) -> None:

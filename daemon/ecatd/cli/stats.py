@@ -70,7 +70,7 @@ def _watch(
         interval = None
         if isinstance(now, Snapshot):
             if last is not None and now.instance != last.instance:
-                notice = f"{clock()}  the daemon was restarted: it counts anew"
+                notice = f"{clock()}  the daemon was restarted: its counters begin at 0 again"
             elif last is not None:
                 interval = now - last
             last = now

@@ -1,4 +1,4 @@
-"""For commands that show something once, or with `--watch` repeatedly."""
+"""Helps commands that show something once, or repeatedly with `--watch`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def check(options: argparse.Namespace) -> None:
         UsageError: `--count` is given without `--watch`.
     """
     if options.count is not None and options.watch is None:
-        raise UsageError("--count says how often to show it: use it with --watch")
+        raise UsageError("--count says how often to repeat: use it with --watch")
 
 
 def present(

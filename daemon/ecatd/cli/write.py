@@ -1,4 +1,4 @@
-"""Command `write`: holds values at outputs, by names."""
+"""Command `write`: keeps values at outputs, by names."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         help="an output, as 'drive/Target velocity', and its value in its unit",
     )
     command.add_argument("--raw", action="store_true", help="values are raw, without unit")
-    add_for(command, "give the outputs back after so many seconds (default: with Ctrl-C)")
+    add_for(command, "give the outputs back after S seconds (default: with Ctrl-C)")
     add_yes(command)
 
 
 def write(options: argparse.Namespace) -> None:
-    """Becomes the owner of outputs, and holds values there until it ends."""
+    """Becomes the owner of outputs, and keeps values there until it ends."""
     with open_client(options) as client:
         wanted: dict[Signal, float] = {}
         for text in options.values:
@@ -66,14 +66,14 @@ def write(options: argparse.Namespace) -> None:
         if options.json:
             print_json({"bus": client.name, "written": rows})
         else:
-            print("the outputs are given back, and are safe again")
+            print("the outputs have no owner any more, and their safe values again")
 
 
 def _assigned(client: Client, text: str, *, raw: bool) -> tuple[Signal, float]:
     """The output and the value of an argument; whole numbers keep all their digits.
 
     Raises:
-        UsageError: It is none.
+        UsageError: It is not an output with a value.
         StateError: There is no such entry.
     """
     name, equals, value = text.rpartition("=")
@@ -99,7 +99,7 @@ def _assigned(client: Client, text: str, *, raw: bool) -> tuple[Signal, float]:
 
 
 def _check_slaves(client: Client, wanted: Iterable[Signal]) -> None:
-    """Refuses outputs of slaves that do not take any.
+    """Refuses outputs of slaves that do not use them.
 
     Raises:
         StateError: A slave is not in OP.
@@ -116,7 +116,7 @@ def _check_slaves(client: Client, wanted: Iterable[Signal]) -> None:
 
 
 def _hold(client: Client, wanted: Iterable[Signal], duration: float | None) -> None:
-    """Gives signs of life until the time is over, or somebody ends the command.
+    """Gives signs of life until the time is over, or the user ends the command.
 
     Raises:
         LeaseError: The outputs were lost.
