@@ -45,7 +45,7 @@ def view(signals: Iterable[Signal], image: memoryview) -> NDArray[np.void]:
 
 def _fields(signals: list[Signal]) -> Iterator[tuple[str, Any, int]]:
     """Name, format and offset in bytes of each field."""
-    bits: dict[int, int] = {}  # fields of bits that each slave has already
+    bits: dict[int, int] = {}  # number of fields of bits that each slave has already
     for whole, run in groupby(signals, key=lambda s: (s.slave, s.output, bool(letter(s)))):
         entries = list(run)
         slave, _output, is_whole = whole

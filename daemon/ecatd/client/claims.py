@@ -1,7 +1,8 @@
 """Claims as objects: outputs that this client owns for a while.
 
-The daemon knows only whether a client owns an output. If a program claims an output that it owns
-already, the output stays with the first claim: each claim releases only what it has added.
+The daemon knows only which client owns an output. If a program claims an output that it owns
+already, the output stays with the first claim. Each claim releases only the outputs that it has
+added.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class Claims:
         self.holders: dict[int, object] = {}
 
     def output(self, signal: Signal) -> OutputInfo:
-        """Who decides an output now, and since when.
+        """Who controls an output now, and since when.
 
         Raises:
             UsageError: It is an input.
@@ -69,12 +70,12 @@ class Claims:
                 WAITING.ecat_claim_entries, ctypes.addressof(numbers), len(numbers), lease
             )
         if int(QUICK.ecat_instance(connection.address)) != instance:
-            before = set()  # of a daemon that is gone
+            before = set()  # claims of a daemon that is gone
         new = (signal.number for signal in outputs if signal.number not in before)
         self.holders.update(dict.fromkeys(new, mark))
 
     def remove(self, mark: object) -> None:
-        """Gives back what a claim holds, all in the same cycle."""
+        """Releases the outputs of a claim, all in the same cycle."""
         mine = [number for number, holder in self.holders.items() if holder is mark]
         for number in mine:
             del self.holders[number]
@@ -85,7 +86,7 @@ class Claims:
 
     @property
     def closed(self) -> bool:
-        """Whether the client was closed, which has given everything back."""
+        """Whether the client was closed, which has released all outputs."""
         return self._connection.closed
 
 
@@ -101,7 +102,7 @@ class Claim:
     of this client holds already.
 
     Attributes:
-        outputs: What was claimed.
+        outputs: The outputs that were claimed.
         lease: Seconds without a sample or commit after which they take their safe values; 0: the
             daemon's default.
     """

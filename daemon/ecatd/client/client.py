@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from .cycles import CycleWaiter
 
 _LOOK = 0.02
-"""Seconds between two looks for a daemon that has gone, in asyncio."""
+"""Seconds between two checks for a daemon that has gone, in asyncio."""
 
 
 class Client:
@@ -69,7 +69,7 @@ class Client:
         self._groups: WeakSet[SignalGroup] = WeakSet()
         self._waiter: CycleWaiter | None = None
         self._seen = 0  # last cycle that asyncio waited for
-        self._of_slaves: dict[int, list[int]] = {}  # the entries of each; they never change
+        self._of_slaves: dict[int, list[int]] = {}  # the entries of each slave; they never change
 
     @property
     def closed(self) -> bool:
@@ -243,7 +243,7 @@ class Client:
     # --- the image --------------------------------------------------------------------------------
 
     def sample(self, domain: int | None = None) -> None:
-        """Takes one consistent image of every domain; all reads until the next call see it.
+        """Takes one consistent image of every domain. All reads until the next call use it.
 
         A sample also counts as the heartbeat that keeps this client's outputs.
 
@@ -280,7 +280,7 @@ class Client:
 
         Raises:
             NoAnswerError: They did not come in time.
-            UnreachableError: The daemon has ended (told within 100 ms), or is not back in time.
+            UnreachableError: The daemon has ended (reported within 100 ms), or is not back in time.
             UsageError: There is no such domain.
         """
         connection = self._connection
@@ -292,7 +292,7 @@ class Client:
     def summarize(
         self, signals: Sequence[str | Signal], cycles: int, timeout: float = 1.0
     ) -> list[Summary]:
-        """Waits for some cycles, and looks at entries in each of them, so that no peak is lost.
+        """Waits for some cycles, and reads entries in each of them, so that no peak is lost.
 
         Other threads run meanwhile. It samples, as `sample` does.
 
@@ -331,8 +331,8 @@ class Client:
         """The last sample of a domain as a structured array of numpy, without a copy.
 
         The array has no dimensions, cannot be written, and shows the new values after each sample;
-        `.copy()` keeps them. Its fields have the names of `Signal.path`. Entries that are no whole
-        bytes of a size that numpy knows lie together in fields of bytes such as `2/bits0`, for
+        `.copy()` keeps them. Its fields have the names of `Signal.path`. Entries whose size no type
+        of numpy has lie together in fields of bytes such as `2/bits0`; read them with
         `numpy.unpackbits(…, bitorder="little")`. After a restart of the daemon ask for it again.
 
         Raises:
@@ -360,7 +360,7 @@ class Client:
         Raises:
             OwnedError: Another client owns one of them; the message names it. Nothing was claimed,
                 and this client still owns what it owned before.
-            UsageError: One is an input, or there is nothing in a list.
+            UsageError: One of them is an input, or the list is empty.
         """
         if isinstance(what, int):
             outputs = tuple(signal for signal in self.signals(what) if signal.output)
@@ -372,7 +372,7 @@ class Client:
         return Claim(self._claims, None, outputs, lease)
 
     def output(self, what: str | Signal) -> OutputInfo:
-        """Who decides an output now, and since when."""
+        """Who controls an output now, and since when."""
         return self._claims.output(self._entry(what))
 
     def owners(self) -> list[Owner]:
@@ -397,8 +397,8 @@ class Client:
     async def next_cycle(self, cycles: int = 1, timeout: float = 1.0) -> int:
         """Waits in asyncio for so many more cycles than at the last such wait, and samples.
 
-        The event loop goes on meanwhile, and outputs that this client owns are kept: it samples
-        while it waits, too.
+        Meanwhile the event loop goes on. This client keeps its outputs, because it samples while it
+        waits.
 
         Args:
             cycles: How many.
@@ -409,7 +409,7 @@ class Client:
 
         Raises:
             NoAnswerError: They did not come in time.
-            UnreachableError: The daemon has ended (told within 100 ms), or is not back in time.
+            UnreachableError: The daemon has ended (reported within 100 ms), or is not back in time.
             StateError: The client was closed.
         """
         import asyncio
@@ -432,7 +432,7 @@ class Client:
         target = (self._seen or now) + cycles
         try:
             if now >= target:
-                await asyncio.sleep(0)  # a task that is always late must let others run
+                await asyncio.sleep(0)  # a task that is always late must let other tasks run
             while now < target:
                 # An owner of outputs samples in each cycle, to show that its event loop is alive.
                 step = now + 1 if self._claims.holders else target
@@ -447,7 +447,7 @@ class Client:
     async def cycles(self, every: int = 1, timeout: float = 1.0) -> AsyncIterator[int]:
         """Iterates in asyncio over cycles, each with a fresh sample; see `next_cycle`.
 
-        A body that takes longer than a cycle goes on with the newest one.
+        If the body takes longer than a cycle, the iteration goes on with the newest one.
         """
         while True:
             yield await self.next_cycle(every, timeout)

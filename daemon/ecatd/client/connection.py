@@ -1,4 +1,4 @@
-"""A connection to the shared memory of one bus: its life, and what all calls have in common.
+"""A connection to the shared memory of one bus: how it begins and ends, and how calls are made.
 
 The parts of a `Client` share one `Connection`. Only this module knows when the C client can be
 called, which error a code stands for, and that the daemon was started again.
@@ -43,14 +43,14 @@ _ERRORS: dict[int, type[EcatError]] = {
     Errno.ESTATE: StateError,
 }
 _SLICE = 0.1
-"""Seconds that a call waits at most before Python may look for signals such as Ctrl-C."""
+"""Most seconds that a call waits before Python can handle signals such as Ctrl-C."""
 
 PADDING = 8
-"""Bytes behind an image that may be read."""
+"""Bytes behind an image that may be read, too."""
 
 
 class _Memory:
-    """An `ecat_t`, closed when nobody needs it any more: images of the last sample lie in it."""
+    """An `ecat_t`. It is closed when no image of a last sample in it is used any more."""
 
     def __init__(self, bus: str) -> None:
         pointer = ctypes.c_void_p()
@@ -78,8 +78,8 @@ class Connection:
 
     Args:
         bus: Name of the bus.
-        renewed: Called after the daemon was started again: places in the image and units may be
-            others.
+        renewed: Called after the daemon was started again, when places in the image and units may
+            have changed.
 
     Attributes:
         bus: Name of the bus.
@@ -93,9 +93,9 @@ class Connection:
         StateError: The daemon has another version.
     """
 
-    # The first argument of every function of `ecat.h`. It is not there while a thread waits in a
-    # call, and after `close`, so that the calls of others fail without a test in each of them: see
-    # `__getattr__`.
+    # The first argument of every function of `ecat.h`. The attribute does not exist while a thread
+    # waits in a call, nor after `close`. So calls of other threads fail without a check in each of
+    # them: see `__getattr__`.
     address: int
 
     def __init__(self, bus: str, renewed: Callable[[], None] = lambda: None) -> None:
@@ -104,7 +104,7 @@ class Connection:
         self._memory = _Memory(bus)
         self.address = self._memory.address
         self._renewed = renewed
-        self._gone = False  # the daemon was not there when it was last looked for
+        self._gone = False  # the daemon was not there at the last attempt
         self.unsure = False
         self.instance = int(QUICK.ecat_instance(self.address))
         self.images = self._find_images()
@@ -149,13 +149,13 @@ class Connection:
         raise _error(self._memory.address, code)
 
     def check(self, code: int) -> int:
-        """The result of a call; raises the error that it stands for where it is negative."""
+        """The result of a call. If it is negative, raises the error that it stands for."""
         if code < 0:
             self.fail(code)
         return code
 
     def check_live(self, code: int) -> int:
-        """Checks a call that needs the daemon, and that finds it again after a restart."""
+        """Checks the result of a call that needs the daemon, and finds it again after a restart."""
         if code < 0:
             self.fail(code)
         if self.unsure:
@@ -171,7 +171,7 @@ class Connection:
     def _waiting(self) -> Iterator[int]:
         """Keeps other threads out while this one waits without the GIL."""
         taken = True
-        try:  # from here on, since Ctrl-C may come at any place
+        try:  # inside the `try`, since Ctrl-C may come at any place
             address = vars(self).pop("address", 0)
             if not address:
                 taken = False
@@ -192,7 +192,7 @@ class Connection:
 
         Args:
             function: Of `WAITING`.
-            name: What is waited for, for the message.
+            name: What the call waits for, for the message.
             timeout: Seconds.
             what: Arguments of the function, none negative.
 
@@ -202,12 +202,12 @@ class Connection:
             UsageError: An argument is negative.
         """
         if any(number < 0 for number in what):
-            raise UsageError(f"{min(what)} is nothing to wait for")
+            raise UsageError(f"{min(what)} is not a number to wait for: give 0 or more")
         end = time.monotonic() + timeout
         gone = self._gone
         with self._waiting() as address:
             while True:
-                # A thread may be stopped, and be back long after the end.
+                # A thread may be stopped, and go on long after the time-out.
                 left = max(end - time.monotonic(), 0) if timeout > 0 else timeout
                 code = function(address, *what, min(left, _SLICE))
                 in_vain = code == Errno.ETIMEOUT or (gone and code == Errno.EDOWN)
@@ -246,10 +246,10 @@ class Connection:
         self.wait(WAITING.ecat_wait, "cycle", timeout, cycles)
 
     def signal(self, number: int) -> SignalStruct:
-        """What the daemon says about an entry.
+        """The description of an entry from the daemon.
 
         Raises:
-            UsageError: There is none of this number.
+            UsageError: There is no entry with this number.
         """
         raw = SignalStruct()
         self.check(QUICK.ecat_signal(self.address, number, ctypes.byref(raw)))

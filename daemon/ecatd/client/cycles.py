@@ -2,7 +2,8 @@
 
 It sleeps in the kernel until a cycle ends, and wakes the event loop only if a coroutine waits for
 that cycle. The thread never samples: if the event loop of a program hangs, the program loses its
-outputs, as it should. The thread starts with the first wait and ends when nobody waits any more.
+outputs, as it should. The thread starts with the first wait. It ends when no coroutine waits any
+more.
 """
 
 from __future__ import annotations
@@ -18,21 +19,21 @@ from ecatd.model.errors import EcatError, NoAnswerError, StateError, Unreachable
 from .connection import Connection
 
 _IDLE = 1.0
-"""Seconds without anybody who waits after which the thread ends."""
+"""Seconds without a waiting coroutine after which the thread ends."""
 
 _SLICE = 0.02
-"""Seconds after which the thread looks whether it is still wanted, where no cycle ends."""
+"""Seconds after which the thread checks whether it is still needed if no cycle ends."""
 
 
 @dataclass(eq=False, slots=True)
 class _Waiter:
-    """Somebody who waits for a cycle.
+    """A coroutine that waits for a cycle.
 
     Attributes:
-        instance: Of the daemon whose cycle it is.
+        instance: The instance of the daemon whose cycle it is.
         target: Number of the cycle.
-        loop: Where it runs.
-        result: Where it waits; of `loop`.
+        loop: The event loop in which it runs.
+        result: The future that it awaits, of `loop`.
     """
 
     instance: int
@@ -42,7 +43,7 @@ class _Waiter:
 
     def tell(self, outcome: int | EcatError) -> None:
         """Called in the thread."""
-        with suppress(RuntimeError):  # the loop was closed: nobody waits there any more
+        with suppress(RuntimeError):  # the loop was closed, so no coroutine waits there any more
             self.loop.call_soon_threadsafe(self._finish, outcome)
 
     def _finish(self, outcome: int | EcatError) -> None:
@@ -55,7 +56,7 @@ class _Waiter:
 
 
 class CycleWaiter:
-    """Tells coroutines of the end of cycles.
+    """Wakes coroutines at the end of cycles.
 
     Args:
         bus: Name of the bus.
@@ -69,7 +70,7 @@ class CycleWaiter:
         self._closed = False
 
     async def wait(self, instance: int, target: int, timeout: float) -> int:
-        """Waits for the end of a cycle; the number of the last one that has ended.
+        """Waits for the end of a cycle; returns the number of the last one that has ended.
 
         Raises:
             NoAnswerError: It did not come in time.
@@ -91,7 +92,7 @@ class CycleWaiter:
                     self._waiters.remove(waiter)
 
     def close(self) -> None:
-        """Ends the thread, and the wait of everybody who still waits; does not wait for it."""
+        """Ends the thread and all waits; does not wait for the thread."""
         with self._changed:
             self._closed = True
             self._tell_closed()
@@ -128,7 +129,7 @@ class CycleWaiter:
             connection.close()
 
     def _wanted(self) -> bool:
-        """Whether somebody waits; sleeps until then. When it is False, the thread must end."""
+        """Sleeps until a coroutine waits. If it returns False, the thread must end."""
         with self._changed:
             if not self._waiters and not self._closed:
                 self._changed.wait(_IDLE)
@@ -139,7 +140,7 @@ class CycleWaiter:
             return False
 
     def _ended(self, connection: Connection) -> None:
-        """A cycle has ended."""
+        """Wakes those who wait for a cycle that has ended."""
         cycle, instance = connection.cycle, connection.instance
         restarted = UnreachableError(f"the daemon of bus '{self._bus}' was started again")
         with self._changed:
@@ -153,7 +154,7 @@ class CycleWaiter:
             ]
 
     def _failed(self, error: EcatError, connection: Connection | None) -> None:
-        """The daemon is gone, or this connection had not yet noticed that it was started again."""
+        """Handles an error: the daemon is gone, or it was started again before this was noticed."""
         instance = connection.instance if connection is not None else None
         with self._changed:
             for waiter in self._waiters:

@@ -18,16 +18,16 @@ class FileTransfer:
 
     Args:
         remote: The session.
-        progress: What the daemon has answered at its start.
-        data: The file that is written, if one is.
+        progress: The answer of the daemon at its start.
+        data: The file, if it is to be written.
 
     Attributes:
         step: `receiving` (the daemon has not got the whole file), `to boot`, `transferring`,
             `from boot`, `done` or `failed`.
         moved: Bytes that have gone over the bus.
         size: Bytes of the file; None while it is read.
-        busy: What a slave says that is busy; else empty.
-        note: What else is to be said about a transfer that is done.
+        busy: The text of a slave that is busy; else empty.
+        note: A remark about a transfer that is done.
     """
 
     def __init__(self, remote: Remote, progress: dict[str, Any], data: bytes = b"") -> None:
@@ -67,7 +67,7 @@ class FileTransfer:
         return self.step == "done"
 
     def cancel(self) -> None:
-        """Ends it."""
+        """Cancels it."""
         self._take(self._remote.request(CancelFoe(self.number, who())))
 
     def result(self) -> bytes:

@@ -14,7 +14,7 @@ from .signals import Signal, letter
 class SignalGroup:
     """Several entries of the last sample, read at once; `Client.group` makes it.
 
-    For more than a few entries that is several times as fast as one by one.
+    For more than a few entries this is several times as fast as reading one by one.
 
     Attributes:
         signals: The entries, in the order of the values.
@@ -26,9 +26,9 @@ class SignalGroup:
         self.prepare()
 
     def prepare(self) -> None:
-        """Finds the entries in the images: at first, and after the daemon was started again."""
+        """Finds the entries in the images: first, and after each restart of the daemon."""
         self._parts: list[tuple[Callable[[memoryview], tuple[Any, ...]], memoryview]] = []
-        places: dict[int, int] = {}  # where in the words the entries are
+        places: dict[int, int] = {}  # the places of the entries among the words
         for domain in sorted({signal.domain for signal in self.signals}):
             whole = {s for s in self.signals if s.domain == domain and letter(s)}
             if not whole:

@@ -1,4 +1,4 @@
-"""What a client is told about slaves, domains, outputs and their owners."""
+"""Information for clients about slaves, domains, outputs and their owners."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class SlaveInfo:
         optional: Whether it may come and go while the bus runs.
         absent: Whether it is optional, and it or its group did not take part in the last sample.
         has_outputs: Whether there is something to claim.
-        outputs: Who decides them, as a whole.
+        outputs: Who controls its outputs, as a whole.
         owned: Whether this client owns one of them.
     """
 
@@ -55,12 +55,12 @@ class DomainInfo:
     Attributes:
         name: From the configuration.
         divider: It is exchanged every so many base cycles.
-        cycle: In which it was exchanged; 0: never.
+        cycle: The cycle in which it was exchanged; 0: never.
         time_ns: CLOCK_MONOTONIC when its frames came back, in ns.
         age: Seconds since then.
         wkc: Working counter.
         wkc_expected: Working counter when all slaves take part.
-        wkc_state: What that comes to.
+        wkc_state: Whether none, some or all slaves took part.
     """
 
     name: str
@@ -75,17 +75,17 @@ class DomainInfo:
 
 @dataclass(frozen=True, slots=True)
 class OutputInfo:
-    """Who decides one output now.
+    """Who controls one output now.
 
     Attributes:
         signal: The output.
-        owner: Client slot of its owner, None: nobody.
+        owner: Client slot of its owner; None if it has none.
         owned: Whether that is this client.
         state: Whether it is at its safe value.
         reason: Why it is, or was last, at its safe value.
         since_cycle: Cycle of the last change of owner or state.
         age: Seconds since then.
-        pid: Process number of the owner, as it says itself; 0 if this user may not know.
+        pid: Process number of the owner, as it says itself; 0 if this user may not see it.
         program: Its name, as it says itself.
     """
 
@@ -106,10 +106,10 @@ class Owner:
 
     Attributes:
         slot: Its client slot.
-        pid: Its process number, as it says itself; 0 if this user may not know.
+        pid: Its process number, as it says itself; 0 if this user may not see it.
         program: Its name, as it says itself.
         me: Whether it is this client.
-        outputs: What it owns.
+        outputs: The outputs that it owns.
     """
 
     slot: int

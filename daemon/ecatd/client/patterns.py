@@ -16,7 +16,7 @@ _GLOB = set("*?[")
 
 
 def find_signals(client: Client, patterns: Sequence[str]) -> list[Signal]:
-    """The entries that fit one of the patterns, in the order of the bus; all if there are none.
+    """The entries that fit one of the patterns, in the order of the bus; all without patterns.
 
     Raises:
         StateError: A pattern fits nothing.
@@ -27,7 +27,7 @@ def find_signals(client: Client, patterns: Sequence[str]) -> list[Signal]:
     for pattern in patterns:
         fitting = _fitting(client, pattern if "/" in pattern else f"*/{pattern}")
         if not fitting and "/" in pattern and not _GLOB & set(pattern):
-            fitting = [client.signal(pattern)]  # raises what is wrong with the name
+            fitting = [client.signal(pattern)]  # raises an error about the name
         if not fitting:
             raise StateError(
                 f"no entry fits '{pattern}': `ecatctl read` lists all of them with their names"
@@ -37,7 +37,7 @@ def find_signals(client: Client, patterns: Sequence[str]) -> list[Signal]:
 
 
 def _fitting(client: Client, pattern: str) -> list[Signal]:
-    """The entries that fit a pattern; small and capital letters are the same."""
+    """The entries that fit a pattern; small and capital letters count as equal."""
     slaves = {slave.position: slave.name for slave in client.slaves()}
     return [
         signal
@@ -50,7 +50,7 @@ def find_output(client: Client, name: str) -> Signal:
     """The output with a name.
 
     Raises:
-        StateError: There is none, or there are several.
+        StateError: There is no such output, or there are several.
     """
     from ecatd.shm import Direction
 

@@ -1,4 +1,4 @@
-"""Requests to slaves that are carried out beside the cycle: SDO and AL states."""
+"""Requests to slaves that are carried out in addition to the cycle: SDOs and AL states."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .connection import Connection, text_of
 from .structs import QUICK, WAITING
 
 _FIRST_PAUSE, _PAUSE = 0.0005, 0.005
-"""Seconds between two looks: an SDO takes a millisecond or a few, some slaves take hundreds."""
+"""Seconds between two checks: an SDO takes some milliseconds, with some slaves hundreds."""
 
 
 class Requests:
@@ -47,7 +47,7 @@ class Requests:
         return Request(self, self._connection, self._connection.check_live(code))
 
     def free_places(self) -> None:
-        """Cancels the requests that nobody asks for any more.
+        """Cancels the requests that the program no longer refers to.
 
         Raises:
             StateError: The client was closed.
@@ -57,12 +57,12 @@ class Requests:
         address = connection.address
         while self._abandoned:
             number = self._abandoned.pop()
-            with suppress(EcatError):  # it has ended with the claims, or with the daemon
+            with suppress(EcatError):  # the request has ended with the client or the daemon
                 connection.check(QUICK.ecat_cancel(address, number))
 
 
 class Request:
-    """An SDO upload or download, or a change of AL state, that a slave is busy with.
+    """An SDO upload or download, or a change of AL state, that is under way.
 
     Check for its end with `poll` in a control loop, wait for it with `result`, or `await` it in
     asyncio. A request without any reference is cancelled if it has not begun.
@@ -76,7 +76,7 @@ class Request:
         self._cancelled = False
 
     def poll(self) -> bytes | None:
-        """What was uploaded (empty for other requests), or None while it runs. Never waits.
+        """The uploaded data (empty for other requests), or None while it runs. Never waits.
 
         Raises:
             SdoAbortError: The slave refused.
@@ -112,7 +112,7 @@ class Request:
         return buffer.raw[: length.value]
 
     def cancel(self) -> None:
-        """Gives it up to make room for another; the slave may have been asked already."""
+        """Cancels the request to make room for another. The slave may have received it already."""
         number, self._number = self._number, None
         if number is not None:
             self._cancelled = True
@@ -120,7 +120,7 @@ class Request:
             self._requests.free_places()
 
     def result(self, timeout: float = 10.0) -> bytes:
-        """Waits for the end. Nothing is sampled meanwhile, so a short lease may pass.
+        """Waits for the end. It does not sample meanwhile, so a short lease may end.
 
         Args:
             timeout: Seconds.

@@ -1,7 +1,7 @@
 """Entries of the process image as objects.
 
-The values of the last sample are read where the C client has put them, without a call of it; what
-their bits mean is said in `client_c/src/entries.h`, and a test compares both.
+The values of the last sample are read where the C client has put them, without calling it.
+`client_c/src/entries.h` says what their bits mean. A test compares the two.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .structs import QUICK
 
 
 class _Cell(Protocol):
-    """Where the bits of an entry are: item 0."""
+    """The bits of an entry are in item 0."""
 
     def __getitem__(self, number: int, /) -> Any: ...
 
@@ -77,7 +77,7 @@ def letter(entry: Signal) -> str:
 class Signal:
     """One PDO entry of the process image.
 
-    Reading takes no call of the C client: it costs about as much as a property of Python. Writing
+    Reading does not call the C client: it costs about as much as a property of Python. Writing
     stages a value; nothing leaves the process before `Client.commit`.
 
     Attributes:
@@ -138,7 +138,7 @@ class Signal:
         self.describe()
 
     def describe(self) -> None:
-        """Takes over what the daemon says about it: at first, and after a restart."""
+        """Takes the description of the entry from the daemon: first, and after each restart."""
         info = self._connection.signal(self.number)
         self.slave: int = info.slave
         self.index: int = info.index
@@ -158,7 +158,7 @@ class Signal:
         self.pdo_name: str = info.pdo_name.decode("utf-8", "replace")
         self.name: str = info.name.decode("utf-8", "replace")
         self.unit: str = info.unit.decode("utf-8", "replace")
-        # What ecat_write_int() can be given: it takes 64 bits as they are.
+        # The range that ecat_write_int() accepts: it takes 64 bits as they are.
         unsigned = not (self.signed or self.real)
         self._low = 0 if unsigned else -(1 << 63)
         self._high = (1 << (64 if unsigned and self.bit_length == 64 else 63)) - 1
@@ -186,14 +186,14 @@ class Signal:
     def raw(self) -> Any:
         """The raw value of the process data: an int, or a float for REAL32 and REAL64.
 
-        Read: that of the last sample (of an output: what went out). Set: staged for the next
-        `Client.commit`.
+        Reading gives the value of the last sample; for an output, the value that was sent. Setting
+        stages a value for the next `Client.commit`.
 
         Raises:
             UsageError: The value is out of the range of the entry, or the entry is an input.
             StateError: The output must be claimed first.
-            LeaseError: This client has lost its outputs; claim them again. `Client.commit` says it
-                first, if the daemon lives.
+            LeaseError: This client has lost its outputs; claim them again. If the daemon lives,
+                `Client.commit` raises this error first.
         """
         return self._cell[0]
 
@@ -214,7 +214,7 @@ class Signal:
                 connection.fail(code)
         elif self.real:
             self._stage_real(number_of(whole))
-        else:  # out of range, and this says so; a float could be rounded into it
+        else:  # raises the error about the range; a float could be rounded into the range
             nearest = number_of(whole)
             self._stage_real(math.nextafter(nearest, math.copysign(math.inf, nearest)))
 
@@ -226,7 +226,7 @@ class Signal:
     def value(self) -> float:
         """The physical value in `unit`: `raw` * scale + offset.
 
-        Set: rounded to a whole raw value where the entry is an integer.
+        A value that is set is rounded to a whole raw value if the entry is an integer.
         """
         raw: float = self.raw
         return raw * self.scale + self.offset
@@ -239,7 +239,7 @@ class Signal:
 
     @property
     def validity(self) -> Validity:
-        """What the value of the last sample is worth."""
+        """Whether the value of the last sample can be trusted."""
         code: int = QUICK.ecat_validity(self._connection.address, self.number)
         return _VALIDITIES[code] if code >= 0 else self._connection.fail(code)
 
@@ -269,7 +269,7 @@ class Signal:
 
 
 class BitSignal(Signal):
-    """An entry that does not fill bytes."""
+    """An entry that does not fill whole bytes."""
 
     __slots__ = ()
 
@@ -289,10 +289,10 @@ def make(connection: Connection, number: int) -> Signal:
 
 
 def number_of(value: object) -> float:
-    """A value that somebody wants to write.
+    """Converts a value that a program wants to write.
 
     Raises:
-        UsageError: It is no number.
+        UsageError: It is not a number.
     """
     try:
         if not isinstance(value, (str, bytes)):

@@ -17,21 +17,21 @@ _ROWS = 100
 
 
 class Stream:
-    """Values of some entries, again and again.
+    """Values of some entries at regular intervals.
 
-    Iterating gives maps: `cycle`, the number of the last cycle, and `values`: minimum, mean and
-    maximum of each entry (None if it could not be trusted in any cycle), and in how many cycles it
-    could be.
+    Iterating gives maps with `cycle`, the number of the last cycle, and `values`: for each entry
+    its minimum, mean and maximum (None if it could not be trusted in any cycle), and the number of
+    cycles in which it could be trusted.
 
     Args:
         session: The session.
-        opened: What the daemon has answered.
+        opened: The answer of the daemon.
         patience_s: Seconds for which a row may be late, in addition to the time between two.
 
     Attributes:
         signals: The entries, in the order of the values: `name`, `slave`, `address`, `unit`.
         rate: Rows a second.
-        cycles: Cycles of which each row is.
+        cycles: Number of cycles that each row covers.
 
     Raises:
         NoAnswerError: While iterating: no row comes any more.

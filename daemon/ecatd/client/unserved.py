@@ -14,7 +14,7 @@ from ecatd.units import how_to_start, other_version, why_no_gateway, why_not_run
 
 
 def has_shared_memory(bus: str) -> bool:
-    """Whether shared memory of a bus exists, even if a daemon that is gone has left it."""
+    """Whether shared memory of a bus exists, even if it is left over from a daemon that is gone."""
     return (shm.FOLDER / f"ecat.{bus}").exists()
 
 

@@ -1,1 +1,1 @@
-"""Looks at a machine for what makes a bus slow, late or unreachable, and mends some of it."""
+"""Finds settings of a machine that make a bus slow, late or unreachable, and changes some."""

@@ -19,14 +19,14 @@ _GET_FLAGS, _SET_FLAGS, _LRO = 0x25, 0x26, 1 << 15
 _GET_GRO, _SET_GRO = 0x2B, 0x2C
 
 OFFLOADS = ("gro", "lro")
-"""Those that look at received frames; names as `ethtool -K` has them."""
+"""Offloads for received frames, with the names of `ethtool -K`."""
 
 
 def coalescing(interface: str) -> str:
-    """How long the card waits before it interrupts, such as `rx 3 tx 0 adaptive off`.
+    """How long the card delays its interrupt, such as `rx 3 tx 0 adaptive off`.
 
     Raises:
-        OSError: The driver does not tell.
+        OSError: The driver does not report it.
     """
     values = _ask(interface, _COALESCE, _GET_COALESCE)
     adaptive = "on" if values[_ADAPTIVE_RX] or values[_ADAPTIVE_TX] else "off"
@@ -52,7 +52,7 @@ def offload(interface: str, name: str) -> str:
     """Whether kernel (`gro`) or card (`lro`) try to join received frames: `on` or `off`.
 
     Raises:
-        OSError: The driver does not tell.
+        OSError: The driver does not report it.
     """
     if name == "lro":
         return "on" if _ask(interface, _VALUE, _GET_FLAGS)[1] & _LRO else "off"
@@ -77,7 +77,7 @@ def energy_efficient(interface: str) -> str:
     """Whether the port sleeps between frames (EEE, IEEE 802.3az): `on` or `off`.
 
     Raises:
-        OSError: The driver does not tell.
+        OSError: The driver does not report it.
     """
     return "on" if _ask(interface, _EEE, _GET_EEE)[_EEE_ENABLED] else "off"
 

@@ -1,4 +1,4 @@
-"""What the doctor finds, and what it can change."""
+"""The findings of the doctor, and the settings that it can change."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ class Level(StrEnum):
 
     OK = "ok"
     HINT = "hint"
-    """It works, but something may be faster, or later than it must be."""
+    """The bus works, but something could be faster, or is later than necessary."""
     PROBLEM = "problem"
-    """The bus does not work with it, or not reliably."""
+    """The bus does not work, or not reliably."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,14 +36,14 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at.
+    """One thing that was checked.
 
     Attributes:
         area: What it belongs to, such as `interface eth1`.
         name: What it is.
         level: How bad it is.
-        text: What was found, and what follows from it.
-        remedy: What to do; empty if it is well.
+        text: What the doctor found, and what follows from it.
+        remedy: What to do; empty if all is well.
         change: What `--fix` does about it, if that can be undone.
     """
 

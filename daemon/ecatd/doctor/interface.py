@@ -1,4 +1,4 @@
-"""Looks at a network interface with EtherCAT slaves."""
+"""Checks a network interface with EtherCAT slaves."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def look_at(interface: str, cpu: int | None) -> Iterator[Finding]:
     folder = _NETWORK / interface
     if not folder.exists():
         names = ", ".join(sorted(path.name for path in _NETWORK.iterdir()))
-        text = f"there is none of this name; there are: {names}"
+        text = f"there is no interface of this name, only {names}"
         remedy = "correct 'interface' in the configuration, or look at `dmesg` for the card"
         yield Finding(area, "interface", Level.PROBLEM, text, remedy)
         return
@@ -44,14 +44,16 @@ def look_at(interface: str, cpu: int | None) -> Iterator[Finding]:
 def _driver(area: str, folder: Path) -> Finding:
     driver = folder / "device/driver"
     if not driver.exists():
-        return Finding(area, "driver", Level.HINT, "it is a virtual interface, without a card")
+        return Finding(area, "driver", Level.HINT, "it is a virtual interface, which has no card")
     name = driver.resolve().name
     if (folder / "wireless").exists():
         remedy = "use an Ethernet port"
-        return Finding(area, "driver", Level.PROBLEM, f"{name}: a radio, no Ethernet port", remedy)
+        return Finding(
+            area, "driver", Level.PROBLEM, f"{name}: a radio, not an Ethernet port", remedy
+        )
     if "usb" in str((folder / "device").resolve()):
-        text = f"{name}, behind USB: each frame waits for the bus of USB, up to some 100 µs"
-        return Finding(area, "driver", Level.HINT, text, "use a card at PCIe")
+        text = f"{name}, connected by USB: each frame waits for the USB, up to some 100 µs"
+        return Finding(area, "driver", Level.HINT, text, "use a PCIe card")
     return Finding(area, "driver", Level.OK, name)
 
 
@@ -69,7 +71,9 @@ def _link(area: str, interface: str, folder: Path) -> Finding:
     if speed == "100" and duplex == "full":
         return Finding(area, "link", Level.OK, text)
     if duplex == "full" and int(speed) > 100:
-        text += ": the other end is no EtherCAT slave, which has 100 Mbit/s, but a switch or a PC"
+        text += (
+            ": the other end is not an EtherCAT slave, which has 100 Mbit/s, but a switch or a PC"
+        )
         remedy = "connect the IN port of the first slave directly"
         return Finding(area, "link", Level.HINT, text, remedy)
     remedy = f"`ethtool -s {interface} autoneg on`, and another cable"
@@ -77,7 +81,7 @@ def _link(area: str, interface: str, folder: Path) -> Finding:
 
 
 def _users(area: str, interface: str, folder: Path) -> Iterator[Finding]:
-    """Who else uses the interface."""
+    """Finds other users of the interface."""
     addresses = [*_ipv4(interface), *_ipv6(interface)]
     if addresses:
         text = f"{', '.join(addresses)}: other programs send their frames to the slaves"
@@ -90,7 +94,7 @@ def _users(area: str, interface: str, folder: Path) -> Iterator[Finding]:
         yield Finding(area, "IP addresses", Level.OK, "none")
     if (folder / "master").exists():
         bridge = (folder / "master").resolve().name
-        text = f"it is a part of {bridge}, so that others reach the slaves"
+        text = f"it is a part of {bridge}, so other machines reach the slaves"
         remedy = f"`ip link set {interface} nomaster`"
         yield Finding(area, "bridge", Level.PROBLEM, text, remedy)
 
@@ -110,7 +114,7 @@ def _settings(area: str, interface: str) -> Iterator[Finding]:
                 area,
                 "interrupt coalescing",
                 Level.HINT,
-                f"{found}: the card waits for so many µs before it tells of a frame",
+                f"{found}: the card delays its interrupt by that many µs",
                 f"`ethtool -C {interface} adaptive-rx off rx-usecs 0 tx-usecs 0`",
                 Change(name, get, put, _COALESCING_OFF),
             )
@@ -129,7 +133,7 @@ def _settings(area: str, interface: str) -> Iterator[Finding]:
             "off",
         )
         who = "the kernel" if name == "gro" else "the card"
-        text = f"{name} is on: {who} tries to join frames, which EtherCAT frames never can be"
+        text = f"{name} is on: {who} tries in vain to join EtherCAT frames, which takes time"
         remedy = f"`ethtool -K {interface} {name} off`"
         yield Finding(area, "offloads", Level.HINT, text, remedy, change)
     with suppress(OSError):
@@ -146,7 +150,7 @@ def _settings(area: str, interface: str) -> Iterator[Finding]:
 
 
 def _interrupts(area: str, folder: Path, cpu: int | None) -> Iterator[Finding]:
-    """Where the interrupts of the card go."""
+    """Finds the processors that handle the interrupts of the card."""
     numbers = [path.name for path in (folder / "device/msi_irqs").glob("*")]
     if not numbers and (single := read(folder / "device/irq")) not in ("", "0"):
         numbers = [single]
@@ -174,7 +178,7 @@ def _ipv4(interface: str) -> list[str]:
 
 
 def _ipv6(interface: str) -> list[str]:
-    """Global addresses; each interface has a local one of its own, which does no harm."""
+    """Global addresses. Each interface also has a local one, which does no harm."""
     found = []
     for line in read(Path("/proc/net/if_inet6")).splitlines():
         address, _, _, scope, _, name = line.split()

@@ -1,6 +1,7 @@
 """Changes settings of the running system, remembers what they were, and changes them back.
 
-The list of changes is in `/run`, which the system empties when it starts, as it does the settings.
+The list of changes is in `/run`. A start of the system empties `/run`, and also resets the
+settings.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def mend(changes: Sequence[Change]) -> Iterator[str]:
     for change in changes:
         was = change.read()
         before.setdefault(change.name, was)
-        _write(before)  # first, so that it can be undone whatever happens
+        _write(before)  # write the list first, so that each change can be undone whatever happens
         yield _set(change, was)
 
 
@@ -47,7 +48,7 @@ def undo() -> Iterator[str]:
         try:
             yield _set(change, change.read())
             done = change.read() == value
-        except (OSError, ValueError) as error:  # an adapter that is gone, for example
+        except (OSError, ValueError) as error:  # the adapter may be gone, for example
             yield f"{name}: cannot be changed back to {value}: {error}"
             done = False
         if done:

@@ -1,4 +1,4 @@
-"""Looks at kernel and processors: what makes a cycle late."""
+"""Checks kernel and processors for what makes a cycle late."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _engine_cpu(cpu: int | None) -> Iterator[Finding]:
     online = cpu_list(read(_CPUS / "online"))
     isolated = cpu_list(read(_CPUS / "isolated"))
     if cpu is None:
-        text = f"the engine has none for itself (realtime.cpu); there are {len(online)}"
+        text = f"the engine has no CPU for itself (realtime.cpu); this machine has {len(online)}"
         best = max(isolated or online, default=0)
         remedy = f"set realtime.cpu = {best}" + (
             "" if isolated else f", and boot with isolcpus={best}"
@@ -56,7 +56,7 @@ def _engine_cpu(cpu: int | None) -> Iterator[Finding]:
     if cpu in isolated:
         yield Finding(_AREA, "CPU of the engine", Level.OK, f"CPU {cpu}, isolated from the others")
     else:
-        text = f"CPU {cpu}, which all other programs use, too"
+        text = f"CPU {cpu}, which other programs use, too"
         remedy = f"boot with isolcpus={cpu} nohz_full={cpu} rcu_nocbs={cpu}"
         yield Finding(_AREA, "CPU of the engine", Level.HINT, text, remedy)
     twins = cpu_list(read(_CPUS / f"cpu{cpu}/topology/thread_siblings_list")) - {cpu}
@@ -73,7 +73,11 @@ def _governor() -> Iterator[Finding]:
         if read(file) != "performance":
             slow.append(file)
     if not slow:
-        text = "performance" if files else "the processors have one frequency, or the host rules it"
+        text = (
+            "performance"
+            if files
+            else "the processors have a fixed frequency, or the host controls it"
+        )
         yield Finding(_AREA, "frequency", Level.OK, text)
     for file in slow:
         name = file.parents[1].name
@@ -81,7 +85,7 @@ def _governor() -> Iterator[Finding]:
             _AREA,
             "frequency",
             Level.HINT,
-            f"{name} has the governor '{read(file)}': it is slow when it is called after a pause",
+            f"{name} has the governor '{read(file)}': the processor is slow after a pause",
             f"`echo performance >{file}`",
             text_change(f"{name} governor", file, "performance"),
         )
@@ -96,7 +100,7 @@ def _sleep() -> Finding:
     device = Path("/dev/cpu_dma_latency")
     text = f"they sleep so deeply that they take {deepest} µs to wake up"
     if device.exists():
-        text += "; ecatd prevents that while it runs, if it may write /dev/cpu_dma_latency"
+        text += "; ecatd prevents this while it runs, if it may write /dev/cpu_dma_latency"
         return Finding(_AREA, "sleep", Level.OK, text)
     remedy = "boot with intel_idle.max_cstate=1, or switch C-states off in the BIOS"
     return Finding(_AREA, "sleep", Level.HINT, text, remedy)
@@ -105,8 +109,11 @@ def _sleep() -> Finding:
 def _clock() -> Finding:
     source = read(Path("/sys/devices/system/clocksource/clocksource0/current_clocksource"))
     if source in ("hpet", "acpi_pm", "jiffies", "refined-jiffies"):
-        text = f"{source}: to read the time takes a microsecond or more, instead of 20 ns"
-        remedy = "look in `dmesg` why the TSC is not used; boot with tsc=reliable if it is good"
+        text = f"{source}: reading the time takes a microsecond or more, instead of 20 ns"
+        remedy = (
+            "`dmesg` says why the kernel does not use the TSC; boot with tsc=reliable if the TSC "
+            "is good"
+        )
         return Finding(_AREA, "clock", Level.HINT, text, remedy)
     return Finding(_AREA, "clock", Level.OK, source or "unknown")
 

@@ -1,4 +1,4 @@
-"""Looks at what this user may do."""
+"""Checks what this user may do."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ def look_at_rights(bus: str) -> Iterator[Finding]:
         if os.geteuid() == 0 or soft == resource.RLIM_INFINITY or soft >= least:
             yield Finding(area, name, Level.OK, "granted")
         else:
-            text = f"limit {soft}: an ecatd that this user starts has none; the service has it"
+            text = (
+                f"limit {soft}: an ecatd that this user starts does not get it, but the service "
+                "does"
+            )
             remedy = f"a line '{line}' in /etc/security/limits.conf, then log in again"
             yield Finding(area, name, Level.HINT, text, remedy)
 
@@ -40,7 +43,9 @@ def _membership(bus: str) -> Finding:
     try:
         member = grp.getgrnam("ecat").gr_gid in os.getgroups()
     except KeyError:
-        return Finding(area, name, Level.HINT, "there is no group 'ecat'", "install the service")
+        return Finding(
+            area, name, Level.HINT, "the group 'ecat' does not exist", "install the service"
+        )
     if member:
         return Finding(area, name, Level.OK, "member of the group 'ecat'")
-    return Finding(area, name, Level.PROBLEM, "no member of the group 'ecat'", JOIN)
+    return Finding(area, name, Level.PROBLEM, "not a member of the group 'ecat'", JOIN)

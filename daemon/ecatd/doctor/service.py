@@ -1,4 +1,4 @@
-"""Looks whether a bus and its gateway run."""
+"""Checks whether a bus and its gateway run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .findings import Finding, Level
 
 
 def look_at_service(bus: str) -> Iterator[Finding]:
-    """Whether a bus of this machine runs, and its gateway, and what they need."""
+    """Checks whether a bus of this machine and its gateway run, and have what they need."""
     yield from _bus_and_gateway(bus)
     yield from _accounts()
 
@@ -29,10 +29,10 @@ def _bus_and_gateway(bus: str) -> Iterator[Finding]:
     except UnreachableError as error:
         if advice := why_not_running(bus):
             yield Finding(area, name, Level.PROBLEM, advice.text, advice.remedy)
-        else:  # nobody has said that it shall run here
+        else:  # nothing says that it should run on this machine
             yield Finding(area, name, Level.HINT, str(error))
         return
-    except NotPermittedError:  # the rights of this user are looked at, too
+    except NotPermittedError:  # the rights of this user are checked, too
         return
     except EcatError as error:
         yield Finding(area, name, Level.PROBLEM, str(error))
@@ -49,7 +49,7 @@ def _bus_and_gateway(bus: str) -> Iterator[Finding]:
 
 
 def _is_served(bus: str) -> bool:
-    """Whether a gateway takes connections on this machine, as far as this user may know."""
+    """Whether a gateway takes connections on this machine, as far as this user can see."""
     for folder in search_dirs():
         with socket.socket(socket.AF_UNIX) as link, suppress(OSError):
             try:
@@ -61,7 +61,7 @@ def _is_served(bus: str) -> bool:
 
 
 def _accounts() -> Iterator[Finding]:
-    """The users and groups of the service, of which one may have been deleted."""
+    """Checks the users and groups of the service, since one of them may have been deleted."""
     missing, there = [], 0
     for kind, names, find in (
         ("user", ("ecatd", "ecatd-gateway"), pwd.getpwnam),

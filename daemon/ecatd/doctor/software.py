@@ -1,4 +1,4 @@
-"""Looks at the configuration, at versions, and at room and leftovers in shared memory."""
+"""Checks the configuration, versions, and free room and leftovers in shared memory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ROOM_MIB = 64
 
 
 def look_at_configuration(file: Path) -> tuple[Finding, Config | None]:
-    """Whether a configuration is valid, and what it says.
+    """Checks whether a configuration is valid, and returns it, too.
 
     Args:
         file: The file, which may not exist.
@@ -34,7 +34,7 @@ def look_at_configuration(file: Path) -> tuple[Finding, Config | None]:
         remedy = f"`ecatctl {bus}service install --interface IF` writes {file}"
         if file.parent != MACHINE:
             remedy = "name an existing file"
-        return Finding(area, name, Level.HINT, "there is none", remedy), None
+        return Finding(area, name, Level.HINT, "the file does not exist", remedy), None
     try:
         config = load_config(file)
     except EcatError as error:
@@ -44,7 +44,7 @@ def look_at_configuration(file: Path) -> tuple[Finding, Config | None]:
 
 
 def look_at_shared_memory() -> Iterator[Finding]:
-    """Room and leftovers in /dev/shm."""
+    """Checks free room and leftovers in /dev/shm."""
     area = "shared memory"
     state = os.statvfs(shm.FOLDER)
     free = state.f_bavail * state.f_frsize >> 20
@@ -57,13 +57,13 @@ def look_at_shared_memory() -> Iterator[Finding]:
     for file in sorted(shm.FOLDER.glob("ecat.*.out")):
         bus = file.name.removeprefix("ecat.").removesuffix(".out")
         if not any(control_socket(folder, bus).exists() for folder in search_dirs()):
-            text = f"{file} is left of bus '{bus}', whose ecatd was killed"
+            text = f"{file} is left over from bus '{bus}', whose ecatd was killed"
             remedy = "the next start of the bus replaces it; or remove it"
             yield Finding(area, "left over", Level.HINT, text, remedy)
 
 
 def look_at_versions(bus: str) -> Iterator[Finding]:
-    """Versions of ecatd and what it needs, and of the daemon that runs the bus."""
+    """Checks the versions of ecatd, of the packages that it needs, and of the running daemon."""
     found = [f"ecatd {VERSION}"]
     for name in _PACKAGES:
         try:

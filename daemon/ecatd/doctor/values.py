@@ -1,4 +1,4 @@
-"""Values that the kernel has in files."""
+"""Reads values that the kernel shows as files."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Measures how late the engine would wake up on this machine, without any bus.
 
 The measuring process, `python -m ecatd.doctor.wakeup PERIOD_NS COUNT PRIORITY CPU`, writes the
-histogram as a line of JSON. It does nothing else, as the engine's thread.
+histogram as a line of JSON. Like the thread of the engine, it does nothing else.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _LOAD = "while True: sum(range(100000))"
 
 @dataclass(frozen=True, slots=True)
 class Wakeups:
-    """How late a thread woke up that sleeps for 1 ms at a time.
+    """How late a thread wakes up if it sleeps for 1 ms at a time.
 
     Attributes:
         load: Whether each processor had a program that is always busy.

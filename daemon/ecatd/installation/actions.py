@@ -1,4 +1,4 @@
-"""What an installation does, one action after the other; each can say what it would do."""
+"""The actions of an installation. Each can say what it would do."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ecatd.model.errors import NotPermittedError, StateError
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """One action; this one does nothing.
+    """One action. This class does nothing.
 
     Attributes:
         verb: What it does: `save`, `write`, `remove`, `restore`, `link`, `run`, `keep` or `skip`.
@@ -33,7 +33,7 @@ class Action:
         """Does it.
 
         Raises:
-            EcatError: It cannot be done.
+            EcatError: The action fails.
         """
 
 
@@ -109,7 +109,7 @@ class Remove(Action):
 
 @dataclass(frozen=True, slots=True)
 class RemoveFolder(Action):
-    """Removes a folder that is empty; one that is not stays."""
+    """Removes a folder if it is empty."""
 
     path: Path = Path()
 
@@ -121,7 +121,7 @@ class RemoveFolder(Action):
 
 @dataclass(frozen=True, slots=True)
 class RemoveTree(Action):
-    """Removes a folder with all that is in it, or has come meanwhile."""
+    """Removes a folder with its content, also files that have come meanwhile."""
 
     path: Path = Path()
 

@@ -49,7 +49,7 @@ def is_masked(place: Place, name: str) -> bool:
 
 
 def outdated(place: Place) -> Iterator[str]:
-    """The services that run and began before the program or their units were written."""
+    """The running services that were started before the program or their units were written."""
     program = Path(__file__).stat().st_ctime
     units = [place.at(LOCAL.units / name) for name in UNITS]
     changed = max([program, *(file.stat().st_mtime for file in units if file.is_file())])

@@ -23,9 +23,9 @@ STATE = PurePosixPath("/var/lib/ecatd")
 LOGS = PurePosixPath("/var/log/ecatd")
 SOCKETS = PurePosixPath("/run/ecatd")
 ADMINISTRATION = PurePosixPath("/etc/systemd/system")
-"""Where systemd has which units are enabled or masked, and what the administrator has changed."""
+"""Where systemd keeps which units are enabled or masked, and changes of the administrator."""
 _PROGRAM = b"/usr/local/bin/ecatd"
-"""The path of ecatd in the units as they are in the repository."""
+"""The path of ecatd in the units of the repository."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Place:
     """Where to install.
 
     Attributes:
-        root: The file system, `/` or the folder of an image. Only in `/` commands are run.
+        root: The file system, `/` or the folder of an image. Commands are run only in `/`.
         programs: The folder with the program `ecatd` of this environment.
     """
 
@@ -59,7 +59,7 @@ class Place:
 
     @property
     def is_running(self) -> bool:
-        """Whether systemd runs there, so that it can be told."""
+        """Whether systemd runs there, so that it can read new units."""
         return self.root == Path("/") and Path("/run/systemd/system").is_dir()
 
 
@@ -70,7 +70,7 @@ def here(root: Path) -> Place:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where a kind of installation has its files.
+    """Where one kind of installation puts its files.
 
     Attributes:
         units: Units of systemd.
@@ -97,8 +97,8 @@ LOCAL = Layout(
     catalog=PurePosixPath("/usr/local/lib/systemd/catalog"),
     share=PurePosixPath("/usr/local/share"),
 )
-"""For what an administrator installs. Units are not in `/etc`: they would be in the way of the
-administrator's own, and of the links of `systemctl mask`."""
+"""The layout for an installation by an administrator. Units are not in `/etc`, where they would
+conflict with the administrator's own units and with the links of `systemctl mask`."""
 
 DISTRIBUTION = Layout(
     units=PurePosixPath("/lib/systemd/system"),
@@ -108,7 +108,7 @@ DISTRIBUTION = Layout(
     catalog=PurePosixPath("/usr/lib/systemd/catalog"),
     share=PurePosixPath("/usr/share"),
 )
-"""For a package of a distribution."""
+"""The layout for a package of a distribution."""
 
 
 def files(layout: Layout, program: Path) -> dict[PurePosixPath, bytes]:

@@ -1,4 +1,4 @@
-"""What is installed: the list in `installed.json`, and copies of files that were there before."""
+"""The list of installed files, `installed.json`, and copies of files that were there before."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from .places import LOCAL, Place
 
 LIST = LOCAL.share / "ecatd/installed.json"
 BEFORE = ".before-ecatd"
-"""After the name of a file that was there before the installation: the removal puts it back."""
+"""Suffix of a file that was there before the installation. The removal restores it."""
 OLD = ".ecatd-old"
-"""After the name of a file of ours that the administrator had changed before an upgrade."""
+"""Suffix of a file of ecatd that the administrator had changed before an upgrade."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class Record:
 
 
 def read_record(place: Place) -> Record:
-    """What is installed in a file system; nothing, if there is no list.
+    """Reads what is installed in a file system: nothing if there is no list.
 
     Raises:
         StateError: The list is damaged.
@@ -80,12 +80,12 @@ def read(file: Path) -> bytes | None:
 
 
 def digest(data: bytes) -> str:
-    """What the list has of the content of a file."""
+    """The digest of the content of a file, for the list."""
     return hashlib.sha256(data).hexdigest()
 
 
 def is_ours(file: Path, listed: str) -> bool:
-    """Whether something is as it was installed."""
+    """Whether a file or link is as it was installed."""
     if file.is_symlink():
         return listed == f"link:{file.readlink()}"
     return file.is_file() and digest(read(file) or b"") == listed

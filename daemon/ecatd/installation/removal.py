@@ -1,4 +1,4 @@
-"""Removes what the installation has made, and with `purge` what was made with it since then."""
+"""Removes what the installation has made, and with `purge` also what was added since then."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from .service import refuse_package, tell_system
 _USERS = ("ecatd", "ecatd-gateway")
 _GROUPS = ("ecat", "ecatd-gateway")
 _OF_UNITS = re.compile(r"ecatd(-gateway)?(@[^/]*)?\.service(\.d)?")
-"""The names of our units, and of the folders that change them."""
+"""The names of the units of ecatd, and of the folders with changes of them."""
 _NAMES_MAX = 5
-"""Files of a folder in one line."""
+"""Most files of a folder in one line."""
 
 
 def uninstall(place: Place, *, purge: bool) -> Iterator[Action]:
@@ -64,7 +64,7 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Action]:
 
 
 def _remove_installed(place: Place, listed: Mapping[str, str], *, purge: bool) -> Iterator[Action]:
-    """Removes what was installed, and puts back what was there before."""
+    """Removes what was installed, and restores what was there before."""
     known = {str(path) for path in files(LOCAL, place.programs / "ecatd")}
     for path in sorted(known | set(listed)):
         file = place.at(PurePosixPath(path))
@@ -104,7 +104,7 @@ def _remove_folders(
     gone = {action.path for action in actions if isinstance(action, Remove)}
     gone |= {action.copy for action in actions if isinstance(action, Restore)}
     gone -= {action.path for action in actions if isinstance(action, Restore)}
-    for path in sorted(made, key=len, reverse=True):  # what is in a folder before it
+    for path in sorted(made, key=len, reverse=True):  # files before their folder
         folder = place.at(PurePosixPath(path))
         if folder.is_symlink() or not folder.is_dir() or not place.holds(folder):
             continue
@@ -114,7 +114,7 @@ def _remove_folders(
 
 
 def _remove_settings(place: Place, *, purge: bool) -> Iterator[Action]:
-    """What the administrator has changed about our units: drop-ins, masks, units in their place."""
+    """Changes of the units by the administrator: drop-ins, masks, units in their place."""
     for folder in (ADMINISTRATION, ADMINISTRATION.with_name("system.control")):
         if not place.at(folder).is_dir() or not place.holds(place.at(folder)):
             continue
@@ -130,7 +130,7 @@ def _remove_settings(place: Place, *, purge: bool) -> Iterator[Action]:
 
 
 def _remove_tree(place: Place, folder: Path, what: str, *, purge: bool) -> Iterator[Action]:
-    """A folder of the administrator or the service: each file that is removed is named."""
+    """Removes a folder of the administrator or the service, and names each file in it."""
     path = str(place.seen(folder))
     if folder.is_symlink() or folder.is_file():
         yield _remove_or_keep(place, folder, what, purge=purge)
@@ -148,7 +148,7 @@ def _remove_tree(place: Place, folder: Path, what: str, *, purge: bool) -> Itera
         return
     for item in inside:
         yield Remove("remove", str(place.seen(item)), what, item)
-    why = "" if os.access(folder, os.R_OK | os.X_OK) else "with sudo, the files in it are named"
+    why = "" if os.access(folder, os.R_OK | os.X_OK) else "use sudo to see the files in it"
     yield RemoveTree("remove", path, why, folder)
 
 

@@ -21,7 +21,7 @@ from .record import BEFORE, LIST, OLD, Record, copies, digest, is_ours, read, re
 
 _BIN = PurePosixPath("/usr/local/bin")
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
-"""Folders that the service does not see (`ProtectHome=`, `PrivateTmp=`)."""
+"""Folders that the service cannot see (`ProtectHome=`, `PrivateTmp=`)."""
 _INTERFACE_NAME = re.compile(r"(?!\.{1,2}$)[A-Za-z0-9_.:@+-]{1,15}")
 _PROGRAM_PATH = re.compile(r"[A-Za-z0-9_./+-]+")
 _INTERFACE = re.compile(rb'^interface = "[^"\n]*"', re.MULTILINE)
@@ -33,14 +33,14 @@ def install(place: Place, bus: str, interface: str | None) -> Iterator[Action]:
     Args:
         place: Where.
         bus: Name of the bus.
-        interface: For a configuration that does not exist yet; without it none is written.
+        interface: The interface for a new configuration; without it, none is written.
 
     Raises:
-        UsageError: The service could not see the program, or a name is not possible.
+        UsageError: The service could not see the program, or a name is not valid.
     """
     check_bus_name(bus)
     if interface is not None and not _INTERFACE_NAME.fullmatch(interface):
-        raise UsageError(f"{interface!r} is no name of a network interface: `ip link` lists them")
+        raise UsageError(f"{interface!r} is not a network interface: `ip link` lists them")
     if place.is_packaged:
         yield Action(
             "keep", "/usr/lib/ecatd", "the package of the distribution has all other files"
@@ -73,7 +73,7 @@ def upgrade(place: Place) -> Iterator[Action]:
 
 
 def refuse_package(place: Place, how: str) -> None:
-    """Leaves what a package has installed to the tools of the distribution.
+    """Refuses to change what a package has installed: that is up to the tools of the distribution.
 
     Raises:
         StateError: A package has installed ecatd.
@@ -85,8 +85,8 @@ def refuse_package(place: Place, how: str) -> None:
 def _check_visible(place: Place) -> None:
     if not _PROGRAM_PATH.fullmatch(str(place.programs)):
         raise UsageError(
-            f"ecatd is installed in '{place.programs}': a unit of systemd needs a path of letters, "
-            "digits and . _ + - only, such as /opt/ecatd"
+            f"ecatd is installed in '{place.programs}': for a unit of systemd the path may have "
+            "only letters, digits and . _ + -, as /opt/ecatd has"
         )
     if place.root != Path("/"):
         return
@@ -94,16 +94,16 @@ def _check_visible(place: Place) -> None:
         for folder in _HIDDEN:
             if path.resolve().is_relative_to(folder):
                 raise UsageError(
-                    f"{what} is installed in {path}, which the service cannot see, since it has no "
-                    f"access to {folder}: install ecatd into another environment, such as one of "
-                    "`sudo /usr/bin/python3 -m venv /opt/ecatd`"
+                    f"{what} is installed in {path}, but the service has no access to {folder}: "
+                    "install ecatd into another environment, such as one of `sudo "
+                    "/usr/bin/python3 -m venv /opt/ecatd`"
                 )
     for file in (place.programs.resolve() / "ecatd", Path(__file__).resolve()):
         check_readable(file)
 
 
 def check_readable(file: Path) -> None:
-    """Refuses a program that only root can read, as pip makes it with a umask of 077.
+    """Refuses a program that only root can read, as after an installation with a umask of 077.
 
     Raises:
         UsageError: The file, or a folder above it, is closed to other users.
@@ -122,7 +122,7 @@ def check_readable(file: Path) -> None:
 
 
 def _bring_up_to_date(place: Place) -> Iterator[Action]:
-    """The files, the links, and the list of both."""
+    """Writes the files, the links, and the list of both."""
     before = read_record(place)
     data_of, links = files(LOCAL, place.programs / "ecatd"), _links(place)
     kept = {path for path in data_of if _is_kept(place, path)}
@@ -130,7 +130,8 @@ def _bring_up_to_date(place: Place) -> Iterator[Action]:
     content = {str(path): digest(data) for path, data in data_of.items() if path not in kept}
     content |= {str(path): f"link:{to}" for path, to in links.items() if path not in kept}
     folders = before.folders | _missing_folders(place, content)
-    # What is interrupted can be removed: first copies of what is not ours, then the list.
+    # An interrupted installation can be removed: it first copies foreign files, and then writes the
+    # list.
     for path, data in data_of.items():
         if path not in kept:
             yield from _save(place, path, data, before.files)
@@ -161,7 +162,7 @@ def _missing_folders(place: Place, paths: Iterable[str]) -> set[str]:
 
 
 def _is_kept(place: Place, path: PurePosixPath) -> bool:
-    """Whether there is something in the place of a file that must stay.
+    """Whether the place of a file is taken by something that must stay.
 
     Raises:
         StateError: A link among the folders above it leads out of the file system of the image.
@@ -175,13 +176,13 @@ def _is_kept(place: Place, path: PurePosixPath) -> bool:
 def _save(
     place: Place, path: PurePosixPath, data: bytes, before: Mapping[str, str]
 ) -> Iterator[Action]:
-    """Copies a file that somebody else has written, before ours takes its place."""
+    """Copies a file that the installation did not write, before it is replaced."""
     file = place.at(path)
     there = read(file)
     if there in (None, data) or is_ours(file, before.get(str(path), "")):
         return
     if any(read(copy) == there for suffix in (BEFORE, OLD) for copy in copies(file, suffix)):
-        return  # an installation that was interrupted has saved it
+        return  # an interrupted installation has saved it
     suffix, why = (
         (OLD, f"{path} as you have changed it")
         if str(path) in before
@@ -203,7 +204,7 @@ def _write(place: Place, path: PurePosixPath, data: bytes) -> Action:
 
 
 def _remove_old(place: Place, path: str, listed: str) -> Iterator[Action]:
-    """Removes what an older version has installed, and this one does not have."""
+    """Removes a file that an older version has installed and this version does not have."""
     file = place.at(PurePosixPath(path))
     if is_ours(file, listed) and place.holds(file):
         yield Remove("remove", path, "this version has no such file", file)
@@ -212,14 +213,14 @@ def _remove_old(place: Place, path: str, listed: str) -> Iterator[Action]:
 
 
 def _links(place: Place) -> dict[PurePosixPath, Path]:
-    """Links from a folder on everybody's PATH to the programs, if they are elsewhere."""
+    """Links from a folder in the PATH of all users to the programs, if they are elsewhere."""
     if place.programs in (Path("/usr/local/bin"), Path("/usr/bin"), Path("/bin")):
         return {}
     return {_BIN / name: place.programs / name for name in PROGRAMS}
 
 
 def _is_free(place: Place, path: PurePosixPath, before: Mapping[str, str], target: Path) -> bool:
-    """Whether a link can be made: nothing is there, or a link that we have made."""
+    """Whether a link can be made: nothing is there, or a link that the installation has made."""
     link = place.at(path)
     if link.is_symlink():
         return f"link:{link.readlink()}" in (before.get(str(path)), f"link:{target}")
@@ -234,7 +235,7 @@ def _configure(place: Place, bus: str, interface: str | None) -> Iterator[Action
     elif file.exists():
         yield Action("keep", str(path), _state(file))
     elif interface is None:
-        why = f"--interface IF writes one; {unit(bus)} does not start before it exists"
+        why = f"--interface IF writes it; {unit(bus)} does not start without it"
         yield Action("skip", str(path), why)
     else:
         data = _INTERFACE.sub(b'interface = "' + interface.encode() + b'"', example(), count=1)
@@ -251,7 +252,7 @@ def _state(file: Path) -> str:
 
 
 def tell_system(place: Place, *, users: bool = True) -> Iterator[Action]:
-    """Has the parts of the system read the files.
+    """Makes the parts of the system read the new files.
 
     Args:
         place: Where they are.

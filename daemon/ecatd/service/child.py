@@ -1,4 +1,4 @@
-"""A child process of the service, as the service sees it: what it is told, and what it answers."""
+"""A child process of the service, as the service sees it: what it receives, and what it answers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _KILL_PATIENCE = 5.0
 
 
 class Child:
-    """A child process; see `ecatd.service_link` for what both sides write.
+    """A child process. `ecatd.service_link` has the messages of both sides.
 
     Args:
         name: What it is, for messages.
@@ -29,7 +29,7 @@ class Child:
     Attributes:
         name: As above.
         end: Done when the process has ended; its result is the return code.
-        report: What it has answered last.
+        report: Its last answer.
         on_levels: Called with other levels of the log that it has been asked for.
     """
 
@@ -50,12 +50,13 @@ class Child:
         Args:
             name: What it is, for messages.
             command: The module and its arguments.
-            pass_fds: File descriptors for one that is not told anything, and writes only to these.
+            pass_fds: File descriptors for a child that gets no settings, and writes only to these.
         """
         way = asyncio.subprocess.DEVNULL if pass_fds else asyncio.subprocess.PIPE
         signal.pthread_sigmask(signal.SIG_BLOCK, OF_THE_SERVICE)
         try:
-            # A session of its own: Ctrl-C reaches only the service, which ends the others in order.
+            # The child has a session of its own, so that Ctrl-C reaches only the service, which
+            # ends its children in order.
             process = await asyncio.create_subprocess_exec(
                 *PYTHON, *command, stdin=way, stdout=way, pass_fds=pass_fds, start_new_session=True
             )
@@ -64,7 +65,7 @@ class Child:
         return cls(name, process)
 
     def give(self, message: dict[str, Any]) -> None:
-        """Gives it its settings, for which it waits, or other settings while it runs."""
+        """Sends it the settings for which it waits, or other settings while it runs."""
         assert self._process.stdin is not None
         self._process.stdin.write(json.dumps(message).encode() + b"\n")
 
@@ -73,7 +74,7 @@ class Child:
         return (await self._stdout.read()).decode()
 
     async def first_line(self) -> tuple[str, str]:
-        """Waits for the first line, with which it says whether it is ready.
+        """Waits for its first line, which says whether it is ready.
 
         Returns:
             Its word and its text; two empty ones if it has ended.
@@ -86,7 +87,7 @@ class Child:
 
     @property
     def is_ready(self) -> bool:
-        """Whether it has said so, and can be told other settings."""
+        """Whether it has said that it is ready, so that it can take other settings."""
         return self._listening is not None and not self._listening.done()
 
     async def _listen(self) -> None:
@@ -103,19 +104,19 @@ class Child:
         return self._process.stdout
 
     def ping(self) -> None:
-        """Asks whether it works, unless it still has to answer the last time."""
+        """Asks whether it works, unless it has not yet answered the last question."""
         if self._asked_at is None:
             self._asked_at = time.monotonic()
             self.give({"ping": 1})
 
     def forgive(self) -> None:
-        """Counts its silence from now on."""
+        """Begins to count its silence anew."""
         if self._asked_at is not None:
             self._asked_at = time.monotonic()
 
     @property
     def silent_s(self) -> float:
-        """Seconds since it was asked what it has not answered."""
+        """Seconds since a question that it has not answered; 0 if there is none."""
         return 0.0 if self._asked_at is None else time.monotonic() - self._asked_at
 
     def terminate(self) -> None:

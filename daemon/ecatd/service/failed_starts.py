@@ -1,13 +1,13 @@
-"""How long to wait after a start that has failed: longer and longer, until one succeeds.
+"""How long to wait after a failed start: longer after each one, until a start succeeds.
 
 systemd starts a service that has failed again, `RestartSec=` later, for ever. From version 254 on
 it can make that pause grow (`RestartSteps=`), but Debian 12 has 252. So ecatd counts failed starts,
-and waits by itself before it ends. It does not try again in the same process: `systemctl start`
-shall return with an error when the first start has failed, and each try shall begin anew. The count
-is in the folder of the bus (`ecatd.failure_record`), which systemd keeps while it restarts the
-service (`RuntimeDirectoryPreserve=restart`). It also keeps the folder if somebody stops the service
-between two tries. So a start that somebody has asked for begins to count anew (`NRestarts` of the
-unit).
+and waits by itself before it ends. It does not try again in the same process, so that `systemctl
+start` returns with an error after the first failed start, and each try begins with a new process.
+The count is in the folder of the bus (`ecatd.failure_record`), which systemd keeps while it
+restarts the service (`RuntimeDirectoryPreserve=restart`). It also keeps the folder if somebody
+stops the service between two tries. So a start by `systemctl start` begins to count anew
+(`NRestarts` of the unit shows that).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _NEXT_S = (RESTART_S, 4, 8, 16, 30)
 _ASK_S = 5
 """Seconds that systemd has for an answer."""
 _MARGIN_S = 30
-"""Seconds that the service manager gives a start that has failed to end, beside the pause."""
+"""Seconds that the service manager gives a failed start to end, in addition to the pause."""
 
 
 class FailedStarts:
@@ -38,9 +38,9 @@ class FailedStarts:
 
     Args:
         folder: The folder of the bus.
-        log: Where it is told when the next try is.
-        restarts: How often the service manager has started this service again since somebody has
-            asked for a start; None: not known.
+        log: The log for the time of the next try.
+        restarts: How often the service manager has restarted this service since the last `systemctl
+            start`; None if it is not known.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class FailedStarts:
         self._restarts = restarts or _restarts
 
     def note(self, reason: str) -> int:
-        """Counts one more; returns the seconds until the next start."""
+        """Counts one more failed start; returns the seconds until the next start."""
         before = read_record(self._folder) if self._restarts() != 0 else None
         count = before.starts + 1 if before else 1
         next_s = _NEXT_S[min(count, len(_NEXT_S)) - 1]
@@ -63,7 +63,7 @@ class FailedStarts:
         remove_record(self._folder)
 
     def announce(self, reason: str) -> int:
-        """Counts one more, and says when the next try is, unless it is soon.
+        """Counts one more failed start, and reports when the next try is, unless it is soon.
 
         Args:
             reason: Why the start has failed.
@@ -82,15 +82,15 @@ class FailedStarts:
         return wait_s
 
     async def wait(self, seconds: float, stop: asyncio.Event, again: asyncio.Event) -> bool:
-        """Waits for the next try; forgets the failures if somebody ends the service meanwhile.
+        """Waits for the next try; forgets the failures if the service is stopped meanwhile.
 
         Args:
             seconds: For how long.
-            stop: Set when somebody ends the service.
-            again: Set when somebody wants the next try at once.
+            stop: Set when the service is to stop.
+            again: Set when the next try is to begin at once.
 
         Returns:
-            Whether somebody has ended the service.
+            Whether the service was stopped.
         """
         waits = [asyncio.ensure_future(event.wait()) for event in (stop, again)]
         await asyncio.wait(waits, timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
@@ -107,7 +107,7 @@ def not_started(bus: str, reason: str) -> str:
 
 
 def _restarts() -> int | None:
-    """Asks systemd how often it has started this service again; None if this is no service."""
+    """Asks systemd how often it has restarted this service; None if this is not a service."""
     if os.getppid() != 1:
         return None
     try:

@@ -33,7 +33,7 @@ examples:
 exit status:
   0 stopped by a signal   2 wrong usage or configuration   3 no such interface or no slaves
   4 a slave does not answer in time   5 a slave refuses an SDO   6 not permitted
-  7 the bus does not reach OP   70 a defect of ours
+  7 the bus does not reach OP   70 a defect in ecatd
 """
 
 
@@ -54,37 +54,39 @@ def make_parser() -> argparse.ArgumentParser:
         "--replay",
         metavar="FILE",
         type=Path,
-        help="with --simulate: the inputs have the values of a recording (`ecatctl record --raw`)",
+        help="with --simulate: give the inputs the values of a recording (`ecatctl record --raw`)",
     )
     source.add_argument(
         "--only-gateway",
         action="store_true",
-        help="only the gateway of a bus that another ecatd runs with --no-gateway",
+        help="run only the gateway of a bus that another ecatd runs with --no-gateway",
     )
     parser.add_argument(
-        "--no-gateway", action="store_true", help="no gateway: it is a service of its own"
+        "--no-gateway",
+        action="store_true",
+        help="run no gateway, because it is a service of its own",
     )
     parser.add_argument("--config", metavar="FILE", type=Path, help="configuration in TOML")
     parser.add_argument(
-        "--check-config", action="store_true", help="check the configuration and end"
+        "--check-config", action="store_true", help="check the configuration and exit"
     )
     parser.add_argument(
         "--describe",
         action="store_true",
-        help="print what bus it is, as `ecatctl scan` does, and end without running it",
+        help="print the bus description, as `ecatctl scan` does, and exit without running the bus",
     )
     parser.add_argument("--bus", metavar="NAME", help="name of the bus (default: ecat0)")
     parser.add_argument(
         "--cycle-time-us", metavar="N", type=int, help="base cycle in microseconds (default: 1000)"
     )
-    parser.add_argument("-v", "--verbose", action="store_true", help="tell details")
-    parser.add_argument("-q", "--quiet", action="store_true", help="tell only warnings and errors")
+    parser.add_argument("-v", "--verbose", action="store_true", help="log details")
+    parser.add_argument("-q", "--quiet", action="store_true", help="log only warnings and errors")
     parser.add_argument("--version", action="version", version=f"ecatd {VERSION}")
     return parser
 
 
 def _configuration(options: argparse.Namespace) -> tuple[Config, dict[str, str]]:
-    """The file's configuration, with what the command line says on top, and the origins of keys."""
+    """The configuration of the file, with the changes of the command line, and its origins."""
     config = load_config(options.config) if options.config else Config()
     origins = find_origins(options.config) if options.config else {}
     values = config.to_dict()
@@ -104,14 +106,14 @@ def _configuration(options: argparse.Namespace) -> tuple[Config, dict[str, str]]
         raise UsageError("--replay gives values to the slaves of a simulated rig: add --simulate")
     if not (config.interface or options.simulate or options.check_config):
         raise UsageError(
-            "which bus? Give --interface IF, or --simulate troll to try without hardware, or "
-            "--config FILE with the key 'interface'"
+            "no bus is given: give --interface IF, or --simulate troll to try it without "
+            "hardware, or --config FILE with the key 'interface'"
         )
     return config, origins
 
 
 def _checked(options: argparse.Namespace) -> tuple[Config, dict[str, str]]:
-    """The configuration, of which a start would take all files."""
+    """Checks the configuration, and all files that a start would read for it."""
     config, origins = _configuration(options)
     _check_files(config)
     return config, origins
@@ -126,7 +128,7 @@ def main() -> int:
     """Runs the daemon until a signal ends it; returns the exit status. SIGHUP is ignored so far."""
     try:
         return _main()
-    except KeyboardInterrupt:  # before the supervisor looks after signals
+    except KeyboardInterrupt:  # before the supervisor handles signals
         return 0
 
 
@@ -135,8 +137,8 @@ def _become_gateway(options: argparse.Namespace) -> None:
     if wrong := sorted(others - {"only_gateway", "bus"}):
         option = wrong[0].replace("_", "-")
         raise UsageError(
-            f"--{option} does nothing with --only-gateway, which takes --bus and nothing else: the "
-            f"ecatd that runs the bus tells its gateway the rest"
+            f"--{option} has no effect with --only-gateway: give only --bus, since the gateway "
+            "gets all settings from the ecatd that runs the bus"
         )
     bus = check_bus_name(options.bus or Config().bus)
     os.execv(PYTHON[0], (*PYTHON, "ecatd.gateway", bus, "--alone"))

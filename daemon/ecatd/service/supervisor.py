@@ -5,10 +5,10 @@ daemon is ready when the bus is in OP and the gateway answers. If the bus server
 ends, the daemon ends. If the gateway ends, it is started again, and the bus is not affected.
 As a service of systemd, the gateway has a unit of its own, and is not started here.
 
-A process that does not answer for ten seconds is hung, and is killed. If it is the bus server, its
-engine has brought the drives to a stop before (`BusServer.attend`). If this process itself hangs,
-the service manager notices it (`WatchdogSec=` of the unit). If a start fails, this process waits
-longer and longer before it ends and the service manager tries again (`failed_starts.py`).
+A process that does not answer for ten seconds hangs, and is killed. If it is the bus server, its
+engine brings the drives to a stop before (`BusServer.attend`). If this process itself hangs, the
+service manager notices it (`WatchdogSec=` of the unit). If a start fails, this process waits before
+it ends and the service manager tries again, longer after each failure (`failed_starts.py`).
 """
 
 from __future__ import annotations
@@ -41,25 +41,25 @@ T = TypeVar("T")
 _GATEWAY_PAUSE = 1.0
 """Seconds before the gateway is started again."""
 _GATEWAY_START = 60.0
-"""Seconds that it has to get ready then."""
+"""Seconds in which it has to become ready then."""
 _PERIOD = 1.0
 """Seconds between two questions to a child whether it works."""
 _STOOD_STILL = 3.0
-"""Seconds that a pause of `_PERIOD` takes only if the machine or the service stood still."""
+"""If a pause of `_PERIOD` takes this many seconds, the machine or the service stood still."""
 _STOP_MARGIN = 1.0
-"""Seconds beside those in which the engine of a hung bus server brings drives to a stop."""
+"""Seconds in addition to those in which the engine of a hung bus server stops the drives."""
 _OOM_SCORE = -500
 """Under systemd: below the gateway, but above the bus server, which stops the drives if this
 process is killed."""
 _KEYS_MAX = 8
 """Keys of the configuration in one message."""
 _STOP_PATIENCE = 15.0
-"""Seconds that a child has to clean up, beside those in which drives are brought to a stop, and
-those that a slave may take to answer over its mailbox."""
+"""Seconds that a child has to clean up. The time to stop drives and the time-out of mailboxes are
+added."""
 
 
 class _EndedError(EcatError):
-    """A child has ended with this exit status and has told why."""
+    """A child has ended with this exit status and has reported why."""
 
     def __init__(self, status: int) -> None:
         super().__init__("")
@@ -70,12 +70,12 @@ class Supervisor:
     """The processes of one bus.
 
     Args:
-        config: The configuration, which is handed to the children.
+        config: The configuration, which the children get, too.
         origins: Where its values come from, by key (`model.config.origins`).
         rig: The rig to simulate, or None.
-        log: Where events are told.
+        log: The log for events.
         read: Reads the configuration and its origins anew, for SIGHUP.
-        describe: Only print what bus it is.
+        describe: Only print the bus description.
         gateway: Start a gateway, too.
         replay: A recording whose values the inputs of the rig have, or None.
     """
@@ -143,7 +143,7 @@ class Supervisor:
         return self._failed_starts.announce(self._failure)
 
     def _tell_failure(self, reason: str) -> None:
-        """Tells the service manager why this start has failed."""
+        """Reports to the service manager why this start has failed."""
         self._failure = reason
         notify(f"STATUS={not_started(self._config.bus, reason)}")
 
@@ -168,9 +168,9 @@ class Supervisor:
             settings["second_interface"] = ready.get("second", "")
             if self._config.second_interface and not settings["second_interface"]:
                 self._log.warning(
-                    f"second_interface = '{self._config.second_interface}' does nothing: rig "
-                    f"'{self._rig}' is no ring, so there is no cable redundancy (write "
-                    f"ring = true into its rig file)"
+                    f"second_interface = '{self._config.second_interface}' has no effect: rig "
+                    f"'{self._rig}' is no ring, so there is no cable redundancy (write ring = "
+                    "true into its rig file)"
                 )
             settings["namespace_of"] = ready["pid"]
             fatal.append(simulator)
@@ -181,7 +181,7 @@ class Supervisor:
             return
         server.on_levels = self._take_levels
         fatal.append(server)
-        # It loads while the bus comes up, and is told to begin when the bus is there.
+        # The gateway loads while the bus comes up, and begins when the bus is there.
         gateway = await self._start_gateway() if self._with_gateway else None
         in_op = await self._ready(server)
         if gateway is not None:
@@ -189,7 +189,7 @@ class Supervisor:
             while not await self._gets_ready(gateway):
                 await self._kill_gateway(gateway)
                 gateway = await self._replace(gateway)
-        # Not before: whoever reads that the bus is in OP may ask for it.
+        # Not earlier: a program that reads that the bus is in OP may ask the gateway about it.
         self._is_ready = True
         self._failed_starts.forget()
         self._log.info(in_op, "in_op")
@@ -225,10 +225,10 @@ class Supervisor:
         return child, json.loads(line)
 
     async def _ready(self, child: Child) -> str:
-        """Waits until a child is ready; what it says then.
+        """Waits until a child is ready; returns its text.
 
         Raises:
-            _EndedError: It has ended; the service manager has been told why.
+            _EndedError: It has ended; the service manager knows why.
         """
         word, text = await self._or_stop(child.first_line())
         if word != "ready":
@@ -284,7 +284,7 @@ class Supervisor:
         raise _EndedError(_status(status) or StateError.exit_code)
 
     async def _watch_server(self, server: Child, in_op: str) -> None:
-        """Asks the bus server every second, and tells the service manager how the bus is.
+        """Asks the bus server every second, and reports the bus to the service manager.
 
         Raises:
             _EndedError: It no longer works.
@@ -302,7 +302,7 @@ class Supervisor:
         text = f"{server} has not answered for {HANG_S:g} s"
         end = time.monotonic() + self._config.outputs.stop_patience + _STOP_MARGIN
         self._log.error(
-            f"{text}; it is killed when its engine has had the time to stop the drives", "hung"
+            f"{text}; ecatd gives its engine the time to stop the drives, and then kills it", "hung"
         )
         while time.monotonic() < end:
             _feed(text)
@@ -311,11 +311,11 @@ class Supervisor:
 
     def _fail(self, text: str) -> None:
         notify(f"STATUS={text}")
-        self._log.error(f"{text}; {_again()}; report this: it should never happen", "hung")
+        self._log.error(f"{text}; {_again()}; please report this defect in ecatd", "hung")
         raise _EndedError(StateError.exit_code)
 
     async def _keep_gateway(self, gateway: Child) -> None:
-        """Has a gateway at work: starts another one when it ends or hangs."""
+        """Keeps a gateway running: starts another one when it ends or hangs."""
         while True:
             hung = asyncio.create_task(_until_hung(gateway))
             try:
@@ -324,8 +324,8 @@ class Supervisor:
                 hung.cancel()
             if not gateway.end.done():
                 await self._kill_gateway(gateway)
-            elif status := gateway.end.result():  # with 0 it ends to use other settings
-                text = f"the gateway has ended ({_cause(status)}); starting it again"
+            elif status := gateway.end.result():  # status 0: it ends to use other settings
+                text = f"the gateway has ended ({_cause(status)}); ecatd starts it again"
                 self._log.warning(text, "gateway")
             gateway = await self._replace(gateway)
 
@@ -337,13 +337,14 @@ class Supervisor:
         self._children.remove(gateway)
         told = False
         while True:
-            # It also ends with the bus server, whose end is seen meanwhile.
+            # It also ends with the bus server. The pause gives `_watch_server` the time to notice
+            # that.
             await asyncio.sleep(_GATEWAY_PAUSE)
             try:
                 gateway = await self._start_gateway()
             except OSError as error:
                 if not told:
-                    text = f"the gateway cannot be started: {error.strerror}; it is tried again"
+                    text = f"the gateway cannot be started: {error.strerror}; ecatd tries it again"
                     self._log.error(text, "gateway")
                 told = True
             else:
@@ -353,12 +354,12 @@ class Supervisor:
     async def _kill_gateway(self, gateway: Child) -> None:
         hung = f"has not answered for {HANG_S:g} s"
         what = hung if gateway.is_ready else f"is not ready after {_GATEWAY_START:g} s"
-        text = f"{gateway} {what}; it is killed and started again, and the bus goes on"
+        text = f"{gateway} {what}; ecatd kills it and starts it again, while the bus goes on"
         self._log.warning(text, "gateway")
         await gateway.kill()
 
     async def _reload_on_request(self, server: Child) -> None:
-        """Reads the configuration anew at each SIGHUP, and uses what can change."""
+        """Reads the configuration at each SIGHUP, and uses the changes that need no restart."""
         while await self._reload.wait():
             self._reload.clear()
             levels = self._settings["log"]
@@ -366,7 +367,7 @@ class Supervisor:
                 server.give(self._settings)
 
     def _use_anew(self) -> bool:
-        """Reads the configuration anew; returns whether something has changed that is used."""
+        """Reads the configuration again; returns whether a change is used."""
         try:
             wanted, origins = self._read()
         except EcatError as error:
@@ -392,7 +393,7 @@ class Supervisor:
         self._settings["log"] = self._log.levels = levels
 
     async def _end(self) -> None:
-        """Ends the children, the last one first, each given time to clean up."""
+        """Ends the children, the last one first, and gives each time to clean up."""
         mailboxes = max((item.mailbox_timeout_ms or 0 for item in self._config.slave), default=0)
         patience = _STOP_PATIENCE + self._config.outputs.stop_patience + mailboxes / 1e3
         for child in reversed(self._children):
@@ -404,7 +405,7 @@ class Supervisor:
 
 
 async def _until_hung(child: Child) -> None:
-    """Asks a child that gets ready every second; returns when it has not answered for long."""
+    """Asks a child that starts every second; returns when it has not answered for long."""
     try:
         await asyncio.wait_for(child.first_line(), _GATEWAY_START)
     except TimeoutError:
@@ -419,17 +420,17 @@ async def _ask(child: Child) -> None:
     begin = time.monotonic()
     await asyncio.sleep(_PERIOD)
     if time.monotonic() - begin > _STOOD_STILL:
-        child.forgive()  # everything stood still, this process as well
+        child.forgive()  # the whole machine stood still, also this process
 
 
 def _feed(status: str) -> None:
-    """Tells the service manager that this process works, and how the bus is."""
+    """Reports to the service manager that this process works, and the state of the bus."""
     notify("WATCHDOG=1", f"STATUS={status}", wait=False)
 
 
 def _again() -> str:
-    """What follows when the bus has ended by itself."""
-    return "ecatd is started again" if is_managed() else "start ecatd again"
+    """What happens next when the bus has ended by itself."""
+    return "the service manager starts ecatd again" if is_managed() else "start ecatd again"
 
 
 def _keys(keys: list[str]) -> str:
@@ -438,7 +439,7 @@ def _keys(keys: list[str]) -> str:
 
 
 def _status(returncode: int) -> int:
-    """The exit status to pass on: a signal is a defect of ours."""
+    """The exit status to pass on: a signal is a defect in ecatd."""
     return returncode if returncode >= 0 else EcatError.exit_code
 
 

@@ -19,9 +19,9 @@ def read_clocks(bus: str) -> dict[str, Any]:
         A map, as it is sent over Zenoh (`ro/dc`) and printed by `ecatctl dc --json`: `bus`,
         `state`, `cycle_time_us`, `reference` (position, -1 for none), `time_ns` (of the reference
         clock), `offset` (phase of the last cycle in µs), `phase` (distribution of the offset
-        without its sign, in µs), `drift_ppb`, and `slaves`. `gone` of a slave says that it does not
-        answer: `absent` if it is optional, else `missing`; then its clock has no delay and no
-        difference. `dc_difference_ns` is also None if it does not follow the reference clock.
+        without its sign, in µs), `drift_ppb`, and `slaves`. If a slave does not answer, its `gone`
+        is `absent` if it is optional, else `missing`, and its clock has no delay and no difference.
+        `dc_difference_ns` is also None if the clock does not follow the reference clock.
 
     Raises:
         EcatError: As `stats.read`.

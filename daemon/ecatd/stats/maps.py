@@ -152,14 +152,14 @@ def from_map(data: dict[str, Any]) -> Snapshot:
     """Makes a snapshot from a map of `to_map(…, buckets=True)`.
 
     Raises:
-        EcatError: The map cannot be understood, for example that of another version.
+        EcatError: The map is not understood, for example because it is of another version.
     """
     try:
         return _snapshot(data)
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise EcatError(
-            f"the daemon's statistics cannot be understood ({error!r}): is it of another version? "
-            f"Run 'ecatctl info', and install the same version here"
+            f"this ecatctl does not understand the statistics of the daemon ({error!r}): run "
+            "'ecatctl info', and install the version of the daemon here"
         ) from error
 
 
@@ -245,14 +245,14 @@ def _member(kind: Any, name: str) -> Any:
 def _count(value: Any) -> int:
     number = int(value)
     if not 0 <= number < _LIMIT:
-        raise ValueError(f"{number} is no counter")
+        raise ValueError(f"{number} is not a counter")
     return number
 
 
 def _word(value: Any) -> int:
     number = int(value)
     if not -(1 << 31) <= number < 1 << 31:
-        raise ValueError(f"{number} is no value of a setting")
+        raise ValueError(f"{number} is not a value of a setting")
     return number
 
 

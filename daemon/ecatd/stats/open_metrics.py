@@ -56,7 +56,7 @@ def write_metrics(snapshot: Snapshot, slaves: Iterable[Mapping[str, Any]] = ()) 
 
     Args:
         snapshot: Statistics since the start.
-        slaves: AL states as `Remote.states` returns them; empty if nobody could be asked.
+        slaves: AL states as `Remote.states` returns them; empty if no gateway answers.
     """
     return "\n".join([*_lines(snapshot, list(slaves)), "# EOF", ""])
 
@@ -111,7 +111,7 @@ def _lines(snapshot: Snapshot, slaves: list[Mapping[str, Any]]) -> Iterator[str]
 
 
 def _slaves(bus: Mapping[str, str], every: list[Mapping[str, Any]]) -> Iterator[str]:
-    rows = [row for row in every if row.get("recovery") != _ABSENT]  # optional ones may be absent
+    rows = [row for row in every if row.get("recovery") != _ABSENT]  # optional slaves may be absent
     labels = [
         {
             **bus,
@@ -162,7 +162,7 @@ def _counter(
 def _histogram(
     name: str, text: str, labels: Mapping[str, str], histogram: Histogram
 ) -> Iterator[str]:
-    """A step belongs to a bound that is at least its upper edge: the bounds are wider by far."""
+    """A step belongs to the first bound at or above its upper edge. The bounds are much wider."""
     yield from _family(name, "histogram", text, "seconds")
     bins = list(histogram.bins())
     below = at = 0

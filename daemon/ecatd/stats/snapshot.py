@@ -15,7 +15,7 @@ from ecatd.model.errors import StateError, UsageError
 
 _BUCKETS = len(shm.struct("ecat_shm_histogram")().buckets)
 _OVERDUE_NS = 500_000_000
-"""A process that gets no processor for a moment does not count as hung."""
+"""A shorter silence does not count: a process may get no processor for a moment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,11 +285,11 @@ class Snapshot:
     def __sub__(self, earlier: Snapshot) -> Snapshot:
         if (self.bus, self.instance) != (earlier.bus, earlier.instance):
             raise StateError(
-                f"these are not statistics of one run: the daemon of bus '{self.bus}' was "
-                f"restarted between them, or they are of two buses"
+                f"these statistics cannot be subtracted: the daemon of bus '{self.bus}' was "
+                "restarted in between, or they are of two buses"
             )
         if self.read_ns < earlier.read_ns:
-            raise UsageError("the statistics to subtract are the later ones")
+            raise UsageError("cannot subtract later statistics from earlier ones")
         return replace(
             self,
             start_ns=earlier.read_ns,
@@ -308,5 +308,5 @@ class Snapshot:
 
 
 def _difference(now: object, then: object, names: tuple[str, ...]) -> dict[str, Any]:
-    """Increase of counters; 0 for one that has decreased, as damaged shared memory may show."""
+    """Increase of counters; 0 for a counter that has decreased, as in damaged shared memory."""
     return {name: max(0, getattr(now, name) - getattr(then, name)) for name in names}
