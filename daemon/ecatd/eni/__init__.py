@@ -7,8 +7,8 @@ text = write_config(found.config, found.bus, VERSION, found.notes)
 ```
 
 `reader` reads a file into the classes of `network`. `convert` makes a configuration of them, with
-`process_data` for the PDOs and `registers` for what is written into registers; `report` says what
-became of each part of the file. The daemon itself reads no ENI files.
+`process_data` for the PDOs and `registers` for the register commands. `report` lists what the
+configuration has of each part of the file. The daemon itself reads no ENI files.
 """
 
 from .convert import Converted, convert

@@ -34,18 +34,18 @@ _WATCHED = 0x40  # bit of a sync manager's control: its data feed the watchdog
 _NAME = re.compile(r"(.*?)\s*[(\[]\s*([^()\[\]]+?)\s*[)\]]*\s*", re.DOTALL)
 _USUAL = (0x0300, 0x0700)
 _UNUSED = "entries of PDOs that are not assigned"
-_MASTER = "what is told to all slaves at once"
+_MASTER = "commands for all slaves at once"
 
 
 @dataclass(slots=True)
 class Converted:
-    """What became of an ENI file.
+    """The result of the conversion of an ENI file.
 
     Attributes:
         config: The configuration.
         bus: The bus that it expects.
         notes: Comments for the configuration.
-        report: What was taken, and what was not.
+        report: What the configuration has of the file, and what it has not.
     """
 
     config: Config
@@ -130,7 +130,7 @@ class _Converter:
             )
         names = {task.cycle_us: task.name for task in reversed(tasks)}
         for cycle in sorted(members)[:DOMAINS_MAX] if len(members) > 1 else ():
-            first = not self._config.domain  # it has all slaves that no other domain names
+            first = not self._config.domain  # this domain has all slaves that no other domain names
             name, slaves = self._domain_name(names[cycle]), [] if first else members[cycle]
             self._config.domain.append(DomainConfig(name, cycle // base, slaves=slaves))
 
@@ -188,7 +188,7 @@ class _Converter:
             coe=slave.coe,
             given_name=unique_name(given, names),
         )
-        if data.pdos is not None or not slave.coe:  # else they would be written as all of them
+        if data.pdos is not None or not slave.coe:  # otherwise the writer would name all of them
             description.outputs, description.inputs = data.outputs, data.inputs
         settings = SlaveConfig(position)
         self._bus.slaves.append(description)
@@ -324,7 +324,10 @@ class _Converter:
         dc = self._config.dc
         dc.reference = self._reference()
         if dc.reference >= 0 and self._config.slave[dc.reference].optional:
-            text = "it is the reference clock, but it may be absent: the first other clock is it"
+            text = (
+                "it is the reference clock, but it may be absent: the first other clock takes "
+                "its place"
+            )
             self._report.leave(self._slaves[dc.reference].line, dc.reference, text)
             dc.reference, dc.enabled = -1, True
         for position, sync in enumerate(self._syncs):
@@ -391,7 +394,7 @@ class _Converter:
 
 
 def _in_order(slaves: list[EniSlave]) -> list[EniSlave]:
-    """The slaves in the order of the wire, if their auto-increment addresses tell all of it."""
+    """The slaves in the order of the wire, if the auto-increment addresses give all of it."""
     known = [slave for slave in slaves if slave.auto_increment is not None]
     places = {-(slave.auto_increment or 0) & 0xFFFF: slave for slave in known}
     if sorted(places) == list(range(len(slaves))):
@@ -400,7 +403,7 @@ def _in_order(slaves: list[EniSlave]) -> list[EniSlave]:
 
 
 def _mark(slave: EniSlave) -> Mark | None:
-    """What finds the slave wherever it stands; None if that is nothing that a slave can have."""
+    """The mark that finds the slave wherever it stands; None if no slave can have such a mark."""
     register, value = slave.identification or (0, 0)
     if not value or register not in IDENTIFICATION_REGISTERS:
         return None
@@ -408,7 +411,7 @@ def _mark(slave: EniSlave) -> Mark | None:
 
 
 def _behind(slaves: list[EniSlave]) -> list[EniSlave]:
-    """Puts groups that are found by a mark behind all others, where the configuration has them."""
+    """Puts groups that are found by a mark behind all others, as the configuration does."""
     heads = (slave for slave in slaves if slave.group_name is not None)
     found = {slave.group for slave in heads if _mark(slave) is not None}
     return sorted(slaves, key=lambda slave: slave.group if slave.group in found else 0)
@@ -422,7 +425,7 @@ def _group_names(slaves: list[EniSlave]) -> dict[int, str]:
 
 
 def _split_name(text: str) -> tuple[str, str]:
-    """Name and order code of a slave that is named as `Term 2 (EL1008)` or `Axis [AX2]`."""
+    """Name and order code in a name such as `Term 2 (EL1008)` or `Axis [AX2]`."""
     match = _NAME.fullmatch(text)
     if match and match[1]:
         return match[1], match[2]

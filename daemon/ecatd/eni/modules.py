@@ -1,4 +1,4 @@
-"""Finds in ENI files the list of modules that a modular device shall expect (ETG.5001)."""
+"""Finds in ENI files the list of modules that a modular device should expect (ETG.5001)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def is_about_modules(command: CoeCommand) -> bool:
 def find_modules(commands: Iterable[CoeCommand]) -> list[ModuleConfig]:
     """The modules that the commands write, by slot.
 
-    By complete access, a byte with their number and one of padding come first (ETG.1000.6).
+    With complete access, a byte with their number and a byte of padding come first (ETG.1000.6).
     """
     idents: dict[int, int] = {}
     for command in filter(is_about_modules, commands):

@@ -16,7 +16,7 @@ class CoeCommand:
         transitions: When it is sent, such as "PS".
         index: Index of the object.
         subindex: Its subindex.
-        data: What is written; nothing for a command that reads.
+        data: The data to write; empty for a command that reads.
         complete: Whether the whole object is written at once (complete access).
         disabled: Whether the file switches it off.
         comment: Its comment.
@@ -46,7 +46,7 @@ class RegisterCommand:
         transitions: When it is sent.
         command: Command of the datagram (ETG.1000.4): 0 NOP, 1 APRD, 2 APWR, 4 FPRD, 5 FPWR, ...
         register: First register.
-        data: What is written.
+        data: The data to write.
         expected: What a slave must answer; None if that is not checked.
         comment: Its comment.
     """
@@ -154,9 +154,9 @@ class EniTask:
         cycle_us: The period; 0 if the file does not say.
         name: Its comment.
         areas: First logical address and length of each datagram with process data.
-        clock: Auto-increment or station address of the reference clock whose time it hands on;
-            None if it hands on none.
-        others: Line and name of what the frames do besides.
+        clock: Auto-increment or station address of the reference clock whose time it distributes;
+            None if it distributes no time.
+        others: Line and name of further parts of the frames.
     """
 
     line: int
@@ -169,7 +169,7 @@ class EniTask:
 
 @dataclass(slots=True)
 class EniNetwork:
-    """What an ENI file says.
+    """The content of an ENI file.
 
     Attributes:
         path: The file.

@@ -1,7 +1,7 @@
 """Finds the PDO assignment and the mappings of a slave in an ENI file (ETG.1000.6).
 
 They are in the objects that the CoE commands write, 0x1C10 and following for the assignment, 0x1600
-and 0x1A00 and following for the mappings. What no command writes is in `<ProcessData>`.
+and 0x1A00 and following for the mappings. `<ProcessData>` has the rest.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class ProcessData:
         outputs: RxPDOs that are exchanged, as far as they are known.
         inputs: TxPDOs that are exchanged.
         unused: Indices of PDOs into which the file maps entries although it does not assign them.
-        problems: Line and text of what cannot be taken.
+        problems: Line and text of the parts that the configuration cannot have.
     """
 
     pdos: list[int] | None = None

@@ -37,8 +37,8 @@ def read_network(path: Path) -> EniNetwork:
     """Reads an ENI file.
 
     Raises:
-        ConfigError: The file cannot be read, is no ENI file, or is malformed; the message begins
-            with the file and, where there is one, the line.
+        ConfigError: The file cannot be read, is not an ENI file, or is malformed. The message
+            begins with the file and, if known, the line.
     """
     root = read_xml(path, lambda element, depth: depth == 0 or element.tag not in _UNUSED)
     if root.tag != "EtherCATConfig":

@@ -100,7 +100,7 @@ class Memory:
 
 
 def whose(command: RegisterCommand) -> str:
-    """What ecatd decides instead of this command, in words; empty if nothing."""
+    """What ecatd does in place of this command, in words; empty if it does nothing."""
     if command.command == _NOTHING:
         return "pauses"
     for low, high, what in _OURS:

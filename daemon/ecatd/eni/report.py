@@ -1,4 +1,4 @@
-"""What became of each part of an ENI file."""
+"""Reports what the configuration has of each part of an ENI file."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """Something that was not taken.
+    """A part of the file that the configuration does not have.
 
     Attributes:
         line: Line in the file.
-        slave: Position of the slave; None if it is about all of them.
-        text: What it is, and why it was not taken.
+        slave: Position of the slave; None if it is about all slaves.
+        text: The part, and why it was left out.
     """
 
     line: int
@@ -25,12 +25,12 @@ class Remark:
 
 @dataclass(slots=True)
 class Report:
-    """What became of each part of an ENI file.
+    """Reports what the configuration has of each part of an ENI file.
 
     Attributes:
-        taken: By position, what the configuration now has of a slave, in words.
-        ours: What ecatd decides itself, and how often the file is about it.
-        unsupported: What was not taken, although it may matter.
+        taken: By position, what the configuration has of a slave, in words.
+        ours: What ecatd does in its own way, and how often the file is about it.
+        unsupported: The parts that were left out, although they may matter.
     """
 
     taken: dict[int, list[str]] = field(default_factory=dict)
@@ -38,11 +38,11 @@ class Report:
     unsupported: list[Remark] = field(default_factory=list)
 
     def take(self, position: int, what: str) -> None:
-        """Records what was taken over from a slave."""
+        """Records a part of a slave that the configuration has."""
         self.taken.setdefault(position, []).append(what)
 
     def leave(self, line: int, slave: int | None, text: str) -> None:
-        """Records what was not taken."""
+        """Records a part that was left out."""
         self.unsupported.append(Remark(line, slave, text))
 
     def lines(self, path: str, labels: dict[int, str]) -> Iterator[str]:

@@ -5,14 +5,14 @@ choice = choose(list_devices(path), path, type="EL1004", revision=0x00130000)
 device = read_device(path, choice)
 ```
 
-A file may describe hundreds of devices; only the chosen one is read completely, with the modules
-that its slots may have; `plug` puts some of them in. A dictionary in another file is not read;
-`EsiDevice.dictionary_file` says whether a device has one.
+A file may describe hundreds of devices. Only the chosen one is read completely, with the modules
+that its slots may have. `plug` puts modules into the slots. A dictionary in another file is not
+read; `EsiDevice.dictionary_file` says whether a device has one.
 
 `reader` reads files, `dictionary` reads object dictionaries, and both use `xml`. `device` has the
-classes of the result. `modules` puts modules into slots, and `shift` moves what depends on these.
-`configure` adds to a configuration what a file knows, and `check` compares the PDOs of a
-configuration with a file. The daemon itself reads no ESI files.
+classes of the result. `modules` puts modules into slots, and `shift` moves the indices that depend
+on the slot. `configure` adds the facts of a file to a configuration, and `check` compares the PDOs
+of a configuration with a file. The daemon itself reads no ESI files.
 """
 
 from .device import (

@@ -11,7 +11,7 @@ from .modules import plug
 
 
 def pdo_problems(settings: SlaveConfig, device: EsiDevice) -> Iterator[str]:
-    """Says what is wrong with `pdos` and `[[slave.pdo]]` of a slave.
+    """Finds what is wrong with `pdos` and `[[slave.pdo]]` of a slave.
 
     Yields:
         Sentences without a subject, such as `lacks PDO 0x1600, which is mandatory: …`.

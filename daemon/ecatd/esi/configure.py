@@ -36,14 +36,14 @@ _SIGNAL_BITS = 64
 
 
 def add_esi(config: Config, bus: Bus, devices: Mapping[int, EsiDevice]) -> Notes:
-    """Adds what ESI files say to a configuration; what is configured already stays.
+    """Adds the facts of ESI files to a configuration. Values that are configured already stay.
 
     Start-up commands, units, limits and named values of process data, and the default mode of the
     distributed clocks become tables. The rest becomes comments.
 
     Args:
-        config: The configuration, which is changed; it is about the slaves where they are.
-        bus: The bus; slaves and entries without a name get that of their device.
+        config: The configuration, which is changed; its positions are those of the slaves.
+        bus: The bus. Slaves and entries without a name get the name that their device has.
         devices: The description of slaves, by position.
     """
     notes = Notes()
@@ -59,7 +59,7 @@ def add_esi(config: Config, bus: Bus, devices: Mapping[int, EsiDevice]) -> Notes
 
 
 class _Adder:
-    """Adds what one device says to the configuration of its slave."""
+    """Adds the facts of one device to the configuration of its slave."""
 
     def __init__(
         self, config: Config, slave: Slave, settings: SlaveConfig, device: EsiDevice, notes: Notes
@@ -99,7 +99,7 @@ class _Adder:
         self._add_modes()
 
     def _add_identification(self) -> None:
-        """Adds where the slave has its identification; a comment, if it is found otherwise."""
+        """Adds where the slave has its identification, or a comment if it is found otherwise."""
         device, settings = self._device, self._settings
         register = device.identification_register
         where = register in IDENTIFICATION_REGISTERS and register not in (ALIAS, ON_REQUEST)
@@ -119,7 +119,7 @@ class _Adder:
         else:
             return
         self._about.append(
-            f"It can tell who it is, as by a selector: {keys}, in place of position, would find it "
+            f"It has a selector or the like: with {keys} in place of position, ecatd finds it "
             "wherever it stands."
         )
 
@@ -181,8 +181,8 @@ class _Adder:
             rule.minimum, rule.maximum = low * scale + offset, high * scale + offset
         else:  # the safe value, zero, must be in the range
             self._about.append(
-                f"{entry.address} has raw values from {low} to {high}, which is no limit here, "
-                "since its safe value is 0"
+                f"{entry.address} has raw values from {low} to {high}, which ecatd does not use "
+                "as limits, because its safe value is 0"
             )
 
     # --- start-up commands ---------------------------------------------------------------------

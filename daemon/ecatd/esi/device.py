@@ -100,9 +100,9 @@ class EsiCommand:
         transitions: When it is written, such as "PS".
         index: Index of the object.
         subindex: Its subindex.
-        data: What is written.
+        data: The data to write.
         complete: Whether the whole object is written at once (complete access).
-        comment: Why.
+        comment: The reason for it.
     """
 
     line: int
@@ -120,7 +120,7 @@ class EsiSlot:
 
     Attributes:
         name: Its name; may be empty.
-        idents: Idents of the modules that it may have, beside those of `classes`.
+        idents: Idents of the modules that it may have, in addition to those of `classes`.
         classes: Classes of the modules that it may have.
         index_step: Distance of the objects of a module from those of the slot before.
         pdo_step: Distance of its PDOs.
@@ -133,21 +133,21 @@ class EsiSlot:
     pdo_step: int
 
     def takes(self, module: EsiModule) -> bool:
-        """Whether the slot may have a module; one that names none may have any."""
+        """Whether the slot may have a module. A slot that names no modules may have any."""
         anything = not self.idents and not self.classes
         return anything or module.ident in self.idents or module.module_class in self.classes
 
 
 @dataclass(frozen=True, slots=True)
 class EsiModule:
-    """A type of module. `modules.plug` adds what it brings to a device.
+    """A type of module. `modules.plug` adds its PDOs, commands and objects to a device.
 
     Attributes:
         ident: Module ident.
         module_class: Its class, which slots name.
         type: Name of the type.
         name: Name of the module.
-        element: Its element in the file: what it brings depends on the slot.
+        element: Its element in the file, which is read for each slot, since it depends on the slot.
     """
 
     ident: int
@@ -184,7 +184,7 @@ class EsiDevice:
         tells_identification: Whether it tells its identification on request (ETG.1020).
         identification_register: Address in its ESC where its identification is; 0 for none.
         dc: Operation modes of the distributed clocks; the first one is the default.
-        eeprom_size: Size of the EEPROM in bytes, 0 if the file does not say it.
+        eeprom_size: Size of the EEPROM in bytes, 0 if the file does not give it.
         config_data: First bytes of the EEPROM.
         bootstrap: Words 0x14 to 0x17 of the EEPROM: the mailbox in BOOT.
         categories: Further categories of the EEPROM: type and data of each.

@@ -47,7 +47,7 @@ _NAMES = [(name, kind) for name, kind in _TYPES.items() if name != "BIT"]
 _STRING = re.compile(r"(STRING|WSTRING|UNICODE_STRING|OCTET_STRING)\s*\(\s*(\d{1,5})\s*\)")
 _BYTES = re.compile(r"ARRAY\s*\[\s*(\d{1,5})\s*\.\.\s*(\d{1,5})\s*\]\s*OF\s*(BYTE|USINT|SINT)")
 _BARE_UNIT = re.compile(r"(?=0|\d*[A-Fa-f])[0-9A-Fa-f]{8}")
-"""A unit code that a file writes without #x, as some do."""
+"""A unit code without #x, as some files have it."""
 _STATES = {"preop": 1, "safeop": 2, "op": 4}
 _ALL_STATES = 7
 _READS = {"ro": True, "rw": True, "wo": False}
@@ -74,7 +74,7 @@ class EsiEntry:
         minimum: Smallest value as SDO data, or None.
         maximum: Largest value as SDO data, or None.
         unit: Unit code (ETG.1004), 0 for none.
-        values: What numbers stand for.
+        values: The names of numbers.
         line: Line in the file.
     """
 
@@ -135,7 +135,7 @@ def simple_type(name: str, bits: int) -> tuple[DataType, int] | None:
 
 
 def type_in_esi(data_type: int) -> str:
-    """The name in ESI files of a data type that is no string; that of bytes if it has none."""
+    """The name in ESI files of a data type, except strings; if it has none, that of bytes."""
     return next((name for name, kind in _NAMES if kind == data_type), "BYTE")
 
 
@@ -247,7 +247,7 @@ class _Reader:
             )
 
     def _values(self, name: str) -> dict[int, str]:
-        """What the numbers of an enumeration stand for."""
+        """The names of the numbers of an enumeration."""
         definition = self._types.get(name)
         found = {}
         for item in definition.all("EnumInfo") if definition else ():
@@ -316,7 +316,7 @@ def _states(access: Element, name: str) -> int:
 def _read_info(info: Element, entries: list[EsiEntry], code: ObjectCode) -> None:
     """Reads defaults, limits and units of the entries of an object.
 
-    Those of records and arrays are found by the name of the entry, else by its place.
+    In records and arrays the name of the entry finds them, or else its place.
     """
     if code == ObjectCode.VAR:
         _read_values(info, entries[0])

@@ -17,10 +17,10 @@ def plug(device: EsiDevice, idents: Sequence[int]) -> EsiDevice:
     Args:
         device: The device without modules.
         idents: Ident of the module in each slot, slot 1 first; 0 for an empty slot. Modules that
-            the file does not describe bring nothing.
+            the file does not describe add nothing.
 
     Raises:
-        ConfigError: What the file says about a module is malformed.
+        ConfigError: The description of a module is malformed.
     """
     plugged = replace(
         device,
@@ -47,7 +47,7 @@ def plug(device: EsiDevice, idents: Sequence[int]) -> EsiDevice:
 
 
 def module_problems(device: EsiDevice, idents: Sequence[int]) -> Iterator[str]:
-    """Says which modules do not fit the slots of a device.
+    """Finds the modules that do not fit the slots of a device.
 
     Args:
         device: The device.

@@ -47,7 +47,7 @@ def list_devices(path: Path) -> list[EsiChoice]:
     """Lists the devices of a file.
 
     Raises:
-        ConfigError: The file cannot be read, or is no ESI file.
+        ConfigError: The file cannot be read, or is not an ESI file.
     """
 
     def wanted(element: Element, depth: int) -> bool:
@@ -204,7 +204,7 @@ def _sync_manager(element: Element) -> EsiSyncManager:
 
 
 def _slots(slots: Element) -> list[EsiSlot]:
-    """The slots, each as often as it may be there."""
+    """The slots, each as often as the file says that it occurs."""
     index_step = slots.attribute("SlotIndexIncrement", high=0xFFFF)
     pdo_step = slots.attribute("SlotPdoIncrement", high=0xFFFF)
     most = slots.attribute("MaxSlotCount", _SLOTS_MAX, high=_SLOTS_MAX)
@@ -222,7 +222,7 @@ def _slots(slots: Element) -> list[EsiSlot]:
 
 
 def _all(element: Element, tag: str, inner: str) -> Iterable[Element]:
-    """The children of a name; those with children of their own have the text in one of these."""
+    """The children of a name. If a child has children itself, one of these has the text."""
     for child in element.all(tag):
         yield child.find(inner) or child
 
@@ -246,7 +246,7 @@ def read_pdos(
     Args:
         elements: `<RxPdo>` or `<TxPdo>`.
         device: The device.
-        shift: How far the slot moves them.
+        shift: How far the slot moves their indices.
 
     Raises:
         ConfigError: An element is malformed; the message begins with file and line.
@@ -312,8 +312,8 @@ def _read_mailbox(element: Element, device: EsiDevice) -> None:
 def read_commands(coe: Element, shift: Shift = UNMOVED) -> list[EsiCommand]:
     """Reads the start-up commands in a `<CoE>`; arguments and errors as `read_pdos`.
 
-    The schema of ETG.2000 has them there one by one. Some files have them in an `<InitCmds>`, as
-    ENI files do.
+    By the schema of ETG.2000, the commands are children of `<CoE>`. Some files have an `<InitCmds>`
+    around them, as ENI files do.
     """
     together = coe.find("InitCmds")
     elements = [*coe.all("InitCmd"), *(together.all("InitCmd") if together else ())]

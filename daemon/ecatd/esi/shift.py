@@ -1,4 +1,4 @@
-"""Where the objects and PDOs of a module lie: that depends on its slot (ETG.2000, DependOnSlot)."""
+"""Computes where a module has its objects and PDOs, by its slot (ETG.2000, DependOnSlot)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _PDOS = (range(0x1600, 0x1800), range(0x1A00, 0x1C00))
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """How far the slot of a module moves what depends on it.
+    """How far the slot of a module moves the indices that depend on it.
 
     Attributes:
         objects: Added to the index of an object.
@@ -25,7 +25,7 @@ class Shift:
         """The index in an element, moved if it depends on the slot.
 
         Raises:
-            ConfigError: It is no index, or beyond 0xFFFF.
+            ConfigError: It is not an index, or beyond 0xFFFF.
         """
         index = element.number(high=0xFFFF)
         if not index or not element.flag("DependOnSlot"):

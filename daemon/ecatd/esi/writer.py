@@ -16,8 +16,8 @@ from .dictionary import type_in_esi
 def bus_document(bus: Bus, version: str) -> str:
     """The bus as a list of devices, in the order of the wire, each with the PDOs that it has now.
 
-    Units, scales and names from the configuration are no part of ESI; they are attributes of the
-    element `Meaning`, which programs that do not know it leave out.
+    ESI has no place for units, scales and names from the configuration. They are attributes of the
+    element `Meaning`, which other programs ignore.
 
     Args:
         bus: The bus description.

@@ -1,1 +1,1 @@
-"""Data and file formats that all parts share; nothing here imports another part."""
+"""Data and file formats that all parts share. This package imports no other part."""

@@ -47,7 +47,7 @@ _FROM_OUTSIDE = frozenset((0x0000, 0x0018, 0x0019, AL_WATCHDOG, 0x002A, 0x002B, 
 
 
 def comes_from_outside(code: int) -> bool:
-    """Whether an AL status code has a cause outside of the slave: OP can be requested again.
+    """Whether an AL status code has a cause outside the slave, so that OP can be requested again.
 
     The slave lacked frames, clocks or SYNC signals, which can come back, or must be set up again.
     All other codes, also reserved ones and those of vendors, have a cause in the slave, which a new
@@ -62,16 +62,19 @@ def needs_set_up(code: int) -> bool:
 
 
 def al_remedy(code: int) -> str:
-    """Says what a user can do about a slave that recovery leaves alone, by its AL status code."""
+    """What a user can do about a slave that recovery leaves alone, by its AL status code."""
     if code in (0x0016, 0x0017, 0x001C, 0x001D, 0x001E, 0x0024, 0x0025, 0x0070):
-        return "its process data do not fit what was set up: compare `ecatctl pdos` with its manual"
+        return (
+            "its process data differ from those that were set up: compare `ecatctl pdos` with "
+            "its manual"
+        )
     if code in (0x001F, 0x0026, 0x0027, 0x0028, 0x0029, 0x002E, 0x0030, 0x0031, 0x0036, 0x0037):
-        return "it does not take its settings: compare cycle, watchdog and [dc] with its manual"
+        return "it refuses its settings: compare cycle, watchdog and [dc] with its manual"
     if code in (0x0006, 0x0050, 0x0051):
         return "its EEPROM is damaged or of another firmware: see its manual"
     if code == 0x0020:
         return "switch it off and on"
-    return "look for the code in its manual, and mend what it says"
+    return "look up the code in its manual, and correct what the manual says"
 
 
 def al_state_text(register: int) -> str:

@@ -14,7 +14,7 @@ _OTHER_NUMBER, _OTHER_DEVICE, _MISSING, _EXTRA, _MISSING_ANY, _ABSENT = 4, 8, 7,
 that is extra."""
 
 Pair = tuple[SlaveConfig | None, Slave | None]
-"""None: nobody expects the slave; or the expected slave is not there."""
+"""None stands for a slave that is not expected, or an expected slave that is not there."""
 
 
 class Alignment:
@@ -23,7 +23,7 @@ class Alignment:
     Args:
         slaves: The slaves that were found, by position.
         taken: Positions of slaves that may only stand where any slave may stand.
-        unlisted: Whether slaves behind all expected ones are no difference.
+        unlisted: Whether slaves behind all expected ones are allowed.
     """
 
     def __init__(self, slaves: Sequence[Slave], taken: Collection[int], *, unlisted: bool) -> None:
@@ -35,7 +35,7 @@ class Alignment:
         """Pairs the slaves with expected ones."""
         slaves = self._slaves
         first = 0
-        # Most buses are as expected, so what is alike at the start needs no search.
+        # Most buses are as expected, so equal slaves at the start need no search.
         while (
             first < min(len(expected), len(slaves))
             and expected[first].product is not None
@@ -80,7 +80,7 @@ class Alignment:
     def _cost(self, wanted: SlaveConfig, slave: Slave) -> float:
         if wanted.product is None:
             return 0
-        if slave.position in self._taken:  # it is somebody else
+        if slave.position in self._taken:  # it is another slave
             return math.inf
         kind, _ = difference(wanted, slave)
         return {"": 0, "other device": _OTHER_DEVICE}.get(kind, _OTHER_NUMBER)

@@ -11,8 +11,8 @@ from pathlib import Path
 def write_whole(path: Path, data: bytes, prefix: str) -> None:
     """Writes a temporary file in the folder of the target, then renames it to the target.
 
-    If that fails, the old file stays. A symbolic link stays as well: the file that it leads to is
-    replaced. A device or a pipe stays, too: it gets the data.
+    If that fails, the old file stays. If the path is a symbolic link, the link stays, and its
+    target is replaced. A device or a pipe gets the data.
 
     Args:
         path: The target. The new file gets the permissions of the one that it replaces.

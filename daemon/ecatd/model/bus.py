@@ -55,13 +55,13 @@ class Slave:
         alias: Configured station alias.
         address: Configured station address that the master assigned.
         coe: Whether the slave answers CoE requests.
-        problems: What is wrong with its EEPROM, and how the master handles that.
+        problems: The errors in its EEPROM, and how the master handles them.
         profiles: Device profiles that its entries have their meanings from, each with its source.
         given_name: Its name in this machine, from the configuration; empty for none.
         group: The optional slaves that come and go with it: the name of their group in the
             configuration, or `slave N` for a slave alone. Empty for a slave that must be there.
-        identification: Explicit device identification that it has told (ETG.1020), such as that of
-            a rotary switch; 0 for none, or if it was not asked.
+        identification: Its explicit device identification (ETG.1020), such as that of a rotary
+            switch; 0 for none, or if it was not read.
         modules: The modules that it has detected in its slots (object 0xF050), slot 1 first; none
             for a device without slots.
         outputs: RxPDOs; `pdo_layout` computes where they lie.
@@ -211,14 +211,14 @@ class Bus:
         )
 
     def find_coe(self, slave: int | str) -> Slave:
-        """As `find`, for a slave with an object dictionary.
+        """Finds a slave with an object dictionary, as `find` does.
 
         Raises:
-            StateError: As `find`; or the slave has none.
+            StateError: As `find`; or the slave has no object dictionary.
         """
         found = self.find(slave)
         if not found.coe:
-            raise StateError(f"{found.label} has no object dictionary: it does not speak CoE")
+            raise StateError(f"{found.label} has no object dictionary: it does not support CoE")
         return found
 
     def domain_name(self, number: int) -> str:

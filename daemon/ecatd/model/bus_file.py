@@ -52,7 +52,7 @@ def load(path: Path) -> Bus:
     """Reads a description from a file.
 
     Raises:
-        UsageError: The file cannot be read, or is no valid description.
+        UsageError: The file cannot be read, or is not a valid description.
     """
     return parse(read_text(path), str(path))
 
@@ -65,16 +65,16 @@ def parse(text: str, source: str) -> Bus:
         source: Where it comes from, for messages.
 
     Raises:
-        UsageError: The text is no JSON, or no valid description.
+        UsageError: The text is not JSON, or not a valid description.
     """
     try:
         data = json.loads(text, object_pairs_hook=_unique, parse_constant=_no_number)
     except json.JSONDecodeError as error:
-        raise UsageError(f"{source}:{error.lineno}: is no valid JSON: {error.msg}") from None
+        raise UsageError(f"{source}:{error.lineno}: is not valid JSON: {error.msg}") from None
     except RecursionError:
         raise UsageError(f"{source}: is nested too deeply for a bus description") from None
     except ValueError as error:
-        raise UsageError(f"{source}: is no valid JSON: {error}") from None
+        raise UsageError(f"{source}: is not valid JSON: {error}") from None
     return read_bus(data, source)
 
 
@@ -88,7 +88,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number in JSON")
+    raise ValueError(f"{text} is not a number in JSON")
 
 
 def _inside(values: dict[str, Any]) -> str:

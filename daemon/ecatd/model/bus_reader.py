@@ -53,7 +53,7 @@ def read_bus(data: Any, source: str, *, strict: bool = True) -> Bus:
             a wrong length. False for answers of a daemon, which may be newer and have more keys.
 
     Raises:
-        UsageError: The data is no bus description; the message says where and why.
+        UsageError: The data is not a bus description; the message says where and why.
     """
     try:
         return _Reader(strict=strict).bus(data)
@@ -122,7 +122,7 @@ def _number(value: Any) -> float:
 def _scale(value: Any) -> float:
     if number := _number(value):
         return number
-    raise _WrongError("is 0, but a scale is not")
+    raise _WrongError("is 0, but a scale must not be 0")
 
 
 def _limit(value: Any) -> float | None:
@@ -233,7 +233,7 @@ class _Reader:
 
     def bus(self, data: Any) -> Bus:
         if not isinstance(data, dict) or "slaves" not in data:
-            raise _WrongError("is no bus description: make one with 'ecatctl scan -o bus.json'")
+            raise _WrongError("is not a bus description: make one with 'ecatctl scan -o bus.json'")
         if data.get("schema") != SCHEMA:
             raise _WrongError(
                 f"has schema {_shown(data.get('schema'))}, but this version reads schema "
@@ -329,6 +329,6 @@ def _check_fingerprint(bus: Bus, given: Any) -> None:
     if given not in (None, right):
         text = (
             f"is {_shown(given)}, but that of these slaves is {right}: the description was "
-            "changed after the scan; remove this key if that was meant"
+            "changed after the scan; if you have changed it on purpose, remove this key"
         )
         raise _at(_WrongError(text), "fingerprint")

@@ -82,7 +82,7 @@ _UNSIGNED = {
 _REAL = {DataType.REAL32: 32, DataType.REAL64: 64}
 STRINGS = frozenset({DataType.VISIBLE_STRING, DataType.OCTET_STRING, DataType.UNICODE_STRING})
 
-# Spellings that users type: those of IgH's `ethercat` tool, of CiA and of IEC 61131-3.
+# Names that users type: those of IgH's `ethercat` tool, of CiA and of IEC 61131-3.
 _ALIASES = {
     "bool": DataType.BOOLEAN,
     "int8": DataType.INTEGER8,
@@ -113,7 +113,7 @@ TYPE_NAMES = tuple(_ALIASES)
 
 
 def type_alias(data_type: int) -> str | None:
-    """The first spelling of a type that users type; None if it has none."""
+    """The first of the names that users type for a type; None if it has none."""
     return next((name for name, known in _ALIASES.items() if known == data_type), None)
 
 
@@ -165,10 +165,10 @@ def type_of_bits(bits: int) -> DataType:
 
 
 def parse_type(text: str) -> DataType:
-    """Parses the name of a type in any of the common spellings.
+    """Parses any of the common names of a type.
 
     Raises:
-        UsageError: The text names no type.
+        UsageError: No type has this name.
     """
     key = text.lower()
     if key in _ALIASES:
@@ -177,7 +177,7 @@ def parse_type(text: str) -> DataType:
         return DataType[text.upper()]
     except KeyError:
         raise UsageError(
-            f"{_shown(text)} is no data type; use one of {', '.join(TYPE_NAMES)}"
+            f"{_shown(text)} is not a data type; use one of {', '.join(TYPE_NAMES)}"
         ) from None
 
 
@@ -206,7 +206,7 @@ def encode(data_type: DataType, text: str) -> bytes:
             the string itself.
 
     Raises:
-        UsageError: The text is no value of the type, or out of its range.
+        UsageError: The text is not a value of the type, or out of its range.
     """
     if data_type == DataType.VISIBLE_STRING:
         return text.encode("latin-1", "replace")
@@ -217,15 +217,15 @@ def encode(data_type: DataType, text: str) -> bytes:
             return bytes.fromhex(text)
         except ValueError:
             raise UsageError(
-                f"{_shown(text)} is no row of hexadecimal bytes: write it as 05 00"
+                f"{_shown(text)} is not a row of hexadecimal bytes: write it as 05 00"
             ) from None
     if data_type in _REAL:
         try:
             return struct.pack("<f" if _REAL[data_type] == 32 else "<d", float(text))
         except (ValueError, OverflowError):
             raise UsageError(
-                f"{_shown(text)} is no value of {type_name(data_type)}: write a number within its "
-                "range"
+                f"{_shown(text)} is not a value of {type_name(data_type)}: write a number within "
+                "its range"
             ) from None
     return encode_int(data_type, _parse_int(data_type, text))
 
@@ -234,7 +234,7 @@ def plain_number(data_type: DataType, text: str) -> str:
     """A number that a user has typed, in its one plain form: `31` for `0x1F` of an integer type.
 
     Raises:
-        UsageError: The text is no number of the type.
+        UsageError: The text is not a number of the type.
     """
     if data_type in _REAL:
         encode(data_type, text)
@@ -247,11 +247,11 @@ def encode_int(data_type: DataType, value: int) -> bytes:
     """Encodes an integer as SDO data (little endian).
 
     Raises:
-        UsageError: The value is out of the range of the type, or the type is no integer type.
+        UsageError: The value is out of the range of the type, or the type is not an integer type.
     """
     bits = bit_length(data_type)
     if bits == 0 or data_type in _REAL:
-        raise UsageError(f"{type_name(data_type)} is no integer type")
+        raise UsageError(f"{type_name(data_type)} is not an integer type")
     low, high = value_range(data_type, bits)
     if not low <= value <= high:
         raise UsageError(
@@ -268,7 +268,7 @@ def _parse_int(data_type: DataType, text: str) -> int:
     except ValueError:
         wanted = "true or false" if data_type == DataType.BOOLEAN else "a whole number"
         raise UsageError(
-            f"{_shown(text)} is no value of {type_name(data_type)}: write {wanted}"
+            f"{_shown(text)} is not a value of {type_name(data_type)}: write {wanted}"
         ) from None
 
 
@@ -292,7 +292,7 @@ def decode(data_type: int, data: bytes) -> int | float | bool | str:
         return data.hex(" ")
     if len(data) != (bits + 7) // 8:
         raise UsageError(
-            f"{len(data)} bytes are no {type_name(data_type)}, which has {(bits + 7) // 8}"
+            f"{len(data)} bytes do not fit {type_name(data_type)}, which has {(bits + 7) // 8}"
         )
     if data_type in _REAL:
         value: float = struct.unpack("<f" if bits == 32 else "<d", data)[0]

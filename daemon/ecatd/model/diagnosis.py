@@ -26,7 +26,7 @@ _DIGITS = "xX"
 
 
 class Kind(IntEnum):
-    """How bad a message is."""
+    """The severity of a message."""
 
     INFO = 0
     WARNING = 1
@@ -39,11 +39,11 @@ class DiagnosisMessage:
 
     Attributes:
         code: Diagnosis code.
-        kind: How bad it is: a `Kind`, or a number that the standard does not know.
+        kind: Its severity: a `Kind`, or a number that the standard does not define.
         text_id: Number of its text in the ESI file, 0 for none.
         time_ns: When it came, in ns: since 2000 by the distributed clock, or as `local_time` says.
         local_time: Whether `time_ns` counts from when the slave was switched on.
-        parameters: What stands at the places in the text.
+        parameters: The values for the places in the text.
     """
 
     code: int
@@ -55,7 +55,7 @@ class DiagnosisMessage:
 
     @property
     def kind_name(self) -> str:
-        """How bad it is, in a word."""
+        """Its severity, in a word."""
         known = {item.value: item.name.lower() for item in Kind}
         return known.get(self.kind, f"kind {self.kind}")
 

@@ -1,7 +1,7 @@
 """All errors that this project raises on purpose.
 
 ```
-EcatError                 70  a defect of ours, if nothing more precise fits
+EcatError                 70  a defect in ecatd, if nothing more precise fits
 ├── UsageError             2  a wrong argument, key or value
 │   └── ConfigError        2  a wrong configuration file
 ├── UnreachableError       3  the daemon (or the bus interface) is not there
@@ -61,7 +61,7 @@ class UsageError(EcatError):
 
 
 class ConfigError(UsageError):
-    """A configuration file that cannot be used; the message starts with file, line and key."""
+    """A configuration file that cannot be used; the message begins with file, line and key."""
 
     name = "config"
 
@@ -149,5 +149,5 @@ _BY_NAME: dict[str, type[EcatError]] = {
 
 
 def error_class(exit_code: int) -> type[EcatError]:
-    """The most general error class with the exit status of a program of ours."""
+    """The most general error class with the exit status of a program of this project."""
     return next((cls for cls in _BY_NAME.values() if cls.exit_code == exit_code), EcatError)

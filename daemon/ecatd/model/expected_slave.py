@@ -7,7 +7,7 @@ from .config import Mark, SlaveConfig
 from .modules import module_differences
 
 _NOT_WRITTEN = ((0, 0), (0xFFFFFFFF, 0xFFFFFFFF))
-"""Vendor ID and product code of an EEPROM that nobody has written."""
+"""Vendor ID and product code of an EEPROM that was never written."""
 
 
 def label(wanted: SlaveConfig) -> str:
@@ -20,7 +20,7 @@ def label(wanted: SlaveConfig) -> str:
 
 
 def has_mark(slave: Slave, mark: Mark) -> bool:
-    """Whether a slave has a station alias, or tells an identification."""
+    """Whether a slave has a station alias, or an identification."""
     told = slave.identification if mark.kind == "identification" else slave.alias
     return told == mark.value
 
@@ -38,9 +38,9 @@ def difference(wanted: SlaveConfig, slave: Slave) -> tuple[str, str]:
         if (slave.vendor, slave.product) in _NOT_WRITTEN:
             return (
                 "other device",
-                f"{slave.label} should be {label(wanted)}, but its EEPROM does not say what it is "
-                f"({device(slave.vendor, slave.product)}): put the right one in, or write its "
-                "EEPROM anew, from the ESI file of its vendor",
+                f"{slave.label} should be {label(wanted)}, but its EEPROM does not name a device "
+                f"({device(slave.vendor, slave.product)}): put the right slave in, or write its "
+                "EEPROM again, from the ESI file of its vendor",
             )
         return (
             "other device",

@@ -25,18 +25,18 @@ _TEXTS = {
     0x8011: "its flash memory cannot be written",
 }
 _ADVICE = {
-    0x8001: "the name may be another one, also with or without its ending",
+    0x8001: "check the name, also with or without its ending",
     0x8002: "it may want a password (--password), or the state BOOT (--boot)",
     0x8008: "add --boot",
     0x8009: "leave --boot out, or give the name that the manual of the slave says (--as)",
     0x800A: "give it with --password",
-    0x800D: "look for the right file in the manual of the slave",
-    0x800F: "the name may be another one, also with or without its ending",
+    0x800D: "the manual of the slave says which file fits",
+    0x800F: "check the name, also with or without its ending",
 }
 
 
 def foe_text(code: int) -> str:
-    """An error code in words, with what to do where that is known."""
+    """An error code in words, with advice if there is any."""
     known = code | _FIRST
-    text = _TEXTS.get(known, "a code that the standard does not know")
+    text = _TEXTS.get(known, "a code that the standard does not define")
     return f"{text}: {_ADVICE[known]}" if known in _ADVICE else text

@@ -1,4 +1,4 @@
-"""Says in words how the slaves of a bus are: for `ecatctl check` and the status of the service."""
+"""Describes the health of the slaves of a bus, for `ecatctl check` and the service."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _DAY = 86400.0
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """How the slaves of a bus are.
+    """The health of the slaves of a bus.
 
     Attributes:
         expected: Number of slaves that should be there: all but optional ones that are absent.
         in_op: Number of those that are in OP.
         absent: Number of optional slaves that are absent.
-        problems: A text for each slave that is not as it should be, and for each group of optional
-            slaves of which only some are there.
+        problems: A text for each slave with a problem, and for each group of optional slaves of
+            which only some are there.
     """
 
     expected: int
@@ -49,7 +49,7 @@ class Health:
 
 
 def look_at(rows: Iterable[Mapping[str, Any]]) -> Health:
-    """Finds out how slaves are.
+    """Finds the problems of slaves.
 
     Args:
         rows: The slaves as the bus server describes them (`ReadStates`).
@@ -63,12 +63,12 @@ def look_at(rows: Iterable[Mapping[str, Any]]) -> Health:
 
 
 def _incomplete(rows: list[Mapping[str, Any]], there: set[str]) -> Iterator[str]:
-    """Groups of which slaves are there, while others are absent."""
+    """Groups of optional slaves of which only some are there."""
     for group in sorted(there):
         absent = [row for row in rows if row.get("group") == group and row["recovery"] == _ABSENT]
         if absent:
             names = ", ".join(map(_name, absent))
-            yield f"group {group} is incomplete, as these slaves are absent: {names}"
+            yield f"group {group} is incomplete, because these slaves are absent: {names}"
 
 
 def silent_slaves(rows: Iterable[Mapping[str, Any]]) -> list[int]:
@@ -79,7 +79,7 @@ def silent_slaves(rows: Iterable[Mapping[str, Any]]) -> list[int]:
 
 
 def _told(row: Mapping[str, Any]) -> str:
-    """A slave that is not well, and what is known about its recovery."""
+    """Describes a slave with a problem, and what is known about its recovery."""
     known = (row["text"], row.get("recovery"), row.get("recovery_text"), _since(row.get("since")))
     return f"{_name(row)}: {', '.join(text for text in known if text)}"
 

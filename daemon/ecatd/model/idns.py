@@ -64,11 +64,11 @@ def parse_idn(text: str) -> int:
     """The number of an IDN such as `S-0-0047` or `P-0-0100`.
 
     Raises:
-        UsageError: It is none.
+        UsageError: It is not an IDN.
     """
     match = _IDN.fullmatch(text)
     if match is None or int(match[3]) > _BLOCK:
-        raise UsageError(f"'{text}' is no IDN: write S-0-0047, P-0-0100, or the like")
+        raise UsageError(f"'{text}' is not an IDN: write S-0-0047, P-0-0100, or the like")
     return _OWN * (match[1].upper() == "P") | int(match[2]) << _SET | int(match[3])
 
 
@@ -142,7 +142,7 @@ class Attribute:
         """The bytes of a value as a user types it; elements of a list are separated by commas.
 
         Raises:
-            UsageError: It is no such value, or out of the range of its bytes.
+            UsageError: It is not such a value, or out of the range of its bytes.
         """
         kind = self.raw >> _KIND & 7
         if kind == _TEXT and self.is_list:
@@ -151,7 +151,7 @@ class Attribute:
             except UnicodeEncodeError:
                 raise UsageError(f"'{text}' has letters that are not in Latin-1") from None
         if not self.size:
-            raise UsageError("nothing says what kind of value this IDN has: write hex:…")
+            raise UsageError("the drive does not say what kind of value this IDN has: write hex:…")
         items = [item.strip() for item in text.split(",")] if self.is_list else [text]
         return b"".join(self._bytes(kind, item) for item in items)
 
@@ -169,12 +169,12 @@ class Attribute:
         except OverflowError:
             raise UsageError(f"{text} does not fit into {self.size} bytes") from None
         except ValueError:
-            raise UsageError(f"'{text}' is no number") from None
+            raise UsageError(f"'{text}' is not a number") from None
 
 
 @dataclass(slots=True)
 class IdnValue:
-    """What a drive says of an IDN.
+    """An IDN as a drive describes it.
 
     Attributes:
         number: The IDN.
@@ -202,7 +202,7 @@ class IdnValue:
 
     @classmethod
     def from_map(cls, data: dict[str, Any]) -> IdnValue:
-        """Makes it from what `to_map` has made."""
+        """Makes an IDN from a map of `to_map`."""
         attribute = Attribute(int(data["attribute"]))
         return cls(
             int(data["idn"]), str(data["name"]), attribute, str(data["unit"]), bytes(data["value"])

@@ -14,7 +14,7 @@ LEVELS = ("error", "warning", "info", "debug")
 
 PARTS = {
     "service": "the processes of the daemon, and the configuration",
-    "start": "from the interface to OP; what slaves are told there, such as start-up parameters",
+    "start": "the start from the interface to OP; settings for slaves, such as start-up parameters",
     "slaves": "which slaves answer, and their AL states",
     "recovery": "slaves that are brought back to OP",
     "mailbox": "mailboxes, SDO transfers, emergencies",
@@ -50,5 +50,5 @@ def levels_text(levels: Levels) -> str:
 
 
 def with_level(levels: Levels, part: str | None, level: str) -> dict[str, str]:
-    """Other levels, in which one part, or every part if it is None, has this level."""
+    """Returns levels in which one part has this level, or every part if `part` is None."""
     return {OTHERS: level} if part is None else {**levels, part: level}

@@ -29,15 +29,15 @@ def give_meanings(
     told: Collection[tuple[int, tuple[int, int]]] = (),
     problems: Problems = AT_ONCE,
 ) -> Bus:
-    """Gives name, unit, scale, limits and named values to the entries for which they are known.
+    """Gives the entries their names, units, scales, limits and named values, as far as known.
 
     Args:
         bus: The scanned bus; its slaves are changed in place.
         profiles: Device profiles.
         rules: `[[signal]]` tables of the configuration, which take precedence.
-        told: Slave and address of the start-up parameters. A rule may be about one of them that is
-            not in the process data.
-        problems: Takes what is wrong with a rule.
+        told: Slave and address of the start-up parameters. A rule may be about one of them, even if
+            it is not in the process data.
+        problems: Takes the problems of rules.
 
     Returns:
         The same bus.
@@ -54,7 +54,7 @@ def give_meanings(
 
 
 def without_meanings(bus: Bus) -> Bus:
-    """Takes all that `give_meanings` gives, except names, away from a bus; returns the same bus."""
+    """Removes what `give_meanings` adds to a bus, except names; returns the same bus."""
     for slave in bus.slaves:
         slave.profiles = []
         slave.outputs = _changed(slave.outputs, _raw)
@@ -69,16 +69,16 @@ def _raw(entry: Entry) -> Entry:
 def object_meaning(
     slave: Slave, entry: Entry, profiles: Profiles, rules: Sequence[SignalConfig]
 ) -> Entry:
-    """What an object means that is written, though it need not be in the process data.
+    """The meaning of an object that is written, even if it is not in the process data.
 
     Args:
-        slave: The slave; its PDOs say which profiles fit.
+        slave: The slave; its PDOs decide which profiles fit.
         entry: The object.
         profiles: Device profiles.
         rules: `[[signal]]` tables of the configuration, which take precedence.
 
     Raises:
-        ConfigError: It has no value within its limits.
+        ConfigError: The object can have no value within its limits.
     """
     _, known = _profiled(slave, entry, profiles.of(slave), output=True)
     for rule in rules:
@@ -98,13 +98,13 @@ def raw_parameters(
 
     Args:
         settings: The table of the slave in the configuration.
-        slave: See `object_meaning`, as the others.
+        slave: As in `object_meaning`.
         profiles: Device profiles.
         rules: `[[signal]]` tables of the configuration.
-        problems: Takes what is wrong with a parameter.
+        problems: Takes the problems of parameters.
 
     Raises:
-        ConfigError: Nothing says what unit a parameter has, or its value does not fit.
+        ConfigError: The unit of a parameter is unknown, or its value does not fit.
     """
     startup = []
     for item in settings.startup:
@@ -191,7 +191,7 @@ def _apply_rule(slave: Slave, rule: SignalConfig, *, told: bool) -> None:
         rule.table.fail(
             "minimum" if rule.maximum is None else "maximum",
             f"{rule.entry} of {slave.label} is an input: minimum and maximum are for outputs, "
-            "since what is measured cannot be refused; leave them out",
+            "since a measured value cannot be refused; leave them out",
         )
     if not any(found.values()) and not told:
         rule.table.fail(
@@ -227,7 +227,7 @@ def _check_limits(entry: Entry, where: str) -> None:
     """Checks that the entry can have a value within its limits.
 
     Raises:
-        ConfigError: It cannot.
+        ConfigError: It cannot have such a value.
     """
     if entry.minimum is None and entry.maximum is None:
         return

@@ -52,8 +52,8 @@ class Field(NamedTuple):
 class Request:
     """A request; each subclass is a kind of request, and its annotations are the fields.
 
-    It is a dataclass that needs no `dataclasses`: to load those takes as long as all else that a
-    command loads.
+    It works like a dataclass, but without `dataclasses`: loading that module takes as long as
+    loading all other modules of a command.
     """
 
     op: ClassVar[str]
@@ -76,7 +76,7 @@ class Request:
         self._check()
 
     def _check(self) -> None:
-        """Checks what the types of the fields do not say.
+        """Checks the fields beyond their types.
 
         Raises:
             UsageError: The fields contradict each other.
@@ -130,7 +130,7 @@ class SetState(Request):
     Attributes:
         state: Name of the state.
         slave: Position or name, or None for all slaves.
-        by: Who asks, as he says himself, for the log.
+        by: The name that the client gives itself, for the log.
     """
 
     op = "set_state"
@@ -153,7 +153,7 @@ class SetLogLevel(Request):
     Attributes:
         level: One of `LEVELS`.
         part: One of `PARTS`, or None for all of them.
-        by: Who asks, as he says himself, for the log.
+        by: The name that the client gives itself, for the log.
     """
 
     op = "set_log_level"
@@ -164,9 +164,9 @@ class SetLogLevel(Request):
 
     def _check(self) -> None:
         if self.level not in LEVELS:
-            raise UsageError(f"{self.level!r} is no level: use {', '.join(LEVELS)}")
+            raise UsageError(f"{self.level!r} is not a level: use {', '.join(LEVELS)}")
         if self.part is not None and self.part not in PARTS:
-            raise UsageError(f"{self.part!r} is no part of the log: use {', '.join(PARTS)}")
+            raise UsageError(f"{self.part!r} is not a part of the log: use {', '.join(PARTS)}")
 
 
 class SdoRead(Request):
@@ -198,8 +198,8 @@ class SdoWrite(Request):
         complete: Whether to use complete access.
         value: The value as a user types it (`model.datatypes.encode`); the daemon finds out the
             type of the object.
-        by: Who asks, as he says himself, for the log; empty for the model or program that does it
-            again and again.
+        by: The name that the client gives itself, for the log; empty for a model or program that
+            does it repeatedly.
     """
 
     op = "sdo_write"
@@ -218,7 +218,7 @@ class SdoWrite(Request):
 
 
 class ListObjects(Request):
-    """Asks which objects a slave has. The slave is asked each time.
+    """Asks which objects a slave has. The daemon asks the slave each time.
 
     Attributes:
         slave: Position or name; see `Bus.find`.
@@ -269,7 +269,7 @@ class WriteRegister(Request):
         slave: Position or name; see `Bus.find`.
         address: Address of the first register.
         data: The bytes.
-        by: Who asks, as he says himself, for the log.
+        by: The name that the client gives itself, for the log.
     """
 
     op = "write_register"
@@ -295,7 +295,7 @@ class ResetErrors(Request):
 
     Attributes:
         slave: Position or name, or None for all slaves.
-        by: Who asks, as he says himself, for the log.
+        by: The name that the client gives itself, for the log.
     """
 
     op = "reset_errors"
@@ -327,7 +327,7 @@ class WriteSii(Request):
         slave: Position or name; see `Bus.find`.
         word: Address of the first word.
         data: The words, little endian.
-        by: Who asks, as he says himself, for the log.
+        by: The name that the client gives itself, for the log.
     """
 
     op = "write_sii"
@@ -346,7 +346,7 @@ class WriteSii(Request):
 
 
 class StartFoe(Request):
-    """Starts to transfer a file (FoE). The daemon goes on by itself, and keeps the file.
+    """Starts to transfer a file (FoE). The daemon goes on without the client, and keeps the file.
 
     A file that is written is sent to the daemon first, by `PutFoe`. If the same file is on its way
     to the slave already, the answer is about that transfer.
@@ -355,11 +355,11 @@ class StartFoe(Request):
         slave: Position or name; see `Bus.find`.
         file: Name of the file, as the slave knows it.
         write: Whether to write the file to the slave, and not to read it.
-        size: Writing: its bytes.
-        digest: Writing: its SHA-256, in hex.
+        size: For writing: its size in bytes.
+        digest: For writing: its SHA-256, in hex.
         password: Password of the slave for it, 0 for none.
-        boot: Whether to bring the slave to BOOT for it, and back.
-        by: Who asks, as he says himself, for the log.
+        boot: Whether to bring the slave to BOOT before, and back afterwards.
+        by: The name that the client gives itself, for the log.
     """
 
     op = "start_foe"
@@ -380,7 +380,7 @@ class StartFoe(Request):
             length = 0
         if not 1 <= length <= _FILE_NAME_MAX or not self.file.isprintable():
             raise UsageError(
-                f"{self.file[:_NAME_SHOWN]!r} is no name of a file: a slave takes 1 to "
+                f"{self.file[:_NAME_SHOWN]!r} is not a valid name of a file: a slave takes 1 to "
                 f"{_FILE_NAME_MAX} printable letters of Latin-1, and this has {len(self.file)}"
             )
         if self.write and len(self.digest) != _DIGEST_DIGITS:
@@ -407,7 +407,7 @@ class TakeFoe(Request):
     """Asks for a part of a file that has been read.
 
     Attributes:
-        transfer: Number of the transfer, which is known to those only who have started it.
+        transfer: Number of the transfer, a secret of the client that has started it.
         offset: Where the part begins.
     """
 
@@ -430,11 +430,11 @@ class ReadFoe(Request):
 
 
 class CancelFoe(Request):
-    """Ends a transfer; what a slave does with a part of a file is its own matter.
+    """Ends a transfer. What the slave does with a part of a file depends on the slave.
 
     Attributes:
         transfer: Its number.
-        by: Who asks, as he says himself, for the log.
+        by: The name that the client gives itself, for the log.
     """
 
     op = "cancel_foe"
@@ -467,7 +467,7 @@ class WriteIdn(Request):
         idn: The IDN, as `parse_idn` makes it.
         data: The bytes of the value, little endian; of a list without its lengths.
         drive: Number of the drive in the slave.
-        by: Who asks, as he says himself, for the log.
+        by: The name that the client gives itself, for the log.
     """
 
     op = "write_idn"
@@ -540,10 +540,10 @@ def to_map(request: Request) -> dict[str, Any]:
 
 
 def on_behalf(request: Request, who: str) -> Request:
-    """The same request with the one who asks for it, if it says at all who asks.
+    """The same request with the name of the user who asks, if it has such a field.
 
-    What the client says itself stands in brackets behind it, without what could be taken for
-    something else in a line of the log.
+    The name that the client gives itself follows in brackets, without characters that could be
+    mistaken for something else in a line of the log.
     """
     if "by" not in request.fields:
         return request
@@ -553,7 +553,7 @@ def on_behalf(request: Request, who: str) -> Request:
 
 
 def whose(by: str) -> str:
-    """Who asks, of what `on_behalf` has made, without what the client says itself."""
+    """The user in a text of `on_behalf`, without the name that the client gives itself."""
     return by.partition(" [")[0]
 
 
@@ -569,12 +569,12 @@ def parse_request(data: Any) -> Request:
     values = dict(data)
     op = values.pop("op", None)
     if not isinstance(op, str) or op not in KINDS:
-        raise UsageError(f"op {op!r} is no request: use {', '.join(KINDS)}")
+        raise UsageError(f"op {op!r} is not a request: use {', '.join(KINDS)}")
     kind = KINDS[op]
     known = kind.fields
     for key, value in values.items():
         if key not in known:
-            raise UsageError(f"'{key}' is no key of {op}: use {', '.join(known) or 'none'}")
+            raise UsageError(f"'{key}' is not a key of {op}: use {', '.join(known) or 'none'}")
         _check_field(op, key, value, known[key])
     return kind(**values)
 
@@ -593,14 +593,14 @@ def check_registers(address: int, size: int) -> None:
     """Checks which registers are read or written.
 
     Raises:
-        UsageError: Some are no registers, or they are too many.
+        UsageError: Some of them are not registers, or they are too many.
     """
     if not 1 <= size <= _REGISTER_BYTES_MAX:
         raise UsageError(f"{size} bytes of registers: 1 to {_REGISTER_BYTES_MAX} are allowed")
     if address + size > _REGISTERS_END:
         raise UsageError(
-            f"registers end before 0x{_REGISTERS_END:04X}, but 0x{address:04X} and {size} bytes go "
-            "beyond: process data and mailboxes are there, where already reading takes data away "
+            f"registers end before 0x{_REGISTERS_END:04X}, but 0x{address:04X} and {size} bytes "
+            "go beyond: there are process data and mailboxes, and reading these takes data away "
             "from the daemon"
         )
 

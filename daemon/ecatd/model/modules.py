@@ -1,4 +1,4 @@
-"""Compares the modules that a modular device shall have with those in its slots (ETG.5001)."""
+"""Compares the modules that a modular device should have with those in its slots (ETG.5001)."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from dataclasses import replace
 from .bus import Module
 
 CONFIGURED, DETECTED = 0xF030, 0xF050
-"""Objects: the module idents that the device shall expect, and those that it has detected."""
+"""Objects: the module idents that the device should expect, and those that it has detected."""
 
 _TOLD = 4  # slots in one message
 
 
 def module_differences(wanted: Sequence[Module], there: Sequence[Module]) -> str:
-    """Says slot by slot what is different; nothing if all is as expected.
+    """Describes the differences slot by slot; empty if all is as expected.
 
     Args:
         wanted: The modules that are expected, slot 1 first; slots behind them are empty.
-        there: Those that the device has detected, in the same way.
+        there: The modules that the device has detected, in the same way.
 
     Returns:
-        Such as `slot 2 should have DO8 (0x00000208), but is empty`.
+        A text such as `slot 2 should have DO8 (0x00000208), but is empty`.
     """
     count = max(len(wanted), len(there))
     names = {module.ident: module.name for module in wanted}

@@ -37,7 +37,7 @@ class ObjectType(NamedTuple):
     def of(self, data: bytes) -> ObjectType:
         """Returns a type that fits the length of the data.
 
-        If the known type does not fit, or there is none, it is the unsigned type of 1, 2, 4 or 8
+        If the known type does not fit, or there is none, this is the unsigned type of 1, 2, 4 or 8
         bytes, else OCTET_STRING.
         """
         bits = bit_length(self.data_type)

@@ -30,7 +30,7 @@ class Entry:
     """One PDO entry: an object of the slave in the process image, and what its value means.
 
     The meaning comes from the configuration and from device profiles (`meanings.py`). The
-    fingerprint does not include it: another unit does not make another slave.
+    fingerprint does not include it: a slave with another unit is the same slave.
 
     Attributes:
         index: Object index; 0 marks a gap of `bit_length` padding bits.
@@ -109,8 +109,8 @@ def parse_address(text: str) -> tuple[int, int] | None:
 def _inwards(limit: float, rounded: Callable[[float], int]) -> float:
     """The next whole number within a limit.
 
-    A limit very close to a whole number counts as this number: only rounding by the scale has
-    moved it.
+    A limit very close to a whole number counts as this number, since the difference comes from
+    rounding by the scale.
     """
     if math.isinf(limit):
         return limit

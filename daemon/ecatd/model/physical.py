@@ -23,13 +23,13 @@ def to_raw(entry: Entry, value: float, unit: str) -> int | float:
         unit: Its unit: that of the object, or another one of the same dimension.
 
     Raises:
-        UsageError: Nothing is known about the object, the units do not fit, or the value is beyond
-            the limits of the object or of its type.
+        UsageError: The object has no known unit and scale, the units do not fit, or the value is
+            beyond the limits of the object or of its type.
     """
     if not entry.is_physical:
         raise UsageError(
-            f"nothing says which unit and scale {entry.address} has, so {value:.15g} {unit} cannot "
-            "be converted: write a [[signal]] or a device profile for it, or the raw value without "
+            f"unit and scale of {entry.address} are not known, so {value:.15g} {unit} cannot be "
+            "converted: write a [[signal]] or a device profile for it, or the raw value without "
             "unit"
         )
     exact = (_converted(entry, value, unit) - entry.offset) / entry.scale

@@ -14,7 +14,7 @@ PORT_ORDER = (0, 3, 1, 2)
 """Ports in the order in which a slave forwards a frame."""
 
 MOST = 0xFF
-"""Counters stop here."""
+"""The maximum of a counter, at which it stops."""
 
 
 class PortErrors(NamedTuple):
@@ -27,7 +27,7 @@ class PortErrors(NamedTuple):
         forwarded: Errors that an earlier slave had found already.
         lost_links: How often the link was lost.
         to: Position and port at the other end of the link; -1 for the master; None if there is no
-            link now, or nobody knows where it leads.
+            link now, or if it is not known where it leads.
     """
 
     port: int
@@ -60,10 +60,10 @@ class SlaveErrors(NamedTuple):
     Attributes:
         position: Its position.
         ports: Those of its ports, by number.
-        processing: Errors of the processing unit: frames that are no EtherCAT, or malformed.
+        processing: Errors of the processing unit: frames that are not EtherCAT, or malformed.
         pdi: Errors of the process data interface.
-        since: Unix time at which they were cleared; None: when its power was switched on, or
-            somebody else cleared them.
+        since: Unix time at which ecatd cleared them; None if it has not: they count from power-on,
+            or since another program cleared them.
     """
 
     position: int
@@ -73,7 +73,7 @@ class SlaveErrors(NamedTuple):
     since: float | None = None
 
     def to_map(self) -> dict[str, Any]:
-        """For replies and JSON."""
+        """The counters as a map, for replies and JSON."""
         return {**self._asdict(), "ports": [port._asdict() for port in self.ports]}
 
     @staticmethod
@@ -94,7 +94,7 @@ class LinkErrors(NamedTuple):
         invalid: Invalid frames, at both ends.
         physical: Errors of the physical layer, at both ends.
         lost_links: How often the link was lost.
-        full: Whether a counter stands at its end, so that there were more.
+        full: Whether a counter has reached its maximum, so that there may have been more errors.
     """
 
     ends: tuple[tuple[int, int] | None, tuple[int, int]]
@@ -110,7 +110,7 @@ def links_with_errors(slaves: Iterable[SlaveErrors]) -> Iterator[LinkErrors]:
     for end, port in ports.items():
         other = port.to if port.to in ports else None
         if other is not None and other < end and ports[other].to == end:
-            continue  # the other end has told it
+            continue  # the other end has reported it
         both = [port, *([ports[other]] if other is not None else [])]
         lost = max(item.lost_links for item in both)
         if any(item.damaged for item in both) or lost:

@@ -1,4 +1,4 @@
-"""What becomes of a mistake in the configuration: it is raised at once, or all are collected.
+"""How to handle mistakes in the configuration: raise the first one, or collect all of them.
 
     for rule in rules:
         with problems:
@@ -18,11 +18,11 @@ from .errors import ConfigError, StateError
 Problems = AbstractContextManager[object, bool | None]
 
 AT_ONCE: Problems = nullcontext()
-"""Lets the first mistake through."""
+"""Raises the first mistake."""
 
 
 class Collected(AbstractContextManager["Collected", bool]):
-    """Collects mistakes; what stands behind one in its block is left out.
+    """Collects mistakes. A mistake ends its block.
 
     Attributes:
         texts: The messages, each once.

@@ -1,8 +1,8 @@
-"""Requests as Zenoh queries: what stands in the key, in the parameters and in the payload.
+"""Requests as Zenoh queries: which fields are in the key, in the parameters and in the payload.
 
-`messages.py` says for each kind of request which fields stand in its key. Of a request that only
-reads, the other fields are parameters of the query, as in `…?complete=1`. Of one that changes
-something they are the payload, a map. Gateway and clients both use this module, so both agree.
+`messages.py` says for each kind of request which fields are in its key. If a request only reads,
+its other fields are parameters of the query, as in `…?complete=1`. If it changes something, they
+are the payload, a map. Gateway and clients both use this module, so that they agree.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Query(NamedTuple):
 
     Attributes:
         key: The parts of the key below the bus. Names of slaves are percent-encoded.
-        parameters: As they stand behind the `?` of a selector; may be empty.
+        parameters: The text behind the `?` of a selector; may be empty.
         payload: The other fields of a request that changes something, else None.
     """
 
@@ -79,14 +79,14 @@ def from_query(key: Sequence[str], parameters: str, payload: Mapping[str, Any]) 
     if not changes(kind) and values:
         raise UsageError(f"'{'/'.join(key)}' takes parameters and no payload")
     if "op" in values:
-        raise UsageError("'op' belongs into the key, not into the payload")
+        raise UsageError("'op' belongs in the key, not in the payload")
     known = [name for name in fields if f"{{{name}}}" not in kind.key]
     for name, text in read_parameters(parameters, () if changes(kind) else known).items():
         values[name] = _from_text(name, text, fields[name].types, "the query")
     for part, text in zip(kind.key.split("/"), key, strict=True):
         if name := _field_of(part):
             if name in values:
-                raise UsageError(f"'{name}' belongs into the key, not into the payload")
+                raise UsageError(f"'{name}' belongs in the key, not in the payload")
             values[name] = _from_text(name, text, fields[name].types, "the key")
     return parse_request({**values, "op": kind.op})
 
@@ -102,7 +102,7 @@ def read_parameters(parameters: str, known: Sequence[str]) -> dict[str, str]:
         name, _, value = item.partition("=")
         if name not in known:
             raise UsageError(
-                f"'{name}' is no parameter of this query: use {', '.join(known) or 'none'}"
+                f"'{name}' is not a parameter of this query: use {', '.join(known) or 'none'}"
             )
         found[name] = value
     return found
@@ -112,7 +112,7 @@ def read_flag(name: str, text: str) -> bool:
     """A parameter that is true or false.
 
     Raises:
-        UsageError: It is neither.
+        UsageError: It is neither of them.
     """
     if text not in _TRUE and text not in _FALSE:
         raise UsageError(f"'{name}={text}' in the query: use {name}=1 or {name}=0")
@@ -126,7 +126,7 @@ def _kind_of(key: Sequence[str]) -> type[Request]:
             _field_of(part) or part == text for part, text in zip(parts, key, strict=True)
         ):
             return kind
-    raise UsageError(f"'{'/'.join(key)}' is no key of this version")
+    raise UsageError(f"'{'/'.join(key)}' is not a key of this version")
 
 
 def _field_of(part: str) -> str:
@@ -153,5 +153,5 @@ def _from_text(name: str, text: str, types: frozenset[str], where: str) -> Any:
         with suppress(ValueError):
             return int(text, 0)
         if "str" not in types:
-            raise UsageError(f"'{text}' in {where} is no {name}")
+            raise UsageError(f"'{text}' in {where} is not a valid {name}")
     return unquote(text)

@@ -41,7 +41,7 @@ REGISTERS = (
     Register("al_status_code", 0x0134, 2, "why a state was left or refused"),
     Register("run_led", 0x0138, 1, "RUN LED: bit 4 takes it over, bits 0 to 3 how it blinks"),
     Register("pdi_control", 0x0140, 2, "kind of the process data interface"),
-    Register("ecat_event_mask", 0x0200, 2, "events that are told to the master"),
+    Register("ecat_event_mask", 0x0200, 2, "events that are reported to the master"),
     Register("ecat_event", 0x0210, 2, "events for the master"),
     Register("al_event", 0x0220, 4, "events for the application"),
     Register("rx_errors", 0x0300, 8, "of each port: invalid frames, physical errors"),
@@ -77,14 +77,14 @@ _CONTROLLED = (
     (0x0800, 0x0900, "the sync managers"),
     (0x0900, 0x0A00, "the distributed clock"),
 )
-"""First register, the one after the last, and what the daemon decides with them."""
+"""First register, the one after the last, and what the daemon controls with them."""
 
 
 def find_register(name: str) -> Register:
     """The register with a name.
 
     Raises:
-        UsageError: There is none.
+        UsageError: There is no such register.
     """
     for item in REGISTERS:
         if item.name == name.lower().replace("-", "_"):
@@ -101,10 +101,10 @@ def register_at(address: int) -> Register | None:
 
 
 def register_text(name: str) -> str:
-    """What the register with a name is."""
+    """The description of a register by its name."""
     return next(item.text for item in REGISTERS if item.name == name)
 
 
 def controlled(address: int, size: int) -> list[str]:
-    """What the daemon itself decides with these registers while it runs the bus."""
+    """What the daemon itself controls with these registers while it runs the bus."""
     return [text for first, end, text in _CONTROLLED if address < end and first < address + size]

@@ -39,7 +39,7 @@ def in_memory(start: int, size: int) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class SiiProblem:
-    """Something in an SII that is wrong, or against ETG.2010.
+    """An error in an SII, or a violation of ETG.2010.
 
     Attributes:
         byte: Offset in the EEPROM.
@@ -64,7 +64,7 @@ class SiiProblem:
 
 @dataclass(slots=True)
 class SiiSyncManager:
-    """One sync manager (category 41): how the vendor wants it set up.
+    """One sync manager (category 41), as the vendor wants it to be set up.
 
     Attributes:
         start: Physical start address.
@@ -163,12 +163,12 @@ class Sii:
         order: Order code from the general category, empty if there is none.
         coe: CoE details from the general category; bit 0: SDO, bit 1: SDO information.
         without_lrw: Whether the slave does not support LRW.
-        tells_identification: Whether it tells its identification on request, by its AL status.
+        tells_identification: Whether it reports its identification on request, in its AL status.
         identification_register: Address in its ESC where its identification is; 0 for none.
         sync_managers: Sync managers in order.
         inputs: TxPDOs.
         outputs: RxPDOs.
-        problems: What is wrong with the SII, in the order in which it was found.
+        problems: The errors in the SII, in the order in which they were found.
         pdi_control: Word 0; bit 8: the ESC itself answers AL control (device emulation).
         pdi_config: Word 1.
         group: Group type.

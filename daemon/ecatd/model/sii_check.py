@@ -1,4 +1,4 @@
-"""Checks a whole SII image (ETG.2010), and decodes what can be read of it."""
+"""Checks a whole SII image (ETG.2010), and decodes its readable parts."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _PDO_INDICES = {USAGE_OUTPUTS: (0x1600, 0x17FF), USAGE_INPUTS: (0x1A00, 0x1BFF)}
 
 
 def check_sii(image: bytes) -> Sii:
-    """Reads a whole SII image; `problems` of the result lists all that is wrong with it.
+    """Reads a whole SII image; `problems` of the result lists all its errors.
 
     Bytes after the end of the image count as 0xFF. A malformed category is left out, or read up
     to the malformed part, by the same rules as in a master (`sii_reader.read_sii`).
@@ -54,7 +54,7 @@ def sii_checksum(data: bytes) -> int:
 
 
 class _ImageReader(SiiReader):
-    """Decodes a whole SII image and notes everything that is wrong with it."""
+    """Decodes a whole SII image and notes all its errors."""
 
     wanted = SiiReader.wanted | {CATEGORY_FMMU, CATEGORY_DC}
 
@@ -66,8 +66,8 @@ class _ImageReader(SiiReader):
         if len(image) % 2 or len(image) > MAX_IMAGE:
             self.note(
                 len(image),
-                f"the image has {len(image)} bytes: words, and at most {MAX_IMAGE} bytes, fit "
-                "into an EEPROM",
+                f"the image has {len(image)} bytes: an EEPROM has an even number, and at most "
+                f"{MAX_IMAGE}",
             )
         if len(image) < 2 * FIRST_CATEGORY:
             self.note(len(image), f"the image ends within its first {2 * FIRST_CATEGORY} bytes")

@@ -42,7 +42,7 @@ class Placement:
         self._bits: Counter[int] = Counter()  # of the PDOs so far, by sync manager
 
     def place(self, pdo: Pdo, usage: int) -> str:
-        """Places a PDO in its sync manager, or says why that is not possible.
+        """Places a PDO in its sync manager, or returns why that is not possible.
 
         Sets the usage of a sync manager if the SII does not say it and the control register fits.
 
@@ -57,12 +57,12 @@ class Placement:
         if not self._managers:
             return f"but category {CATEGORY_SYNC_MANAGER} describes none"
         if number >= len(self._managers):
-            return f"but 0 to {len(self._managers) - 1} are described; {UNASSIGNED} would be none"
+            return f"but 0 to {len(self._managers) - 1} are described; {UNASSIGNED} stands for none"
         manager = self._managers[number]
         if manager.usage == 0 and manager.control & _DIRECTION_MASK == _DIRECTION[usage]:
             manager.usage = usage  # the SII does not say, but its control register does
         if manager.usage != usage:
-            purpose = _PURPOSES.get(manager.usage, "nothing known")
+            purpose = _PURPOSES.get(manager.usage, "not known")
             return f"whose usage is {manager.usage} ({purpose}), not {usage} ({_PURPOSES[usage]})"
         bits = self._bits[number] + pdo.bit_length
         size = (bits + 7) // 8

@@ -114,7 +114,7 @@ def whole_image(words: Words) -> bytes:
     return words(0, size)
 
 
-class _Stop(Exception):  # noqa: N818  no error, but the end of a part
+class _Stop(Exception):  # noqa: N818  not an error, but the end of a part
     """Ends decoding of a malformed category, or of all further categories."""
 
 
@@ -196,7 +196,7 @@ class SiiReader:
                 self.note(
                     at + _SYNC_MANAGER_BYTES * number,
                     f"sync manager {number} is for {data}, but no PDO lies in it, and there is no "
-                    "mailbox that could tell of others",
+                    "mailbox that could describe more PDOs",
                     "it is not used",
                 )
 
@@ -248,7 +248,7 @@ class SiiReader:
                 self.stop(
                     2 * at,
                     f"there is no category at word 0x{at:04X}, only zeros",
-                    "what follows is not read",
+                    "the rest is not read",
                 )
             if at + 2 + length > end:
                 self.stop(
@@ -256,7 +256,7 @@ class SiiReader:
                     f"category {kind} at word 0x{at:04X} claims {length} words, more than fit: "
                     f"{max(0, end - at - 2)} are left of the {end} words of the EEPROM "
                     f"(word 0x{_SIZE:X})",
-                    "it is not read, nor what follows",
+                    "neither this one nor the following ones are read",
                 )
             if kind < _VENDOR_SPECIFIC and kind not in _KNOWN:
                 self.note(
@@ -269,7 +269,7 @@ class SiiReader:
                 found[kind] = 2 * at + 4, self._words(at + 2, length)
             present.add(kind)
             at += 2 + length
-        self.stop(2 * at, f"more than {_CATEGORIES_MAX} categories", "what follows is not read")
+        self.stop(2 * at, f"more than {_CATEGORIES_MAX} categories", "the rest is not read")
 
     def _size(self) -> int:
         """Number of words that the EEPROM has by word 0x3E; the maximum if this word is 0."""
@@ -287,7 +287,7 @@ class SiiReader:
         first, protocols = 2 * FIRST_CATEGORY, self.sii.mailbox_protocols
         if not present:
             blank = self.sii.vendor == _BLANK_VENDOR
-            text = "nobody has written this EEPROM" if blank else "there are no categories"
+            text = "this EEPROM was never written" if blank else "there are no categories"
             self.note(first, text, "name and process data are unknown")
         elif CATEGORY_GENERAL not in present:
             self.note(first, f"category {CATEGORY_GENERAL} (general) is missing", "it has no name")
@@ -377,7 +377,7 @@ class SiiReader:
     def _whole_rows(self, at: int, data: bytes, size: int) -> None:
         """Notes a table whose last row is incomplete."""
         if len(data) % size:
-            text = f"{len(data)} bytes are no whole rows of {size} bytes"
+            text = f"{len(data)} bytes are not whole rows of {size} bytes"
             self.note(at + len(data), text, "the last row is left out")
 
     def _inputs(self, at: int, data: bytes) -> None:
@@ -426,7 +426,7 @@ class SiiReader:
         return entries
 
     def _is_known(self, at: int, index: int, label: str) -> bool:
-        """Whether a PDO can have this index; notes why not."""
+        """Whether a PDO can have this index; notes the reason if not."""
         low, high = PDO_INDICES
         text = ""
         if not low <= index <= high:

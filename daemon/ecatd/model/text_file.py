@@ -1,4 +1,4 @@
-"""Reads a text file that the user has named, which may turn out to be something else."""
+"""Reads a text file that the user has named, and refuses other kinds of files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def read_text(file: Path) -> str:
     """Reads a text file in UTF-8, with or without a byte order mark.
 
     Raises:
-        ConfigError: The file cannot be read, is no UTF-8 text, or has more than 64 MiB.
+        ConfigError: The file cannot be read, is not UTF-8 text, or has more than 64 MiB.
     """
     try:
         size = check_regular(file)
@@ -24,7 +24,7 @@ def read_text(file: Path) -> str:
         return file.read_text("utf-8-sig")
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
-        raise ConfigError(f"{file}:{line}: is no UTF-8 text: {error.reason}") from error
+        raise ConfigError(f"{file}:{line}: is not UTF-8 text: {error.reason}") from error
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise ConfigError(f"{file}: cannot be read: {reason}") from error
@@ -37,9 +37,9 @@ def check_regular(file: Path) -> int:
         The size in bytes.
 
     Raises:
-        OSError: The file is no regular file or folder, or does not exist.
+        OSError: The file is neither a regular file nor a folder, or does not exist.
     """
     info = file.stat()
     if not stat.S_ISREG(info.st_mode) and not stat.S_ISDIR(info.st_mode):
-        raise OSError(errno.EINVAL, "it is no regular file")
+        raise OSError(errno.EINVAL, "it is not a regular file")
     return info.st_size

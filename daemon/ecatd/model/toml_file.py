@@ -39,7 +39,7 @@ def read_toml(file: Path) -> Table:
     """Reads a file; returns its outermost table.
 
     Raises:
-        ConfigError: The file cannot be read, or is no valid TOML.
+        ConfigError: The file cannot be read, or is not valid TOML.
     """
     return parse_toml(read_text(file), str(file), file.parent)
 
@@ -53,7 +53,7 @@ def parse_toml(text: str, source: str, folder: Path = Path()) -> Table:
         folder: The folder that paths in it are relative to.
 
     Raises:
-        ConfigError: The text is no valid TOML.
+        ConfigError: The text is not valid TOML.
     """
     try:
         return Table(Document(source, text, folder), tomllib.loads(text))
@@ -63,7 +63,7 @@ def parse_toml(text: str, source: str, folder: Path = Path()) -> Table:
         match = _SYNTAX.fullmatch(str(error))
         line = (match and match[2]) or text.count("\n") + 1
         message = match[1] if match else error
-        raise ConfigError(f"{source}:{line}: is no valid TOML: {message}") from error
+        raise ConfigError(f"{source}:{line}: is not valid TOML: {message}") from error
     except ValueError as error:
         digits = _DIGITS.search(text)
         line = text.count("\n", 0, digits.start() if digits else None) + 1
@@ -84,7 +84,7 @@ class Document:
         source: As above.
         folder: As above.
         top: The keys that its outermost table may have.
-        names: What names that the document gives stand for, as far as it has been read.
+        names: The values of names that the document defines, as far as it was read.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Document:
             try:
                 self._places = toml_places.find_places(self._text)
             except RecursionError:
-                self._places = {}  # a message without its line is better than none
+                self._places = {}  # a message without a line is better than none
         return self._places
 
     def where(self, path: toml_places.Path) -> str:
@@ -153,7 +153,7 @@ class Table:
     # --- what is wrong ---------------------------------------------------------------------------
 
     def fail(self, key: Key | None, message: str) -> NoReturn:
-        """Raises `ConfigError` about a key of the table; None means the table itself."""
+        """Raises `ConfigError` about a key of the table; None stands for the table itself."""
         raise ConfigError(f"{self.where(key)}: {message}")
 
     def where(self, key: Key | None = None) -> str:
@@ -172,11 +172,11 @@ class Table:
             hint = f"did you mean '{near[0]}'?" if near else f"valid are {', '.join(known)}"
             elements = value if isinstance(value, list) else []
             if key in self.document.top and all(isinstance(item, dict) for item in elements):
-                hint = f"'{key}' belongs in front of the first [table] of the file"
+                hint = f"'{key}' belongs before the first [table] of the file"
                 if isinstance(value, dict | list):
                     hint = f"did you mean {'[[{}]]' if isinstance(value, list) else '[{}]'}?"
                     hint = hint.format(key)
-            self.fail(key, f"is no key; {hint}")
+            self.fail(key, f"is not a key; {hint}")
 
     def explain(self, key: Key | None, make: Callable[[], T]) -> T:
         """Calls a function; adds file, line and name of this key to its `UsageError`.
@@ -225,7 +225,7 @@ class Table:
         return self._integers(key)(value) if whole else show(value)
 
     def _integers(self, key: Key) -> Callable[[int], str]:
-        """A function that writes numbers in the base in which the value of a key is written."""
+        """Returns a function that formats numbers in the base of the value of a key."""
         return _hexadecimal if self.document.place((*self.path, key)).value[:2] == "0x" else show
 
     def text(self, key: Key, default: str = REQUIRED) -> str:
@@ -270,7 +270,7 @@ class Table:
         return float(value)
 
     def choice(self, key: Key, choices: Mapping[str, T], default: T = REQUIRED) -> T:
-        """Reads one of several words; returns what it stands for."""
+        """Reads one of several words; returns its value."""
         words = f"one of {_quoted(choices)}"
         value = self._get(key, default, str, words)
         if value is None:
@@ -280,7 +280,7 @@ class Table:
         return choices[value]
 
     def choices(self, key: Key, choices: Mapping[str, T]) -> list[T]:
-        """Reads an array of words; returns what they stand for, nothing if there is no such key."""
+        """Reads an array of words; returns their values, none if there is no such key."""
         elements = self.elements(key, f"a list of {_quoted(choices)}")
         return [elements.choice(number, choices) for number in elements.data]
 
@@ -355,7 +355,7 @@ def printable(most: int) -> Callable[[Table, Key], str]:
 
 
 def choice(choices: Mapping[str, T]) -> Callable[[Table, Key], T]:
-    """A rule for one of several words; its value is what the word stands for."""
+    """A rule for one of several words, each with its value."""
     return lambda table, key: table.choice(key, choices)
 
 

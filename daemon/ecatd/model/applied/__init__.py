@@ -1,4 +1,4 @@
-"""What the configuration says about a bus. Nothing here talks to it."""
+"""Applies the configuration to the description of a bus, without any access to the bus."""
 
 from .alike import alike_slaves
 from .apply import Applied, apply

@@ -1,4 +1,4 @@
-"""Finds optional slaves that nothing but their order tells apart."""
+"""Finds optional slaves that only their order tells apart."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from ..config import Config, SlaveConfig
 
 
 def alike_slaves(config: Config) -> list[str]:
-    """Warns about optional slaves that are alike, found by their positions, and that nothing parts.
+    """Warns about equal optional slaves that are found by position, with no other between them.
 
-    Groups count as a whole. What stands between two groups does not tell them apart if it is
+    A group counts as a whole. Slaves between two groups do not tell them apart if they are
     optional, too.
     """
     texts = []

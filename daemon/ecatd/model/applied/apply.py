@@ -1,7 +1,7 @@
-"""Applies the configuration to a bus: the steps that need nothing but its description.
+"""Applies the configuration to a bus: the steps that need only its description.
 
-The daemon does this at its start, with what it has read. `ecatctl config check` does the same with
-the description of a bus.
+The daemon does this at its start, with the bus that it has scanned. `ecatctl config check` does the
+same with the description of a bus.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ _R = TypeVar("_R", bound="_Rule")
 
 @dataclass(slots=True)
 class Applied:
-    """What the configuration says about a bus, beside what is in its description.
+    """What the configuration says about a bus, in addition to its description.
 
     Attributes:
         safe: Safe values of the outputs.
-        copies: Outputs that an input decides.
+        copies: Outputs that get the value of an input.
         clocks: The distributed clocks, if they are used.
     """
 
@@ -47,7 +47,7 @@ def apply(
     idle: Collection[int] = (),
     problems: Problems = AT_ONCE,
 ) -> Applied:
-    """Gives values their meanings, outputs their safe values, slaves their domains and clocks.
+    """Gives values their meanings, outputs their safe values, and slaves their domains and clocks.
 
     Args:
         config: The configuration, about slaves that are there (`check_slaves`).
@@ -55,9 +55,9 @@ def apply(
         profiles: Device profiles.
         wire: Positions of the slaves that are there, in the order of the wire.
         doubtful: Positions of slaves whose process data are in doubt. Rules about entries that they
-            do not have do nothing.
-        idle: Positions of those whose process data are unknown.
-        problems: Takes what is wrong.
+            do not have are ignored.
+        idle: Positions of slaves whose process data are unknown.
+        problems: Takes the problems.
 
     Raises:
         ConfigError: The configuration does not fit this bus.

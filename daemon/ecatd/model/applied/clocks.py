@@ -11,8 +11,8 @@ from ..problems import AT_ONCE, Problems
 from ..toml_file import Table
 
 NEAR_NS, LEAD_NS = 2_000_000_000, 100_000_000
-"""A clock of 32 bits takes a start that is further ahead than the first for one in the past; the
-second is the time from the set-up of SYNC0 to its first pulse."""
+"""A clock of 32 bits takes a start that is further ahead than `NEAR_NS` for one in the past.
+`LEAD_NS` is the time from the set-up of SYNC0 to its first pulse."""
 
 
 @dataclass(slots=True)
@@ -21,7 +21,7 @@ class ClockPlan:
 
     Attributes:
         reference: The slave with the reference clock.
-        followers: Slaves to which its time comes, as far as that is known.
+        followers: Slaves that its time reaches, as far as that is known.
     """
 
     reference: Slave
@@ -37,7 +37,7 @@ def plan_clocks(
         bus: The bus; `dc_bits` of its slaves are known.
         config: The configuration.
         wire: Positions of the slaves that are there, in the order of the wire.
-        problems: Takes what is wrong.
+        problems: Takes the problems.
 
     Returns:
         The clocks; None if the configuration does not use them, or `problems` has taken the reason

@@ -25,16 +25,16 @@ _BIT_STRINGS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Copy:
-    """An output that an input decides.
+    """An output that gets the value of an input.
 
     Attributes:
         source: Position, index and subindex of the input; None if it is not on the bus.
         target: The same of the output.
         factor: Raw output = raw input * factor + offset.
         offset: See `factor`.
-        stop: How the axis with the output is brought to a stop, which wins over the copy; None: it
-            is not.
-        missing: What it means that there is no source; else empty.
+        stop: How the axis with the output is brought to a stop, which takes precedence over the
+            copy; None if it is not.
+        missing: Why there is no source, and what that means; else empty.
     """
 
     source: tuple[int, int, int] | None
@@ -57,10 +57,11 @@ def find_copies(
     Args:
         bus: The bus, with meanings.
         rules: The configuration.
-        stops: Axes that are stopped, which wins over copies; their controlwords cannot be copies.
+        stops: Axes that are stopped, which takes precedence over copies. Their controlwords cannot
+            be copies.
         doubtful: Positions of slaves whose process data are in doubt. Rules about outputs that they
-            do not have do nothing.
-        problems: Takes what is wrong with a rule.
+            do not have are ignored.
+        problems: Takes the problems of rules.
 
     Returns:
         The copies. One without a source keeps its output: nobody can claim it.
@@ -79,7 +80,7 @@ def find_copies(
 def _find_copy(
     bus: Bus, rule: CopyConfig, stops: Sequence[Stop], doubtful: Collection[int]
 ) -> Copy | None:
-    """As `find_copies`, for one rule; None if it does nothing."""
+    """As `find_copies`, for one rule; None if it is ignored."""
     target = bus.slaves[rule.slave]
     if target.position in doubtful and not _find(target, rule.address, output=True):
         return None
@@ -137,9 +138,9 @@ def _conversion(rule: CopyConfig, value: Entry, copied: Entry, what: str) -> tup
     if bits and not (same and plain):
         rule.table.fail(
             None,
-            f"{what}: {bits[0].address} is {type_name(bits[0].data_type)}, which is no number, so "
-            f"the other entry must have {bits[0].bit_length} bits without sign or meaning, and the "
-            "copy no factor or offset: correct the table, or leave it out",
+            f"{what}: {bits[0].address} is {type_name(bits[0].data_type)}, which is not a number, "
+            f"so the other entry must have {bits[0].bit_length} bits without sign or meaning, and "
+            "the copy no factor or offset: correct the table, or leave it out",
         )
     if value.unit != copied.unit and rule.factor is None:
         given, made = (
@@ -148,8 +149,8 @@ def _conversion(rule: CopyConfig, value: Entry, copied: Entry, what: str) -> tup
         )
         rule.table.fail(
             "factor",
-            f"{what}: the input is {given}, the output {made}: write what an input of 1 makes of "
-            "the output, such as factor = 1.0",
+            f"{what}: the input is {given}, the output {made}: write the output for an input of "
+            "1, such as factor = 1.0",
         )
     factor = 1.0 if rule.factor is None else rule.factor
     offset = value.offset * factor + rule.offset - copied.offset

@@ -21,7 +21,7 @@ def assign_domains(
         bus: Scanned slaves with their PDOs; `domains` and the `domain` of each slave are set.
         configured: Domains of the configuration.
         idle: Positions of slaves whose process data are unknown. A domain of such slaves is
-            accepted, although nothing is known to be exchanged in it.
+            accepted, although its process data are not known.
         problems: Takes each domain without process data.
 
     Raises:

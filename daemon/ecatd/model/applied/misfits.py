@@ -1,4 +1,4 @@
-"""Lists all that does not fit between a configuration and a bus that has been described."""
+"""Lists everything in a configuration that does not fit the description of a bus."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from .watchdogs import check_watchdog
 def misfits(
     config: Config, described: Bus, profiles: Profiles, doubtful: Collection[int] = ()
 ) -> list[str]:
-    """Takes the steps of a start that need nothing but the description of the bus.
+    """Takes the steps of a start that need only the description of the bus.
 
     Args:
         config: The configuration, about the slaves where they were found.
-        described: The bus. What another configuration says about it does not count.
+        described: The bus. Meanings from another configuration do not count.
         profiles: Device profiles.
-        doubtful: Positions of slaves whose process data will be others.
+        doubtful: Positions of slaves whose process data will change.
 
     Returns:
-        All for which the daemon would refuse the configuration.
+        All reasons for which the daemon would refuse the configuration.
     """
     problems = Collected()
     bus = without_meanings(deepcopy(described))

@@ -63,7 +63,7 @@ class Stop:
 
 @dataclass(slots=True)
 class SafeOutputs:
-    """What outputs are while nobody owns them.
+    """The values of outputs without an owner.
 
     Attributes:
         images: Value and hold mask of every slave with outputs, by position.
@@ -86,7 +86,7 @@ def safe_outputs(
         bus: The bus, with meanings.
         rules: The configuration.
         signals: `[[signal]]` tables, to name the one with a range that has no safe value.
-        problems: Takes what is wrong with a rule.
+        problems: Takes the problems of rules.
 
     Raises:
         ConfigError: A rule does not fit this bus, or a safe value is out of its declared range.
@@ -128,7 +128,7 @@ class _SlaveOutputs:
             self._set_entry(rule, rule.address)
 
     def _refuse_without_stop(self, rule: SafeConfig, controlword: int) -> NoReturn:
-        """Refuses a table that takes back the stop of an earlier one: the drive would run on."""
+        """Refuses a table that cancels the stop of an earlier one, since the drive would run on."""
         before = self._rules[controlword, 0]
         rule.table.fail(
             "entry" if rule.entry else "value",
@@ -215,7 +215,7 @@ class _SlaveOutputs:
             rule.table.fail(
                 "value",
                 f'"{rule.value}" needs the statusword 0x{statusword:04X}:00 of '
-                f"{self._slave.label} in its process data, since it tells when the drive has "
+                f"{self._slave.label} in its process data, which shows when the drive has "
                 "stopped: add it to a PDO of the slave",
             )
         for entry, bit in self._entries():
@@ -252,8 +252,9 @@ class _SlaveOutputs:
                 key, table = "value", self._rules[address].table
             table.fail(
                 key,
-                f"{entry.address} of {self._slave.label} must not be {value:g} (raw), which it is "
-                "before a client owns it: give it a value within its range by [[outputs.safe]]",
+                f"{entry.address} of {self._slave.label} must not be {value:g} (raw), the value "
+                "that it has without an owner: give it a value within its range by "
+                "[[outputs.safe]]",
             )
         if entry.subindex == 0 and entry.index in self.stops:
             return self.stops[entry.index].how

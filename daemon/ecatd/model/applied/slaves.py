@@ -1,4 +1,4 @@
-"""Checks that a bus has the slaves that the configuration is about, before any of them is told."""
+"""Checks that a bus has the slaves of the configuration, before any of them gets settings."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ..toml_file import Table
 
 
 def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None:
-    """Checks that the bus has all slaves that the configuration names, and that they can be told.
+    """Checks that the bus has all slaves of the configuration, and that they can take settings.
 
     Args:
         config: The configuration, about the slaves where they were found.
         bus: The bus.
-        problems: Takes each slave that is not there, or cannot be told its tables.
+        problems: Takes each slave that is not there, or cannot take its settings.
 
     Raises:
-        ConfigError: A slave has no CoE for what it is to be told.
+        ConfigError: A slave has no CoE for its settings.
         StateError: A slave is not there. It may come later.
     """
     count = len(bus.slaves)
@@ -45,7 +45,7 @@ def _check_without_coe(settings: SlaveConfig, slave: Slave) -> None:
         if told:
             told[0].table.fail(
                 None,
-                f"{slave.label} has no CoE, so it cannot be told its [[slave.{key}]]: remove "
+                f"{slave.label} has no CoE, so it cannot take its [[slave.{key}]]: remove "
                 f"{'the table' if len(told) == 1 else f'the {len(told)} tables'}",
             )
 

@@ -12,10 +12,10 @@ def check_watchdog(config: Config, bus: Bus, slave: Slave) -> str:
     Args:
         config: The configuration, about the slaves where they were found.
         bus: The bus, with its domains.
-        slave: The slave; nothing is wrong if its `watchdog_ms` is not known.
+        slave: The slave. There is no check if its `watchdog_ms` is not known.
 
     Returns:
-        A warning: one lost exchange is too many, or the watchdog is off. Else nothing.
+        A warning if one lost exchange is too many, or if the watchdog is off. Else an empty text.
 
     Raises:
         ConfigError: The watchdog expires between two exchanges, or is off in a slave whose identity
@@ -52,8 +52,8 @@ def _check_off(slave: Slave, settings: SlaveConfig) -> str:
         return ""
     text = (
         f"{slave.label}: its watchdog is off, so its outputs keep their values if ecatd dies or a "
-        f"cable breaks: write watchdog_ms = 100 into its [[slave]] table, or watchdog_ms = 0 if "
-        "that is meant"
+        "cable breaks: write watchdog_ms = 100 into its [[slave]] table, or watchdog_ms = 0 if "
+        "it is off on purpose"
     )
     if settings.product is not None:
         settings.table.fail("watchdog_ms", text)

@@ -1,8 +1,8 @@
-"""Device profiles: what the entries of known devices mean, from TOML files.
+"""Device profiles: the meanings of the entries of known devices, from TOML files.
 
-Ours are the `*.toml` files beside this module. Files of the machine and of the user take precedence
-over them. `docs/device-profiles.md` describes the format. Only `ecatd.model.meanings` puts the
-meanings into the bus description.
+The profiles of ecatd are the `*.toml` files in this folder. Files of the machine and of the user
+take precedence over them. `docs/device-profiles.md` describes the format. Only
+`ecatd.model.meanings` puts the meanings into the bus description.
 """
 
 from .file import load_profiles

@@ -19,10 +19,10 @@ _U16, _U32 = 0xFFFF, 0xFFFFFFFF
 
 
 def load_profiles(config: Config | None = None, standard: Iterable[Path] = ()) -> Profiles:
-    """Reads the profiles in the `*.toml` files of some folders, and after them ours.
+    """Reads the profiles in the `*.toml` files of some folders, and then those of ecatd.
 
     Args:
-        config: Names folders that must exist; an earlier one takes precedence over a later one.
+        config: Folders that must exist; an earlier one takes precedence over a later one.
         standard: Folders that may be missing; those of `config` take precedence over them.
 
     Raises:
@@ -34,8 +34,8 @@ def load_profiles(config: Config | None = None, standard: Iterable[Path] = ()) -
         if not folder.is_dir():
             config.table.elements("profiles").fail(
                 at,
-                f"'{folder}' is no folder: write one with device profiles (*.toml), or leave it "
-                "out",
+                f"'{folder}' is not a folder: name a folder with device profiles (*.toml), or "
+                "leave it out",
             )
         first += _folder(folder)
     others = [device for folder in (*standard, _OURS) for device in _folder(folder)]
@@ -56,7 +56,7 @@ def _device(table: Table) -> DeviceProfile:
     if not values.get("has") and not (values.get("product") and "vendor" in values):
         table.fail(
             "product",
-            "says no device: give vendor and product, or entries that it must have (has)",
+            "names no device: give vendor and product, or entries that it must have (has)",
         )
     return DeviceProfile(
         source=table.document.source,
@@ -93,14 +93,14 @@ def _subindices(table: Table, key: Key) -> frozenset[int]:
 def _unit(table: Table, key: Key) -> str:
     unit = printable(UNIT_BYTES)(table, key)
     if unit and not is_unit(unit):
-        table.fail(key, f"{unit!r} is no unit of Modelica, as 'V', 'rad/s' or 'N.m'")
+        table.fail(key, f"{unit!r} is not a unit of Modelica such as 'V', 'rad/s' or 'N.m'")
     return unit
 
 
 def _quantity(table: Table, key: Key) -> str:
     quantity = table.text(key)
     if not re.fullmatch(r"[A-Za-z]*", quantity):
-        table.fail(key, f"{quantity!r} is no quantity, as 'ElectricPotential'")
+        table.fail(key, f"{quantity!r} is not a quantity such as 'ElectricPotential'")
     return quantity
 
 

@@ -1,4 +1,4 @@
-"""Profiles of devices: what the entries of their process data mean."""
+"""Profiles of devices: the meanings of the entries of their process data."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ class DeviceProfile:
     """Profile of one kind of device.
 
     Attributes:
-        source: The file; profiles from two files are equal if all else is equal.
-        description: What the devices are.
-        facts: Where the facts of the profile are documented, or empty.
+        source: The file. It does not count when profiles are compared.
+        description: The devices, in words.
+        facts: The documents with the facts of the profile, or empty.
         vendor: Vendor ID, -1: any.
         products: Product codes, empty: any.
         has: Index and subindex of entries that a device must have in its process data.
-        entries: What its entries mean.
+        entries: The meanings of its entries.
     """
 
     source: str = field(compare=False)
