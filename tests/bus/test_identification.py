@@ -103,8 +103,8 @@ def test_an_identification_may_be_in_a_register(start: Start) -> None:
 def test_who_is_meant_must_be_clear(start: Start, slaves: list[str], tokens: list[str]) -> None:
     status, log = start(*slaves, ready=False).wait_end()
     assert status == 7, log
-    (line,) = [line for line in log.splitlines() if "error: bus not as expected" in line]
-    names(line, *tokens)
+    (line,) = [line for line in log.splitlines() if "bus not as expected" in line]
+    names(line, "error", *tokens)
 
 
 def test_differences_count_the_slaves_of_the_wire(start: Start) -> None:
