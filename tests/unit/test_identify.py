@@ -9,6 +9,7 @@ from wire_bench import FIRST_STATION, Wire, served
 from ecatd.bus.frames.datagrams import Datagrams, apwr
 from ecatd.bus.start.identify import Finder
 from ecatd.model.bus import Slave
+from ecatd.model.config import SlaveConfig
 from ecatd.model.errors import StateError
 from ecatsim.esc import Chip, Segment
 from ecatsim.slave.sii import Description, build
@@ -35,7 +36,8 @@ class Bench:
             for i, position in enumerate(positions)
         ]
         ends = [len(positions), *range(2, len(positions) + 1)]
-        return Finder(self.registers, slaves, ends, {}, {})
+        tables = [SlaveConfig(slave.position) for slave in slaves]
+        return Finder(self.registers, slaves, tables, ends, {}, {})
 
     def forget(self, place: int) -> None:
         self.registers.exchange([apwr(place, ADDRESS, bytes(2))])

@@ -1,12 +1,16 @@
 """Which slaves are brought back to OP, how and when; and who is who on the wire."""
 
+from typing import Any
+
 import pytest
 
+from conftest import names
 from ecatd.bus.master.master import SlaveState
-from ecatd.bus.start.identify import Identity, branch_ends, match
+from ecatd.bus.start.identify import Sought, branch_ends, match
 from ecatd.bus.watch.recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
 from ecatd.model.al import AlState
 from ecatd.model.bus import Slave
+from ecatd.model.config import SlaveConfig
 
 ERROR = 0x10
 SAFEOP_ERROR = AlState.SAFEOP | ERROR
@@ -276,6 +280,7 @@ def test_nothing_where_nothing_is_wanted() -> None:
     assert watch.condition() == Condition.MISSING
 
 
+Identity = tuple[int, int, int]
 A, B, C = (2, 0xA, 1), (2, 0xB, 1), (2, 0xC, 1)
 
 
@@ -285,9 +290,9 @@ def places(
     """Who is found where, exchanged, unclear; a number on the wire is a slave with its address."""
     slaves = [Slave(i, f"S{i}", *item, address=0x1001 + i) for i, item in enumerate(scan)]
     found = match(
-        slaves,
+        [Sought.of(slave, SlaveConfig(slave.position)) for slave in slaves],
         [0x1001 + item if isinstance(item, int) else 0 for item in wire],
-        {place: item for place, item in enumerate(wire) if not isinstance(item, int)},
+        {n: Slave(n, "", *item) for n, item in enumerate(wire) if not isinstance(item, int)},
         ends or [len(scan)] * len(scan),
     )
     return found.places, set(found.exchanged), set(found.unclear)
@@ -316,6 +321,34 @@ def test_slaves_are_found_by_place_and_identity(
     expected: tuple[dict[int, int], set[int], set[int]],
 ) -> None:
     assert places(scan, wire) == expected
+
+
+KIND = {"vendor": 2, "product": 0xA}
+SPARE = {"revision": 7, "serial": 12, "alias": 3}
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({}, "revision 0x00000007 | 0x00000001 | restart"),  # it is not the one of the start
+        ({"alias": 3}, "revision 0x00000007 | 0x00000001"),
+        (KIND, ""),
+        ({**KIND, "revision_min": 7}, ""),
+        ({**KIND, "revision_min": 8}, "revision 0x00000007 | 0x00000008 or newer | [[slave]]"),
+        ({**KIND, "revision": 1}, "revision 0x00000007 | 0x00000001 | [[slave]]"),
+        ({**KIND, "serial": 12}, ""),
+        ({**KIND, "serial": 13}, "serial number 12 | 13 | [[slave]]"),
+        ({**KIND, "alias": 3}, ""),
+        ({**KIND, "alias": 4}, "station alias 3 | 4 | alias"),
+        ({"vendor": 2, "product": 0xB}, "product 0x0000000A | product 0x0000000B | [[slave]]"),
+    ],
+)
+def test_the_table_of_a_slave_says_who_may_take_its_place(table: dict[str, Any], said: str) -> None:
+    sought = Sought.of(Slave(1, "EL1", *A, serial=11), SlaveConfig(1, **table))
+    spare = Slave(4, "", 2, 0xA, **SPARE)
+    assert sought.fits(spare) == (not said)
+    if said:
+        names(sought.why_not(spare), "slave 1 (EL1)", "left alone", *said.split(" | "))
 
 
 @pytest.mark.parametrize(

@@ -30,43 +30,48 @@ def device(vendor: int, product: int) -> str:
     return f"vendor 0x{vendor:08X}, product 0x{product:08X}"
 
 
-def difference(wanted: SlaveConfig, slave: Slave) -> tuple[str, str]:
-    """Kind and text of the difference between an expected slave and one that was found, or ""."""
+def identity_difference(wanted: SlaveConfig, slave: Slave) -> tuple[str, str]:
+    """Kind of the difference of the identity, and what is there in place of what; or "".
+
+    The second is such as `revision 0x000F0000, not 0x00100000 or newer`.
+    """
     if wanted.product is None:
         return "", ""
     if (wanted.vendor, wanted.product) != (slave.vendor, slave.product):
-        if (slave.vendor, slave.product) in _NOT_WRITTEN:
-            return (
-                "other device",
-                f"{slave.label} should be {label(wanted)}, but its EEPROM does not name a device "
-                f"({device(slave.vendor, slave.product)}): put the right slave in, or write its "
-                "EEPROM again, from the ESI file of its vendor",
-            )
-        return (
-            "other device",
-            f"{slave.label} should be {label(wanted)}, but is another device "
-            f"({device(slave.vendor, slave.product)}, not "
-            f"{device(wanted.vendor or 0, wanted.product)}): put the right one in, or correct its "
-            "[[slave]] table",
-        )
+        should = device(wanted.vendor or 0, wanted.product)
+        return "other device", f"{device(slave.vendor, slave.product)}, not {should}"
     least = wanted.revision if wanted.revision_min is None else wanted.revision_min
     if least is not None and (
         slave.revision < least or (wanted.revision is not None and slave.revision != least)
     ):
         newer = "" if wanted.revision_min is None else " or newer"
-        return (
-            "other revision",
-            f"{slave.label} has revision 0x{slave.revision:08X}, not 0x{least:08X}{newer}: put the "
-            "right one in, or correct revision in its [[slave]] table (revision_min accepts newer "
-            "ones)",
-        )
+        return "other revision", f"revision 0x{slave.revision:08X}, not 0x{least:08X}{newer}"
     if wanted.serial is not None and wanted.serial != slave.serial:
-        return (
-            "other serial number",
-            f"{slave.label} has serial number {slave.serial}, not {wanted.serial}: put the right "
-            "one in, or correct serial in its [[slave]] table",
+        return "other serial number", f"serial number {slave.serial}, not {wanted.serial}"
+    return "", ""
+
+
+def difference(wanted: SlaveConfig, slave: Slave) -> tuple[str, str]:
+    """Kind and text of the difference between an expected slave and one that was found, or ""."""
+    kind, what = identity_difference(wanted, slave)
+    if kind == "other device":
+        if (slave.vendor, slave.product) in _NOT_WRITTEN:
+            return kind, (
+                f"{slave.label} should be {label(wanted)}, but its EEPROM does not name a device "
+                f"({device(slave.vendor, slave.product)}): put the right slave in, or write its "
+                "EEPROM again, from the ESI file of its vendor"
+            )
+        return kind, (
+            f"{slave.label} should be {label(wanted)}, but is another device ({what}): put the "
+            "right one in, or correct its [[slave]] table"
         )
-    if wanted.module and slave.modules:
+    if kind:
+        correct = {
+            "other revision": "revision in its [[slave]] table (revision_min accepts newer ones)",
+            "other serial number": "serial in its [[slave]] table",
+        }
+        return kind, f"{slave.label} has {what}: put the right one in, or correct {correct[kind]}"
+    if wanted.product is not None and wanted.module and slave.modules:
         text = module_differences(wanted.modules, slave.modules)
         if text:
             return (

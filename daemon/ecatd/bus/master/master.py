@@ -28,7 +28,7 @@ from ..mailbox.coe import Coe
 from ..mailbox.mailboxes import Line
 
 _AL_CONTROL, _AL_STATUS = 0x0120, 0x0130
-_IDENTIFICATION = 0x20  # bit of AL status, see `start/identification.py`
+_IDENTIFICATION = 0x20  # bit of AL status, see `frames/identification.py`
 _SYNC_MANAGERS, _ACTIVATE = 0x0800, (0x0806, 0x080E)
 
 _INSIST = 0.5

@@ -83,7 +83,8 @@ class FoundBus:
     def finder(self) -> Finder:
         """Finds the slaves again when they have lost their station address."""
         master, slaves = self.master, self.bus.slaves
-        return Finder(master.registers, slaves, self.ends, self._anywhere, self._identified)
+        tables = [self.config.settings_of(slave.position) for slave in slaves]
+        return Finder(master.registers, slaves, tables, self.ends, self._anywhere, self._identified)
 
     @property
     def _anywhere(self) -> dict[Mark, list[int]]:

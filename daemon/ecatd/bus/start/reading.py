@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from ecatd.log import Log
@@ -15,6 +15,7 @@ from ecatd.model.meanings import raw_parameters
 from ecatd.model.profiles import Profiles, load_profiles
 from ecatd.paths import profile_folders
 
+from ..frames.identification import ask_identifications, ways_to_ask
 from ..master.emergencies import tell_emergencies
 from ..master.master import Master
 from .clocks import clock_bits
@@ -22,9 +23,8 @@ from .doubtful import settle
 from .expectation import follow_expectation
 from .found import FoundBus
 from .gone import find_gone
-from .identification import identify
 from .identify import branch_ends
-from .mapping import configure_slaves, identify_slaves, read_modules
+from .mapping import Scanned, configure_slaves, identify_slaves, read_modules
 from .set_up import count_links, read_mailboxes
 
 
@@ -79,7 +79,7 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
             f"{slave.alias}",
             slaves=[slave.position],
         )
-    identify(master.registers, scanned, found.config)
+    _identify(found, scanned)
     read_modules(master, scanned, cancelled)
     unexpected = follow_expectation(found, scanned, files.description, log)
     check_slaves(found.config, replace(found.bus, slaves=[item.slave for item in found.scanned]))
@@ -99,6 +99,16 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
     found.bus.slaves = [item.slave for item in found.scanned]
     found.mailboxes = read_mailboxes(master)
     found.ends = _branch_ends(master, ring=bool(found.config.second_interface))
+
+
+def _identify(found: FoundBus, scanned: Sequence[Scanned]) -> None:
+    """Asks the slaves for their identifications."""
+    ways = ways_to_ask(found.config, ((item.slave, item.sii) for item in scanned))
+    stations = found.master.stations
+    asked = {stations[position]: register for position, register in ways.items()}
+    told = ask_identifications(found.master.registers, asked) if asked else {}
+    for item in scanned:
+        item.slave.identification = told.get(item.slave.address, 0)
 
 
 def _make_raw(found: FoundBus, profiles: Profiles) -> None:

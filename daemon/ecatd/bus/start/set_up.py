@@ -123,14 +123,19 @@ class SetUp:
         self._config = config
         self._timeout_s = config.state_timeout_s
         self._untold: set[int] = set()  # are to be told their configuration before SAFEOP
+        self._new = {n for n, item in enumerate(scanned) if not item.known}
+
+    def is_new(self, position: int) -> None:
+        """Notes that another device has taken the place of a slave, as its table allows."""
+        self._new.add(position)
 
     def _learn(self, positions: Iterable[int]) -> dict[int, Missed]:
-        """Reads the SII of optional slaves that are there for the first time.
+        """Reads the SII of slaves that are there for the first time.
 
         Returns:
             Why slaves cannot be used, by position.
         """
-        new = [position for position in sorted(positions) if not self._scanned[position].known]
+        new = sorted(self._new & {*positions})
         missed = {}
         mailboxes = self._master.read_mailboxes(new)
         for position, sii, mailbox in zip(
@@ -145,7 +150,8 @@ class SetUp:
                     take_pdos_from_sii(item)
                 except ConfigError as error:
                     missed[position] = Missed(str(error), changed=True)
-                text = _difference(was, item.slave.outputs, item.slave.inputs, described=True)
+                outputs, inputs = item.slave.outputs, item.slave.inputs
+                text = _difference(was, outputs, inputs, described=not item.known)
                 item.slave.outputs, item.slave.inputs = was.outputs, was.inputs
                 if text:
                     missed.setdefault(position, Missed(text, changed=True))
@@ -233,16 +239,15 @@ class SetUp:
     def _check_new(self, positions: Iterable[int]) -> dict[int, Missed]:
         """Checks the watchdogs of slaves that are there for the first time, as at the start."""
         missed = {}
-        for position in sorted(positions):
+        for position in sorted(self._new & {*positions}):
             item = self._scanned[position]
-            if item.known:
-                continue
             try:
                 check_watchdogs(self._master, self._bus, [item], self._config)
             except (ConfigError, StateError) as error:
                 missed[position] = Missed(str(error), changed=True)
             else:
                 item.known = True
+                self._new.discard(position)
         return missed
 
     def _begin_anew(self, positions: Iterable[int], state: AlState) -> Steps[dict[int, Missed]]:

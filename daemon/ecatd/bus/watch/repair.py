@@ -16,9 +16,10 @@ from ecatd.model.config import RecoveryConfig
 from ecatd.model.errors import EcatError, StateError
 
 from ..frames.datagrams import Place
+from ..frames.wire import WireChangedError
 from ..master.master import SlaveState
 from ..master.worker import Worker
-from ..start.identify import Found, WireChangedError
+from ..start.identify import Found
 from ..start.running import RunningBus
 from ..start.telling import Missed
 from .presence import name_slaves
@@ -220,6 +221,8 @@ class Repair:
         for position in lost:
             if position in found.places:
                 self._give_address(position, found.places[position])
+                if position in found.other_revision:
+                    self._running.set_up.is_new(position)
                 here.append(position)
             elif position in found.exchanged:
                 failures[position] = Failure(found.exchanged[position], Condition.EXCHANGED)

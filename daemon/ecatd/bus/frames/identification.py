@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 from ecatd.model.al import AL_ERROR_FLAG
+from ecatd.model.bus import Slave
 from ecatd.model.config import Config, SlaveConfig
+from ecatd.model.sii import Sii
 
-from ..frames.datagrams import Datagrams, fprd, fpwr
-from .mapping import Scanned
+from .datagrams import Datagrams, fprd, fpwr
 
 _AL_CONTROL, _AL_STATUS, _STATE = 0x0120, 0x0130, 0x0F
 _IDENTIFY = 0x20
@@ -89,25 +90,26 @@ def _control(registers: Datagrams, wanted: Mapping[int, int]) -> None:
     )
 
 
-def identify(registers: Datagrams, scanned: Sequence[Scanned], config: Config) -> None:
-    """Asks the slaves of the scan that say that they have an identification, or that should.
+def ways_to_ask(config: Config, found: Iterable[tuple[Slave, Sii]]) -> dict[int, int]:
+    """How to ask the slaves that say that they have an identification, or that should.
 
     Slaves of which the EEPROM says nothing are asked only if the configuration may mean them.
+
+    Returns:
+        By position, the address in the ESC; 0: the slave is asked. See `ask_identifications`.
     """
     wanted = [item for item in config.slave if item.identification is not None]
     ways = {}
-    for item in scanned:
-        meant = [one for one in wanted if _may_be(one, item)]
+    for slave, sii in found:
+        meant = [one for one in wanted if _may_be(one, slave)]
         register = max((one.identification_register or 0 for one in meant), default=0)
-        register = register or item.sii.identification_register
-        if meant or register or item.sii.tells_identification:
-            ways[item.slave.address] = register
-    told = ask_identifications(registers, ways) if ways else {}
-    for item in scanned:
-        item.slave.identification = told.get(item.slave.address, 0)
+        register = register or sii.identification_register
+        if meant or register or sii.tells_identification:
+            ways[slave.position] = register
+    return ways
 
 
-def _may_be(wanted: SlaveConfig, item: Scanned) -> bool:
+def _may_be(wanted: SlaveConfig, slave: Slave) -> bool:
     if wanted.product is None:
         return True
-    return (wanted.vendor, wanted.product) == (item.slave.vendor, item.slave.product)
+    return (wanted.vendor, wanted.product) == (slave.vendor, slave.product)
