@@ -126,7 +126,8 @@ class BusServer:
         assert self._up.master is not None
         conversations = Conversations(self._up.master, self._worker, self._monitor.emergencies.note)
         self._slave_requests = SlaveRequests(
-            *(self.bus, self._up.master, self._worker, conversations, self._monitor, self._log)
+            *(self.bus, self._up.master, self._config, self._worker),
+            *(conversations, self._monitor, self._log),
         )
         self._monitor.start(asyncio.get_running_loop())
 

@@ -17,6 +17,7 @@ from ecatd.model.expected_bus import Difference, compare
 from ecatd.model.health import silent_slaves
 from ecatd.model.problems import Collected
 from ecatd.model.profiles import load_profiles
+from ecatd.model.wire import found_slaves
 from ecatd.paths import profile_folders
 
 from .bus_source import check_options, get_bus, warn_of_silent
@@ -29,9 +30,9 @@ if TYPE_CHECKING:
 def check(options: argparse.Namespace) -> int:
     """Lists the differences between slaves, and what of the file does not fit the bus."""
     wanted = load_config(options.file)
-    bus, idle, states = _bus(options)
-    # As at a start: who does not answer is not there, and what is about slaves that are others, or
-    # will have other PDOs, is not known.
+    bus, wire, idle, states = _bus(options)
+    # The slaves of the bus have process data with which tables are compared. What is about slaves
+    # that are others, or will have other PDOs, is not known.
     gone = {row["position"] for row in states if not row["al_state"]}
     found = compare(wanted, bus.slaves, gone)
     missing = [found.places.get(n) for item in found.differences for n in item.expected]
@@ -43,9 +44,10 @@ def check(options: argparse.Namespace) -> int:
         for row in states
         if row["recovery"] in REMEDIES and row["position"] not in gone
     }
-    differences = found.differences + _other_pdos(moved, bus, gone | doubtful.keys())
-    others = {position for item in differences for position in item.found} | doubtful.keys()
-    others |= idle | {n for n in gone if not _exchanges(bus.slaves[n])}
+    pdos = _other_pdos(moved, bus, gone | doubtful.keys())
+    others = {position for item in found.differences + pdos for position in item.found}
+    others |= doubtful.keys() | idle | {n for n in gone if not _exchanges(bus.slaves[n])}
+    differences = compare(wanted, wire).differences + pdos
     unexpected = found.unexpected
     places = {n: at for n, at in found.places.items() if at not in unexpected}
     wrong = _wrong(wanted, places, bus, others)
@@ -81,7 +83,7 @@ def check(options: argparse.Namespace) -> int:
         for text in (*wrong, *(f"warning: {text}" for text in warnings)):
             print(text)
     else:
-        count = len(bus.slaves)
+        count = len(wire)
         with_identity = sum(slave.product is not None for slave in moved.slave)
         print(
             f"bus {bus.name} with {count} slave{'s' * (count != 1)} is as {options.file} expects; "
@@ -92,20 +94,23 @@ def check(options: argparse.Namespace) -> int:
     return StateError.exit_code if differences else 0
 
 
-def _bus(options: argparse.Namespace) -> tuple[Bus, set[int], list[dict[str, Any]]]:
-    """The bus; slaves of which the daemon does not know the process data; and how slaves are.
+def _bus(options: argparse.Namespace) -> tuple[Bus, list[Slave], set[int], list[dict[str, Any]]]:
+    """The bus, and what a start would find on its wire.
 
-    The last two are empty for a bus that does not run.
+    Also slaves of which the daemon does not know the process data, and how slaves are; both are
+    empty for a bus that does not run.
     """
     if options.sources:
-        return get_bus(options), set(), []
+        bus = get_bus(options)
+        return bus, bus.slaves, set(), []
     check_options(options)
     from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
 
     with Remote(options.bus, options.connect, options.timeout) as remote:
         bus, rows = remote.describe(), remote.states()
+        wire = found_slaves(bus, remote.rescan()["devices"])
         unexpected = compare(remote.configuration()[0], bus.slaves).unexpected
-    return bus, {n for n in unexpected if not _exchanges(bus.slaves[n])}, rows
+    return bus, wire, {n for n in unexpected if not _exchanges(bus.slaves[n])}, rows
 
 
 def _exchanges(slave: Slave) -> bool:

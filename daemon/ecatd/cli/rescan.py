@@ -65,7 +65,8 @@ def _row(bus: Bus, missing: list[Slave], place: int, device: dict[str, Any]) -> 
     row = {"place": place, **device, "difference": ""}
     identity = device["vendor"], device["product"], device["revision"]
     if position is None:
-        row["difference"] = "new: not a slave of this bus"
+        name = f" ({device['name']})" if device["name"] else ""
+        row["difference"] = f"new{name}: not a slave of this bus"
         for item in missing:
             if identity == (item.vendor, item.product, item.revision):
                 row["difference"] = (
@@ -99,8 +100,8 @@ def _conclusion(count: int, different: bool, lost: list[Slave]) -> str:
         )
     if different:
         return (
-            f"{count} devices, and some differ from the start: restart the daemon to use the bus "
-            "as it is now"
+            f"{count} devices, and some differ from the start: a restart of the daemon uses the "
+            "bus as it is now, if the configuration expects it (`ecatctl config check FILE`)"
         )
     return f"{count} devices, all as at the start"
 

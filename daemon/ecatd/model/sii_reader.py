@@ -66,6 +66,15 @@ def read_sii(words: Words) -> Sii:
     return SiiReader(words).read()
 
 
+def read_name(words: Words) -> Sii:
+    """Reads what a slave is, and how it tells its identification; nothing of its process data.
+
+    Args:
+        words: Reads words of the EEPROM.
+    """
+    return _NameReader(words).read()
+
+
 def read_dc_modes(words: Words) -> list[SiiDc]:
     """Reads the operation modes of the distributed clocks (category 60), if there are any.
 
@@ -461,6 +470,12 @@ class SiiReader:
             )
             text = self.string(at + i * _DC_BYTES + 18, name)
             self.sii.dc.append(SiiDc(text, cycle, shift0, shift1, assign, factor0, factor1))
+
+
+class _NameReader(SiiReader):
+    """Decodes only what the slave is."""
+
+    wanted = frozenset({CATEGORY_STRINGS, CATEGORY_GENERAL})
 
 
 class _DcReader(SiiReader):

@@ -6,6 +6,7 @@ from typing import Any
 
 from ecatd.log import Log
 from ecatd.model.bus import Bus
+from ecatd.model.config import Config
 from ecatd.model.errors import UsageError
 from ecatd.model.messages import (
     CancelFoe,
@@ -47,6 +48,7 @@ class SlaveRequests:
     Args:
         bus: The bus description.
         master: The master.
+        config: The configuration as the user has given it.
         worker: The worker on which slaves are asked.
         conversations: The conversations with the mailboxes of the slaves.
         states: The AL states of the slaves.
@@ -57,6 +59,7 @@ class SlaveRequests:
         self,
         bus: Bus,
         master: Master,
+        config: Config,
         worker: Worker,
         conversations: Conversations,
         states: States,
@@ -68,7 +71,7 @@ class SlaveRequests:
         self._registers = Registers(bus, master, worker, log)
         self._eeproms = Eeproms(bus, master, worker, log)
         self._idns = Idns(bus, conversations, log)
-        self._wire = Wire(bus, master, worker)
+        self._wire = Wire(bus, master, config, worker)
         self._files = Files(bus, conversations, states, log)
 
     def check_free(self, position: int | None) -> None:
