@@ -264,7 +264,7 @@ def test_nothing_comes_back_where_that_is_not_wanted(start: Start) -> None:
     bench.ctl("al-error", "4", "0x001B")
     bench.wait_for(lambda: condition(bench, 5) == "missing")
     bench.power(5, on=True)
-    bench.wait_for_log("switched off and on, or exchanged; restart ecatd to use it")
+    bench.wait_for_log("switched off and on, or exchanged; `ecatctl state OP -p 5`")
     with bench.daemon.client() as client:
         slaves = client.slaves()
         assert slaves[4].al_state == AlState.SAFEOP | 0x10

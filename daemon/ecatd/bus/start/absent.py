@@ -1,19 +1,22 @@
-"""Gives optional slaves that are absent at the start their places on the bus.
+"""Gives slaves that are absent at the start their places on the bus.
 
 Positions must not depend on who is there: clients and generated blocks name slaves by them. So an
 absent slave stands where the configuration expects it. Its process data come from a description of
 the complete bus, the file `description` of `[expected]`.
+
+Optional slaves may be absent. So may others, if the policy tolerates that and the description has
+them; they are differences all the same.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import POSITION_MAX, Config, SlaveConfig
+from ecatd.model.config import POSITION_MAX, TOLERANT, Config, SlaveConfig
 from ecatd.model.expected_bus import Comparison, compare
 from ecatd.model.sii import Sii
 
@@ -29,11 +32,43 @@ class Arranged:
         scanned: All slaves by position.
         found: Position by place on the wire.
         places: Position by the position in the configuration.
+        missing: Positions of slaves that are absent, and should not be.
     """
 
     scanned: list[Scanned]
     found: list[int]
     places: dict[int, int]
+    missing: set[int] = field(default_factory=set)
+
+
+def may_be_empty(config: Config, description: Bus | None) -> bool:
+    """Whether a bus on which no slave answers can start: all of them may come later."""
+    later = _coming(
+        config, _described(config, description), {item.position for item in config.slave}
+    )
+    return bool(config.slave) and all(item.optional or item in later for item in config.slave)
+
+
+def _coming(config: Config, known: Mapping[int, Slave], gone: Collection[int]) -> list[SlaveConfig]:
+    """Missing slaves that are not optional, but that the bus can start without and use later.
+
+    The cycle needs its reference clock from the start on. Without that, no clock is waited for.
+
+    Args:
+        config: The configuration.
+        known: The slaves of the description, by position in the configuration.
+        gone: Positions in the configuration of the slaves that are not there.
+    """
+    clocks = [n for n, slave in known.items() if slave.dc_bits] if config.dc.enabled else []
+    first = [n for n in clocks if not config.settings_of(n).optional][:1]
+    reference = first if config.dc.reference < 0 else [config.dc.reference]
+    without = clocks if {*reference} & {*gone} else []
+    return [
+        item
+        for item in config.slave
+        if item.product is not None and not item.optional and config.policy_of(item) == TOLERANT
+        if item.position in known and item.position in gone and item.position not in without
+    ]
 
 
 def arrange(
@@ -44,7 +79,7 @@ def arrange(
     description: Bus | None,
     tell: Callable[[str], None],
 ) -> Arranged:
-    """Numbers the slaves as the configuration expects them, with optional ones that are absent.
+    """Numbers the slaves as the configuration expects them, with those that are absent.
 
     Slaves on the wire keep their order. Optional slaves that are found by something else than their
     place come after all others, so that positions do not depend on where they are plugged in.
@@ -60,9 +95,11 @@ def arrange(
     Raises:
         StateError: There are too many slaves.
     """
-    if not any(wanted.optional for wanted in config.slave):
-        return Arranged(list(scanned), [*range(len(scanned))], comparison.places)
     known = _described(config, description)
+    gone = {n for item in comparison.differences if not item.found for n in item.expected}
+    missing = _coming(config, known, gone)
+    if not missing and not any(wanted.optional for wanted in config.slave):
+        return Arranged(list(scanned), [*range(len(scanned))], comparison.places)
     rows: list[tuple[tuple[float, int], int | None, Scanned]] = []
     elsewhere = {
         comparison.places[wanted.position]: wanted.position
@@ -75,7 +112,7 @@ def arrange(
         order = (math.inf, elsewhere[place]) if at_end else (float(place), 0)
         rows.append((order, place, item))
     stand_ins: list[tuple[SlaveConfig, Scanned]] = []
-    for wanted in comparison.absent:
+    for wanted in (*comparison.absent, *missing):
         if wanted.position not in known:
             tell(_unknown(wanted, config))
             continue
@@ -95,7 +132,8 @@ def arrange(
         for wanted, place in comparison.places.items()
     }
     places |= {wanted.position: item.slave.position for wanted, item in stand_ins}
-    return Arranged([item for _, _, item in rows], found, places)
+    away = {places[wanted.position] for wanted in missing}
+    return Arranged([item for _, _, item in rows], found, places, away)
 
 
 def _behind(wanted: SlaveConfig, comparison: Comparison) -> float:
@@ -107,15 +145,12 @@ def _behind(wanted: SlaveConfig, comparison: Comparison) -> float:
 
 
 def _described(config: Config, bus: Bus | None) -> dict[int, Slave]:
-    """The slaves of the description, by their position in the configuration."""
+    """The slaves of the description in its order, by their position in the configuration."""
     if bus is None:
         return {}
     found = compare(config, bus.slaves)
-    return {
-        expected: bus.slaves[place]
-        for expected, place in found.places.items()
-        if place not in found.unexpected
-    }
+    places = sorted(found.places.items(), key=lambda item: item[1])
+    return {n: bus.slaves[place] for n, place in places if place not in found.unexpected}
 
 
 def _stand_in(described: Slave, wanted: SlaveConfig) -> Slave:

@@ -108,6 +108,7 @@ class BringUp:
             engine,
             data.clocks,
             found.absent,
+            found.awaited,
             found.doubtful,
             found.idle,
             SetUp(
@@ -122,6 +123,7 @@ class BringUp:
                 self.config,
             ),
             found.finder(),
+            found.expectation,
             self.config.recovery,
             self.config.state_timeout_s,
         )
@@ -157,7 +159,7 @@ class BringUp:
             self.master = master = self._open_master()
             self._found = found = FoundBus(self.bus, master, self.config)
             try:
-                scan(found, self._interface, self._log)
+                scan(found, self._interface, files, self._log)
                 read(found, files, self._cancelled, self._log)
                 data = set_up_process_data(found, files.profiles, self._log)
             except StateError as error:
@@ -208,7 +210,7 @@ class BringUp:
         count = len(self.bus.slaves) - absent - missing
         away = f" (and {absent} optional, absent)" if absent else ""
         away += f" (and {missing} missing)" if missing else ""
-        differences = len(found.differences)
+        differences = len(found.expectation.differences)
         differs = f"; {differences} difference{'s' * (differences != 1)} from the expected bus"
         return (
             f"bus '{self.bus.name}' is in OP: {count} slave{'s' * (count != 1)}{away}, "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ecatd.log import Log
 from ecatd.model.bus import Bus
@@ -10,7 +11,7 @@ from ecatd.model.errors import StateError
 from ecatd.model.expected_bus import Comparison, compare
 
 from .absent import arrange
-from .found import FoundBus
+from .found import Expectation, FoundBus
 from .mapping import Scanned
 
 
@@ -35,14 +36,21 @@ def follow_expectation(
     arranged = arrange(found.master, scanned, found.config, comparison, description, log.warning)
     found.scanned = arranged.scanned
     unexpected = {arranged.found[n]: text for n, text in comparison.unexpected.items()}
-    places = arranged.places.items()
-    found.config = found.config.moved({n: at for n, at in places if at not in unexpected})
+    positions = {n: at for n, at in arranged.places.items() if at not in unexpected}
+    wire = [item.slave for item in scanned]
+    found.expectation = Expectation(found.config, wire, comparison.differences, positions)
+    found.config = found.config.moved(positions)
+    # Nor must the slaves that are still missing count in the working counters of the others.
+    found.awaited = arranged.missing
+    found.config.slave = [
+        replace(item, optional=item.optional or item.position in found.awaited)
+        for item in found.config.slave
+    ]
     return unexpected
 
 
 def _compare(found: FoundBus, scanned: Sequence[Scanned], log: Log) -> Comparison:
     comparison = compare(found.config, [item.slave for item in scanned])
-    found.differences = [item.text for item in comparison.differences]
     strict = [item for item in comparison.differences if item.strict]
     for item in comparison.differences:
         if item not in strict[:1]:  # with which the start ends

@@ -5,13 +5,31 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from ecatd.model.bus import Bus
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import STRICT, Config, Mark
+from ecatd.model.expected_bus import Difference
 
 from ..master.master import Master
 from .doubtful import Doubt
 from .identify import Finder
 from .mapping import Scanned
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """What the configuration expects, and how the bus of the start differs from it.
+
+    Attributes:
+        config: The configuration, about the slaves where it expects them.
+        wire: The slaves of the start in the order of the wire.
+        differences: The differences, about places on this wire.
+        positions: Where the expected slaves are on the bus, by position in the configuration.
+    """
+
+    config: Config
+    wire: list[Slave]
+    differences: list[Difference]
+    positions: dict[int, int]
 
 
 @dataclass(slots=True)
@@ -24,22 +42,25 @@ class FoundBus:
         config: The configuration; once the slaves are compared, it is about them where they were
             found.
         scanned: All slaves by position, also optional ones that are absent.
-        differences: How the bus differs from the expected one.
+        expectation: How the bus differs from the expected one; set when the slaves are compared.
         doubtful: Slaves whose process data are in doubt, by position, and why.
         mailboxes: See `set_up.read_mailboxes`.
         ends: See `identify.branch_ends`.
         lost: Positions of slaves that have lost their power or cable since they were read.
+        awaited: Positions of slaves that are not optional, but were missing when they were looked
+            for, and are used when they come.
     """
 
     bus: Bus
     master: Master
     config: Config
     scanned: list[Scanned] = field(default_factory=list)
-    differences: list[str] = field(default_factory=list)
+    expectation: Expectation = field(init=False)
     doubtful: dict[int, Doubt] = field(default_factory=dict)
     mailboxes: list[bytes] = field(default_factory=list)
     ends: list[int] = field(default_factory=list)
     lost: set[int] = field(default_factory=set)
+    awaited: set[int] = field(default_factory=set)
 
     @property
     def absent(self) -> set[int]:
@@ -48,12 +69,12 @@ class FoundBus:
             item.slave.position
             for item in self.scanned
             if not item.known or (item.slave.group and item.slave.position in self.lost)
-        }
+        } - self.awaited
 
     @property
     def missing(self) -> set[int]:
-        """Positions of the other slaves that are not there any more."""
-        return self.lost - self.absent
+        """Positions of the other slaves that are not there."""
+        return (self.lost | self.awaited) - self.absent
 
     @property
     def present(self) -> list[Scanned]:

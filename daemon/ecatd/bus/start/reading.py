@@ -18,6 +18,7 @@ from ecatd.paths import profile_folders
 from ..frames.identification import ask_identifications, ways_to_ask
 from ..master.emergencies import tell_emergencies
 from ..master.master import Master
+from .absent import may_be_empty
 from .clocks import clock_bits
 from .doubtful import settle
 from .expectation import follow_expectation
@@ -50,12 +51,11 @@ def read_files(config: Config) -> Files:
     return Files(load_profiles(config, profile_folders()), load_description(config))
 
 
-def scan(found: FoundBus, interface: str, log: Log) -> None:
+def scan(found: FoundBus, interface: str, files: Files, log: Log) -> None:
     """Finds the slaves and takes them to PREOP; raises as `Master.scan`."""
     master, config = found.master, found.config
-    # A bus of optional slaves may be empty.
-    may_be_empty = bool(config.slave) and all(item.optional for item in config.slave)
-    why = master.scan(config.state_timeout_s, may_be_empty=may_be_empty)
+    empty = may_be_empty(config, files.description)
+    why = master.scan(config.state_timeout_s, may_be_empty=empty)
     count = len(master.stations)
     text = f"{count} slave{'s' * (count != 1)} found on {interface}"
     log.info(f"{text} (numbered by ecatd: {why})" if why else text)

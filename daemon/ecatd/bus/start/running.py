@@ -12,6 +12,7 @@ from ..engine.shared_memory import SharedMemory
 from ..master.master import Master
 from .clocks import Clocks
 from .doubtful import Doubt
+from .found import Expectation
 from .identify import Finder
 from .set_up import SetUp
 
@@ -29,10 +30,12 @@ class RunningBus:
         engine: The cyclic engine.
         clocks: The distributed clocks, where they are used.
         absent: Positions of the optional slaves that were absent at the start.
+        awaited: Positions of the other slaves that were missing at the start, and have a place.
         doubtful: Slaves whose process data are in doubt, by position, and why.
         idle: Positions of the doubtful slaves that stay in PREOP and are not exchanged.
         set_up: Sets up slaves that have restarted.
         finder: Finds slaves that have lost their station address.
+        expectation: How the bus differed from the expected one at the start.
         recovery: Configuration: which slaves are recovered automatically.
         state_timeout_s: Seconds that slaves have to reach a state.
     """
@@ -45,9 +48,16 @@ class RunningBus:
     engine: Engine
     clocks: Clocks | None
     absent: set[int]
+    awaited: set[int]
     doubtful: dict[int, Doubt]
     idle: list[int]
     set_up: SetUp
     finder: Finder
+    expectation: Expectation
     recovery: RecoveryConfig
     state_timeout_s: float
+
+    @property
+    def optional(self) -> set[int]:
+        """Positions of the slaves that may come and go."""
+        return {slave.position for slave in self.bus.slaves if slave.group} - self.awaited

@@ -123,7 +123,7 @@ class ToOp:
         A doubtful slave that does not reach the state is no error: recovery takes care of it.
         """
         found = self._found
-        out = {*found.idle, *found.absent, *found.lost}
+        out = {*found.idle, *found.absent, *found.missing}
         used = [n for n in range(len(found.bus.slaves)) if n not in out] if out else None
         timeout_s = found.config.state_timeout_s
         found.master.wait_for_state(state, timeout_s, used, optional=found.doubtful)

@@ -34,6 +34,8 @@ def describe_presence(
         twice: Positions of those at whose address another device answers, too.
         absent: Number of optional slaves that do not answer at their address.
         by_hand: Whether slaves that were without power do not come back by themselves.
+
+    What a restart would do with others is told by `expectation.py`, when it knows who they are.
     """
     if twice:
         each, where = ("its", "address") if len(twice) == 1 else ("their", "addresses")
@@ -46,18 +48,16 @@ def describe_presence(
     if found > count + absent:  # up to that, they may be optional slaves that are coming
         who = "a slave was" if found == count + 1 else f"{found - count} slaves were"
         where = f"behind {bus.slaves[added - 1].label}" if added else "in front of all others"
-        return (
-            f"slave count changed: {count}, now {found}: {who} added {where}; restart ecatd to use "
-            f"{'it' if found == count + 1 else 'them'}"
-        )
+        return f"slave count changed: {count}, now {found}: {who} added {where}"
     if not lost:
         return ""
-    restart = f"; restart ecatd to use {'it' if len(lost) == 1 else 'them'}" if by_hand else ""
+    which = f" -p {lost[0]}" if len(lost) == 1 else ""
+    ask = f"; `ecatctl state OP{which}` brings back what is there" if by_hand else ""
     if len(lost) == count:
         if found:
             return (
                 f"no slave answers at its address, though {found} are there: they were switched "
-                f"off and on, or exchanged{restart}"
+                f"off and on, or exchanged{ask}"
             )
         return (
             f"no slave answers: check the cable to {bus.slaves[0].label} and the power; the bus "
@@ -66,7 +66,7 @@ def describe_presence(
     if found == count:
         return (
             f"no answer from {name_slaves(bus, lost)} at {'its' if len(lost) == 1 else 'their'} "
-            f"address, though {count} slaves are there: switched off and on, or exchanged{restart}"
+            f"address, though {count} slaves are there: switched off and on, or exchanged{ask}"
         )
     first = bus.slaves[lost[0]]
     missing = f"{len(lost)} slave{'s' * (len(lost) != 1)} missing"

@@ -26,6 +26,7 @@ from .presence import name_slaves
 from .recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
 
 _NAMES_MAX = 3
+_LEFT_ALONE = (Condition.EXCHANGED, Condition.MISSING)
 
 
 class Repair:
@@ -59,7 +60,7 @@ class Repair:
             len(running.bus.slaves),
             running.recovery.slaves,
             running.recovery.retry_s,
-            {slave.position for slave in running.bus.slaves if slave.group},
+            running.optional,
             running.absent,
         )
         self._recovery.want(running.idle, AlState.PREOP)
@@ -77,6 +78,16 @@ class Repair:
         if not condition and (doubt := self._running.doubtful.get(position)):
             return Condition(doubt.word), doubt.text
         return condition, text
+
+    @property
+    def busy(self) -> bool:
+        """Whether slaves are being brought back."""
+        return bool(self._jobs)
+
+    def left_alone(self) -> dict[int, str]:
+        """What was told of devices that stand where slaves should be, by position."""
+        conditions = {slave.position: self.condition(slave.position) for slave in self._bus.slaves}
+        return {n: text for n, (word, text) in conditions.items() if text and word in _LEFT_ALONE}
 
     def down_since(self, position: int) -> float | None:
         """When a slave that should be in OP has left it, in Unix seconds; None if it has not."""
@@ -228,7 +239,7 @@ class Repair:
                 failures[position] = Failure(found.exchanged[position], Condition.EXCHANGED)
             else:
                 text = found.unclear.get(position, "")
-                absent = self._bus.slaves[position].group and not text
+                absent = position in self._running.optional and not text
                 condition = Condition.ABSENT if absent else Condition.MISSING
                 failures[position] = Failure(text, condition)
         return here, failures

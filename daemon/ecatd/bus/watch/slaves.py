@@ -19,6 +19,7 @@ from ..frames.datagrams import aprd
 from ..master.master import SlaveState
 from ..master.worker import Worker
 from ..start.running import RunningBus
+from .expectation import ExpectationWatch
 from .presence import describe_presence, name_slaves
 from .recovery import Condition
 from .repair import Repair
@@ -67,14 +68,20 @@ class SlaveWatch:
         self._log = log.of("slaves")
         self._tell = tell
         self._repair = Repair(running, worker, log.of("recovery"), tell, self._look_again)
+        self._expectation = ExpectationWatch(running, worker, self._log, tell)
         self._by_hand = running.recovery.slaves != "all"
         self._foreign = foreign
         self._changed = asyncio.Event()
         self._pause = _PAUSE
+        self._optional = running.optional
+        self._counted = len(running.bus.slaves) - len(running.absent) - len(running.awaited)
         self._found = self._added = 0
         self._twice: list[int] = []  # positions of slaves at whose address another one answers, too
         self._absent = set(running.absent)
-        self._told = ""  # what was last told about missing and new slaves
+        # What was last told about missing and new slaves. Those of the start were told there.
+        self._told = describe_presence(
+            running.bus, self._counted, sorted(running.awaited), absent=len(running.absent)
+        )
         self.states: list[SlaveState] = []
 
     async def change(self, positions: Sequence[int], state: AlState) -> None:
@@ -110,6 +117,9 @@ class SlaveWatch:
     def on_change(self, found: int) -> None:
         """The engine has seen another number of slaves, or another AL state."""
         self._log.debug(f"{found} slaves answer, or their AL states have changed")
+        if found != self._counted:
+            self._counted = found
+            self._expectation.note()
         self._changed.set()
 
     def read(self) -> list[SlaveState]:
@@ -154,12 +164,15 @@ class SlaveWatch:
     async def watch(self) -> None:
         """Waits for the next change, or for a while, and looks."""
         healthy = self._is_well() and not self._told and not self._strangers
+        healthy = healthy and not self._expectation.waits
         with suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), _SLOW_PERIOD if healthy else _PERIOD)
         self._changed.clear()
         something = await self.look()
         foreign = not self._is_well() and self._foreign()
         self._repair.act(self.states, self._strangers, foreign=foreign)
+        if self._expectation.waits and not self._repair.busy and not self._foreign():
+            await self._expectation.look(self._repair.left_alone())
         await asyncio.sleep(self._pause)
         self._pause = min(2 * self._pause, _LONGEST_PAUSE) if something else _PAUSE
 
@@ -170,9 +183,8 @@ class SlaveWatch:
 
     def _is_well(self) -> bool:
         """Whether all slaves are in OP, but for optional ones that are absent."""
-        slaves = self._bus.slaves
         return all(
-            item.al_state == AlState.OP or (not item.al_state and slaves[item.position].group)
+            item.al_state == AlState.OP or (not item.al_state and item.position in self._optional)
             for item in self.states
         )
 
@@ -200,7 +212,7 @@ class SlaveWatch:
         for positions, item in _group(present):
             # OP is what everybody wants; leaving it may be wanted, too, but somebody should know.
             # Optional slaves pass the other states each time they come.
-            optional = self._bus.slaves[item.position].group and not item.al_state & AL_ERROR_FLAG
+            optional = item.position in self._optional and not item.al_state & AL_ERROR_FLAG
             expected = item.al_state == AlState.OP or optional
             tell = self._log.info if expected else self._log.warning
             text = f"{name_slaves(self._bus, positions)}: {item.describe()}"
@@ -212,8 +224,8 @@ class SlaveWatch:
         found = self._found
         gone = [item.position for item in self.states if not item.al_state & 0x0F]
         slaves = self._bus.slaves
-        lost = [position for position in gone if not slaves[position].group]
-        absent = [position for position in gone if slaves[position].group]
+        lost = [position for position in gone if position not in self._optional]
+        absent = [position for position in gone if position in self._optional]
         self._tell_absent(absent)
         text = describe_presence(
             self._bus,
@@ -227,6 +239,7 @@ class SlaveWatch:
         if text == self._told:
             return
         self._told = text
+        self._expectation.note()
         if text:
             self._log.error(text, "slaves", lost)
         else:
@@ -239,6 +252,7 @@ class SlaveWatch:
         left = [position for position in absent if position not in self._absent]
         self._absent = set(absent)
         if left:
+            self._expectation.note()
             text = f"{name_slaves(self._bus, left)} left the bus (optional)"
             self._log.info(text, "slaves", left)
 
