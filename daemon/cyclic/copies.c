@@ -26,10 +26,10 @@ static void tell(cyclic_t *c, struct copy *copy, uint32_t reason) {
 }
 
 /* The value of an integer that needs no conversion. A double would lose digits of a 64-bit integer. */
-static struct value whole_value(const struct copy *copy, uint64_t bits) {
+static struct value whole_value(const struct copy *copy, const struct rule *rule, uint64_t bits) {
   struct value value = {.scale = 1, .analog = 1, .is_whole = 1};
   value.whole = copy->source_sign ? sign_extended(bits, copy->source_bits) : (int64_t)bits;
-  if (value.whole < 0 && copy->source_sign != copy->rule.sign) /* beyond the type of the output */
+  if (value.whole < 0 && copy->source_sign != rule->sign) /* beyond the type of the output */
     value.whole = copy->source_sign ? 0 : INT64_MAX;
   return value;
 }
@@ -45,14 +45,15 @@ static struct value converted_value(const struct copy *copy, uint64_t bits) {
  * input must meet the conditions of `valid` in a session, and be a finite number. */
 static int read_source(const cyclic_t *c, const struct copy *copy, uint64_t *bits) {
   const struct domain *domain = &c->domain[copy->domain];
+  const struct copy_limit *limit = &c->limits->copy[copy - c->copy];
   struct value value;
   if (copy->al_state == NULL || domain->wkc_state != ECAT_WKC_COMPLETE || (domain->absent & copy->group) != 0 ||
       __atomic_load_n(copy->al_state, __ATOMIC_RELAXED) != OP)
     return 0;
   *bits = bits_get(domain->image, copy->source_bit, copy->source_bits);
-  if (copy->plain) return 1;
-  value = copy->whole ? whole_value(copy, *bits) : converted_value(copy, *bits);
-  return value_encode(&copy->rule, &value, bits) == 0;
+  if (limit->plain) return 1;
+  value = copy->whole ? whole_value(copy, &limit->rule, *bits) : converted_value(copy, *bits);
+  return value_encode(&limit->rule, &value, bits) == 0;
 }
 
 /* The reason for the safe value of an output. ECAT_REASON_START: no reason, the output has the value of
@@ -72,13 +73,20 @@ void cyclic_copies_run(cyclic_t *c) {
     uint64_t bits = 0;
     uint32_t reason = why_safe(c, copy, stopping, &bits);
     if (reason != ECAT_REASON_START) {
-      uint64_t hold = bits_get(c->hold, copy->target_bit, copy->rule.bits);
-      bits = (bits_get(c->outputs, copy->target_bit, copy->rule.bits) & hold) |
-             (bits_get(c->safe, copy->target_bit, copy->rule.bits) & ~hold);
+      uint64_t hold = bits_get(c->hold, copy->target_bit, copy->target_bits);
+      bits = (bits_get(c->outputs, copy->target_bit, copy->target_bits) & hold) |
+             (bits_get(c->safe, copy->target_bit, copy->target_bits) & ~hold);
     }
-    bits_put(c->outputs, copy->target_bit, copy->rule.bits, bits);
+    bits_put(c->outputs, copy->target_bit, copy->target_bits, bits);
     if (reason != copy->told) tell(c, copy, reason);
   }
+}
+
+struct copy_limit cyclic_copy_limit(const cyclic_t *c, const struct copy *copy) {
+  const ecat_shm_signal *to = &c->signals[copy->target];
+  struct copy_limit limit = {.rule = value_rule(to->type, to->bit_length, to->minimum, to->maximum)};
+  limit.plain = copy->same && to->minimum == -HUGE_VAL && to->maximum == HUGE_VAL;
+  return limit;
 }
 
 /* The number of the stop of the drive with this controlword, -1: none. */
@@ -121,15 +129,15 @@ int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor
   *copy = (struct copy){.target = target,
                         .target_bit = bit_of(c, target),
                         .stop = find_stop(c, controlword),
+                        .target_bits = (uint8_t)to->bit_length,
                         .factor = factor,
-                        .offset = offset,
-                        .rule = value_rule(to->type, to->bit_length, to->minimum, to->maximum)};
+                        .offset = offset};
   if (from != NULL) {
     set_source(c, copy, from);
-    copy->whole = factor == 1 && offset == 0 && !copy->source_real && !copy->rule.real;
-    copy->plain = copy->whole && from->bit_length == to->bit_length &&
-                  copy->source_sign == copy->rule.sign && to->minimum == -HUGE_VAL &&
-                  to->maximum == HUGE_VAL;
+    copy->whole = factor == 1 && offset == 0 && !copy->source_real &&
+                  !type_is_real(to->type, to->bit_length);
+    copy->same = copy->whole && from->bit_length == to->bit_length &&
+                 copy->source_sign == type_is_signed(to->type);
   }
   set_drop(c->claimable, target);
   set_add(c->copied, target);

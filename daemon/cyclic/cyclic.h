@@ -93,9 +93,12 @@ CYCLIC_API void cyclic_set_clock(cyclic_t *c, const cyclic_clock *clock);
  * take `value`. Both have output_bytes of the slave. */
 CYCLIC_API int cyclic_set_safe(cyclic_t *c, uint32_t slave, const uint8_t *value,
                                const uint8_t *hold);
-/* Makes the engine refuse raw values of an output below `minimum` or above `maximum`. Call it before
- * cyclic_start(). */
-CYCLIC_API int cyclic_set_limit(cyclic_t *c, uint32_t signal, double minimum, double maximum);
+/* Makes the engine refuse raw values of outputs beyond `minimum` and `maximum` of the signal table, and
+ * hold copies there. cyclic_start() does this first. Call it again after the table has changed: it returns
+ * when the engine uses all of the new limits, which it takes over between two cycles. Outputs that are
+ * beyond them then get the value of the nearer limit. Returns how many these are, at most `room`, and
+ * writes their signals into `held`; or -ENOMEM. */
+CYCLIC_API int cyclic_use_limits(cyclic_t *c, uint32_t *held, uint32_t room);
 /* Sets how a drive is stopped when its controlword loses its owner: the controlword is `value` until
  * the statusword (CiA 402) says that the drive no longer moves, for at most `patience_ns`. Then it
  * takes its safe value. Call it before cyclic_start(). */
@@ -120,6 +123,8 @@ CYCLIC_API int cyclic_slack_error(const cyclic_t *c);
 /* Gives the engine another socket for port 0 or 1, after an interface went away and came back.
  * Returns when the old socket is no longer used. */
 CYCLIC_API void cyclic_set_socket(cyclic_t *c, uint32_t port, int fd);
+/* Changes `wkc_limit` of the settings. */
+CYCLIC_API void cyclic_set_wkc_limit(cyclic_t *c, int32_t limit);
 /* CLOCK_MONOTONIC of the next cycle, in ns; 0 before the first one. */
 CYCLIC_API uint64_t cyclic_deadline(const cyclic_t *c);
 /* Sets all counters and histograms of the engine back to zero, and returns when that is done. Call it

@@ -45,6 +45,7 @@ static void choose_domains(cyclic_t *c) {
 
 static void conclude_domain(cyclic_t *c, uint32_t number, uint64_t received) {
   struct domain *domain = &c->domain[number];
+  int32_t limit = __atomic_load_n(&c->settings.wkc_limit, __ATOMIC_RELAXED); /* control may change it */
   domain->wkc_state = domain->complete  ? ECAT_WKC_COMPLETE
                       : domain->wkc > 0 ? ECAT_WKC_INCOMPLETE
                                         : ECAT_WKC_ZERO;
@@ -54,8 +55,7 @@ static void conclude_domain(cyclic_t *c, uint32_t number, uint64_t received) {
     counter_add(&domain->status->wkc_bad, 1);
     counter_add(&c->health->wkc_bad, 1);
   }
-  if (c->settings.wkc_limit > 0 && domain->bad >= (uint32_t)c->settings.wkc_limit)
-    cyclic_slots_lapse_domain(c, number);
+  if (limit > 0 && domain->bad >= (uint32_t)limit) cyclic_slots_lapse_domain(c, number);
   if (domain->wkc_state != domain->told_state &&
       cyclic_emit(c, CYCLIC_EVENT_WKC, (int32_t)number, -1, domain->wkc_state))
     domain->told_state = domain->wkc_state;
@@ -157,6 +157,7 @@ void cyclic_run(cyclic_t *c) {
     c->now_ns = cyclic_now();
     cyclic_count(&c->health->wakeup, c->now_ns - c->deadline_ns);
     adopt_sockets(c);
+    cyclic_outputs_adopt_limits(c);
     check_control(c);
     if (__atomic_load_n(&c->make_safe, __ATOMIC_RELAXED))
       cyclic_outputs_make_all_safe(c, ECAT_REASON_STOPPING);

@@ -106,10 +106,25 @@ struct slot {
 /* An output whose values have a declared range, in raw units. */
 struct limit {
   uint32_t signal, bit;    /* bit: of the output image */
-  uint8_t bits, sign, real;
   int told;
-  double minimum, maximum;
+  int held;                /* its value was beyond the range when the engine took the range over */
+  struct rule rule;
   uint64_t before;
+};
+
+/* The values that a copy may have. */
+struct copy_limit {
+  struct rule rule;
+  uint8_t plain;           /* the bits are copied as they are */
+};
+
+/* All declared ranges. If they change, control makes others, and the engine takes them over between two
+ * cycles, all at once. So each value is compared with both limits of one range. */
+struct limits {
+  size_t size;             /* of the whole block of memory, with both arrays */
+  uint32_t count;
+  struct limit *limit;     /* of the outputs that have one */
+  struct copy_limit *copy; /* of each copy */
 };
 
 /* The stop of a CiA 402 drive without an owner. The controlword is `value` until the statusword says that
@@ -130,11 +145,11 @@ struct copy {
   const uint32_t *al_state;    /* of its slave, in the shared memory; NULL: the input is not on the bus */
   int32_t stop;                /* of the drive that the output belongs to; -1: none */
   uint8_t source_bits, source_sign, source_real;
+  uint8_t target_bits;
   uint8_t whole;               /* an integer becomes an integer without conversion */
-  uint8_t plain;               /* the bits are copied as they are */
+  uint8_t same;                /* of the same length and sign, so that the bits can be copied as they are */
   uint32_t told;               /* ecat_reason that was published last */
   double factor, offset;       /* raw output = raw input * factor + offset */
-  struct rule rule;            /* for the values of the output */
 };
 
 struct cyclic {
@@ -185,11 +200,11 @@ struct cyclic {
   uint64_t *claimable, *wanted;   /* sets of signals: outputs that may have an owner; claims as read */
   uint64_t *copied;               /* set of signals: outputs that an input is copied to */
   void *output_memory;            /* memory of these sets and of the sets of the slots */
-  struct limit *limit;
+  struct limits *limits, *wanted_limits; /* wanted: set by control */
   struct stop *stop_sequence;
   struct copy *copy;
   uint32_t copies;
-  uint32_t limits, stops, stopping; /* stopping: drives that are being stopped now */
+  uint32_t stops, stopping;       /* stopping: drives that are being stopped now */
   int make_safe, restart;         /* set by control */
   uint32_t attend;                /* set by control: new value for `attended`; 0: already taken over */
   uint32_t attended;              /* cycles left until outputs become safe; 0: never called, or too late */
@@ -255,10 +270,14 @@ void cyclic_slots_lapse_domain(cyclic_t *c, uint32_t domain);
 
 /* copies.c */
 void cyclic_copies_run(cyclic_t *c); /* in every cycle, after the commits of clients */
+/* The values that a copy may have, as the signal table says now. */
+struct copy_limit cyclic_copy_limit(const cyclic_t *c, const struct copy *copy);
 
 /* outputs.c */
 enum { CYCLIC_CONFLICT_NONE = -1, CYCLIC_CONFLICT_STOPPING = -2 };
 int cyclic_outputs_init(cyclic_t *c);
+/* Takes over other declared ranges, if control has made some; at the start of a cycle. */
+void cyclic_outputs_adopt_limits(cyclic_t *c);
 /* Calls `prefault` for all memory that outputs.c has allocated. */
 void cyclic_outputs_prefault(cyclic_t *c, void (*prefault)(void *memory, size_t size));
 /* Makes a slot the owner of exactly the signals in `c->wanted`. If another slot owns one of them, this

@@ -36,7 +36,7 @@ static size_t memory_words(const cyclic_t *c) {
 
 void cyclic_outputs_prefault(cyclic_t *c, void (*prefault)(void *memory, size_t size)) {
   prefault(c->output_memory, memory_words(c) * sizeof(uint64_t));
-  prefault(c->limit, c->limits * sizeof *c->limit);
+  prefault(c->limits, c->limits->size);
   prefault(c->stop_sequence, c->stops * sizeof *c->stop_sequence);
   prefault(c->copy, c->copies * sizeof *c->copy);
 }
@@ -63,7 +63,7 @@ int cyclic_outputs_init(cyclic_t *c) {
     tell_owner(c, i, -1, ECAT_OUTPUTS_SAFE, ECAT_REASON_START);
     if (c->signals[i].output) set_add(c->claimable, i);
   }
-  return 0;
+  return cyclic_use_limits(c, NULL, 0);
 }
 
 /* --- safe values ---------------------------------------------------------------------------- */
@@ -242,30 +242,36 @@ int cyclic_outputs_has_domain(const cyclic_t *c, uint32_t number, uint32_t domai
 
 /* --- values --------------------------------------------------------------------------------- */
 
+/* The comparison is false for NaN, so NaN is out of every range. */
+static int is_within(const struct rule *rule, uint64_t bits) {
+  double value = raw_to_double(bits, rule->bits, rule->sign, rule->real);
+  return value >= rule->minimum && value <= rule->maximum;
+}
+
 static void save_limited(cyclic_t *c, uint32_t number) {
   uint32_t i;
-  for (i = 0; i < c->limits; i++)
-    if (c->output[c->limit[i].signal].owner == (int32_t)number)
-      c->limit[i].before = bits_get(c->outputs, c->limit[i].bit, c->limit[i].bits);
+  for (i = 0; i < c->limits->count; i++) {
+    struct limit *limit = &c->limits->limit[i];
+    if (c->output[limit->signal].owner == (int32_t)number)
+      limit->before = bits_get(c->outputs, limit->bit, limit->rule.bits);
+  }
 }
 
 /* Undoes values of a commit that are out of their declared range: the earlier value stays. */
 static void enforce_limits(cyclic_t *c, uint32_t number) {
   ecat_shm_slot_status *status = &c->slot_status[number];
   uint32_t i;
-  for (i = 0; i < c->limits; i++) {
-    struct limit *limit = &c->limit[i];
-    double value;
+  for (i = 0; i < c->limits->count; i++) {
+    struct limit *limit = &c->limits->limit[i];
+    uint64_t bits;
     if (c->output[limit->signal].owner != (int32_t)number) continue;
-    value = raw_to_double(bits_get(c->outputs, limit->bit, limit->bits), limit->bits, limit->sign,
-                          limit->real);
-    /* The comparison is false for NaN, so NaN is out of every range. */
-    if (value >= limit->minimum && value <= limit->maximum) {
+    bits = bits_get(c->outputs, limit->bit, limit->rule.bits);
+    if (is_within(&limit->rule, bits)) {
       limit->told = 0;
       continue;
     }
-    if (bits_get(c->outputs, limit->bit, limit->bits) == limit->before) continue;
-    bits_put(c->outputs, limit->bit, limit->bits, limit->before);
+    if (bits == limit->before) continue;
+    bits_put(c->outputs, limit->bit, limit->rule.bits, limit->before);
     counter_add(&c->health->refused, 1);
     __atomic_store_n(&status->refused, status->refused + 1, __ATOMIC_RELAXED);
     if (!limit->told)
@@ -293,37 +299,82 @@ void cyclic_outputs_take(cyclic_t *c, uint32_t number, const uint64_t *part) {
   uint32_t i, at = slot->first / 8, words = slot->bytes / 8;
   const uint64_t *written = part, *values = part + words;
   uint64_t *to = (uint64_t *)(void *)c->outputs + at, fresh = 0;
-  if (c->limits > 0) save_limited(c, number);
+  if (c->limits->count > 0) save_limited(c, number);
   for (i = 0; i < words; i++) {
     uint64_t mask = written[i] & slot->mask[at + i];
     to[i] = (to[i] & ~mask) | (values[i] & mask);
     fresh |= mask & ~slot->active[at + i];
     slot->active[at + i] |= mask;
   }
-  if (c->limits > 0) enforce_limits(c, number);
+  if (c->limits->count > 0) enforce_limits(c, number);
   if (fresh != 0) tell_active(c, number);
 }
 
-/* --- settings before the start -------------------------------------------------------------- */
+/* --- declared ranges ------------------------------------------------------------------------ */
 
-int cyclic_set_limit(cyclic_t *c, uint32_t signal, double minimum, double maximum) {
-  const ecat_shm_signal *s;
-  struct limit *grown;
-  if (signal >= c->header->signal_count || !c->signals[signal].output || c->started)
-    return -EINVAL;
-  grown = realloc(c->limit, (c->limits + 1) * sizeof *grown);
-  if (grown == NULL) return -ENOMEM;
-  c->limit = grown;
-  s = &c->signals[signal];
-  c->limit[c->limits++] = (struct limit){.signal = signal,
-                                         .bit = bit_of(c, signal),
-                                         .bits = (uint8_t)s->bit_length,
-                                         .sign = (uint8_t)type_is_signed(s->type),
-                                         .real = (uint8_t)type_is_real(s->type, s->bit_length),
-                                         .minimum = minimum,
-                                         .maximum = maximum};
-  return 0;
+/* Holds an output at the limits of a range that has become narrower. */
+static int hold(cyclic_t *c, const struct limit *limit) {
+  uint64_t bits = bits_get(c->outputs, limit->bit, limit->rule.bits);
+  struct value value = {.scale = 1, .analog = 1};
+  if (is_within(&limit->rule, bits) || c->output[limit->signal].state == ECAT_OUTPUTS_STOPPING) return 0;
+  value.real = raw_to_double(bits, limit->rule.bits, limit->rule.sign, limit->rule.real);
+  if (value_encode(&limit->rule, &value, &bits) != 0) /* infinite, or no number */
+    bits = bits_get(c->safe, limit->bit, limit->rule.bits);
+  bits_put(c->outputs, limit->bit, limit->rule.bits, bits);
+  return 1;
 }
+
+void cyclic_outputs_adopt_limits(cyclic_t *c) {
+  struct limits *wanted = __atomic_load_n(&c->wanted_limits, __ATOMIC_ACQUIRE);
+  uint32_t i;
+  if (wanted == c->limits) return;
+  for (i = 0; i < wanted->count; i++) wanted->limit[i].held = hold(c, &wanted->limit[i]);
+  __atomic_store_n(&c->limits, wanted, __ATOMIC_RELEASE); /* from now on control may free the others */
+}
+
+static int is_limited(const ecat_shm_signal *s) {
+  return s->output && (s->minimum > -HUGE_VAL || s->maximum < HUGE_VAL);
+}
+
+/* Makes the ranges that the signal table declares. NULL: there is no memory. */
+static struct limits *make_limits(const cyclic_t *c) {
+  struct limits *made;
+  uint32_t i, count = 0;
+  size_t size;
+  for (i = 0; i < c->header->signal_count; i++) count += (uint32_t)is_limited(&c->signals[i]);
+  size = sizeof *made + count * sizeof *made->limit + c->copies * sizeof *made->copy;
+  made = calloc(1, size);
+  if (made == NULL) return NULL;
+  made->size = size;
+  made->limit = (void *)(made + 1);
+  made->copy = (void *)(made->limit + count);
+  for (i = 0; i < c->header->signal_count; i++) {
+    const ecat_shm_signal *s = &c->signals[i];
+    if (!is_limited(s)) continue;
+    made->limit[made->count++] =
+        (struct limit){.signal = i,
+                       .bit = bit_of(c, i),
+                       .rule = value_rule(s->type, s->bit_length, s->minimum, s->maximum)};
+  }
+  for (i = 0; i < c->copies; i++) made->copy[i] = cyclic_copy_limit(c, &c->copy[i]);
+  return made;
+}
+
+int cyclic_use_limits(cyclic_t *c, uint32_t *held, uint32_t room) {
+  struct limits *made = make_limits(c), *before = c->limits;
+  uint32_t i, count = 0;
+  if (made == NULL) return -ENOMEM;
+  __atomic_store_n(&c->wanted_limits, made, __ATOMIC_RELEASE);
+  if (c->started == 0) c->limits = made;
+  while (__atomic_load_n(&c->limits, __ATOMIC_ACQUIRE) != made)
+    nanosleep(&(struct timespec){0, 100000}, NULL);
+  free(before);
+  for (i = 0; i < made->count && count < room; i++)
+    if (made->limit[i].held) held[count++] = made->limit[i].signal;
+  return (int)count;
+}
+
+/* --- settings before the start -------------------------------------------------------------- */
 
 int cyclic_set_stop(cyclic_t *c, uint32_t controlword, uint32_t statusword, uint32_t value,
                     uint64_t patience_ns) {

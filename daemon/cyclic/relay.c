@@ -1,6 +1,6 @@
 /* The relay: see relay.h. One frame at a time is on the wire. The relay sleeps in ppoll() or in a
- * futex, and allocates nothing after its start. Its lock is for control, which changes the sockets or
- * the engine of the relay. The engine never waits for this lock. */
+ * futex, and allocates nothing after its start. Its lock is for control, which changes the sockets, the
+ * share or the engine of the relay. The engine never waits for this lock. */
 #include "relay.h"
 
 #include "engine.h"
@@ -367,6 +367,14 @@ void cyclic_relay_follow(cyclic_relay_t *r, cyclic_t *engine) {
 void cyclic_relay_set_frame_ring(cyclic_relay_t *r, cyclic_frame_ring_t *ring) {
   pthread_mutex_lock(&r->lock);
   r->frame_ring = ring;
+  pthread_mutex_unlock(&r->lock);
+}
+
+void cyclic_relay_set_share(cyclic_relay_t *r, double share, uint64_t patience_ns) {
+  if (!(share > 0 && share <= 1)) return;
+  pthread_mutex_lock(&r->lock);
+  r->settings.share = share;
+  r->settings.patience_ns = patience_ns;
   pthread_mutex_unlock(&r->lock);
 }
 

@@ -29,6 +29,8 @@ CYCLIC_API cyclic_relay_t *cyclic_relay_new(int client_fd, int first_fd, int sec
 /* Makes frames wait for the free time of the engine's cycle, and counts them in its ecat_shm_health.
  * After cyclic_stop(), or with NULL, frames are sent at once. */
 CYCLIC_API void cyclic_relay_follow(cyclic_relay_t *r, cyclic_t *engine);
+/* Changes `share` and `patience_ns` of the settings. A share that is out of range changes nothing. */
+CYCLIC_API void cyclic_relay_set_share(cyclic_relay_t *r, double share, uint64_t patience_ns);
 /* Gives the relay another socket for port 0 or 1, after an interface went away and came back.
  * Returns when the old socket is no longer used. */
 CYCLIC_API void cyclic_relay_set_socket(cyclic_relay_t *r, uint32_t port, int fd);

@@ -192,6 +192,7 @@ static int lock_memory(void) {
 int cyclic_start(cyclic_t *c, const cyclic_settings *settings) {
   int code;
   if (!cyclic_frames_fit(c)) return -ENOSPC;
+  if ((code = cyclic_use_limits(c, NULL, 0)) != 0) return code;
   c->settings = *settings;
   if (settings->lock_memory) c->memory_error = lock_memory();
   if ((code = cyclic_wake_start(c)) != 0) return code;
@@ -223,6 +224,10 @@ void cyclic_set_socket(cyclic_t *c, uint32_t port, int fd) {
   }
   while (__atomic_load_n(&c->fd[port], __ATOMIC_ACQUIRE) != fd)
     nanosleep(&(struct timespec){0, 100000}, NULL);
+}
+
+void cyclic_set_wkc_limit(cyclic_t *c, int32_t limit) {
+  __atomic_store_n(&c->settings.wkc_limit, limit, __ATOMIC_RELAXED);
 }
 
 void cyclic_make_safe(cyclic_t *c) { __atomic_store_n(&c->make_safe, 1, __ATOMIC_RELAXED); }
@@ -259,7 +264,8 @@ void cyclic_free(cyclic_t *c) {
   free(c->hold);
   free(c->slot_image);
   free(c->output_memory);
-  free(c->limit);
+  if (c->wanted_limits != c->limits) free(c->wanted_limits);
+  free(c->limits);
   free(c->stop_sequence);
   free(c->copy);
   free(c);

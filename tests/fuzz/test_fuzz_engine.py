@@ -80,7 +80,7 @@ def test_nothing_from_outside_ends_the_engine_or_mixes_frames(driver, kind, port
     assert found["exchanges"] >= CYCLES
     # It was not left in peace.
     what_happened = ("damaged", "invented", "held", "swaps", "truncated", "late", "lost")
-    for what in (*what_happened, "commits", "refused", "malformed", "copied"):
+    for what in (*what_happened, "commits", "refused", "malformed", "copied", "ranges"):
         assert found[what] > 3, what
     assert found["snapshots"] > 1000
 

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.long
 
 
 HERE = Path(__file__).parent
-MODELS = [("snapshot",), ("commit",), ("claim",), ("claim", "COMPETE"), ("request",)]
+MODELS = [("snapshot",), ("commit",), ("claim",), ("claim", "COMPETE"), ("request",), ("limits",)]
 DEFECTS = [
     ("snapshot", "NO_ODD"),
     ("snapshot", "NO_CHECK"),
@@ -27,6 +27,8 @@ DEFECTS = [
     ("request", "REUSE"),
     ("request", "NO_CLEAR"),
     ("request", "EAGER"),
+    ("limits", "IN_PLACE"),
+    ("limits", "NO_WAIT"),
 ]
 
 

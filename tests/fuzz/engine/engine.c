@@ -7,8 +7,8 @@
  * damages answers, or invents some. Clients write random bytes over the .out file and cut it
  * short; one of them claims and commits as it should, but whatever it likes. Meanwhile sockets are
  * replaced, events and images are read. What must hold: an image is that of one frame, no older
- * frame is taken after a newer one, nobody owns what nobody may, and no output leaves the bits and
- * the range that it was declared with.
+ * frame is taken after a newer one, nobody owns what nobody may, and no output leaves the bits that it
+ * was declared with, nor the range, which changes meanwhile.
  * Prints what was reached, as JSON.
  */
 #include "../random.h"
@@ -33,7 +33,7 @@ enum {
   ENTRIES = 16,             /* of 2 bytes: 15 outputs and an input; 2 bytes of outputs have none */
   SIGNALS = SLAVES * ENTRIES,
   LIMITED = 0, CONTROL = 1, COPIED = 2, STATUS = ENTRIES - 1, /* entries of each slave */
-  LIMIT = 100,
+  LIMIT = 100, INNER = 50,  /* from -LIMIT to -INNER, and then from INNER to LIMIT, by turns */
   LIAR = 5,                 /* slot of the client that knows the protocol */
   DOMAINS = 2,              /* slave 0 has one for itself; the other one comes every third cycle */
   RUN = 0x600DCAFE,
@@ -42,7 +42,7 @@ enum {
 };
 
 static struct {
-  unsigned long answers, damaged, invented, held, swaps, events, snapshots, truncated, copied;
+  unsigned long answers, damaged, invented, held, swaps, events, snapshots, truncated, copied, ranges;
 } reached;
 static cyclic_t *engine;
 static int stop;
@@ -70,13 +70,19 @@ static void put_out(const uint8_t *bytes, size_t size, int port) {
   (void)send(far[port], bytes, size, MSG_DONTWAIT);
 }
 
+/* Whether a value is in one of the two ranges that entries have by turns, or safe. */
+static int is_allowed(int value) {
+  if (value < 0) value = -value;
+  return value == 0 || (value >= INNER && value <= LIMIT);
+}
+
 /* Outputs of the slaves as they arrive: some entries have a range, their last bytes no entry. */
 static void check_outputs(const uint8_t *data, uint32_t slaves) {
   uint32_t i;
   for (i = 0; i < slaves; i++, data += SLAVE_BYTES) {
     int16_t value = (int16_t)get16(data + 2 * LIMITED), copy = (int16_t)get16(data + 2 * COPIED);
-    if (value < -LIMIT || value > LIMIT) die("a value left its declared range");
-    if (copy < -LIMIT || copy > LIMIT) die("a copy left its declared range");
+    if (!is_allowed(value)) die("a value left its declared ranges");
+    if (!is_allowed(copy)) die("a copy left its declared ranges");
     reached.copied += copy != 0;
     if (get16(data + SLAVE_BYTES - 2) != 0) die("bits of no entry were written");
   }
@@ -321,6 +327,20 @@ static void swap_socket(int *near, int port) {
   reached.swaps++;
 }
 
+/* The configuration is read again, and has other limits. */
+static void swap_ranges(void) {
+  ecat_shm_signal *signals = (void *)(shm + engine->header->signals_offset);
+  uint32_t held[SIGNALS];
+  int i, up = reached.ranges % 2 == 0;
+  for (i = 0; i < SIGNALS; i++) {
+    if (i % ENTRIES != LIMITED && i % ENTRIES != COPIED) continue;
+    signals[i].minimum = up ? INNER : -LIMIT;
+    signals[i].maximum = up ? LIMIT : -INNER;
+  }
+  if (cyclic_use_limits(engine, held, SIGNALS) < 0) die("other limits were refused");
+  reached.ranges++;
+}
+
 /* --- the shared memory ----------------------------------------------------------------------- */
 
 static uint32_t place(uint32_t *end, size_t size) {
@@ -380,8 +400,8 @@ static void fill_header(ecat_shm_header *h) {
     signals[i].output = entry < ENTRIES - 1;
     signals[i].type = 0x0003; /* INTEGER16 */
     signals[i].bit_length = 16;
-    signals[i].minimum = -LIMIT;
-    signals[i].maximum = LIMIT;
+    signals[i].minimum = entry == LIMITED || entry == COPIED ? -LIMIT : -HUGE_VAL;
+    signals[i].maximum = entry == LIMITED || entry == COPIED ? -INNER : HUGE_VAL;
     signals[i].bit_offset = 8 * (slaves[slave].output_offset + 2 * entry);
     if (!signals[i].output) signals[i].bit_offset = 8 * (bytes + slaves[slave].output_offset);
   }
@@ -433,9 +453,8 @@ int main(int count, char **arguments) {
       die("a datagram was refused");
   for (i = 0; i < SLAVES; i++) {
     uint32_t first = (uint32_t)(i * ENTRIES);
-    if (cyclic_set_limit(engine, first + LIMITED, -LIMIT, LIMIT) != 0 ||
-        cyclic_set_stop(engine, first + CONTROL, first + STATUS, 2, 3 * CYCLE_NS) != 0)
-      die("a limit or a stop was refused");
+    if (cyclic_set_stop(engine, first + CONTROL, first + STATUS, 2, 3 * CYCLE_NS) != 0)
+      die("a stop was refused");
     /* Twice an input of the next slave, which is in another domain, or not. */
     if (cyclic_set_copy(engine, (uint32_t)((i + 1) % SLAVES * ENTRIES + STATUS), first + COPIED, 2, -1,
                         (int32_t)first + CONTROL) != 0)
@@ -450,6 +469,7 @@ int main(int count, char **arguments) {
        i++) {
     nanosleep(&(struct timespec){0, 5000000}, NULL);
     swap_socket(&near[i % ports], i % ports);
+    swap_ranges();
   }
   cyclic_make_safe(engine);
   __atomic_store_n(&stop, 1, __ATOMIC_RELAXED);
@@ -458,13 +478,14 @@ int main(int count, char **arguments) {
   printf("{\"answers\": %lu, \"damaged\": %lu, \"invented\": %lu, \"held\": %lu, \"swaps\": %lu, "
          "\"events\": %lu, \"snapshots\": %lu, \"truncated\": %lu, \"lost\": %lu, \"late\": %lu, "
          "\"cycles\": %lu, \"exchanges\": %lu, \"bad\": %lu, \"commits\": %lu, "
-         "\"refused\": %lu, \"malformed\": %lu, \"copied\": %lu}\n",
+         "\"refused\": %lu, \"malformed\": %lu, \"copied\": %lu, \"ranges\": %lu}\n",
          reached.answers, reached.damaged, reached.invented, reached.held, reached.swaps,
          reached.events, reached.snapshots, reached.truncated, (unsigned long)engine->health->lost,
          (unsigned long)engine->health->late, (unsigned long)engine->health->cycles,
          (unsigned long)engine->domain[0].status->exchanges,
          (unsigned long)engine->health->wkc_bad, (unsigned long)engine->health->commits,
-         (unsigned long)engine->health->refused, (unsigned long)engine->health->malformed, reached.copied);
+         (unsigned long)engine->health->refused, (unsigned long)engine->health->malformed, reached.copied,
+         reached.ranges);
   cyclic_free(engine);
   for (i = 0; i < ports; i++) close(near[i]), close(far[i]);
   close(out_fd);

@@ -150,9 +150,11 @@ def _library() -> ctypes.CDLL:
     lib.cyclic_add_datagram.argtypes = [pointer, u32, i32, u32, u32, u32, u32, i32]
     lib.cyclic_set_safe.argtypes = [pointer, u32, ctypes.c_char_p, ctypes.c_char_p]
     double = ctypes.c_double
-    lib.cyclic_set_limit.argtypes = [pointer, u32, double, double]
+    lib.cyclic_use_limits.argtypes = [pointer, pointer, u32]
     lib.cyclic_set_stop.argtypes = [pointer, u32, u32, u32, ctypes.c_uint64]
     lib.cyclic_set_copy.argtypes = [pointer, u32, u32, double, double, i32]
+    lib.cyclic_set_wkc_limit.argtypes = [pointer, i32]
+    lib.cyclic_set_wkc_limit.restype = None
     lib.cyclic_listen.argtypes = [pointer, u32]
     lib.cyclic_listen.restype = None
     lib.cyclic_stopping.argtypes = [pointer]
@@ -260,14 +262,29 @@ class Engine:
         """
         _LIB.cyclic_set_safe(self._engine, slave, value, hold)
 
-    def set_limit(self, signal: int, minimum: float, maximum: float) -> None:
-        """Makes the engine refuse raw values of an output outside `minimum` to `maximum`.
+    def use_limits(self, most: int) -> list[int]:
+        """Takes the limits of all outputs from the signal table, which has changed.
 
-        Both limits are allowed values. Call it before `start`.
+        It returns when the engine uses all of them, from one cycle on; `start` does this first.
+
+        Args:
+            most: Number of signals that are returned, at most.
+
+        Returns:
+            Signals whose values were beyond the new limits, and are at the nearer one now.
+
+        Raises:
+            EcatError: There is no memory.
         """
-        code = _LIB.cyclic_set_limit(self._engine, signal, minimum, maximum)
-        if code != 0:
-            raise EcatError(f"range of signal {signal} refused by the engine: {os.strerror(-code)}")
+        held = (ctypes.c_uint32 * most)()
+        count = _LIB.cyclic_use_limits(self._engine, held, most)
+        if count < 0:
+            raise EcatError(f"other limits of outputs: {os.strerror(-count)}")
+        return held[:count]
+
+    def set_wkc_limit(self, limit: int) -> None:
+        """Changes `RealTime.wkc_limit`."""
+        _LIB.cyclic_set_wkc_limit(self._engine, limit)
 
     def set_stop(self, controlword: int, statusword: int, value: int, patience: float) -> None:
         """Sets how a drive that lost its owner is stopped; see `cyclic_set_stop`.

@@ -156,15 +156,16 @@ class SharedMemory:
     def _fill_signals(self, plan: _Plan) -> None:
         kind = shm.struct("ecat_shm_signal") * max(1, len(plan.signals))
         self.signals = table = kind.from_buffer(self._map, plan.offsets["signals"])
+        self._entries = [entry for _, _, entry, _, _ in plan.signals]
         for row, (slave, pdo, entry, output, bit_offset) in zip(table, plan.signals, strict=False):
             row.slave, row.domain = slave.position, slave.domain
             row.index, row.subindex, row.output = entry.index, entry.subindex, int(output)
             row.type, row.bit_length = entry.data_type, entry.bit_length
             row.bit_offset = bit_offset
             row.scale, row.offset = entry.scale, entry.offset
-            row.minimum, row.maximum = entry.raw_range()
             row.pdo, row.pdo_name = pdo.index, _text(pdo.name, 64)
             row.name, row.unit = _text(entry.name or pdo.name, 64), _text(entry.unit, 16)
+        self.set_limits()
 
     def _fill_domains(self, plan: _Plan) -> None:
         kind = shm.struct("ecat_shm_domain") * len(self._image.domains)
@@ -243,6 +244,14 @@ class SharedMemory:
     def set_leases(self, shortest_ns: int, longest_ns: int) -> None:
         """Changes the leases. A client keeps the lease that it has until it claims again."""
         self.header.lease_ns, self.header.lease_max_ns = shortest_ns, longest_ns
+
+    def set_limits(self) -> None:
+        """Writes the limits of all entries as the bus description has them now.
+
+        Clients that have connected already go on with those that they have read.
+        """
+        for row, entry in zip(self.signals, self._entries, strict=False):
+            row.minimum, row.maximum = entry.raw_range()
 
     def publish(self) -> None:
         """Lets clients in: writes the layout version, which is the last word to be written."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 
 from ecatd.log import Log
@@ -55,12 +54,9 @@ def start_exchange(
 
 
 def _guard(engine: Engine, shared: SharedMemory, applied: Applied) -> None:
-    """Gives the engine the safe values, ranges and copies, and how drives are stopped."""
-    numbers = {}
-    for number, row in enumerate(shared.signals[: shared.header.signal_count]):
-        numbers[row.slave, row.index, row.subindex, row.output] = number
-        if row.output and (row.minimum > -math.inf or row.maximum < math.inf):
-            engine.set_limit(number, row.minimum, row.maximum)
+    """Gives the engine the safe values and copies, and how drives are stopped."""
+    rows = enumerate(shared.signals[: shared.header.signal_count])
+    numbers = {(row.slave, row.index, row.subindex, row.output): number for number, row in rows}
     for position, (value, hold) in applied.safe.images.items():
         engine.set_safe(position, value, hold)
     for stop in applied.safe.stops:
