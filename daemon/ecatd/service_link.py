@@ -2,8 +2,9 @@
 
 The service writes lines of JSON to the child's stdin: the settings first, later `{"ping": 1}`, or
 settings that have changed. The child writes lines of a word and a text to its stdout: `ready` once
-it serves, `failed` and why, `alive` with a JSON document as the answer to a ping, and `log` with
-the levels of the log when a request has changed them.
+it serves, `failed` and why, `alive` with a JSON document as the answer to a ping, `changed` when it
+has taken other settings, or with the reason why it has not, and `log` with the levels of the log
+when a request has changed them.
 `ecatd.service.child` is the other side.
 """
 
@@ -16,6 +17,8 @@ import os
 import sys
 from collections.abc import Awaitable, Callable
 from typing import Any
+
+from ecatd.model.errors import EcatError
 
 _LINE_MAX = 1 << 26
 """Bytes of the settings, at most."""
@@ -45,14 +48,15 @@ def tell(word: str, text: str = "") -> None:
 
 async def answer_pings(
     alive: Callable[[], Awaitable[dict[str, Any]]],
-    change: Callable[[dict[str, Any]], None] | None = None,
+    change: Callable[[dict[str, Any]], Awaitable[None]] | None = None,
 ) -> None:
     """Answers the service until its end of the pipe is closed.
 
     Args:
         alive: Makes sure that this process does its work, and returns what the service is to know.
             While it waits, the service gets no answer, and takes the process for hung.
-        change: Takes settings that have changed.
+        change: Takes settings that have changed; raises `EcatError` if it cannot use them, and
+            then changes nothing.
     """
     reader = asyncio.StreamReader(limit=_LINE_MAX)
     loop = asyncio.get_running_loop()
@@ -62,4 +66,9 @@ async def answer_pings(
         if "ping" in message:
             tell("alive", json.dumps(await alive()))
         elif change is not None:
-            change(message)
+            try:
+                await change(message)
+            except EcatError as error:
+                tell("changed", str(error))
+            else:
+                tell("changed")

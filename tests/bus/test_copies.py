@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from test_reload import reload
 
 from conftest import Daemon, names, one_line_error, wait_for
 from ecatd import Client, shm
@@ -174,6 +175,20 @@ def test_an_input_decides_an_output(daemon: Daemon, client: Client) -> None:
     # Held at the limits of 16 bits: 327.67 V would be 326670.
     for value, raw in ((32767, 32767), (-32768, -32768)):
         arrives(daemon, client, "4/0x7000:01", value, "5/0x6000:01", raw)
+
+
+def test_the_limits_of_a_copy_change_while_the_bus_runs(daemon: Daemon, client: Client) -> None:
+    arrives(daemon, client, "4/0x7000:01", 300, "5/0x6000:01", 2000)
+    limited = CONFIG.replace("offset = 1\n", "offset = 1\nmaximum = 2.5\n", 1)
+    reload(daemon, limited, "configuration read again; changed")
+    arrives(daemon, client, "4/0x7000:01", 300, "5/0x6000:01", 1500)
+    arrives(daemon, client, "4/0x7000:01", 200, "5/0x6000:01", 1000)
+    # A table that gives nothing but limits, to an output that had none.
+    more = limited + "[[signal]]\nslave = 2\nentry = '0x7010:01'\nminimum = 1\n"
+    names(reload(daemon, more, "read again; changed"), "signal[lamps 0x7010:01]")
+    arrives(daemon, client, "0/0x7000:01", 0, "3/0x6010:01", 1)
+    reload(daemon, limited, "read again; changed")
+    arrives(daemon, client, "0/0x7000:01", 0, "3/0x6010:01", 0)
 
 
 def test_the_output_is_safe_without_its_source(daemon: Daemon, client: Client) -> None:

@@ -1,5 +1,6 @@
 """SIGHUP: what can change in the configuration is used at once, the rest is named."""
 
+import math
 import os
 import signal
 import threading
@@ -8,7 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from conftest import Daemon, children, names, stop_process, wait_for
+from conftest import Daemon, children, names, naming, stop_process, wait_for
+from ecatd import Client, shm
+from ecatd.client.signals import Signal
+from ecatd.model.errors import LeaseError
+from ecatsim.control import Simulator
 
 CONFIG = """
 cycle_time_us = 1000
@@ -19,6 +24,17 @@ publish_hz = 5
 slaves = "none"
 [outputs]
 lease_max_ms = 60000
+"""
+
+TORQUE = """
+[[signal]]
+slave = 0
+entry = "0x6071:00"
+name = "torque"
+unit = "%"
+scale = 0.1
+minimum = -20
+maximum = 20
 """
 
 
@@ -87,6 +103,129 @@ def test_a_wrong_configuration_changes_nothing(start_daemon: Callable[..., Daemo
     daemon.config_file.unlink()
     reload(daemon_without_file(daemon), CONFIG, "configuration read again")
     assert daemon.stop() == 0
+
+
+def sends(daemon: Daemon, client: Client, output: Signal, raw: int) -> None:
+    """Commits what is staged, and waits until an output has a value."""
+    client.commit()
+
+    def is_sent() -> bool:
+        client.wait()
+        client.sample()
+        return bool(output.raw == raw)
+
+    wait_for(is_sent, daemon)
+
+
+def limits(daemon: Daemon) -> tuple[float, float]:
+    """The raw limits of the torque for a client that connects now."""
+    with daemon.client() as client:
+        torque = client.signal(0, 0x6071)
+        return torque.minimum, torque.maximum
+
+
+def test_limits_change_while_a_client_owns_the_output(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll", config=CONFIG + TORQUE)
+    with daemon.client() as client:
+        torque = client.signal(0, 0x6071)
+        client.claim(0, lease=30)
+        torque.value = 18
+        sends(daemon, client, torque, 180)
+
+        narrower = CONFIG + TORQUE.replace("maximum = 20", "maximum = 10")
+        log = reload(daemon, narrower, "configuration read again; changed")
+        names(log, "signal[0 0x6071:00].maximum", "beyond its new limits", "0x6071:00 of slave 0")
+        sends(daemon, client, torque, 100)
+        assert limits(daemon) == (-200, 100)
+        # The client goes on with its own, older rule, and the engine keeps to the new one.
+        torque.value = 15
+        client.commit()
+        for _ in range(20):
+            client.wait()
+            client.sample()
+            assert torque.raw == 100
+        wait_for(lambda: "declared range, -20 to 10 %; the value before" in daemon.log, daemon)
+        torque.value = 5
+        sends(daemon, client, torque, 50)
+
+        wider = CONFIG + TORQUE.replace("maximum = 20", "maximum = 40")
+        reload(daemon, wider, "signal[0 0x6071:00].maximum")
+        torque.value = 30
+        sends(daemon, client, torque, 200)
+        client.release()
+        with daemon.client() as other:
+            output = other.signal(0, 0x6071)
+            other.claim(0, lease=30)
+            output.value = 30
+            sends(daemon, other, output, 300)
+        without = TORQUE.replace("minimum = -20", "").replace("maximum = 20", "")
+        reload(daemon, CONFIG + without, "signal[0 0x6071:00].m")
+        assert limits(daemon) == (-math.inf, math.inf)
+
+
+def test_limits_that_do_not_fit_change_nothing(start_daemon: Callable[..., Daemon]) -> None:
+    """Nothing of the file is used, also what could be."""
+    daemon = start_daemon("troll", config=CONFIG + TORQUE)
+    other = CONFIG.replace("60000", "50000")
+    safe = '[[outputs.safe]]\nslave = 0\nentry = "0x6071:00"\nvalue = 60\n'
+    wrong = [
+        (TORQUE.replace("minimum = -20", "minimum = 5"), "signal[0].minimum", "[[outputs.safe]]"),
+        (safe + TORQUE.replace("minimum = -20", "minimum = 5"), "signal[0].minimum", "restart"),
+        (
+            TORQUE + "[[signal]]\nslave = 99\nentry = '0x1:0'\nminimum = 1\n",
+            "signal[1].slave",
+            "99",
+        ),
+        (
+            TORQUE + "[[signal]]\nslave = 0\nentry = '0x6041:00'\nminimum = 1\n",
+            "signal[1].minimum",
+            "input",
+        ),
+    ]
+    for tables, key, token in wrong:
+        log = reload(daemon, other + tables, "stays as it was")
+        name = key.rpartition(".")[2]
+        lines = (other + tables).splitlines()
+        line = max(n for n, text in enumerate(lines, 1) if text.startswith(f"{name} ="))
+        names(log, f"{daemon.config_file}:{line}: {key}", token)
+        assert limits(daemon) == (-200, 200)
+    now = in_force(daemon)
+    assert (now["outputs.lease_max_ms"], now["signal[0].minimum"]) == (60000, -20)
+    # In another unit a limit is another one.
+    changed = TORQUE.replace("scale = 0.1", "scale = 0.2").replace("= 20", "= 10")
+    log = reload(daemon, CONFIG + changed, "configuration read again")
+    names(log, "nothing can change", "restart", "signal[0 0x6071:00].scale")
+    names(log, "signal[0 0x6071:00].maximum")
+    assert limits(daemon) == (-200, 200)
+
+
+def test_a_limit_of_working_counters_counts_at_once(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll", config=CONFIG)
+    with (
+        daemon.client() as client,
+        Simulator(str(daemon.child_pid("ecatsim"))) as simulator,
+    ):
+        client.claim(0, lease=30)
+        torque = client.signal(0, 0x6071)
+        torque.raw = 100
+        sends(daemon, client, torque, 100)
+        simulator.faults.power_off(5)
+
+        def is_wrong() -> bool:
+            client.sample()
+            return client.domain().wkc_state != shm.WkcState.COMPLETE
+
+        wait_for(is_wrong, daemon)
+        torque.raw = 110
+        sends(daemon, client, torque, 110)
+        changed = CONFIG + "wkc_limit = 5\n[mailbox]\nshare = 0.05\n"
+        log = reload(daemon, changed, "configuration read again; changed")
+        names(log, "outputs.wkc_limit", "mailbox.share")
+        with pytest.raises(LeaseError, match=naming("take part")):
+            sends(daemon, client, torque, 120)
+    wait_for(lambda: "wrong working counters in a row" in daemon.log, daemon)
+    assert daemon.ctl("sdo-read", "0", "0x1018", "1").returncode == 0
+    assert in_force(daemon)["mailbox.share"] == 0.05
 
 
 @pytest.mark.long

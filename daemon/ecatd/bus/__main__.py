@@ -85,9 +85,10 @@ async def _run_until(stopping: asyncio.Task[Any], *work: Coroutine[Any, Any, Non
 
 
 async def _answer_service(server: BusServer, log: Log) -> None:
-    def change(settings: dict[str, Any]) -> None:
+    async def change(settings: dict[str, Any]) -> None:
+        config = read_config(settings["config"], origins=settings["origins"])
+        await server.reconfigure(config, _in_force(settings))
         log.levels = settings["log"]
-        server.reconfigure(read_config(settings["config"]), _in_force(settings))
 
     await answer_pings(server.report, change)
 

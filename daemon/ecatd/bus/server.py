@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from ecatd import shm
@@ -155,17 +156,40 @@ class BusServer:
         self._started = time.time()
         return monitor
 
-    def reconfigure(self, config: Config, in_force: dict[str, Any]) -> None:
-        """Takes over what can change while the bus runs; see `model.config.reload`."""
-        assert self._up.shared is not None, "asked before the bus was brought up"
-        self._in_force = in_force
+    async def reconfigure(self, config: Config, in_force: dict[str, Any]) -> None:
+        """Takes over what can change while the bus runs; see `model.config.reload`.
+
+        Raises:
+            ConfigError: Limits do not fit other values of the configuration; nothing has changed.
+            StateError: They are about a slave that is not there; nothing has changed.
+        """
+        up = self._up
+        assert up.shared is not None, "asked before the bus was brought up"
+        assert up.engine is not None
+        assert up.master is not None
+        assert up.limits is not None
+        if config.signal != self._config.signal:
+            bus = await asyncio.to_thread(up.limits.check, config)
+            self._tell_held(await self._worker.run(partial(up.limits.use, bus)))
+        if config.mailbox != self._config.mailbox:
+            await self._worker.run(partial(up.master.set_share, config.mailbox.share))
+        up.engine.set_wkc_limit(config.outputs.wkc_limit)
+        self._config, self._in_force = config, in_force
         self._running.set_recovery(config.recovery)
-        self._up.shared.set_leases(*leases(config))
+        up.shared.set_leases(*leases(config))
         if self._fault_files is not None:
             self._fault_files.set_config(config.capture)
         self._configured = config.log
         self._log.set_audit_file(config.audit_file)
         self._events.publish({"event": "configuration", "time_ns": time.time_ns()})
+
+    def _tell_held(self, outputs: list[str]) -> None:
+        if outputs:
+            one = len(outputs) == 1
+            self._log.of("outputs").warning(
+                f"{', '.join(outputs)} {'was beyond its' if one else 'were beyond their'} new "
+                f"limits; the value is the nearer limit now, until one within them is written"
+            )
 
     async def monitor(self) -> None:
         """Watches the bus until the server stops."""

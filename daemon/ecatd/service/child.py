@@ -42,6 +42,7 @@ class Child:
         self._asked_at: float | None = None
         self._first: bytes | None = None
         self._listening: asyncio.Task[None] | None = None
+        self._change: asyncio.Future[str] | None = None
 
     @classmethod
     async def start(cls, name: str, *command: str, pass_fds: Sequence[int] = ()) -> Child:
@@ -68,6 +69,16 @@ class Child:
         """Sends it the settings for which it waits, or other settings while it runs."""
         assert self._process.stdin is not None
         self._process.stdin.write(json.dumps(message).encode() + b"\n")
+
+    async def change(self, settings: dict[str, Any]) -> str:
+        """Gives it other settings while it runs, and waits until it uses them.
+
+        Returns:
+            Why it does not use them; empty if it does. If it ends meanwhile, this waits for ever.
+        """
+        self._change = asyncio.get_running_loop().create_future()
+        self.give(settings)
+        return await self._change
 
     async def output(self) -> str:
         """Everything that it writes until it ends."""
@@ -97,6 +108,8 @@ class Child:
                 self._asked_at, self.report = None, json.loads(text)
             elif word == "log":
                 self.on_levels(json.loads(text))
+            elif word == "changed" and self._change is not None and not self._change.done():
+                self._change.set_result(text.strip())
 
     @property
     def _stdout(self) -> asyncio.StreamReader:

@@ -26,7 +26,7 @@ from typing import Any, TypeVar
 from ecatd.log import Log
 from ecatd.model.config import Config
 from ecatd.model.config.reload import reload
-from ecatd.model.errors import EcatError, StateError, UsageError
+from ecatd.model.errors import ConfigError, EcatError, StateError, UsageError
 from ecatd.notify import is_managed, notify
 from ecatd.paths import make_dir, remove_dir, user_dir
 from ecatd.process import leave_processor, offer_to_oom_killer
@@ -362,31 +362,39 @@ class Supervisor:
         """Reads the configuration at each SIGHUP, and uses the changes that need no restart."""
         while await self._reload.wait():
             self._reload.clear()
-            levels = self._settings["log"]
-            if self._use_anew() or self._settings["log"] != levels:
-                server.give(self._settings)
+            try:
+                await self._use_anew(server)
+            except EcatError as error:
+                self._log.error(f"the configuration stays as it was: {error}", "configuration")
 
-    def _use_anew(self) -> bool:
-        """Reads the configuration again; returns whether a change is used."""
-        try:
-            wanted, origins = self._read()
-        except EcatError as error:
-            self._log.error(f"the configuration stays as it was: {error}", "configuration")
-            return False
+    async def _use_anew(self, server: Child) -> None:
+        """Reads the configuration again, and has the bus server use the changes that need no restart.
+
+        Raises:
+            EcatError: The configuration is wrong, or does not fit the bus; nothing has changed.
+        """
+        wanted, origins = self._read()
         found = reload(self._config, wanted)
+        settings = {**self._settings, "log": wanted.log}
+        if found.used:
+            origins = found.origins(self._origins, origins)
+            settings |= {"config": found.config.to_dict(), "origins": origins}
+        if settings != self._settings and (why := await server.change(settings)):
+            later = f" (the file also has {_keys(found.later)}, which is used after a restart only)"
+            raise ConfigError(why + later * bool(found.later))
         if self._settings["log"] != self._config.log:
             self._log.notice("the levels of the log are those of the configuration again")
-        self._settings["log"] = self._log.levels = wanted.log
+        self._settings |= settings
+        self._log.levels = wanted.log
         if found.later:
             self._log.warning(f"used after a restart of ecatd: {_keys(found.later)}")
-        if not found.used:
+        if found.used:
+            self._config, self._origins = found.config, origins
+            text = f"configuration read again; changed: {_keys(found.used)}"
+            self._log.info(text, "configuration")
+        else:
             what = "can change without a restart" if found.later else "has changed"
             self._log.info(f"configuration read again: nothing {what}")
-            return False
-        self._config, self._origins = found.config, origins
-        self._settings |= {"config": found.config.to_dict(), "origins": origins}
-        self._log.info(f"configuration read again; changed: {_keys(found.used)}", "configuration")
-        return True
 
     def _take_levels(self, levels: dict[str, str]) -> None:
         """Takes the levels of the log that a request has set, until the next SIGHUP."""

@@ -160,12 +160,16 @@ class Datagrams:
 
     def __init__(self, link: socket.socket, source: bytes, timeout: float = 0.02) -> None:
         self._link = link
-        self._timeout = max(timeout, _TIMEOUT_MIN)
+        self.set_timeout(timeout)
         self._link.setblocking(False)
         self._poll = select.poll()
         self._poll.register(link, select.POLLIN)
         self._ethernet = b"\xff" * 6 + source + struct.pack(">H", ETHERTYPE)
         self._next_index = int(Index.CONTROL)
+
+    def set_timeout(self, timeout: float) -> None:
+        """Sets the time after which frames count as lost, in seconds."""
+        self._timeout = max(timeout, _TIMEOUT_MIN)
 
     def exchange(self, datagrams: Sequence[Datagram], *, repeat: bool = True) -> list[Answer]:
         """Sends datagrams, in order, and waits for their answers.

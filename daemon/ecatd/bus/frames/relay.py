@@ -42,6 +42,8 @@ def _declare(lib: ctypes.CDLL) -> ctypes.CDLL:
     lib.cyclic_relay_follow.restype = None
     lib.cyclic_relay_set_socket.argtypes = [pointer, ctypes.c_uint32, integer]
     lib.cyclic_relay_set_socket.restype = None
+    lib.cyclic_relay_set_share.argtypes = [pointer, ctypes.c_double, ctypes.c_uint64]
+    lib.cyclic_relay_set_share.restype = None
     lib.cyclic_relay_free.argtypes = [pointer]
     lib.cyclic_relay_free.restype = None
     return lib
@@ -71,9 +73,7 @@ class Relay:
     def __init__(
         self, sockets: Sequence[socket.socket], share: float = 1.0, priority: int = 0
     ) -> None:
-        # Long enough that every frame can wait for its share, and none is sent before.
-        patience_us = round(_LONG_US * (1 - share) / share)
-        self.timeout_us = patience_us + _WINDOW_US + _ANSWER_US + _MARGIN_US
+        patience_us = self._patience_us(share)
         self._ports = list(sockets)
         self.client, self._end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         settings = _Settings(share, patience_us * 1000, _ANSWER_US * 1000, priority)
@@ -85,6 +85,17 @@ class Relay:
             reason = os.strerror(ctypes.get_errno())
             self._close_sockets()
             raise EcatError(f"the relay for mailbox frames does not start: {reason}")
+
+    def _patience_us(self, share: float) -> int:
+        """How long frames wait for their share at most; sets `timeout_us` accordingly."""
+        # Long enough that every frame can wait for its share, and none is sent before.
+        patience_us = round(_LONG_US * (1 - share) / share)
+        self.timeout_us = patience_us + _WINDOW_US + _ANSWER_US + _MARGIN_US
+        return patience_us
+
+    def set_share(self, share: float) -> None:
+        """Changes the share of the free time, and with it `timeout_us`."""
+        _LIB.cyclic_relay_set_share(self._relay, share, 1000 * self._patience_us(share))
 
     @property
     def handle(self) -> int:

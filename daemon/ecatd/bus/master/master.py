@@ -217,6 +217,11 @@ class Master:
             self.relay.client, source_address(0, self._run), self.relay.timeout_us * 1e-6
         )
 
+    def set_share(self, share: float) -> None:
+        """Changes the share of the cycle's free time that the master's frames may take."""
+        self.relay.set_share(share)
+        self.registers.set_timeout(self.relay.timeout_us * 1e-6)
+
     def _set_mailboxes_up(self) -> None:
         """Sets sync managers 0 and 1 up in each slave that has a mailbox."""
         positions = range(len(self.stations))

@@ -28,6 +28,7 @@ from .clocks import Clocks
 from .exchange import leases, start_exchange
 from .found import FoundBus
 from .gone import find_gone
+from .limits import Limits
 from .process_data import ProcessData, set_up_process_data
 from .reading import Files, read, read_files, scan
 from .running import RunningBus
@@ -57,6 +58,7 @@ class BringUp:
         engine: The cyclic engine, from "exchange" on.
         wire: How long the frames of a cycle are on the wire, from "map" on.
         clocks: The distributed clocks, from "map" on, if the configuration enables them.
+        limits: The limits of outputs, which may change, from "exchange" on.
         config: The configuration; from "map" on, it is about the slaves where they were found.
         frame_rings: The last frames: `cycle` those of the engine, `control` all others; none if the
             configuration gives no memory.
@@ -80,6 +82,7 @@ class BringUp:
         self.engine: Engine | None = None
         self.wire: WireTime | None = None
         self.clocks: Clocks | None = None
+        self.limits: Limits | None = None
         self.frame_rings: dict[str, FrameRing] = {}
         self.summary = ""
 
@@ -96,6 +99,7 @@ class BringUp:
             self.frame_rings = {name: FrameRing(size // 2) for name in RINGS}
         found, data = self._describe(files)
         engine = self._exchange(shared, found, data)
+        self.limits = Limits(found, shared, engine, files.profiles)
         ToOp(found, shared, data.clocks, self._cancelled, self._log).run()
         engine.restart_counting()  # before OP, working counters could not be complete
         self.summary = self._summarise(found, data)

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.applied import check_slaves, load_description
-from ecatd.model.bus import Bus
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError
 from ecatd.model.meanings import raw_parameters
 from ecatd.model.profiles import Profiles, load_profiles
+from ecatd.model.sii import Sii
 from ecatd.paths import profile_folders
 
 from ..frames.identification import ask_identifications, ways_to_ask
@@ -123,14 +124,16 @@ def _make_raw(found: FoundBus, profiles: Profiles) -> None:
     for wanted in found.config.slave:
         if wanted.position < len(found.scanned):
             item = found.scanned[wanted.position]
-            slave = replace(
-                item.slave,
-                outputs=[*item.slave.outputs, *item.sii.outputs],
-                inputs=[*item.slave.inputs, *item.sii.inputs],
-            )
+            slave = with_eeprom_pdos(item.slave, item.sii)
             wanted = raw_parameters(wanted, slave, profiles, found.config.signal)
         raw.append(wanted)
     found.config = replace(found.config, slave=raw)
+
+
+def with_eeprom_pdos(slave: Slave, sii: Sii) -> Slave:
+    """The slave with all PDOs of its EEPROM, which say which device profiles fit."""
+    outputs, inputs = [*slave.outputs, *sii.outputs], [*slave.inputs, *sii.inputs]
+    return replace(slave, outputs=outputs, inputs=inputs)
 
 
 def _branch_ends(master: Master, *, ring: bool) -> list[int]:

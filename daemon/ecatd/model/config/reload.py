@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from .differences import differences
-from .tables import Config
+from .tables import Config, SignalConfig
 
-_AT_ONCE = (
-    "audit_file",
-    "capture.folder",
-    "capture.keep",
-    "gateway.",
-    "log.",
-    "recovery.",
-    "outputs.lease_",
-)
-"""Beginnings of the keys that can change while the bus runs."""
+_SIGNAL_KEY = re.compile(r"signal\[(\d+)\](.*)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +20,28 @@ class Reload:
         config: The configuration that is in force from now on.
         used: Keys that have changed in it.
         later: Keys that have changed in the new one, and need a restart.
+        signals: For each `[[signal]]` table in force, whether the new configuration has one like
+            it, and its number there; else the number in the configuration before.
     """
 
     config: Config
     used: list[str]
     later: list[str]
+    signals: list[tuple[bool, int]]
+
+    def origins(self, before: Mapping[str, str], wanted: Mapping[str, str]) -> dict[str, str]:
+        """Where the keys in force are written.
+
+        Args:
+            before: Where those of the configuration before are written, see `find_origins`.
+            wanted: Where those of the new one are written.
+        """
+        found = {key: place for key, place in wanted.items() if not _SIGNAL_KEY.fullmatch(key)}
+        tables = {True: _by_number(wanted), False: _by_number(before)}
+        for number, (is_new, place) in enumerate(self.signals):
+            keys = tables[is_new].get(place, {})
+            found |= {f"signal[{number}]{key}": where for key, where in keys.items()}
+        return found
 
 
 def reload(before: Config, wanted: Config) -> Reload:
@@ -41,19 +51,72 @@ def reload(before: Config, wanted: Config) -> Reload:
         before: The configuration in force.
         wanted: The new one.
     """
-    changed = [item.key for item in differences(before, wanted).found]
-    used = [key for key in changed if key.startswith(_AT_ONCE)]
+    rules = _with_limits(before, wanted)
     config = replace(
         before,
         audit_file=wanted.audit_file,
         log=wanted.log,
         capture=replace(wanted.capture, memory_mb=before.capture.memory_mb),
         gateway=wanted.gateway,
+        mailbox=wanted.mailbox,
         recovery=wanted.recovery,
         outputs=replace(
             before.outputs,
             lease_cycles=wanted.outputs.lease_cycles,
             lease_max_ms=wanted.outputs.lease_max_ms,
+            wkc_limit=wanted.outputs.wkc_limit,
         ),
+        signal=[rule for rule, _ in rules],
     )
-    return Reload(config, used, [key for key in changed if key not in used])
+    used = [item.key for item in differences(before, config).found]
+    later = [item.key for item in differences(config, wanted).found]
+    return Reload(config, used, later, [place for _, place in rules])
+
+
+def _with_limits(before: Config, wanted: Config) -> list[tuple[SignalConfig, tuple[bool, int]]]:
+    """The `[[signal]]` tables in force with the limits of the new ones, each as in `signals`.
+
+    The limits of a table whose unit, scale or offset changes wait for the restart with these, since
+    they are in that unit. So do all limits if other slaves are expected than before: the tables may
+    be about others then.
+    """
+    there = {(rule.slave, rule.address): n for n, rule in enumerate(wanted.signal)}
+    same_bus = _expected(before) == _expected(wanted)
+    rules: list[tuple[SignalConfig, tuple[bool, int]]] = []
+    for at, rule in enumerate(before.signal):
+        nothing = SignalConfig(rule.slave, rule.entry)
+        number = there.pop((rule.slave, rule.address), None)
+        new = nothing if number is None else wanted.signal[number]
+        if same_bus and _meaning(rule) == _meaning(new):
+            rule = replace(rule, minimum=new.minimum, maximum=new.maximum)
+        if number is not None:
+            rules.append((rule, (True, number)))
+        elif rule != nothing:
+            rules.append((rule, (False, at)))
+    for number in there.values():
+        new = wanted.signal[number]
+        limits = SignalConfig(new.slave, new.entry, minimum=new.minimum, maximum=new.maximum)
+        if same_bus and not new.is_scaled and (new.minimum, new.maximum) != (None, None):
+            rules.append((limits, (True, number)))
+    return rules
+
+
+def _expected(config: Config) -> list[tuple[object, ...]]:
+    """What says which slave a table of the configuration is about."""
+    return [
+        (item.position, item.mark, item.group, item.optional, item.vendor, item.product)
+        for item in config.slave
+    ]
+
+
+def _meaning(rule: SignalConfig) -> tuple[object, ...]:
+    return rule.unit, rule.scale, rule.offset
+
+
+def _by_number(origins: Mapping[str, str]) -> dict[int, dict[str, str]]:
+    """Where keys of `[[signal]]` tables are written, by the number of the table."""
+    found: dict[int, dict[str, str]] = {}
+    for key, where in origins.items():
+        if match := _SIGNAL_KEY.fullmatch(key):
+            found.setdefault(int(match[1]), {})[match[2]] = where
+    return found

@@ -1,0 +1,90 @@
+"""Other limits of outputs while the bus runs, from the configuration to the engine."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+from ecatd.model.applied import apply, check_slaves
+from ecatd.model.bus import Bus
+from ecatd.model.config import Config
+from ecatd.model.expected_bus import compare
+from ecatd.model.meanings import raw_parameters, without_meanings
+from ecatd.model.pdo import Entry
+from ecatd.model.profiles import Profiles
+
+from ..engine.engine import Engine
+from ..engine.shared_memory import SharedMemory
+from .found import FoundBus
+from .reading import with_eeprom_pdos
+
+_NAMED = 8
+"""Outputs that are named of those beyond their new limits."""
+
+
+class Limits:
+    """The limits of all outputs of a bus.
+
+    Args:
+        found: The bus as it was brought up.
+        shared: Its shared memory.
+        engine: Its engine.
+        profiles: Device profiles as they were at the start: what they say needs a restart.
+    """
+
+    def __init__(
+        self, found: FoundBus, shared: SharedMemory, engine: Engine, profiles: Profiles
+    ) -> None:
+        self._bus = found.bus
+        self._shared = shared
+        self._engine = engine
+        self._profiles = profiles
+        self._eeproms = [item.sii for item in found.scanned]
+        self._wire = list(found.master.wire)
+        self._doubtful, self._idle = frozenset(found.doubtful), frozenset(found.idle)
+
+    def check(self, config: Config) -> Bus:
+        """Takes the steps of a start that need nothing but the bus, with other limits.
+
+        Args:
+            config: The configuration, with the positions that it expects.
+
+        Returns:
+            The bus as it would be.
+
+        Raises:
+            ConfigError: A safe value or a start-up parameter is beyond its limits, or a table does
+                not fit the bus.
+            StateError: A slave is not there.
+        """
+        wanted = without_meanings(deepcopy(self._bus))
+        found = compare(config, wanted.slaves)
+        unexpected = found.unexpected
+        here = config.moved({n: at for n, at in found.places.items() if at not in unexpected})
+        check_slaves(here, wanted)
+        for slave, sii in zip(wanted.slaves, self._eeproms, strict=True):
+            if slave.position not in self._doubtful:
+                settings = here.settings_of(slave.position)
+                known = with_eeprom_pdos(slave, sii)
+                raw_parameters(settings, known, self._profiles, here.signal)
+        apply(here, wanted, self._profiles, self._wire, self._doubtful, self._idle)
+        return wanted
+
+    def use(self, wanted: Bus) -> list[str]:
+        """Takes over the limits of a bus that `check` has made; waits for the engine.
+
+        Returns:
+            Outputs whose values were beyond the limits, and are at the nearer one now.
+        """
+        for entry, new in zip(_outputs(self._bus), _outputs(wanted), strict=True):
+            entry.minimum, entry.maximum = new.minimum, new.maximum
+        self._shared.set_limits()
+        held = self._engine.use_limits(_NAMED + 1)
+        rows = [self._shared.signals[signal] for signal in held[:_NAMED]]
+        return [
+            f"0x{row.index:04X}:{row.subindex:02X} of {self._bus.slaves[row.slave].label}"
+            for row in rows
+        ] + ["others"] * (len(held) > _NAMED)
+
+
+def _outputs(bus: Bus) -> list[Entry]:
+    return [entry for slave in bus.slaves for _, entry, _ in slave.entries(outputs=True)]

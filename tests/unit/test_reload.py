@@ -1,0 +1,142 @@
+"""What of a new configuration can be used without a restart, and where its keys are written."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from ecatd.model.config import Config, load_config, read_config
+from ecatd.model.config.origins import find_origins
+from ecatd.model.config.reload import reload
+
+BEFORE = """
+cycle_time_us = 1000
+[[slave]]
+position = 0
+name = "press"
+vendor = 2
+product = 3
+[[signal]]
+slave = "press"
+entry = "0x7000:01"
+unit = "V"
+scale = 0.5
+minimum = -1
+maximum = 1
+[[signal]]
+slave = 3
+entry = "0x7000:01"
+name = "lamp"
+"""
+
+
+def config(text: str) -> Config:
+    return read_config(tomllib.loads(text))
+
+
+@pytest.mark.parametrize(
+    ("change", "used", "later"),
+    [
+        (("maximum = 1", "maximum = 2"), ["signal[press 0x7000:01].maximum"], []),
+        (("maximum = 1", ""), ["signal[press 0x7000:01].maximum"], []),
+        (
+            ('unit = "V"\nscale = 0.5\nminimum = -1', 'unit = "A"\nminimum = -3'),
+            [],
+            [f"signal[press 0x7000:01].{key}" for key in ("unit", "scale", "minimum")],
+        ),
+        (
+            ('name = "lamp"', 'name = "light"\nminimum = 1'),
+            ["signal[3 0x7000:01].minimum"],
+            ["signal[3 0x7000:01].name"],
+        ),
+        (
+            ("[[slave]]", "[[signal]]\nslave = 4\nentry = '0x1:0'\nmaximum = 7\n[[slave]]"),
+            ["signal[4 0x1:0]"],
+            [],
+        ),
+        (
+            (
+                "[[slave]]",
+                "[[signal]]\nslave = 4\nentry = '0x1:0'\nmaximum = 7\nname = 'x'\n[[slave]]",
+            ),
+            ["signal[4 0x1:0]"],
+            ["signal[4 0x1:0].name"],
+        ),
+        (
+            ("[[slave]]", "[[signal]]\nslave = 4\nentry = '0x1:0'\nname = 'x'\n[[slave]]"),
+            [],
+            ["signal[4 0x1:0]"],
+        ),
+        (
+            (
+                "[[slave]]",
+                "[[signal]]\nslave = 4\nentry = '0x1:0'\nmaximum = 7\nscale = 2\n[[slave]]",
+            ),
+            [],
+            ["signal[4 0x1:0]"],
+        ),
+        # Another slave is expected, so the limit may be about another one, too.
+        (
+            ('product = 3\n[[signal]]\nslave = "press"', "product = 4\n[[signal]]\nslave = 0"),
+            [],
+            ["slave[press].product"],
+        ),
+        (
+            ("position = 0", "position = 1"),
+            [],
+            ["slave[press].position"],
+        ),
+        (("cycle_time_us = 1000", "[mailbox]\nshare = 0.1"), ["mailbox.share"], []),
+        (("cycle_time_us = 1000", "[outputs]\nwkc_limit = 3"), ["outputs.wkc_limit"], []),
+        (
+            ("cycle_time_us = 1000", "[capture]\nkeep = 3\nmemory_mb = 1"),
+            ["capture.keep"],
+            ["capture.memory_mb"],
+        ),
+    ],
+)
+def test_what_is_used_at_once(change: tuple[str, str], used: list[str], later: list[str]) -> None:
+    before, wanted = config(BEFORE), config(BEFORE.replace(*change))
+    found = reload(before, wanted)
+    assert (found.used, found.later) == (used, later)
+    again = reload(found.config, wanted)
+    assert (again.used, again.later) == ([], later)
+    assert reload(wanted, wanted).config.to_dict() == wanted.to_dict()
+
+
+def test_limits_wait_for_a_restart_with_the_slaves() -> None:
+    moved = BEFORE.replace("product = 3", "product = 4").replace("maximum = 1", "maximum = 2")
+    found = reload(config(BEFORE), config(moved))
+    assert found.used == []
+    assert found.later == ["slave[press].product", "signal[press 0x7000:01].maximum"]
+
+
+def test_a_table_that_is_gone_takes_its_limits_with_it() -> None:
+    with_limit = BEFORE + "minimum = 1\n"
+    found = reload(config(with_limit), config(with_limit.partition("[[signal]]\nslave = 3")[0]))
+    assert found.used == ["signal[3 0x7000:01].minimum"]
+    assert found.later == ["signal[3 0x7000:01]"]
+
+
+def test_keys_in_force_are_named_where_they_are_written(tmp_path: Path) -> None:
+    file = tmp_path / "w.toml"
+    file.write_text(BEFORE)
+    before, old = load_config(file), find_origins(file)
+    later = '[[signal]]\nslave = 5\nentry = "0x1:0"\nname = "later"\n'
+    limited = '[[signal]]\nslave = 4\nentry = "0x1:0"\nmaximum = 7\n'
+    first, _, second = BEFORE.partition('[[signal]]\nslave = "press"')
+    kept = f'[[signal]]\nslave = "press"{second}'.partition("[[signal]]\nslave = 3")[0]
+    file.write_text(first + later + limited + kept)
+    found = reload(before, load_config(file))
+    origins = found.origins(old, find_origins(file))
+    lines = file.read_text().splitlines()
+    for number, rule in enumerate(found.config.signal):
+        where = origins[f"signal[{number}].entry"]
+        assert where.startswith(str(file))
+        if rule.slave == 3:  # the file does not have it any more
+            assert where == old["signal[1].entry"]
+        else:
+            line = int(where.rpartition(":")[2])
+            assert lines[line - 1] == f'entry = "{rule.entry}"'
+    assert [rule.slave for rule in found.config.signal] == [0, 3, 4]
+    assert origins["slave[0].name"] == f"{file}:5"
