@@ -338,8 +338,14 @@ def naming(*tokens: object) -> str:
 def names_at(text: object, message: str) -> None:
     """The same, behind a place: `names_at(error.value, "x.toml:2: count: 70000 | 1 | 65535")`."""
     place, _, tokens = message.rpartition(": ")
-    assert str(text).startswith(f"{place}: "), text
-    names(str(text).removeprefix(f"{place}: "), *tokens.split(" | "))
+    text = without_notes(text)
+    assert text.startswith(f"{place}: "), text
+    names(text.removeprefix(f"{place}: "), *tokens.split(" | "))
+
+
+def without_notes(text: object) -> str:
+    """A message without the name or position of a slave behind the key of its table."""
+    return re.sub(r"(\bslave\[\d+\][^ :]*) \([^()]*\)(?=:)", r"\1", str(text), count=1)
 
 
 def _whole(token: str) -> str:

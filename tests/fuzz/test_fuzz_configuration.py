@@ -4,6 +4,7 @@ The reader itself says which keys there are, so a new key fails here until it ha
 """
 
 import re
+import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -310,6 +311,20 @@ def check(file: Path, text: str, lines: range) -> None:
     assert where, said
     assert int(where[1]) in lines, f"{said}\n{lines} of\n{numbered}"
     assert REMEDY.search(said), f"no remedy: {said}"
+    check_slave(text, said)
+
+
+def check_slave(text: str, said: str) -> None:
+    """A message below a `[[slave]]` names the slave: its number is only that of the table."""
+    found = re.match(r"\d+: slave\[(\d+)\].*?(?: \(([^()]*)\))?: ", said)
+    if not found:
+        return
+    table = tomllib.loads(text)["slave"][int(found[1])]
+    about = (found[2] or "").split(", ")
+    if table.get("position") in (0, 1, 3):
+        assert f"slave {table['position']}" in about, said
+    if table.get("name") in ("press", "lamp"):
+        assert table["name"] in about, said
 
 
 def test_every_key_has_values(tmp_path: Path) -> None:

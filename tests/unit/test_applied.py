@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import names, names_at
+from conftest import names, names_at, without_notes
 from ecatd.model.applied import check_slaves, misfits
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import load_config, read_config
@@ -152,6 +152,7 @@ def test_a_mistake_is_named_with_its_place(tmp_path: Path, text: str, message: s
     handed_on = read_config(config.to_dict(), origins=find_origins(file))
     for read in (config, handed_on):
         said, *_ = misfits(read, made_bus(), load_profiles())
+        said = without_notes(said)
         assert said.startswith(f"{file}:{place[0]}: {place[1]}: "), said
         names(said, *tokens.split(" | "))
         assert "\n" not in said

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import names, naming
+from conftest import names, naming, without_notes
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import (
     POSITION_MAX,
@@ -641,14 +641,37 @@ def test_numbers_are_written_as_numbers(tmp_path: Path, given: str, written: str
 def test_wrong_keys_and_values(tmp_path: Path, text: str, where: str, what: str) -> None:
     with pytest.raises(ConfigError) as caught:
         load(tmp_path, text)
-    assert str(tmp_path / "ecat0.toml") + where in str(caught.value)
+    assert str(tmp_path / "ecat0.toml") + where in without_notes(caught.value)
     names(caught.value, *what.split(" | "))
 
 
 def test_a_pdo_without_an_index_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         load(tmp_path, "[[slave]]\nposition = 0\n[[slave.pdo]]\nentries = []\n")
-    assert ":3: slave[0].pdo[0].index: is missing" in str(caught.value)
+    assert ":3: slave[0].pdo[0].index (slave 0): is missing" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("keys", "about"),
+    [
+        ("position = 2\nname = 'press'\n", "slave 2, press"),
+        ("alias = 7\n", "alias 7"),
+        ("identification = 5\nname = 'tool'\n", "identification 5, tool"),
+    ],
+)
+def test_a_mistake_in_a_table_of_a_slave_names_the_slave(
+    tmp_path: Path, keys: str, about: str
+) -> None:
+    """The number of the table is not its position."""
+    lines = keys.count("\n")
+    for wrong, key, line in (
+        ("watchdog_ms = 7000\n", "watchdog_ms", 2),
+        ("[[slave.startup]]\nobject = 'x'\n", "startup[0].object", 3),
+    ):
+        with pytest.raises(ConfigError) as caught:
+            load(tmp_path, f"[[slave]]\nposition = 9\n[[slave]]\n{keys}{wrong}")
+        where = f":{2 + lines + line}: slave[1].{key} ({about}): "
+        assert where in str(caught.value)
 
 
 @pytest.mark.parametrize("value", ["'inf\\n'", '"inf\\n"', '"1\\n2"'])

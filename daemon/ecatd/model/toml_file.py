@@ -85,6 +85,8 @@ class Document:
         folder: As above.
         top: The keys that its outermost table may have.
         names: The values of names that the document defines, as far as it was read.
+        notes: The subjects of tables, by their paths. Messages about a table, or about something in
+            it, name its subject.
     """
 
     def __init__(
@@ -98,6 +100,7 @@ class Document:
         self.folder = folder
         self.top: Collection[str] = ()
         self.names: dict[str, int] = {}
+        self.notes: dict[toml_places.Path, str] = {}
         self._text = text
         self._origins = origins or {}
         self._places: dict[toml_places.Path, Place] | None = None
@@ -123,7 +126,9 @@ class Document:
         line = self.place(path).line
         place = f"{self.source}:{line}" if line else self._origin(path)
         key = path_text(path)
-        return f"{place}: {key}" if key else place
+        above = (path[:end] for end in range(len(path), 0, -1))
+        note = next((f" ({self.notes[table]})" for table in above if table in self.notes), "")
+        return f"{place}: {key}{note}" if key else place
 
     def _origin(self, path: toml_places.Path) -> str:
         """File and line of a key as another process has found them, or of its table."""

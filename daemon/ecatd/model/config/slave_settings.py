@@ -50,6 +50,8 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
     slaves: list[SlaveConfig] = []
     names = top.document.names
     for at, row in enumerate(top.tables(key)):
+        if about := _about(row):
+            top.document.notes[row.path] = about
         group = row.data.get("group")
         marked = [key for key in _MARKS if key in row]
         follows = not marked and any(
@@ -88,6 +90,20 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
         _check_pdos(row, slave)
         slaves.append(slave)
     return slaves
+
+
+def _about(row: Table) -> str:
+    """Which slave a table is about, for messages: its number says only which table it is."""
+    position, name = row.data.get("position"), row.data.get("name")
+    texts = []
+    if type(position) is int and 0 <= position <= POSITION_MAX:
+        texts.append(f"slave {position}")
+    for mark in _MARKS:
+        if type(value := row.data.get(mark)) is int and 0 < value <= 0xFFFF:
+            texts.append(f"{mark} {value}")
+    if isinstance(name, str) and _NAME.fullmatch(name) and len(name.encode()) <= _NAME_BYTES:
+        texts.append(name)
+    return ", ".join(texts)
 
 
 def read_expected(top: Table, key: Key) -> ExpectedConfig:
