@@ -10,6 +10,7 @@ from test_recovery_power import in_op
 
 from conftest import Daemon, names, one_line_error
 from ecatd.model.al import AlState
+from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus
 
@@ -301,6 +302,33 @@ def test_a_slow_slave_has_the_time_that_it_needs(start: Start) -> None:
     names(answer.stdout, "0x0000FFFF")
     silent = daemon.ctl("sdo-read", str(DRIVE), "0x1018", "1", check=False)
     assert silent.returncode == 4, silent.stderr
+
+
+def test_a_slave_is_asked_as_often_as_configured(start: Start) -> None:
+    tables = f"[[slave]]\nposition = {AXIS}\nmailbox_tries = 1\n"
+    bench = start(f'[gateway]\nlisten = []\n[log]\nmailbox = "debug"\n{tables}')
+    bench.ctl("mailbox", str(AXIS), "stuck")
+    silent = bench.daemon.ctl("sdo-read", str(AXIS), "0x1018", "1", check=False)
+    assert silent.returncode == 4, silent.stderr
+    bench.wait_for_log(f"slave {AXIS}, 0x1018:01: try 1 of 1:")
+    bench.ctl("mailbox", str(AXIS), "none")
+    assert value(bench.daemon, AXIS, "0x1018", 1) == 0xFFFF
+
+
+def test_a_mailbox_is_looked_at_as_often_as_configured(start: Start) -> None:
+    bench = start(
+        f"[gateway]\nlisten = []\n[[slave]]\nposition = {AXIS}\nmailbox_poll_ms = 0\n"
+        f"[[slave]]\nposition = {DRIVE}\nmailbox_poll_ms = 10\n"
+    )
+    with Simulator(str(bench.simulator)) as simulator:
+        simulator.faults.emergency(AXIS, 0x3210, register=0x04)
+        for code in (0x3220, 0x3221, 0x3222):
+            simulator.faults.emergency(DRIVE, code, register=0x04)
+            bench.wait_for_event("emergency", slave=DRIVE, code=code)
+        assert f"slave {AXIS} (CiA402) sent an emergency" not in bench.daemon.log
+        # It comes with the answer to a request.
+        assert value(bench.daemon, AXIS, "0x1018", 1) == 0xFFFF
+        bench.wait_for_event("emergency", slave=AXIS, code=0x3210)
 
 
 def test_recovery_tells_a_slave_on_its_way_down(start: Start) -> None:

@@ -64,6 +64,8 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "watchdog_ms": ["0", "0.1", "6553.5"],
         "pdi_watchdog_ms": ["100"],
         "mailbox_timeout_ms": ["10", "9000"],
+        "mailbox_tries": ["1", "10"],
+        "mailbox_poll_ms": ["0", "10", "60_000"],
         "pdos": ['["0x1600", 0x1A00]'],
     },
     "[[slave.module]]": {

@@ -73,6 +73,8 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         watchdog_ms = 20.5
         pdi_watchdog_ms = 0
         mailbox_timeout_ms = 5000
+        mailbox_tries = 2
+        mailbox_poll_ms = 0
         pdos = ["0x1605", 0x1A02]
         [[slave.module]]
         slot = 2
@@ -197,6 +199,8 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
             20.5,
             0.0,
             5000,
+            2,
+            0,
             [ModuleConfig(2, 0x11, "DI8")],
             [0x1605, 0x1A02],
             [PdoConfig(0x1605, [PdoEntryConfig(16, "0x6040:00"), PdoEntryConfig(8)])],

@@ -19,8 +19,8 @@ from .mailboxes import HEADER_BYTES, Line, Mailbox, Protocol, Talk
 T = TypeVar("T")
 
 _COLLECTED_MAX = 16  # messages in a row, of a slave that sends without being asked
-_TRIES = 3
-"""Tries of an upload, which changes nothing and so can be repeated."""
+_TRIES = 0
+"""Stands for `Line.tries`: of an upload, which changes nothing and so can be repeated."""
 
 _SYNCHRONIZE_S = 2.0
 """Seconds a slave has to answer the requests that were abandoned because it was slow."""
@@ -169,7 +169,7 @@ class Coe:
             index: Its index.
             subindex: The subindex, or the first one of a complete access.
             complete: Whether to read the whole object (complete access).
-            tries: How many times to ask.
+            tries: How many times to ask; 0: as often as the line of the slave says.
 
         Raises:
             SdoAbortError: The slave refused.
@@ -205,6 +205,7 @@ class Coe:
         Tries again after no answer or a malformed one, but not after an SDO abort.
         """
         problem: NoAnswerError | StateError | None = None
+        tries = tries or self.line.tries
         self._patience_s = None
         for number in range(1, tries + 1):
             try:

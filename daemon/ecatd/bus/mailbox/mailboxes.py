@@ -40,6 +40,8 @@ _ANSWER_S = 1.0
 """Seconds a slave has to take a message and answer it, unless its line says otherwise; most need
 less than 1 ms."""
 
+_TRIES = 3
+
 _TURN_S = 12.0
 """Seconds that a conversation waits for the conversations before it."""
 
@@ -129,6 +131,7 @@ class Line:
             `Coe._synchronize`.
         last: The last message that the slave has sent.
         answer_s: Seconds that the slave has to take a message and answer it.
+        tries: How often it is asked for what it does not answer, where asking changes nothing.
         log: Where details are told.
     """
 
@@ -136,6 +139,7 @@ class Line:
         self.log = log or Log("ecatd").of("mailbox")
         self.last = b""
         self.answer_s = _ANSWER_S
+        self.tries = _TRIES
         self.counter = itertools.cycle(range(1, 8))
         self.marks = itertools.cycle(range(0x80, 0x100))
         self.unanswered = False

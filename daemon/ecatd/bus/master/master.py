@@ -344,6 +344,10 @@ class Master:
         """Sets how long a slave may take to answer over its mailbox."""
         self._lines[position].answer_s = seconds
 
+    def set_mailbox_tries(self, position: int, tries: int) -> None:
+        """Sets how often a slave is asked for an object that it does not answer."""
+        self._lines[position].tries = tries
+
     def coe(self, position: int, *, alone: bool = False) -> Coe:
         """Returns CoE of a slave, for one conversation; `alone` as in `Mailbox`."""
         return Coe(position, self.stations[position], self._lines[position], alone=alone)

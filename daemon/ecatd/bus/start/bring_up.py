@@ -128,6 +128,7 @@ class BringUp:
             ),
             found.finder(),
             found.expectation,
+            [self.config.settings_of(slave.position).poll_s for slave in self.bus.slaves],
             self.config.recovery,
             self.config.state_timeout_s,
         )

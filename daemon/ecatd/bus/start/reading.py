@@ -84,6 +84,9 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
     read_modules(master, scanned, cancelled)
     unexpected = follow_expectation(found, scanned, files.description, log)
     check_slaves(found.config, replace(found.bus, slaves=[item.slave for item in found.scanned]))
+    for wanted in found.config.slave:
+        if wanted.mailbox_tries is not None:
+            master.set_mailbox_tries(wanted.position, wanted.mailbox_tries)
     _make_raw(found, files.profiles)
     configure_slaves(master, found.scanned, found.config, unexpected, cancelled)
     if any(item.silence for item in found.scanned) and find_gone(master):

@@ -36,6 +36,7 @@ class RunningBus:
         set_up: Sets up slaves that have restarted.
         finder: Finds slaves that have lost their station address.
         expectation: How the bus differed from the expected one at the start.
+        polls: Seconds between two looks at the mailbox of each slave, by position; 0: nobody looks.
         recovery: Configuration: which slaves are recovered automatically.
         state_timeout_s: Seconds that slaves have to reach a state.
     """
@@ -54,6 +55,7 @@ class RunningBus:
     set_up: SetUp
     finder: Finder
     expectation: Expectation
+    polls: list[float]
     recovery: RecoveryConfig
     state_timeout_s: float
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from ecatd.coroutine_steps import Steps
 from ecatd.log import Log
+from ecatd.model.bus import Slave
 
 from ..mailbox.mailboxes import MAILBOX_IN, has_mail, talk_all
 from ..master.emergencies import Emergency, tell_emergencies
@@ -15,7 +17,8 @@ from ..master.worker import Worker
 from ..start.running import RunningBus
 from .rate_limiter import Batch
 
-_PAUSE = 0.1
+_TOGETHER_S = 0.005
+"""Looks that are due within so many seconds are one: they share frames."""
 _MANAGER_SIZE = 8
 
 
@@ -36,7 +39,13 @@ class MailboxWatch:
     def __init__(
         self, running: RunningBus, worker: Worker, log: Log, tell: Callable[..., None]
     ) -> None:
-        self._slaves = [slave for slave in running.bus.slaves if slave.coe]
+        self._polls = running.polls
+        self._slaves = {
+            slave.position: slave
+            for slave in running.bus.slaves
+            if slave.coe and running.polls[slave.position]
+        }
+        self._due = dict.fromkeys(self._slaves, 0.0)
         self._master = running.master
         self._worker = worker
         self._log = log
@@ -50,20 +59,26 @@ class MailboxWatch:
             self._tell("emergency", slave=position, code=code, register=register, times=times)
 
     async def watch(self) -> None:
-        """Looks for messages ten times a second."""
-        while self._slaves:
-            await asyncio.sleep(_PAUSE)
-            for emergency in await self._worker.run_steps(self._collect()):
+        """Looks for messages of each slave again and again."""
+        while self._due:
+            await asyncio.sleep(max(0.0, min(self._due.values()) - time.monotonic()))
+            end = time.monotonic() + _TOGETHER_S
+            slaves = [
+                slave for position, slave in self._slaves.items() if self._due[position] < end
+            ]
+            for emergency in await self._worker.run_steps(self._collect(slaves)):
                 self.emergencies.note(emergency)
-        await asyncio.Event().wait()  # no slave has CoE
+            now = time.monotonic()
+            self._due |= {slave.position: now + self._polls[slave.position] for slave in slaves}
+        await asyncio.Event().wait()  # no slave has CoE, or nobody shall look
 
-    def _collect(self) -> Steps[list[Emergency]]:
-        """Reads the messages of slaves with which nobody has a conversation now."""
-        stations = [slave.address for slave in self._slaves]
+    def _collect(self, slaves: Sequence[Slave]) -> Steps[list[Emergency]]:
+        """Reads the messages of those slaves with which nobody has a conversation now."""
+        stations = [slave.address for slave in slaves]
         answers = self._master.registers.read_all(stations, MAILBOX_IN, _MANAGER_SIZE)
         ways = [
             (slave, self._master.coe(slave.position))
-            for slave, answer in zip(self._slaves, answers, strict=True)
+            for slave, answer in zip(slaves, answers, strict=True)
             if answer.wkc == 1 and has_mail(answer.data)
         ]
         ways = [(slave, way) for slave, way in ways if not len(way.line)]

@@ -39,6 +39,7 @@ PDOS_MAX, ENTRIES_MAX = 64, 254
 _SLOTS_MAX = 254
 _BYTES_MAX = 1 << 15
 WATCHDOG_MIN_MS, WATCHDOG_MAX_MS = 0.1, 6553.5
+_POLL_MIN_MS, _POLL_MAX_MS = 10, 60_000
 _NAME_BYTES = 31
 _MARKS = ("alias", "identification")
 _NAME = re.compile(r"[^\W\d][\w-]*")
@@ -167,6 +168,14 @@ def _watchdog(table: Table, key: Key) -> float:
     time = table.number(key, low=0, high=WATCHDOG_MAX_MS)
     if 0 < time < WATCHDOG_MIN_MS:
         table.fail(key, f"is {time:g}, but must be 0, or at least {WATCHDOG_MIN_MS:g}")
+    return time
+
+
+def _poll(table: Table, key: Key) -> float:
+    """Reads the time between two looks at a mailbox; 0: nobody looks."""
+    time = table.number(key, low=0, high=_POLL_MAX_MS)
+    if 0 < time < _POLL_MIN_MS:
+        table.fail(key, f"is {time:g}, but must be 0, or from {_POLL_MIN_MS} to {_POLL_MAX_MS}")
     return time
 
 
@@ -390,6 +399,8 @@ _SLAVE: Rules = {
     "watchdog_ms": _watchdog,
     "pdi_watchdog_ms": _watchdog,
     "mailbox_timeout_ms": number(10, 9000),
+    "mailbox_tries": integer(1, 10),
+    "mailbox_poll_ms": _poll,
     "module": lambda row, key: [
         ModuleConfig(**table.read(_MODULE, required=["slot", "ident"]), table=table)
         for table in row.tables(key)

@@ -160,6 +160,10 @@ class ExpectedConfig(Placed):
     description: str = ""
 
 
+MAILBOX_POLL_MS = 100.0
+"""Milliseconds between two looks at the mailbox of a slave, unless its table says otherwise."""
+
+
 class Mark(NamedTuple):
     """What tells a slave from all others wherever it stands.
 
@@ -203,6 +207,9 @@ class SlaveConfig(Placed):
         pdi_watchdog_ms: The same for the watchdog between its ESC and its processor (PDI).
         mailbox_timeout_ms: Time in milliseconds that it has to answer over its mailbox; None for
             the usual one.
+        mailbox_tries: How often it is asked for an object that it does not answer; None: as usual.
+        mailbox_poll_ms: Time in milliseconds between two looks at its mailbox for emergencies, 0
+            for no looks; None: `MAILBOX_POLL_MS`.
         module: The modules in its slots; slots without a table are empty. None at all: any modules.
         pdos: Indices of the PDOs that are assigned; None: those that the slave has assigned.
         pdo: PDOs with other entries than those of the slave.
@@ -226,6 +233,8 @@ class SlaveConfig(Placed):
     watchdog_ms: float | None = None
     pdi_watchdog_ms: float | None = None
     mailbox_timeout_ms: float | None = None
+    mailbox_tries: int | None = None
+    mailbox_poll_ms: float | None = None
     module: list[ModuleConfig] = field(default_factory=list)
     pdos: list[int] | None = None
     pdo: list[PdoConfig] = field(default_factory=list)
@@ -239,6 +248,12 @@ class SlaveConfig(Placed):
         if self.identification is not None:
             return Mark("identification", self.identification)
         return None
+
+    @property
+    def poll_s(self) -> float:
+        """Seconds between two looks at its mailbox; 0: nobody looks."""
+        poll_ms = MAILBOX_POLL_MS if self.mailbox_poll_ms is None else self.mailbox_poll_ms
+        return poll_ms / 1000
 
     @property
     def is_told(self) -> bool:
