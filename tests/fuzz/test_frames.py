@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from mutations import inputs
 
 pytestmark = pytest.mark.long
 
@@ -15,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 ESC = ROOT / "simulator" / "esc"
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
 ALL_EVENTS = 0x3FF
-FRAMES = 50_000
+FRAMES = inputs(50_000)
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from mutations import inputs
 
 pytestmark = pytest.mark.long
 
@@ -21,9 +22,9 @@ SOURCES = (
     *("relay", "setup", "slots", "thread", "wake", "wire"),
 )
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
-CYCLES = 6000
+CYCLES = inputs(6_000)
 GOOD_EXCHANGES = 300  # however many are late on a busy machine
-FRAMES = 1000
+FRAMES = inputs(1_000)
 
 
 @pytest.fixture(scope="session")

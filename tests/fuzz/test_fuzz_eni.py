@@ -2,6 +2,7 @@
 
 import sys
 import tomllib
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -26,9 +27,9 @@ def test_mutated_files_become_configurations_or_are_refused(tmp_path: Path) -> N
     path = tmp_path / "x.xml"
     accepted = refused = 0
     half = FILES // 2
-    for data in (
-        *mutants([MACHINE.encode()], half, 1),
-        *mutated_elements(MACHINE, VALUES, half, 1),
+    for data in chain(
+        mutants([MACHINE.encode()], half, 1),
+        mutated_elements(MACHINE, VALUES, half, 1),
     ):
         path.write_bytes(data)
         try:
