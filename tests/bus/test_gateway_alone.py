@@ -117,6 +117,25 @@ def test_it_dies_or_hangs_and_the_bus_goes_on(daemon: Daemon, tmp_path: Path, nu
     assert "gateway" not in daemon.log
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGQUIT])
+def test_signals_that_end_it(daemon: Daemon, tmp_path: Path, number: int) -> None:
+    with gateway_of(daemon, tmp_path) as gateway:
+        gateway.process.send_signal(number)
+        assert gateway.wait_end() == (0, "")
+    with gateway_of(daemon, tmp_path):  # systemd starts another one
+        assert len(daemon.slave_rows()) == 2
+    assert "gateway" not in daemon.log
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGPIPE])
+def test_signals_that_end_nothing(daemon: Daemon, tmp_path: Path, number: int) -> None:
+    with gateway_of(daemon, tmp_path) as gateway:
+        gateway.process.send_signal(number)
+        assert len(daemon.slave_rows()) == 2
+        gateway.wait_for("WATCHDOG=1")
+        assert gateway.process.poll() is None
+
+
 def test_a_command_waits_for_a_gateway_that_starts(daemon: Daemon, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "ecatd.cli", "slaves"]
     with (
