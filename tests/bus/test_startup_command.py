@@ -112,6 +112,8 @@ def test_what_differs_from_the_defaults_is_captured(
     names(said, str(file), "2 parameters")
     tables = file.read_text()
     names(tables, "slave 1 (axis, AX2)", "Limit; default -2", "axis.xml", "# 25 V")
+    itself = daemon.ctl("startup", "capture", "axis").stdout
+    assert itself.splitlines()[1:] == tables.splitlines()[1:], "the slave gives the same defaults"
     config = read_config(tomllib.loads(f"[[slave]]\nposition = 1\n{tables}"))
     found = [(p.object, p.data) for p in config.slave[0].startup]
     assert found == [("0x2000:03", b"\x32\0"), ("0x2001:01", b"\x09\0")]
@@ -189,8 +191,8 @@ def test_physical_values_become_raw(start_daemon: Callable[..., Daemon], tmp_pat
 
 
 WRONG = [
-    ("capture axis", 2, ["--esi"]),
-    ("capture --esi .", 2, ["SLAVE"]),
+    ("capture", 2, ["SLAVE"]),
+    ("capture EK1100", 7, ["slave 0 (EK1100)", "CoE"]),
     ("verify -o x", 2, ["capture"]),
     ("capture EK1100 --esi FOLDER", 7, ["slave 0 (EK1100)", "0x044C2C52"]),
     ("capture axis --esi nowhere.xml", 2, ["nowhere.xml"]),

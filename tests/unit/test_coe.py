@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -15,8 +17,9 @@ from ecatd.bus.frames.datagrams import Datagrams
 from ecatd.bus.mailbox import coe as coe_module
 from ecatd.bus.mailbox import mailboxes
 from ecatd.bus.mailbox.coe import Coe, EntryDescription, ObjectDescription
-from ecatd.bus.mailbox.dictionary import read_dictionary
+from ecatd.bus.mailbox.dictionary import read_dictionary, read_object
 from ecatd.bus.mailbox.mailboxes import Line, Talk, converse
+from ecatd.model import unit_codes
 from ecatd.model.datatypes import DataType
 from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
@@ -24,6 +27,7 @@ from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 from ecatsim.slave.mailbox import MailboxFault
 from ecatsim.slave.objects import Access
+from ecatsim.slave.sdo_information import InformationServer
 
 LONG = bytes(range(256)) * 3
 LONGEST = 1500
@@ -190,11 +194,50 @@ def test_the_whole_dictionary() -> None:
         name,
         7,
         DataType.OCTET_STRING,
-        {0: DictionaryEntry(name, DataType.OCTET_STRING, 8 * len(LONG), Access.RO)},
+        {0: DictionaryEntry(name, DataType.OCTET_STRING, 8 * len(LONG), Access.RO, default=LONG)},
     )
     row = found[0x2010]
     assert (row.name, row.code, list(row.entries)) == ("Row", 8, [0, 1, 2, 3])
-    assert row.entries[3] == DictionaryEntry("SubIndex 003", DataType.UNSIGNED16, 16, Access.RW)
+    assert row.entries[3] == DictionaryEntry(
+        "SubIndex 003", DataType.UNSIGNED16, 16, Access.RW, default=b"\3\0"
+    )
+
+
+def test_unit_default_and_limits_are_read_from_slaves_that_give_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The second slave has nothing but names, and refuses to be asked for the rest."""
+
+    class Precise(Archive):
+        def describe(self) -> None:
+            super().describe()
+            limit = self.dictionary.variable(0x2020, "Limit", DataType.INTEGER16, 7, Access.RW)
+            limit.minimum, limit.maximum, limit.default = -5, 9, 3
+            limit.unit = unit_codes.code("mV")
+
+    class Terse(Precise):
+        pass
+
+    describe = InformationServer._entry_description
+
+    def refuse(self: InformationServer, index: int, subindex: int, wanted: int) -> bytes:
+        if wanted & ~0x07 and self._dictionary is devices[1].dictionary:
+            raise SdoAbortError(0x06010000)
+        return describe(self, index, subindex, wanted)
+
+    def read(coe: Coe) -> Talk[DictionaryObject]:
+        yield from coe.open()
+        return (yield from read_object(coe, 0x2020))
+
+    devices = [Precise(), Terse()]
+    monkeypatch.setattr(InformationServer, "_entry_description", refuse)
+    with in_preop(*devices) as (registers, _wire):
+        precise, terse = converse(registers, [read(coe) for coe in slaves(2)])
+    plain = DictionaryEntry("Limit", DataType.INTEGER16, 16, Access.RW)
+    values: dict[str, Any] = {"default": b"\3\0", "minimum": b"\xfb\xff", "maximum": b"\x09\0"}
+    assert precise.entries == {0: replace(plain, unit=0xFD260000, **values)}
+    assert terse.entries == {0: plain}
+    assert DictionaryObject.from_map(precise.to_map()) == precise
 
 
 def test_emergencies_in_between_are_put_aside() -> None:

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.datatypes import bit_length, decode, type_alias, type_name
+from ecatd.model.datatypes import STRINGS, bit_length, decode, type_alias, type_name
 from ecatd.model.dictionary import (
     Access,
     DictionaryEntry,
@@ -23,6 +23,7 @@ from .sdo import physical_text, value_text
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote, SdoValue
+    from ecatd.esi import EsiDevice
     from ecatd.model.bus import Slave
 
 
@@ -83,6 +84,11 @@ def read_objects(
 def _from_esi(found: Slave, source: str) -> list[DictionaryObject]:
     from .esi_devices import device_of
 
+    return objects_of(device_of(found, source))
+
+
+def objects_of(device: EsiDevice) -> list[DictionaryObject]:
+    """The objects that an ESI file describes."""
     return [
         DictionaryObject(
             item.index,
@@ -91,12 +97,19 @@ def _from_esi(found: Slave, source: str) -> list[DictionaryObject]:
             item.entries[0].data_type if item.entries else 0,
             {
                 entry.subindex: DictionaryEntry(
-                    entry.name, entry.data_type, entry.bits, entry.access
+                    entry.name,
+                    entry.data_type,
+                    entry.bits,
+                    entry.access,
+                    entry.unit,
+                    entry.default,
+                    entry.minimum,
+                    entry.maximum,
                 )
                 for entry in item.entries
             },
         )
-        for item in device_of(found, source).objects
+        for item in device.objects
     ]
 
 
@@ -154,11 +167,22 @@ def _rows(
                 "bits": entry.bit_length,
                 "access": access_text(entry.access),
                 "pdo": mapping_text(entry.access),
+                "default": _told(entry, entry.default),
+                "minimum": _told(entry, entry.minimum),
+                "maximum": _told(entry, entry.maximum),
             }
             if values and entry.access & Access.READ:
                 row |= _value(remote, position, item.index, subindex, entry)
             entries.append(row)
         yield {"index": item.index, "name": item.name, "entries": entries}
+
+
+def _told(entry: DictionaryEntry, data: bytes | None) -> int | float | bool | str | None:
+    """A default or limit, which a slave sends in the size of the entry; None: it sends none."""
+    if data is None:
+        return None
+    fits = len(data) == (bit_length(entry.data_type) + 7) // 8 or entry.data_type in STRINGS
+    return decode(entry.data_type, data) if fits else data.hex(" ")
 
 
 def _value(

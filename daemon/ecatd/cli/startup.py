@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+import textwrap
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ecatd.model.abort_codes import WRITE_ONLY
 from ecatd.model.bus import Bus, Slave
@@ -22,7 +23,7 @@ from ecatd.model.config import (
 )
 from ecatd.model.config.writer import value_text
 from ecatd.model.datatypes import STRINGS, bit_length, decode, parse_type, type_alias
-from ecatd.model.dictionary import Access
+from ecatd.model.dictionary import Access, DictionaryEntry, DictionaryObject
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError, UsageError
 from ecatd.model.expected_bus import compare
 from ecatd.model.meanings import object_meaning
@@ -32,6 +33,7 @@ from ecatd.model.profiles import load_profiles
 from ecatd.paths import profile_folders
 
 from .arguments import slave
+from .dictionary import objects_of, read_objects
 from .esi_devices import device_of
 from .output import print_json, print_table
 from .progress import counted
@@ -39,7 +41,6 @@ from .saving import save
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
-    from ecatd.esi import EsiDevice, EsiEntry
 
 _FIRST_OWN = 0x2000
 """Objects below describe the communication (ETG.1000.6); PDOs have keys of their own."""
@@ -50,8 +51,9 @@ _DIFFERENT, _UNKNOWN, _SECRET = "different", "not verified", "cannot be read"
 _ACTIONS = """\
 actions:
   verify [SLAVE]             compare the start-up parameters of the configuration with the slaves
-  capture SLAVE --esi PATH   write those objects of a slave as [[slave.startup]] tables whose values
-                             are not the defaults of the ESI file
+  capture SLAVE              write those objects of a slave as [[slave.startup]] tables whose values
+                             are not the defaults: those that the slave itself tells, or with --esi
+                             those of its ESI file
 
 exit status:
   0 done, no difference   7 verify: a slave has another value, or cannot be asked for it
@@ -72,7 +74,9 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         help="verify: a configuration; without it, the one that the daemon uses",
     )
     command.add_argument(
-        "--esi", metavar="PATH", help="capture: the ESI file of the slave, or a folder of them"
+        "--esi",
+        metavar="PATH",
+        help="capture: take the defaults from the ESI file of the slave, or a folder of them",
     )
     command.add_argument(
         "-o", dest="out", metavar="FILE", type=Path, help="capture: write the tables to this file"
@@ -83,8 +87,8 @@ def startup(options: argparse.Namespace) -> int:
     """Carries out one action; returns the exit status."""
     from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
 
-    if options.action == "capture" and (options.slave is None or options.esi is None):
-        raise UsageError("startup capture needs SLAVE and --esi: whose defaults are compared?")
+    if options.action == "capture" and options.slave is None:
+        raise UsageError("startup capture needs SLAVE: the position or name of the slave")
     if options.action == "capture" and options.config is not None:
         raise UsageError("--config goes with startup verify")
     if options.action == "verify" and (options.esi is not None or options.out is not None):
@@ -220,15 +224,31 @@ def _shown(parameter: StartupConfig, known: Entry, data: bytes) -> str:
 
 def _capture(remote: Remote, options: argparse.Namespace) -> int:
     bus = remote.describe()
-    found = bus.find(options.slave)
-    device = device_of(found, options.esi)
+    if options.esi is None:
+        found = bus.find_coe(options.slave)
+        objects, whose = read_objects(remote, found, None), "that it tells itself"
+    else:
+        found = bus.find(options.slave)
+        device = device_of(found, options.esi)
+        objects, whose = objects_of(device), f"in {Path(device.path).name}"
     used = remote.configuration()[0]
     meanings = _Meanings(used.moved(compare(used, bus.slaves).places))
-    rows = list(_changed(remote, found, device, meanings))
+    settings = list(_settings(found, objects))
+    unknown = [item.address for item in settings if item.entry.default is None]
+    if settings and len(unknown) == len(settings) and options.esi is None:
+        raise StateError(
+            f"{found.label} tells no default of any object, so there is nothing to compare its "
+            "values with: take the defaults from its ESI file with --esi"
+        )
+    rows = list(_changed(remote, found, settings, meanings))
     if options.json:
-        print_json({"bus": bus.name, "slave": found.position, "parameters": rows})
+        document = {"parameters": rows, "without_default": unknown}
+        print_json({"bus": bus.name, "slave": found.position, **document})
         return 0
-    lines = [f"# {found.label}: objects that differ from the defaults in {Path(device.path).name}"]
+    lines = [f"# {found.label}: objects that differ from the defaults {whose}"]
+    if unknown:
+        text = "without a default, so not compared: " + ", ".join(unknown)
+        lines += textwrap.wrap(text, initial_indent="# ", subsequent_indent="# ", width=100)
     for row in rows:
         name = f"  # {row['name']}; default {row['default']}"
         physical = f"  # {row['physical']}" if row["physical"] else ""
@@ -249,48 +269,62 @@ def _capture(remote: Remote, options: argparse.Namespace) -> int:
     return 0
 
 
-def _changed(
-    remote: Remote, found: Slave, device: EsiDevice, meanings: _Meanings
-) -> Iterator[dict[str, Any]]:
-    """Reads the objects that can be written and have a default; yields those that differ."""
+class _Setting(NamedTuple):
+    """An object that can be a start-up parameter."""
+
+    index: int
+    subindex: int
+    entry: DictionaryEntry
+
+    @property
+    def address(self) -> str:
+        return f"0x{self.index:04X}:{self.subindex:02X}"
+
+
+def _settings(found: Slave, objects: Sequence[DictionaryObject]) -> Iterator[_Setting]:
+    """The objects that can be written and read, and are no process data."""
     mapped = {
         (entry.index, entry.subindex)
         for outputs in (True, False)
         for _, entry, _ in found.entries(outputs=outputs)
     }
-    wanted = [
-        (item.index, entry)
-        for item in device.objects
-        for entry in item.entries
-        if item.index >= _FIRST_OWN
-        and entry.default is not None
-        and entry.access & Access.WRITE_PREOP
-        and entry.access & Access.READ
-        and (item.index, entry.subindex) not in mapped
-    ]
-    for index, entry in counted(wanted, "objects"):
+    for item in objects:
+        for subindex, entry in item.entries.items():
+            if (
+                item.index >= _FIRST_OWN
+                and entry.access & Access.WRITE_PREOP
+                and entry.access & Access.READ
+                and (item.index, subindex) not in mapped
+            ):
+                yield _Setting(item.index, subindex, entry)
+
+
+def _changed(
+    remote: Remote, found: Slave, settings: Sequence[_Setting], meanings: _Meanings
+) -> Iterator[dict[str, Any]]:
+    """Reads those with a default; yields those that differ from it."""
+    for item in counted([item for item in settings if item.entry.default is not None], "objects"):
         try:
-            data = remote.sdo_read(found.position, index, entry.subindex).data
+            data = remote.sdo_read(found.position, item.index, item.subindex).data
         except SdoAbortError:
-            continue  # the file describes more than this slave has
-        assert entry.default is not None
-        if data != entry.default:
-            bits = bit_length(entry.data_type)
-            known = meanings.of(found, Entry(index, entry.subindex, "", entry.data_type, bits))
-            yield {
-                **_row(index, entry, data, entry.default),
-                "physical": physical_text(known, data),
-            }
+            continue  # what describes it knows more than this slave has
+        default, kind = item.entry.default or b"", item.entry.data_type
+        fill = b"\0" if kind in STRINGS else b""  # of a text that is shorter than its longest
+        if data != default and not (fill and data.rstrip(fill) == default.rstrip(fill)):
+            known = meanings.of(found, Entry(*item[:2], "", kind, bit_length(kind)))
+            yield {**_row(item, data, default), "physical": physical_text(known, data)}
 
 
-def _row(index: int, entry: EsiEntry, data: bytes, default: bytes) -> dict[str, Any]:
-    alias = type_alias(entry.data_type) if entry.data_type not in STRINGS else None
+def _row(item: _Setting, data: bytes, default: bytes) -> dict[str, Any]:
+    kind, bits = item.entry.data_type, bit_length(item.entry.data_type)
+    fits = bits and len(data) == len(default) == (bits + 7) // 8
+    alias = type_alias(kind) if fits and kind not in STRINGS else None
     return {
-        "object": f"0x{index:04X}:{entry.subindex:02X}",
-        "name": entry.name,
+        "object": item.address,
+        "name": item.entry.name,
         "type": alias,
-        "value": decode(entry.data_type, data) if alias else data.hex(" "),
-        "default": decode(entry.data_type, default) if alias else default.hex(" "),
+        "value": decode(kind, data) if alias else data.hex(" "),
+        "default": decode(kind, default) if alias else default.hex(" "),
     }
 
 

@@ -96,7 +96,7 @@ class Gateway:
         self._tasks: set[asyncio.Task[Any]] = set()
         self._answers: OrderedDict[tuple[str, str], Answer] = OrderedDict()
         self._rates: dict[str, Rate] = {}
-        self._bus_description: dict[str, Any] = {}  # which stays as it is
+        self._bus_description: dict[str, Any] = {}
 
     async def connect(self) -> Config:
         """Connects to the bus server, which tells the settings, and makes the folder for sockets.
@@ -328,8 +328,9 @@ class Gateway:
             self._session.put(key, pack({"schema": SCHEMA, **event}))
 
     async def _reconfigure(self) -> None:
-        """Has another gateway started if settings have changed that this one has used."""
+        """Reads limits again, and has another gateway started if settings of this one changed."""
         with suppress(UnreachableError):  # the bus server has ended
+            self._bus_description = await self._bus.ask(Describe())
             wanted = (await self._settings()).gateway
             if wanted != self._config or self._in_use != self._config:  # it may be mended
                 self._on_end()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from enum import IntEnum, IntFlag
 from typing import Any
 
@@ -40,12 +40,24 @@ class DictionaryEntry:
         data_type: Its CoE data type index.
         bit_length: Its length in bits.
         access: Its access rights: bits of `Access`, and any others that the slave sets.
+        unit: Unit code (ETG.1004), 0 for none.
+        default: Its value as the device is delivered, as SDO data; None: not known.
+        minimum: Its smallest value, as SDO data; None: not known.
+        maximum: Its largest one.
     """
 
     name: str
     data_type: int
     bit_length: int
     access: int
+    unit: int = 0
+    default: bytes | None = None
+    minimum: bytes | None = None
+    maximum: bytes | None = None
+
+
+_ENTRY_KEYS = frozenset(item.name for item in fields(DictionaryEntry))
+"""A later daemon may tell more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +94,7 @@ class DictionaryObject:
         """Makes an object of what `to_map` has returned."""
         entries = {
             item["subindex"]: DictionaryEntry(
-                item["name"], item["data_type"], item["bit_length"], item["access"]
+                **{key: value for key, value in item.items() if key in _ENTRY_KEYS}
             )
             for item in data["entries"]
         }

@@ -368,7 +368,7 @@ class Supervisor:
                 self._log.error(f"the configuration stays as it was: {error}", "configuration")
 
     async def _use_anew(self, server: Child) -> None:
-        """Reads the configuration again, and has the bus server use the changes that need no restart.
+        """Reads the configuration again; the bus server uses the changes that need no restart.
 
         Raises:
             EcatError: The configuration is wrong, or does not fit the bus; nothing has changed.

@@ -53,7 +53,8 @@ _GET_LIST, _GET_OBJECT, _GET_ENTRY, _INFO_ERROR = 1, 3, 5, 7
 ALL_OBJECTS, OUTPUT_OBJECTS, INPUT_OBJECTS = 1, 2, 3
 """Lists of objects of the SDO information service: all, and those that RxPDOs or TxPDOs can map."""
 _ACCESS_CATEGORY_MAPPING = 0x07  # what an entry description should contain: no values
-_UNIT, _VALUES = 0x08, (0x10, 0x20, 0x40)
+_UNIT, _VALUES = 0x08, (0x10, 0x20, 0x40)  # default, minimum, maximum
+_EVERYTHING = 0x7F
 
 
 class ObjectDescription(NamedTuple):
@@ -79,13 +80,17 @@ class EntryDescription(NamedTuple):
         name: Its name.
         data_type: Its CoE data type index; 0: there is no such entry.
         bit_length: Its length in bits.
-        access: Its access rights, as in `DictionaryEntry`.
+        access: Its access rights, as in `DictionaryEntry`, and so with the others.
     """
 
     name: str
     data_type: int
     bit_length: int
     access: int
+    unit: int = 0
+    default: bytes | None = None
+    minimum: bytes | None = None
+    maximum: bytes | None = None
 
 
 class Coe:
@@ -378,18 +383,32 @@ class Coe:
         return self._insist(where, tries, describe)
 
     def describe_entry(
-        self, index: int, subindex: int, tries: int = _TRIES
+        self, index: int, subindex: int, tries: int = _TRIES, *, values: bool = False
     ) -> Talk[EntryDescription]:
-        """Reads the description of an entry of an object; raises as `describe_object`."""
+        """Reads the description of an entry of an object; raises as `describe_object`.
+
+        Args:
+            index: Its index.
+            subindex: Its subindex.
+            tries: How many times to ask.
+            values: Whether to ask for unit, default and limits, too.
+        """
         address = struct.pack("<HB", index, subindex)
-        wanted = address + bytes([_ACCESS_CATEGORY_MAPPING])
+        wanted = address + bytes([_EVERYTHING if values else _ACCESS_CATEGORY_MAPPING])
 
         def describe() -> Talk[EntryDescription]:
             body = yield from self._ask_information(_GET_ENTRY, wanted, address, 10)
             given, data_type, bits, access = struct.unpack_from("<BHHH", body, 3)
-            values = sum(bool(given & bit) for bit in _VALUES)
-            name_at = 10 + (4 if given & _UNIT else 0) + values * ((bits + 7) // 8)
-            return EntryDescription(_text(body[name_at:]), data_type, bits, access)
+            at, size = 10, (bits + 7) // 8
+            unit = 0
+            if given & _UNIT:
+                unit, at = int.from_bytes(body[at : at + 4], "little"), at + 4
+            found: list[bytes | None] = []
+            for bit in _VALUES:
+                part = body[at : at + size] if given & bit else b""
+                found.append(part if part and len(part) == size else None)
+                at += size if given & bit else 0
+            return EntryDescription(_text(body[at:]), data_type, bits, access, unit, *found)
 
         where = f"slave {self._position}, description of 0x{index:04X}:{subindex:02X}"
         return self._insist(where, tries, describe)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.errors import SdoAbortError
 
 from .coe import Coe
 from .mailboxes import Talk
 
-_NO_ENTRY = DictionaryEntry("", 0, 0, 0)
+_NOTHING = DictionaryEntry("", 0, 0, 0)
 
 
 def read_dictionary(coe: Coe) -> Talk[list[DictionaryObject]]:
@@ -28,22 +30,39 @@ def read_dictionary(coe: Coe) -> Talk[list[DictionaryObject]]:
 def read_object(coe: Coe, index: int) -> Talk[DictionaryObject]:
     """Reads one object with its entries; `coe` must be open. Raises as `read_dictionary`."""
     name, data_type, max_subindex, code = yield from coe.describe_object(index)
+    reader = _EntryReader(coe, index)
     entries = {}
     for subindex in range(max_subindex + 1):
-        entry = yield from _read_entry(coe, index, subindex)
+        entry = yield from reader.read(subindex)
         if max_subindex == 0:  # a variable; its entry may have no name of its own
-            entry = DictionaryEntry(name, data_type, entry.bit_length, entry.access)
-        if entry != _NO_ENTRY:
+            entry = replace(entry or _NOTHING, name=name, data_type=data_type)
+        if entry is not None:
             entries[subindex] = entry
     return DictionaryObject(index, name, code, data_type, entries)
 
 
-def _read_entry(coe: Coe, index: int, subindex: int) -> Talk[DictionaryEntry]:
-    """Reads an entry; returns `_NO_ENTRY` for a subindex that a record leaves out.
+class _EntryReader:
+    """Reads the entries of an object, with unit, default and limits if the slave tells them."""
 
-    Slaves answer for such a subindex with an SDO abort, or with a description of zeros.
-    """
-    try:
-        return DictionaryEntry(*(yield from coe.describe_entry(index, subindex)))
-    except SdoAbortError:
-        return _NO_ENTRY
+    def __init__(self, coe: Coe, index: int) -> None:
+        self._coe = coe
+        self._index = index
+        self._tells_values: bool | None = None  # until the slave has described an entry
+
+    def read(self, subindex: int) -> Talk[DictionaryEntry | None]:
+        """Reads an entry; None for a subindex that a record leaves out.
+
+        Slaves answer for such a subindex with an SDO abort, or with a description of zeros. Some
+        also answer in this way if they are asked for values, which need not be there.
+        """
+        for values in (True, False) if self._tells_values is None else (self._tells_values,):
+            try:
+                found = yield from self._coe.describe_entry(self._index, subindex, values=values)
+            except SdoAbortError:
+                continue
+            entry = DictionaryEntry(*found)
+            if (entry.name, entry.data_type, entry.bit_length, entry.access) == ("", 0, 0, 0):
+                return None
+            self._tells_values = values
+            return entry
+        return None
