@@ -124,6 +124,24 @@ def test_what_differs_from_the_defaults_is_captured(
     assert daemon.ctl("startup", "verify").stdout.count("as configured") == 2
 
 
+def test_objects_that_a_slave_would_refuse_are_found_beforehand(
+    machine: Callable[[str], Daemon], tmp_path: Path
+) -> None:
+    daemon = machine("")
+    file = tmp_path / "wrong.toml"
+    tables = (
+        '[[slave.startup]]\nobject = "0x2000:03"\ntype = "int16"\nvalue = 101\n'
+        '[[slave.startup]]\nobject = "0x2009:00"\ntype = "int16"\nvalue = 1\n'
+    )
+    file.write_text(daemon.config_file.read_text() + tables)
+    for more in ((), ("--esi", str(tmp_path / "axis.xml"))):
+        found = daemon.ctl("config", "check", str(file), *more, check=False)
+        assert found.returncode == 7
+        limit, missing = [line for line in found.stdout.splitlines() if "other objects" in line]
+        names(limit, "slave 1 (axis, AX2)", "0x2000:03", "-10", "100", "101")
+        names(missing, "slave 1 (axis, AX2)", "no object", "0x2009:00")
+
+
 PROFILE = """
 [[device]]
 description = "bench axis"

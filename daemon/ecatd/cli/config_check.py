@@ -8,11 +8,13 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ecatd.model.abort_codes import NO_OBJECT
 from ecatd.model.applied import alike_slaves, load_description, misfits, missing_folder
+from ecatd.model.applied.objects import Objects, object_indices, object_problems
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, SlaveConfig, load_config
 from ecatd.model.doubts import REMEDIES, SILENT
-from ecatd.model.errors import ConfigError, StateError
+from ecatd.model.errors import ConfigError, NoAnswerError, SdoAbortError, StateError
 from ecatd.model.expected_bus import Difference, compare
 from ecatd.model.health import silent_slaves
 from ecatd.model.problems import Collected
@@ -24,13 +26,15 @@ from .bus_source import check_options, get_bus, warn_of_silent
 from .output import print_json
 
 if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
     from ecatd.esi import EsiDevice
+    from ecatd.model.dictionary import DictionaryObject
 
 
 def check(options: argparse.Namespace) -> int:
     """Lists the differences between slaves, and what of the file does not fit the bus."""
     wanted = load_config(options.file)
-    bus, wire, idle, states = _bus(options)
+    bus, wire, idle, states, objects = _bus(options, wanted)
     # The slaves of the bus have process data with which tables are compared. What is about slaves
     # that are others, or will have other PDOs, is not known.
     gone = {row["position"] for row in states if not row["al_state"]}
@@ -63,7 +67,15 @@ def check(options: argparse.Namespace) -> int:
         if n not in unexpected
     ]
     if options.esi is not None:
-        differences += _forbidden(moved, bus, described(bus, options.esi))
+        devices = described(bus, options.esi)
+        differences += _forbidden(moved, bus, devices)
+        objects |= _esi_objects(moved, devices)
+    differences += [
+        Difference("other objects", (n,), (n,), f"{bus.slaves[n].label} {text}", strict=False)
+        for n, known in objects.items()
+        if n in places.values()
+        for text in object_problems(moved.settings_of(n), known)
+    ]
     if options.json:
         rows = [
             {
@@ -94,23 +106,53 @@ def check(options: argparse.Namespace) -> int:
     return StateError.exit_code if differences else 0
 
 
-def _bus(options: argparse.Namespace) -> tuple[Bus, list[Slave], set[int], list[dict[str, Any]]]:
+def _bus(
+    options: argparse.Namespace, wanted: Config
+) -> tuple[Bus, list[Slave], set[int], list[dict[str, Any]], dict[int, Objects]]:
     """The bus, and what a start would find on its wire.
 
-    Also slaves of which the daemon does not know the process data, and how slaves are; both are
-    empty for a bus that does not run.
+    Also slaves of which the daemon does not know the process data, how slaves are, and the objects
+    that the configuration names, by position; all of these are empty for a bus that does not run.
     """
     if options.sources:
         bus = get_bus(options)
-        return bus, bus.slaves, set(), []
+        return bus, bus.slaves, set(), [], {}
     check_options(options)
-    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
+    from ecatd.client.remote import Remote  # loading Zenoh is slow
 
     with Remote(options.bus, options.connect, options.timeout) as remote:
         bus, rows = remote.describe(), remote.states()
         wire = found_slaves(bus, remote.rescan()["devices"])
         unexpected = compare(remote.configuration()[0], bus.slaves).unexpected
-    return bus, wire, {n for n in unexpected if not _exchanges(bus.slaves[n])}, rows
+        objects = _live_objects(remote, wanted, bus, rows)
+    return bus, wire, {n for n in unexpected if not _exchanges(bus.slaves[n])}, rows, objects
+
+
+def _live_objects(
+    remote: Remote, wanted: Config, bus: Bus, states: list[dict[str, Any]]
+) -> dict[int, Objects]:
+    """Asks the slaves for the objects that the configuration names, by position."""
+    silent = {row["position"] for row in states if not row["al_state"]}
+    found = compare(wanted, bus.slaves, silent)
+    asked = {}
+    for settings in wanted.moved(found.places).slave:
+        n = settings.position
+        if n < len(bus.slaves) and bus.slaves[n].coe and n not in silent | {*found.unexpected}:
+            asked[n] = _ask_objects(remote, settings)
+    return asked
+
+
+def _ask_objects(remote: Remote, settings: SlaveConfig) -> Objects:
+    objects: dict[int, DictionaryObject | None] = {}
+    for index in object_indices(settings):
+        try:
+            objects[index] = remote.describe_object(settings.position, index)
+        except SdoAbortError as error:
+            if error.code == NO_OBJECT:
+                objects[index] = None
+        except (NoAnswerError, StateError):  # it does not describe its objects
+            break
+    return objects
 
 
 def _exchanges(slave: Slave) -> bool:
@@ -215,6 +257,28 @@ def _forbidden(wanted: Config, bus: Bus, devices: dict[int, EsiDevice]) -> list[
             Difference(kind, place, place, f"{label} {text} ({file})", strict=False)
             for kind, text in problems
         ]
+    return found
+
+
+def _esi_objects(wanted: Config, devices: dict[int, EsiDevice]) -> dict[int, Objects]:
+    """The objects that the configuration names, by position, of devices with a dictionary."""
+    from ecatd.esi.modules import plug
+
+    from .dictionary import objects_of
+
+    found: dict[int, Objects] = {}
+    for n, device in devices.items():
+        settings = wanted.settings_of(n)
+        plugged = (
+            plug(device, [item.ident for item in settings.modules]) if device.slots else device
+        )
+        known = {item.index: item for item in objects_of(plugged)}
+        complete = known and (settings.module or not device.slots)
+        found[n] = {
+            index: known.get(index)
+            for index in object_indices(settings)
+            if complete or index in known
+        }
     return found
 
 

@@ -1,0 +1,88 @@
+"""Start-up parameters and mapped entries against the objects of a slave."""
+
+import tomllib
+
+import pytest
+
+from conftest import names
+from ecatd.model.applied.objects import object_indices, object_problems
+from ecatd.model.config import read_config
+from ecatd.model.config.tables import SlaveConfig
+from ecatd.model.datatypes import DataType
+from ecatd.model.dictionary import Access, DictionaryEntry, DictionaryObject, ObjectCode
+
+LIMIT = DictionaryEntry(
+    "Limit", DataType.INTEGER16, 16, Access.RW | Access.RX_PDO, 0, None, b"\xf6\xff", b"\x64\0"
+)
+UNLIMITED = DictionaryEntry(
+    "Ramp", DataType.UNSIGNED32, 32, Access.READ | Access.WRITE_PREOP, 0, None, bytes(4), bytes(4)
+)
+NAME = DictionaryEntry("Name", DataType.VISIBLE_STRING, 64, Access.RW)
+STATUS = DictionaryEntry("Status", DataType.UNSIGNED16, 16, Access.RO | Access.TX_PDO)
+OBJECTS = {
+    0x2000: DictionaryObject(
+        0x2000, "Settings", ObjectCode.RECORD, 0, {3: LIMIT, 4: UNLIMITED, 5: NAME}
+    ),
+    0x6041: DictionaryObject(0x6041, "Statusword", ObjectCode.VAR, 6, {0: STATUS}),
+    0x2005: None,
+}
+
+
+def table(text: str) -> SlaveConfig:
+    return read_config(tomllib.loads(f"[[slave]]\nposition = 0\n{text}")).slave[0]
+
+
+def startup(object_: str, kind: str, value: object, more: str = "") -> str:
+    text = f'[[slave.startup]]\nobject = "{object_}"\ntype = "{kind}"\nvalue = {value}\n'
+    return text + more + "\n"
+
+
+def pdo(index: int, object_: str, bits: int) -> str:
+    entry = f'{{ object = "{object_}", bits = {bits} }}'
+    return f"[[slave.pdo]]\nindex = {index}\nentries = [{entry}, {{ bits = 8 }}]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (startup("0x2000:03", "int16", 100), None),
+        (startup("0x2000:03", "int16", 101), "-10 | 100 | 101 | 0x2000:03 | value"),
+        (startup("0x2000:03", "int16", -11), "-10 | 100 | -11 | 0x2000:03 | value"),
+        (startup("0x2000:03", "int32", 7), "INTEGER16 | 0x2000:03 | 2 | 4 | type"),
+        (startup("0x2000:03", "int16", 9, 'unit = "V"'), None),
+        (startup("0x2000:03", "int32", 9, 'unit = "V"'), "INTEGER16 | 2 | 4"),
+        (startup("0x2000:04", "uint32", 7), None),
+        (startup("0x2000:04", "uint32", 7, 'transition = "SO"'), "0x2000:04 | SO | PREOP"),
+        (startup("0x2000:05", "string", '"any length"'), None),
+        (startup("0x2000:06", "int16", 7), "no entry | 0x2000:06 | [[slave.startup]]"),
+        (startup("0x2005:00", "int16", 7), "no object | 0x2005:00 | [[slave.startup]]"),
+        (startup("0x2005:00", "int16", 7, "optional = true"), None),
+        (startup("0x7000:00", "int16", 7), None),
+        (startup("0x6041:00", "uint16", 7), "0x6041:00 | ro | PS"),
+        (pdo(0x1600, "0x2000:03", 16), None),
+        (pdo(0x1600, "0x2000:03", 8), "16 bits | 0x2000:03 | 0x1600 | 8"),
+        (pdo(0x1A00, "0x2000:03", 16), "0x2000:03 | inputs | 0x1A00"),
+        (pdo(0x1600, "0x6041:00", 16), "0x6041:00 | outputs | 0x1600"),
+        (pdo(0x1A00, "0x6041:00", 16), None),
+        (pdo(0x1A00, "0x2005:00", 16), "no object | 0x2005:00 | 0x1A00 | [[slave.pdo]]"),
+    ],
+)
+def test_objects(text: str, message: str | None) -> None:
+    found = list(object_problems(table(text), OBJECTS))
+    if message is None:
+        assert not found
+    else:
+        (problem,) = found
+        names(problem, *message.split(" | "))
+
+
+def test_complete_access_is_compared_by_object_only() -> None:
+    text = '[[slave.startup]]\nobject = "0x2000:01"\nhex = "01 02 03"\ncomplete = true\n'
+    assert not [*object_problems(table(text), OBJECTS)]
+    (problem,) = object_problems(table(text.replace("0x2000", "0x2005")), OBJECTS)
+    names(problem, "no object", "0x2005:01")
+
+
+def test_the_objects_that_a_table_names() -> None:
+    text = startup("0x2000:03", "int16", 7) + startup("0x2005:00", "int16", 7, "optional = true")
+    assert object_indices(table(text + pdo(0x1600, "0x6040:00", 16))) == [0x2000, 0x6040]
