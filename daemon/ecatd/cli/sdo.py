@@ -114,11 +114,14 @@ def value_text(found: SdoValue) -> str:
 
 
 def physical_text(found: SdoValue) -> str:
-    """The physical value, such as `4.2 V`; empty if nothing says what it is."""
+    """The physical value, such as `4.2 V`; empty if it has none.
+
+    As `model.physical.physical_text`, which takes longer to load than the rest of the command.
+    """
     value = decode(found.data_type, found.data)
-    if not _is_physical(found) or not isinstance(value, int | float):
+    if not _is_physical(found) or isinstance(value, bool | str):
         return ""
-    return f"{value * found.scale + found.offset:g} {found.unit}".rstrip()
+    return f"{value * found.scale + found.offset:.9g} {found.unit}".rstrip()
 
 
 def _is_physical(found: SdoValue) -> bool:

@@ -43,6 +43,14 @@ _ACKNOWLEDGE_TIMEOUT = 0.5
 T = TypeVar("T")
 
 
+class SilentSlaveError(StateError):
+    """A slave does not answer; `position` says which one."""
+
+    def __init__(self, message: str, position: int) -> None:
+        super().__init__(message)
+        self.position = position
+
+
 @dataclass(slots=True)
 class SlaveState:
     """AL status of one slave: register 0x0130 (0: no answer), and the code in register 0x0134."""
@@ -316,15 +324,15 @@ class Master:
             what: "a read" or "a write", for the message.
 
         Raises:
-            StateError: A slave still does not answer.
+            SilentSlaveError: A slave still does not answer.
         """
         deadline = time.monotonic() + _INSIST
         answers = self.registers.exchange(datagrams)
         while silent := [number for number, answer in enumerate(answers) if answer.wkc == 0]:
             if time.monotonic() > deadline:
                 position, address = where[silent[0]]
-                raise StateError(
-                    f"slave {position} does not answer {what} of register 0x{address:04X}"
+                raise SilentSlaveError(
+                    f"slave {position} does not answer {what} of register 0x{address:04X}", position
                 )
             time.sleep(_PAUSE)
             again = self.registers.exchange([datagrams[number] for number in silent])

@@ -396,23 +396,21 @@ class Clocks:
         # Only slaves with SYNC signals wait: the others may come in step while they are in OP.
         waiting = {slave.position for slave in chosen if self.sync_signals.has(slave.position)}
         waiting -= set(failed)
-        ready = set(waiting)
         deadline = time.monotonic() + self._config.dc.timeout_s
-        while waiting and not self._in_step(waiting, shared):
-            if time.monotonic() > deadline:
-                why = f"its clock does not come in step with that of {self.reference.label}"
-                failed |= dict.fromkeys(waiting, why)
-                ready = set()
-                break
+        while (late := self._out_of_step(waiting, shared)) and time.monotonic() < deadline:
             yield
-        failed |= yield from self.sync_signals.start(shared, ready)
+        why = f"its clock does not come in step with that of {self.reference.label}"
+        failed |= dict.fromkeys(late, why)
+        failed |= yield from self.sync_signals.start(shared, waiting - late)
         return failed
 
-    def _in_step(self, positions: Iterable[int], shared: SharedMemory) -> bool:
+    def _out_of_step(self, positions: set[int], shared: SharedMemory) -> set[int]:
+        """Those whose clocks are not in step; all of them while the cycle is not locked."""
+        if not positions or shared.health.dc_state != DcState.LOCKED:
+            return positions
         limit = _RING_OPEN_NS if shared.health.ring == Ring.OPEN else IN_STEP_NS
         differences = self.differences() | {self.reference.position: 0}
-        in_step = all(abs(differences.get(p, limit + 1)) <= limit for p in positions)
-        return in_step and shared.health.dc_state == DcState.LOCKED
+        return {p for p in positions if abs(differences.get(p, limit + 1)) > limit}
 
     def _set_time(self, slave: Slave) -> bool:
         """Sets a clock by the reference clock, read in the same frame; False without an answer."""

@@ -1,6 +1,7 @@
 """Takes slaves from INIT to OP: steps that the start uses for all slaves, and recovery for some.
 
-Recovery's steps never touch other slaves, and a slave that fails does not hold up the rest.
+Recovery's steps leave slaves in OP alone. A slave that fails is left out of the next steps, and the
+others go on. If a slave goes away in the middle of a step, recovery begins again without it.
 """
 
 from __future__ import annotations

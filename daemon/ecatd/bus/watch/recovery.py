@@ -61,7 +61,8 @@ class Failure:
     Attributes:
         text: In words.
         condition: What it is from now on; `WAITING` is tried again.
-        early: Whether the try came too early and does not count, because the wire was changing.
+        early: Whether the try does not count, because the wire was changing, or another slave of
+            the same try went away.
     """
 
     text: str

@@ -17,7 +17,7 @@ from ecatd.model.errors import EcatError, StateError
 
 from ..frames.datagrams import Place
 from ..frames.wire import WireChangedError
-from ..master.master import SlaveState
+from ..master.master import SilentSlaveError, SlaveState
 from ..master.worker import Worker
 from ..start.identify import Found
 from ..start.running import RunningBus
@@ -261,8 +261,12 @@ class Repair:
         try:
             failures = await self._worker.run_steps(steps)
         except EcatError as error:
-            early = isinstance(error, WireChangedError)
-            failures = dict.fromkeys(positions, Failure(str(error), early=early))
+            # What one slave has spoiled for the others is no try of theirs.
+            for position in positions:
+                early = isinstance(error, WireChangedError) or (
+                    isinstance(error, SilentSlaveError) and error.position != position
+                )
+                failures[position] = Failure(str(error), early=early)
         except Exception as error:
             self._log.error(f"defect in ecatd while bringing slaves back: {error!r}")
             failures = dict.fromkeys(positions, Failure(f"defect in ecatd: {error!r}"))
