@@ -20,7 +20,7 @@ from .plot import Figure, Panel, Series
 from .target import Target
 
 SECTIONS = (
-    *("engine", "cores", "scale", "recovery"),
+    *("engine", "cores", "settings", "scale", "recovery"),
     *("requests", "files", "client", "modelica", "simulator"),
 )
 """Names of the benchmarks, in the order of the page."""

@@ -40,7 +40,7 @@ def measure(
     result = []
     with ecatsim(RIG, bench.processors):
         for polls in busy:
-            with Daemon(bench, busy_receive=polls) as daemon:
+            with Daemon(bench, realtime={"busy_receive": polls}) as daemon:
                 for name, make in LOADS.items():
                     bench.say(f"loads: {name}{', busy receive' if polls else ''}")
                     with make(bench, daemon) as load:

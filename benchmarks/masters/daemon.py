@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 import socket
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Self
+from types import MappingProxyType
+from typing import Any, Self
 
 from ecatd.model.errors import StateError
 
@@ -25,7 +28,7 @@ class Daemon:
     Args:
         bench: Folder and processors. The engine gets the processor of the master, if the master has
             one of its own.
-        busy_receive: Whether the engine polls the socket.
+        realtime: Keys of `[realtime]`.
         more: Further text of the configuration file.
 
     Attributes:
@@ -37,13 +40,15 @@ class Daemon:
         StateError: The daemon does not start.
     """
 
-    def __init__(self, bench: Bench, *, busy_receive: bool = False, more: str = "") -> None:
+    def __init__(
+        self, bench: Bench, *, realtime: Mapping[str, Any] = MappingProxyType({}), more: str = ""
+    ) -> None:
         self.bus = bench.bus
         file, address = bench.folder / "ecatd.toml", bench.folder / "notify"
         cpu = bench.cpu if len(bench.processors.master) == 1 else -1
+        keys = "".join(f"{key} = {json.dumps(x)}\n" for key, x in {"cpu": cpu, **realtime}.items())
         file.write_text(
-            f'bus = "{self.bus}"\ninterface = "{SIMULATOR.near}"\n[realtime]\n'
-            f"cpu = {cpu}\nbusy_receive = {str(busy_receive).lower()}\n"
+            f'bus = "{self.bus}"\ninterface = "{SIMULATOR.near}"\n[realtime]\n{keys}'
             f"[gateway]\nlisten = []\n{more}"
         )
         self.environment = {

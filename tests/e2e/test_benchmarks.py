@@ -88,6 +88,18 @@ def test_scale(tmp_path: Path) -> None:
     assert "## Many slaves" in page
 
 
+def test_settings(tmp_path: Path) -> None:
+    result, page = measured("settings", tmp_path)
+    assert [case["settings"] for case in result["cases"]][0] == "the defaults"
+    for case in result["cases"]:
+        for load in ("alone", "busy"):
+            found = case[load]
+            assert found["cycles"] > 0
+            assert 0 < found["exchange_p50"] <= found["exchange_p99"]
+            assert case["settings"] in page
+    assert "## Real-time settings" in page
+
+
 def test_recovery(tmp_path: Path) -> None:
     result, page = measured("recovery", tmp_path)
     power, group, told = result["power"], result["group"], result["told"]
