@@ -30,7 +30,7 @@ CASES: Mapping[str, Mapping[str, Any]] = {
     "`dma_latency_us = -1`": {"dma_latency_us": -1},
     "`lock_memory = false`": {"lock_memory": False},
 }
-"""Settings that differ from the defaults. The engine has a processor of its own where there is one."""
+"""Settings that differ from the defaults. If it can, the engine has a processor of its own."""
 SETTINGS = {
     "quick": {"rounds": 1, "seconds": 0.2},
     "full": {"rounds": 10, "seconds": 10.0},

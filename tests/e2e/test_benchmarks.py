@@ -90,7 +90,7 @@ def test_scale(tmp_path: Path) -> None:
 
 def test_settings(tmp_path: Path) -> None:
     result, page = measured("settings", tmp_path)
-    assert [case["settings"] for case in result["cases"]][0] == "the defaults"
+    assert result["cases"][0]["settings"] == "the defaults"
     for case in result["cases"]:
         for load in ("alone", "busy"):
             found = case[load]
