@@ -41,7 +41,7 @@ block EtherCATMaster "Connection of the model to one EtherCAT bus"
   output Modelica.Units.SI.Time age(start = 0, fixed = true)
     "Time from the exchange with the slaves to the sample";
   output Integer missed(start = 0, fixed = true)
-    "Bus cycles that passed beside those that the model waited for: sum since the start";
+    "Bus cycles in addition to those that the model waited for: sum since the start";
   output Integer workingCounter(start = 0, fixed = true)
     "Sum of the working counters of all domains of the bus";
   output Integer workingCounterExpected(start = 0, fixed = true)
@@ -107,7 +107,7 @@ lost its outputs, because it did not sample in time or the daemon has started ag
 </p>
 <table border=\"1\" cellspacing=\"0\" cellpadding=\"2\">
 <tr><th>value</th><th>no bus</th><th>outputs lost</th></tr>
-<tr><td><code>Error</code></td><td>the simulation ends with one sentence</td><td>the simulation ends with one sentence</td></tr>
+<tr><td><code>Error</code></td><td>the simulation ends with an error</td><td>the simulation ends with an error</td></tr>
 <tr><td><code>Wait</code></td><td>the simulation waits, at most for the time <code>patience</code>, and then goes on</td><td>they are claimed again</td></tr>
 <tr><td><code>Continue</code></td><td>the simulation goes on: <code>valid</code> of all slaves is false, values are the last ones (at first those of zeros on the bus), writes are dropped; when the bus is there, it is used from the next sample on</td><td>they are claimed again</td></tr>
 </table>
@@ -134,7 +134,7 @@ The outputs are those of the last sample of domain 1. <code>state</code> goes fr
 <code>Missing</code> to <code>Operational</code>, see
 <a href=\"modelica://EtherCAT.Types.BusState\">BusState</a>; <code>connected</code> is true from
 <code>Incomplete</code> on. <code>age</code> goes on growing while there is no bus. <code>missed</code>
-counts only with <code>waitForBus</code>: all bus cycles that passed beside those that the samples waited for,
+counts only with <code>waitForBus</code>: all bus cycles in addition to those that the samples waited for,
 because the model or the machine was too slow. In a run with <i>n</i> samples of <i>k</i> bus cycles each the bus
 has made <i>n&nbsp;k</i>&nbsp;+&nbsp;<code>missed</code> cycles.
 <code>workingCounter</code> is less than <code>workingCounterExpected</code> while slaves do not take part

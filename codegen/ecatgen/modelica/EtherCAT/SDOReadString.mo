@@ -23,7 +23,7 @@ be read.
 <tr><th><code>dataType</code></th><th>text</th></tr>
 <tr><td>VISIBLE_STRING</td><td>up to the first zero; bytes beyond ASCII are taken as UTF-8 if all of them
 are, else as Latin-1; control characters become question marks</td></tr>
-<tr><td>OCTET_STRING</td><td>without the zeros at its end; bytes that are no printable ASCII, and the
+<tr><td>OCTET_STRING</td><td>without the zeros at its end; bytes that are not printable ASCII, and the
 backslash, as <code>\\xNN</code></td></tr>
 <tr><td>UNICODE_STRING</td><td>UTF-16, up to the first zero</td></tr>
 </table>

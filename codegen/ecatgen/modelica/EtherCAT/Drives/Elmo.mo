@@ -47,7 +47,7 @@ equation
 <p>
 The interface model of the paper on the DLR EtherCAT library (Figure&nbsp;7): the block of the slave, the
 state machine that leads it into operation, and the conversions of its inputs and outputs, as one block
-that a model uses by itself. The drive needs the process data RPDO6 (0x1605), TPDO3 (0x1A02), 0x1A11 and
+that needs no generated library. The drive needs the process data RPDO6 (0x1605), TPDO3 (0x1A02), 0x1A11 and
 0x1A1F: the defaults of the simulated rig <code>troll</code>. For a drive with other process data, take the
 block from the generated library of the bus.
 </p>

@@ -15,10 +15,10 @@ model AnalogScaling "From raw values to volts, and back"
   Modelica.Blocks.Sources.Sine wanted(amplitude = 12, f = 1) "Voltage that is too large at times"
     annotation (Placement(transformation(extent = {{-80, -60}, {-60, -40}})));
   EtherCAT.Conversions.RealToRaw toRaw(range = EtherCAT.Conversions.Ranges.voltage10V)
-    "What an analog output would get"
+    "Raw value for an analog output"
     annotation (Placement(transformation(extent = {{-20, -60}, {0, -40}})));
   EtherCAT.Conversions.RawToReal back(range = EtherCAT.Conversions.Ranges.voltage10V)
-    "The voltage that it would give"
+    "Voltage at this output"
     annotation (Placement(transformation(extent = {{40, -60}, {60, -40}})));
 equation
   connect(el3008.y, toVolts.u)

@@ -8,13 +8,13 @@ model RealtimeWithoutBus "Run a model in real time, then half as fast, without a
   Modelica.Blocks.Sources.Step scaling(height = 1, offset = 1, startTime = 2)
     "1: real time, 2: two seconds for one of simulation time"
     annotation (Placement(transformation(extent = {{-60, 30}, {-40, 50}})));
-  Modelica.Blocks.Sources.Sine reference(amplitude = 1, f = 1) "Signal that is to be followed"
+  Modelica.Blocks.Sources.Sine reference(amplitude = 1, f = 1) "Signal that the filter follows"
     annotation (Placement(transformation(extent = {{-60, -50}, {-40, -30}})));
   Modelica.Blocks.Continuous.FirstOrder follower(
     k = 1,
     T = 0.1,
     initType = Modelica.Blocks.Types.Init.InitialState,
-    y_start = 0) "What the model computes"
+    y_start = 0) "Filter that stands for a model"
     annotation (Placement(transformation(extent = {{0, -50}, {20, -30}})));
 equation
   connect(scaling.y, synchronizeRealtime.scaling)

@@ -16,7 +16,7 @@ model TwoDomains "Slaves that are sampled at 1 kHz and others at 250 Hz"
     annotation (Placement(transformation(extent = {{0, 10}, {20, 30}})));
   EtherCAT.Conversions.RealToRaw slowValue(
     domainID = 2,
-    range = EtherCAT.Conversions.Ranges.voltage10V) "What a slow slave would get every 4 ms"
+    range = EtherCAT.Conversions.Ranges.voltage10V) "Raw value for a slow slave, every 4 ms"
     annotation (Placement(transformation(extent = {{40, 10}, {60, 30}})));
   EtherCAT.Examples.Utilities.EL1018 slow(domainID = 2) "Digital inputs, every 4 ms"
     annotation (Placement(transformation(extent = {{-80, -40}, {-60, -20}})));

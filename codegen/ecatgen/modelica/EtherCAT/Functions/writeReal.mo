@@ -15,7 +15,7 @@ impure function writeReal "Note the value of an entry for the commit of its slav
 
   annotation (Documentation(info = "<html>
 <p>
-Writes the value less <code>offset</code> over <code>scale</code> of the <a
+Writes <code>(value - offset)/scale</code>, with the numbers of the <a
 href=\"modelica://EtherCAT.Objects.PDO\">PDO</a>; an integer entry gets the nearest whole number, of two equally near ones the even one. The value leaves with the <a
 href=\"modelica://EtherCAT.Functions.commit\">commit</a> of the slave. Pass the result of the write before,
 or the <code>cycle</code> of the EtherCATMaster, as <code>order</code>: so the calls have an order.

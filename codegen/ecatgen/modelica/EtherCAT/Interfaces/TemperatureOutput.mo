@@ -4,6 +4,6 @@ connector TemperatureOutput = Modelica.Blocks.Interfaces.RealOutput(
   annotation (Documentation(info = "<html>
 <p>
 A <code>RealOutput</code> with the unit K: it connects to any Real signal without a unit, and a tool that
-checks units sees a connection to another unit.
+checks units reports a connection to another unit.
 </p>
 </html>"));

@@ -4,6 +4,6 @@ connector TorqueInput = Modelica.Blocks.Interfaces.RealInput(
   annotation (Documentation(info = "<html>
 <p>
 A <code>RealInput</code> with the unit N.m: it connects to any Real signal without a unit, and a tool that
-checks units sees a connection to another unit.
+checks units reports a connection to another unit.
 </p>
 </html>"));

@@ -1,5 +1,5 @@
 within EtherCAT.UsersGuide;
-class Concept "Concept: who does what, and when"
+class Concept "Concept: parts, samples, pace and owners of outputs"
   extends Modelica.Icons.Information;
 
   annotation (Documentation(info = "<html>

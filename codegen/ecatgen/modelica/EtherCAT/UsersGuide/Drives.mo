@@ -23,12 +23,12 @@ approached with a limited speed; see <a href=\"modelica://EtherCAT.Types.DriveRe
 </p>
 <h4>Before the motor turns</h4>
 <ol>
-<li>Safe outputs are no emergency stop: have an emergency stop that needs no software.</li>
+<li>Safe outputs are not an emergency stop: have an emergency stop that needs no software.</li>
 <li>Set the data that the library cannot know: increments of the encoder for one revolution, gear ratio, rated
 torque and rated current. Most drives have them in the objects 0x608F, 0x6076 and 0x6075, which
 <code>ecatctl sdo-read</code> shows.</li>
 <li>Limit the torque by <code>tau_max</code>. If the process data have no 0x6072 and the mode is not a torque mode,
-limit it in the drive. Begin with a speed that harms nobody.</li>
+limit it in the drive. Begin with a speed that cannot do harm.</li>
 <li>Hold integrators of controllers in the model until <code>enabled</code> is true.</li>
 <li>A fault that exists at the start is reset when <code>enable</code> is true, unless <code>useFaultReset</code>
 adds a separate input for the reset. After a quick stop the drive is enabled again as long as <code>enable</code>

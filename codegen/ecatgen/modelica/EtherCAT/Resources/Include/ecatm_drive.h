@@ -29,7 +29,7 @@ enum ecatm_drive_mode {
 /* Numbers of EtherCAT.Types.DriveReference. */
 enum ecatm_drive_reference { ECATM_RELATIVE = 1, ECATM_ABSOLUTE };
 
-/* Objects in the process data, beside control word and status word. */
+/* Objects in the process data, in addition to control word and status word. */
 enum ecatm_drive_entries {
   ECATM_HAS_MODE_DISPLAY = 1,
   ECATM_HAS_POSITION = 2,
@@ -51,13 +51,13 @@ typedef struct ecatm_drive_settings {
   double rated_current;          /* in A, 1000 in 0x6078 */
   double max_torque;             /* of the motor in N.m, for 0x6072 and targets */
   double approach_speed;         /* rad/s of the output, on the way to an absolute position */
-  double standstill_speed;       /* rad/s of the output: a quick stop is over below it */
+  double standstill_speed;       /* rad/s of the output: a quick stop ends below it */
   double max_dropout;            /* the state is kept for so many seconds without valid data */
 } ecatm_drive_settings;
 
 /* The memory of measure(). Positions are increments of the encoder, without overflow. */
 typedef struct ecatm_drive_view {
-  int seen;                      /* there were valid data */
+  int seen;                      /* valid data were received */
   double seen_at;                /* simulation time of the last valid data */
   double position, velocity;     /* increments, raw */
   double w;                      /* rad/s of the output */

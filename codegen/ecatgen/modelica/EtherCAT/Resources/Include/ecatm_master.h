@@ -26,11 +26,11 @@ typedef struct ecatm_group {
 typedef struct ecatm_node {
   struct ecatm_node *next;       /* all objects of a master, in the order of their constructors */
   struct ecatm_master *master;
-  /* Further checks, beside those of the session, whenever the model connects to a bus. Returns 0 or the
-   * result of ecat_session_fail(). May be NULL. */
+  /* Further checks, in addition to those of the session, whenever the model connects to a bus. Returns 0
+   * or the result of ecat_session_fail(). May be NULL. */
   int (*check)(struct ecatm_node *node);
   int closed;                    /* a tool that merges equal constructors destroys an object twice */
-  char heading[ECATM_HEADING];   /* begin of messages: the block, "Plant.analog: "; may be empty */
+  char heading[ECATM_HEADING];   /* beginning of messages: the block, "Plant.analog: "; may be empty */
 } ecatm_node;
 
 typedef struct ecatm_master {
@@ -64,7 +64,7 @@ ECATM_FUNCTION void ecatm_tell(void *context, int warning, const char *sentence)
   ModelicaFormatMessage("EtherCAT: %s\n", sentence);
 }
 
-/* Sets the begin of messages about an instance of a block: its name, unless that is empty. */
+/* Sets the beginning of messages about an instance of a block: its name, unless that is empty. */
 ECATM_FUNCTION void ecatm_head(char heading[ECATM_HEADING], const char *block) {
   sprintf(heading, "%.*s%s", ECATM_HEADING - 3, block, *block != '\0' ? ": " : "");
 }
@@ -140,7 +140,7 @@ ECATM_FUNCTION void ecatm_close(void *object) {
 
 /* --- The object ---------------------------------------------------------------------------- */
 
-/* Returns the bus cycles in a sample time, 0 if that is no whole number. */
+/* Returns the bus cycles in a sample time, 0 if this is not a whole number. */
 ECATM_FUNCTION unsigned ecatm_stride(double sample_time, double cycle_time) {
   double cycles = floor(sample_time / cycle_time + 0.5);
   if (!(cycles >= 1 && cycles <= 1e9)) return 0;

@@ -26,7 +26,7 @@ enum ecatm_sdo_value {           /* type of the value in the model */
 
 /* Identifies a slave by its name in the configuration, or by its position if the name is empty. */
 typedef struct ecatm_which {
-  int position;                  /* on the bus; of a slave with a name, where it was found last */
+  int position;                  /* on the bus; for a slave with a name, where it was last found */
   char name[32];
 } ecatm_which;
 
@@ -45,7 +45,7 @@ typedef struct ecatm_transfer {
   int told;                      /* `text` is in the log of the simulation */
 } ecatm_transfer;
 
-/* The condition for the begin of a transfer. The state before the present time is kept, so that the last
+/* The condition for the start of a transfer. The state before the present time is kept, so that the last
  * of several evaluations at one time counts. For this reason a transfer is sent at the time after its
  * trigger. */
 typedef struct ecatm_trigger {
