@@ -13,7 +13,7 @@ bus description -> build -> ir -> render (templates) -> output (files)
 - `build`: puts all parts together in the `ir`, from which templates write files (`render`, `text`);
   `generate`: goes all the way from the bus description to the folder
 - `static_library`: the library EtherCAT; `output`: writes both libraries into a folder;
-  `differences`: what has changed since an earlier run
+  `differences`: the changes since an earlier run
 - `fmu`: the same bus as an FMU; `c_header`: its process image as structs for C
 """
 

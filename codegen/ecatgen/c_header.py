@@ -19,7 +19,7 @@ _WIDEST = 64
 
 
 def c_header(bus: Bus, version: str) -> str:
-    """The header as text, for C11 and C++11 on machines with little-endian numbers.
+    """Returns the header as text, for C11 and C++11 on machines with little-endian numbers.
 
     Args:
         bus: The bus description.
@@ -34,7 +34,7 @@ def c_header(bus: Bus, version: str) -> str:
         " *",
         " * ecat_image() of <ecat/ecat.h> returns the address of such a struct for each domain.",
         " * Members are raw values. Comments have the object, its name, and the physical value.",
-        " * Write outputs with ecat_write(): what the struct has of them is what was sent.",
+        " * Write outputs with ecat_write(): the outputs in the struct are those that were sent.",
         " */",
         f"#ifndef {guard}",
         f"#define {guard}",
@@ -42,7 +42,7 @@ def c_header(bus: Bus, version: str) -> str:
         "#include <stddef.h>",
         "#include <stdint.h>",
         "",
-        "/* Another value of ecat_fingerprint() is another bus, which this header does not fit. */",
+        "/* If ecat_fingerprint() returns another value, this header does not fit the bus. */",
         f"#define {prefix.upper()}_FINGERPRINT UINT64_C(0x{bus.fingerprint:016x})",
         "",
         "#ifdef __cplusplus",
@@ -84,7 +84,7 @@ def _domain(bus: Bus, domain: int, prefix: str, check: str) -> Iterator[str]:
 
 
 def _areas(bus: Bus, domain: int) -> list[tuple[int, Slave, bool]]:
-    """First byte, slave, and whether it is about its outputs, in the order of the image."""
+    """Returns first byte, slave, and whether its outputs are there, in the order of the image."""
     found = []
     for slave in bus.slaves:
         if slave.domain == domain and slave.output_bytes:
@@ -147,5 +147,5 @@ def _comment(pdo: Pdo, entry: Entry, bit: int) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text of a slave, which must not end the comment."""
+    """Returns a text of a slave in a form that cannot end the comment."""
     return "".join(c if c.isprintable() else " " for c in text).replace("*/", "* /")

@@ -19,7 +19,7 @@ _WORD = re.compile(r"[A-Z]+(?![a-z])[0-9_]*|[A-Za-z][a-z]*[0-9_]*|[0-9_]+")
 def label(name: str) -> str:
     """Returns the name, with its longest words cut if it is too long for a label.
 
-    Numbers stay, since they tell channels apart: `aiStandardChannel12StatusUnderrange` becomes
+    Numbers stay, since they distinguish channels: `aiStandardChannel12StatusUnderrange` becomes
     `aiStandardChannel12StatusUnd…`.
 
     Args:

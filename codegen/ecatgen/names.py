@@ -39,13 +39,13 @@ def library_name(name: str) -> str:
     """Returns the name after checking that a Modelica library can have it.
 
     Raises:
-        UsageError: The name is no Modelica identifier or too long, a word of Modelica or C, or the
-            name of a library that the generated one uses.
+        UsageError: The name is not a Modelica identifier, is too long, is a word of Modelica or C,
+            or is the name of a library that the generated one uses.
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or len(name) > MAX_LENGTH:
         raise UsageError(
-            f"'{name}' is no name for a Modelica library: use letters, digits and _, a letter "
-            f"first, at most {MAX_LENGTH} characters, for example TrollPlant"
+            f"'{name}' cannot be the name of a Modelica library: use letters, digits and _, a "
+            f"letter first, at most {MAX_LENGTH} characters, for example TrollPlant"
         )
     if name in WORDS:
         raise UsageError(f"'{name}' is a word of the languages Modelica or C: choose another name")

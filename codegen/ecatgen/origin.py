@@ -26,7 +26,7 @@ def dump_origin(bus: Bus) -> bytes:
 
 
 def read_origin(data: bytes | None) -> Bus | None:
-    """Returns the bus in such a file; None if `data` is None or is no bus description."""
+    """Returns the bus in such a file; None if `data` is None or not a bus description."""
     if data is None:
         return None
     with suppress(UsageError, UnicodeDecodeError):

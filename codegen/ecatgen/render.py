@@ -25,7 +25,7 @@ from . import text
 from .ir import Library
 
 OURS = "ecatgen"
-"""The folder name in front of one of our templates when a template of the user includes it."""
+"""The folder name with which a template of the user includes a built-in template."""
 
 FILTERS = {
     "string": text.modelica_string,
@@ -57,14 +57,14 @@ def _environment(folders: tuple[Path, ...] = ()) -> Environment:
 
 
 def _check(folders: Iterable[Path], known: Sequence[str]) -> None:
-    """Checks that the templates of the user are readable and that each replaces one of ours.
+    """Checks that the templates of the user are readable and that each replaces a built-in one.
 
     Raises:
         ConfigError: A folder does not exist, a file cannot be read, or a name may be misspelt.
     """
     for folder in folders:
         if not folder.is_dir():
-            raise ConfigError(f"{folder}: is no folder; give a folder with *.j2 files")
+            raise ConfigError(f"{folder}: this is not a folder; give a folder with *.j2 files")
         for file in sorted(folder.rglob("*.j2")):
             if file.relative_to(folder).as_posix() not in known:
                 raise ConfigError(
@@ -79,7 +79,7 @@ def render(library: Library, templates: Iterable[Path] = ()) -> dict[str, bytes]
 
     Args:
         library: The intermediate representation.
-        templates: Folders of the user; a file there replaces our template of the same name.
+        templates: Folders of the user; a file there replaces the built-in template of its name.
 
     Raises:
         ConfigError: A template of the user is wrong.
@@ -129,7 +129,9 @@ def _description(template: str, error: Exception) -> str:
     if isinstance(error, TemplateSyntaxError):
         return f"{error.filename or template}:{error.lineno}: {error.message}"
     if isinstance(error, TemplateNotFound):
-        reason = f"there is no template '{error.name}' to include; ours begin with '{OURS}/'"
+        reason = (
+            f"there is no template '{error.name}' to include; built-in ones begin with '{OURS}/'"
+        )
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename.endswith(".j2")]
     where = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else template
     return f"{where}: {reason}"

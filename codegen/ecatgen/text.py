@@ -1,4 +1,4 @@
-"""Quotes foreign texts for Modelica strings, HTML, C strings and C comments."""
+"""Quotes texts for Modelica strings, HTML, C strings and C comments."""
 
 from __future__ import annotations
 

@@ -151,7 +151,7 @@ def test_files_of_others_are_kept(tmp_path: Path) -> None:
     with pytest.raises(StateError, match=naming(file, "not made")):
         generate_fmu(sample_buses.troll(), "Plant", tmp_path)
     (tmp_path / "file").touch()
-    with pytest.raises(StateError, match=naming(tmp_path / "file", "no directory")):
+    with pytest.raises(StateError, match=naming(tmp_path / "file", "not a directory")):
         generate_fmu(sample_buses.troll(), "Plant", tmp_path / "file")
 
 

@@ -134,5 +134,5 @@ def test_library_names(name: str) -> None:
     ],
 )
 def test_names_that_no_library_can_have(name: str) -> None:
-    with pytest.raises(UsageError, match=r"choose another|is no name"):
+    with pytest.raises(UsageError, match=r"choose another|cannot be the name"):
         library_name(name)

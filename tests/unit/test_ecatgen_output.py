@@ -310,12 +310,12 @@ def test_check_says_what_would_change_and_writes_nothing(tmp_path: Path) -> None
 
 def test_a_file_in_the_place_of_the_directory(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("mine")
-    with pytest.raises(StateError, match=naming(tmp_path / "out", "no directory")):
+    with pytest.raises(StateError, match=naming(tmp_path / "out", "not a directory")):
         put(tmp_path / "out", a="1")
-    with pytest.raises(StateError, match=naming(tmp_path / "out", "no directory")):
+    with pytest.raises(StateError, match=naming(tmp_path / "out", "not a directory")):
         put(tmp_path / "out" / "deeper", a="1")
     (tmp_path / "Plant").write_text("mine")
-    with pytest.raises(StateError, match=naming(tmp_path / "Plant", "no directory")):
+    with pytest.raises(StateError, match=naming(tmp_path / "Plant", "not a directory")):
         put(tmp_path, a="1")
 
 

@@ -23,8 +23,8 @@ _DAMAGED = (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, E
 def pack(files: Mapping[str, bytes]) -> bytes:
     """Packs files into an archive.
 
-    The comment of the archive marks it as ours. A digest in the comment shows whether somebody has
-    changed the archive since.
+    The comment of the archive says that this program has made it. A digest in the comment shows
+    whether the archive was changed afterwards.
     """
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:

@@ -292,7 +292,7 @@ def _raw_limits(entry: Entry) -> tuple[float | int, float | int]:
 
 
 def _below(value: float | int) -> float:
-    """Returns the largest float that is not above a value; 2^63 - 1, for example, is no float."""
+    """Returns the largest float that is not above a value; 2^63 - 1, for example, is not one."""
     nearest = float(value)
     return math.nextafter(nearest, -math.inf) if nearest > value else nearest
 

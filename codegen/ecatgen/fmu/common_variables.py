@@ -95,7 +95,7 @@ DIAGNOSTICS = (
     Fixed("state", "BusState", "State of the bus in the last step"),
     Fixed("cycle", "Counter", "Bus cycle of the values, modulo 2^31"),
     Fixed("age", "Real", "Time from the exchange of the values to the end of the step", unit="s"),
-    Fixed("missed", "Counter", "Bus cycles that passed beside those that were waited for"),
+    Fixed("missed", "Counter", "Bus cycles in addition to those that were waited for"),
     Fixed("workingCounter", "Counter", "Working counter of the last exchange, of all domains"),
     Fixed("workingCounterExpected", "Counter", "Working counter when all slaves take part"),
 )

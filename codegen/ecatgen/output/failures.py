@@ -32,12 +32,14 @@ def failures_in_words(place: Path, verb: str = "written") -> Iterator[None]:
             f"{_named(error, place)} cannot be {verb}: {error.strerror}"
         ) from error
     except (FileExistsError, NotADirectoryError) as error:
-        raise StateError(f"{error.filename or place} is in the way: it is no directory") from error
+        raise StateError(
+            f"{error.filename or place} is in the way: it is not a directory"
+        ) from error
     except OSError as error:
         if error.errno in (errno.EXDEV, errno.EBUSY):
             raise StateError(
-                f"{error.filename or place} cannot be replaced, for it is a mount point or comes "
-                "with the image of a container: choose another directory"
+                f"{error.filename or place} cannot be replaced, because it is a mount point or "
+                "comes with the image of a container: choose another directory"
             ) from error
         raise StateError(f"{_named(error, place)} cannot be {verb}: {error.strerror}") from error
 

@@ -64,7 +64,7 @@ def read_folder(path: Path) -> Folder:
     """Reads the names and marks of everything in a folder, and its manifest.
 
     Raises:
-        StateError: The path is a link, or no directory.
+        StateError: The path is a link, or not a directory.
         OSError: The folder cannot be read.
     """
     folder = Folder(path)
@@ -78,7 +78,7 @@ def read_folder(path: Path) -> Folder:
             "really in, or move the link away"
         )
     if not stat.S_ISDIR(mode):
-        raise StateError(f"{path} is in the way: it is no directory")
+        raise StateError(f"{path} is in the way: it is not a directory")
     folder.exists = True
     folder.folders[""] = stat.S_IMODE(mode)
     _look(folder, "")
@@ -110,7 +110,7 @@ def _read_manifest(folder: Folder) -> None:
         folder.manifest = {str(path): str(known) for path, known in manifest["files"].items()}
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         folder.problem = (
-            f"has a damaged {MANIFEST}, so nobody knows which files in it were generated"
+            f"has a damaged {MANIFEST}, so it is unknown which files in it were generated"
         )
 
 

@@ -1,7 +1,7 @@
 """Completes `package.order`: generated classes first, then the classes of the user in the folder.
 
 The file must name exactly the classes in its folder. Modelica tools write this file, too.
-Therefore a changed file is no conflict, and the order of the user's classes in it is kept.
+Therefore a changed file is not a conflict, and the order of the user's classes in it is kept.
 """
 
 from __future__ import annotations

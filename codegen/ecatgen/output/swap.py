@@ -58,7 +58,8 @@ def locked(out: Path, *, shared: bool = False) -> Iterator[None]:
             except BlockingIOError:
                 if time.monotonic() > deadline:
                     raise StateError(
-                        f"another run writes into {out} for {_PATIENCE:g} s: end it, or wait for it"
+                        f"another run has been writing into {out} for {_PATIENCE:g} s: end it, or "
+                        "wait for it"
                     ) from None
                 time.sleep(_LOOK)
             except OSError as error:
@@ -78,7 +79,7 @@ def clean_up(out: Path) -> None:
     """
     for stage in sorted(out.glob(f"{TEMPORARY}*")):
         if not stage.is_dir() or not {path.name for path in stage.iterdir()} <= {_NEW, _OLD}:
-            continue  # not one of ours
+            continue  # not made by a run
         for old in (stage / _OLD).glob("*"):
             if not os.path.lexists(out / old.name):
                 old.rename(out / old.name)
