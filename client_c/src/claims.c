@@ -275,7 +275,7 @@ int ecat_output(ecat_t *bus, int number, ecat_output_info *info) {
   since = __atomic_load_n(&output->since_ns, __ATOMIC_RELAXED);
   info->age = now > since ? (double)(now - since) * 1e-9 : 0;
   slot = ecat_slot_of(bus, info->owner);
-  if (slot == NULL) return 0; /* nobody owns it, or this user may not read the slots */
+  if (slot == NULL) return 0; /* no client owns it, or this user may not read the slots */
   info->pid = slot->pid;
   name_of(slot, info->program);
   return 0;

@@ -153,8 +153,8 @@ int ecat_wait_until(ecat_t *bus, const uint64_t *cycle, uint64_t target, uint32_
     if (now - start >= limit)
       return ecat_fail(bus, ECAT_ETIMEOUT, "bus '%s': cycle %llu did not come within %g s",
                        bus->name, (unsigned long long)target, timeout);
-    /* Waits in slices of at most 20 ms: nobody wakes the futex after the daemon was killed, so that only
-     * a look at the lock can notice it. */
+    /* Waits in slices of at most 20 ms: if the daemon is killed, no process wakes the futex, and only
+     * the check of the lock can notice it. */
     if (slice > limit - (now - start)) slice = limit - (now - start);
     now += slice;
     until.tv_sec = (time_t)(now / NS_PER_S);

@@ -15,10 +15,10 @@
 #define NS_PER_S 1000000000u
 #define GIVE_WAY_NS 20000u        /* pause of a client that keeps the engine from reading its outputs */
 #define LATE_NS 20000000u         /* the daemon's lock is checked if the last cycle is older than this */
-#define TICK_NS 10000000u         /* how far CLOCK_MONOTONIC_COARSE may be behind */
+#define TICK_NS 10000000u         /* largest lag of CLOCK_MONOTONIC_COARSE */
 #define RETURN_PAUSE_NS 20000000u /* between two attempts to find the daemon again */
 
-/* File locks of the kernel (ECAT_LOCK_DAEMON, ECAT_LOCK_SLOT) tell whether a process is alive. The kernel
+/* File locks of the kernel (ECAT_LOCK_DAEMON, ECAT_LOCK_SLOT) show whether a process is alive. The kernel
  * drops them in whatever way the process ends. They also work between pid namespaces, and a reused
  * process ID makes no difference. */
 
@@ -119,7 +119,7 @@ __attribute__((format(printf, 3, 4))) int ecat_fail(ecat_t *bus, int code, const
 uint64_t ecat_now(void);
 uint64_t ecat_ns(double seconds);
 
-/* claims.c: whether the daemon copies an input to an output, so that nobody can own it. */
+/* claims.c: whether the daemon copies an input to an output, so that no client can own it. */
 int ecat_is_copy(const ecat_t *bus, int number);
 
 /* shared_memory.c */

@@ -38,8 +38,8 @@ void session_tell(ecat_session *session, int warning, const char *format, ...) {
   session->settings.tell(session->settings.context, warning, text);
 }
 
-/* Fails because the bus is not the one that the product was generated for. `here` describes what the bus
- * has, `expected` what the product needs. */
+/* Fails because the product was generated for another bus. `here` describes the part of the bus that
+ * differs, `expected` the need of the product. */
 static int another(const ecat_session_slave *slave, const char *here, const char *expected) {
   ecat_session *session = slave->session;
   const char *name = ecat_name(session->bus);

@@ -26,7 +26,7 @@ static void forget_claims(ecat_session *session) {
   for (slave = session->slaves; slave != NULL; slave = slave->next) slave->claimed = 0;
 }
 
-/* Sets the error text of a refused claim: the slave of the session, and what the user can do. */
+/* Sets the error text of a refused claim: it names the slave of the session, and a remedy. */
 static int owned_by_another(ecat_session *session, const int *signals, size_t count) {
   char text[sizeof session->problem];
   const ecat_session_slave *slave;
@@ -166,7 +166,8 @@ static int wait_cycles(ecat_session *session, unsigned cycles) {
   ecat_t *bus = session->bus;
   uint64_t now = ecat_cycle(bus), goal = (session->in_step ? session->waited_cycle : now) + cycles;
   double timeout = PATIENCE + 10 * ecat_cycle_time(bus);
-  while (ecat_cycle(bus) < goal && ecat_instance(bus) == session->instance) { /* restarted: counts anew */
+  /* Cycle numbers start again when the daemon is restarted. */
+  while (ecat_cycle(bus) < goal && ecat_instance(bus) == session->instance) {
     int code = ecat_wait(bus, 1, timeout);
     /* A sample keeps the lease alive while the program waits for many cycles. */
     if (code == 0 && ecat_cycle(bus) < goal) code = ecat_sample(bus);

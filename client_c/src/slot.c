@@ -19,7 +19,7 @@ static void unmap_out(ecat_t *bus) {
 }
 
 /* A forked child inherits the descriptor, and with it the lock of the slot, but the slot belongs to its
- * parent. The kernel clears one page in the child, so that a process can tell without a system call
+ * parent. The kernel clears one page in the child, so that a process can check without a system call
  * whether it is the child. */
 static int mark_home(ecat_t *bus) {
   bus->home = mmap(NULL, 1, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
@@ -120,7 +120,7 @@ void ecat_slot_begin(ecat_t *bus) {
   do bus->generation = ++bus->out->generation; /* skips 0, and in a wiped slot the last generation */
   while (bus->generation == 0 || bus->generation == before);
   /* The slot is freed only after the new generation is stored. So no number is used twice even if this
-   * client is killed here, and the engine can tell that the previous owner did not release the slot. */
+   * client is killed here, and the engine can see that the previous owner did not release the slot. */
   __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
   bus->out->lease_ns = 0;
   bus->out->since_ns = ecat_now();

@@ -1,4 +1,4 @@
-/* What entries were during some cycles: for those who cannot look at each one. */
+/* Summaries of entries over some cycles, for clients that cannot take a sample in each cycle. */
 #include "internal.h"
 
 #include <math.h>

@@ -27,7 +27,7 @@
  * the wire, an entry by its handle. A loop can therefore visit all of them.
  *
  * Sampling, reading, writing and committing do not enter the kernel and allocate nothing. The exception
- * is a sched_yield(), when a sample finds that the daemon was interrupted in the middle of writing.
+ * is sched_yield(), when a sample finds that the daemon was interrupted in the middle of writing.
  *
  * When the daemon ends, sampling and waiting return ECAT_EDOWN within 100 ms, and claims and running
  * requests are lost. The ecat_t stays usable: later calls of ecat_sample(), ecat_wait() and ecat_claim()
@@ -102,10 +102,10 @@ typedef struct ecat_signal_info {
 } ecat_signal_info;
 
 typedef struct ecat_output_info {
-  int owner;            /* client slot, -1: nobody */
+  int owner;            /* client slot, -1: none */
   int owned;            /* 1: this client is the owner */
   int state;            /* enum ecat_outputs */
-  int reason;           /* enum ecat_reason: why it is, or was last, at its safe value */
+  int reason;           /* enum ecat_reason: why it is, or last was, at its safe value */
   uint64_t since_cycle; /* of the last change of owner or state */
   double age;           /* seconds since then */
   unsigned pid;         /* process ID that the owner wrote; 0 if this user may not know it */
@@ -123,13 +123,13 @@ typedef struct ecat_domain_info {
   int wkc_state;         /* enum ecat_wkc_state */
 } ecat_domain_info;
 
-/* An entry during some cycles. */
+/* The values of an entry during some cycles. */
 typedef struct {
   double minimum;
   double maximum;
   double mean;
   double last;
-  uint64_t count; /* cycles in which it could be trusted */
+  uint64_t count; /* samples in which the value could be trusted */
 } ecat_summary;
 
 /* --- Connecting ------------------------------------------------------------------------------- */
@@ -140,18 +140,18 @@ ECAT_API int ecat_open(ecat_t **bus, const char *name);
 /* Releases all claims and closes the connection. NULL is allowed. */
 ECAT_API void ecat_close(ecat_t *bus);
 
-/* The text that explains the last failed call of this handle. Never NULL. */
+/* The text that explains the last failed call of this handle; never NULL. */
 ECAT_API const char *ecat_error(const ecat_t *bus);
-/* The general meaning of a code. Never NULL. */
+/* The general meaning of a code; never NULL. */
 ECAT_API const char *ecat_strerror(int code);
 
-/* --- What is on the bus ----------------------------------------------------------------------- */
+/* --- Contents of the bus ---------------------------------------------------------------------- */
 
 ECAT_API int ecat_slave_count(const ecat_t *bus);
 ECAT_API int ecat_signal_count(const ecat_t *bus);
 ECAT_API int ecat_domain_count(const ecat_t *bus);
 ECAT_API const char *ecat_name(const ecat_t *bus);
-/* A number for identity and mapping of all slaves: another bus has another one. */
+/* A number for identity and mapping of all slaves; it differs on another bus. */
 ECAT_API uint64_t ecat_fingerprint(const ecat_t *bus);
 /* A number for one start of the daemon: it differs after every start. */
 ECAT_API uint64_t ecat_instance(const ecat_t *bus);
@@ -190,12 +190,12 @@ ECAT_API int ecat_lookup(ecat_t *bus, const char *name, int direction);
 ECAT_API int ecat_claim(ecat_t *bus, int position, double lease);
 /* Releases the outputs of a slave; they go to their safe values. */
 ECAT_API int ecat_release(ecat_t *bus, int position);
-/* The same for one output. */
+/* Claim and release for one output. */
 ECAT_API int ecat_claim_entry(ecat_t *bus, int signal, double lease);
 ECAT_API int ecat_release_entry(ecat_t *bus, int signal);
-/* The same for `count` outputs, which may be of several slaves: all of them are granted at once, or
- * none. If a claim fails, this client keeps the outputs that it owned before, and its lease. An output may
- * be in the list twice; an empty list does nothing. */
+/* Claim and release for `count` outputs, which may be of several slaves. All of them are granted at once,
+ * or none. If a claim fails, this client keeps the outputs that it owned before, and its lease. An
+ * output may be in the list twice; an empty list does nothing. */
 ECAT_API int ecat_claim_entries(ecat_t *bus, const int *signals, size_t count, double lease);
 ECAT_API int ecat_release_entries(ecat_t *bus, const int *signals, size_t count);
 /* Releases all outputs, drops all requests, and frees the client's slot. Reading is still possible. */
@@ -231,11 +231,11 @@ ECAT_API int ecat_read_int(ecat_t *bus, int signal, int64_t *value);
 /* Raw value * scale + offset. */
 ECAT_API int ecat_read_physical(ecat_t *bus, int signal, double *value);
 
-/* Waits for `cycles` cycles, at least one, and looks at `count` entries in each: their physical values, from minimum to
- * maximum, with mean and last one. `timeout` is the time in seconds for which a cycle may be late. A
- * cycle is missed if this thread gets no processor; `summaries[i].count` says how many were seen in
- * which the value could be trusted. With none, minimum is HUGE_VAL and maximum -HUGE_VAL. Samples, as
- * ecat_sample() does. */
+/* Waits for `cycles` cycles, at least one, and takes a sample in each, as ecat_sample() does. Summarizes
+ * the physical values of `count` entries: minimum, maximum, mean and last value. `timeout` is the time in
+ * seconds for which a cycle may be late. A cycle is missed if this thread gets no processor.
+ * `summaries[i].count` is the number of samples in which the value could be trusted. If there are none,
+ * minimum is HUGE_VAL and maximum -HUGE_VAL. */
 ECAT_API int ecat_summarize(ecat_t *bus, const int *signals, size_t count, unsigned cycles,
                             double timeout, ecat_summary *summaries);
 
@@ -244,7 +244,7 @@ ECAT_API int ecat_summarize(ecat_t *bus, const int *signals, size_t count, unsig
 /* No value leaves the process before ecat_commit(). A value is rounded to the nearest one that the entry
  * can have, halfway cases to the even one; the rounding mode of the thread has no effect. Infinity and
  * NaN are refused with ECAT_ERANGE, and so is a number that the entry cannot hold or that is beyond its
- * declared range; nothing is staged then. ECAT_ELEASE: the claim has ended with the daemon; claim
+ * declared range. A refused value is not staged. ECAT_ELEASE: the claim has ended with the daemon; claim
  * again. */
 
 /* Stages a raw value of an output. */
@@ -257,8 +257,8 @@ ECAT_API int ecat_write_physical(ecat_t *bus, int signal, double value);
 /* The same with scale and offset of the program, always as an analog quantity. */
 ECAT_API int ecat_write_scaled(ecat_t *bus, int signal, double value, double scale, double offset);
 /* Publishes all staged outputs at once; they go out with the next cycle. ECAT_ELEASE: the outputs are no
- * longer owned, because the lease is over or the daemon has ended; returned until something is claimed
- * again. */
+ * longer owned, because the lease is over or the daemon has ended. Every commit returns it until an
+ * output is claimed again. */
 ECAT_API int ecat_commit(ecat_t *bus);
 
 /* The bits that the calls above would make of a value, without a bus. Type, length and range are those of
@@ -282,18 +282,18 @@ ECAT_API int ecat_wait_domain(ecat_t *bus, int domain, unsigned exchanges, doubl
 /* Number of the last finished cycle. */
 ECAT_API uint64_t ecat_cycle(const ecat_t *bus);
 
-/* --- Requests: nothing here but ecat_wait_request() waits ------------------------------------- */
+/* --- Requests: only ecat_wait_request() waits -------------------------------------------------- */
 
 /* Starts an SDO upload (data NULL) or download of up to ECAT_REQUEST_BYTES, and returns the handle of
  * the request. ECAT_REQUESTS may run at the same time. */
 ECAT_API int ecat_sdo_start(ecat_t *bus, int position, unsigned index, unsigned subindex,
                             const void *data, size_t length);
-/* Asks for an AL state of a slave (enum ecat_al_state), and returns the handle of the request. */
+/* Requests an AL state of a slave (enum ecat_al_state), and returns the handle of the request. */
 ECAT_API int ecat_state_start(ecat_t *bus, int position, unsigned state);
 /* ECAT_EBUSY while the request runs. Any other result ends it and frees its handle; then `data` (up to
  * `size` bytes) and `*length` hold the uploaded bytes. With ECAT_EABORT, `*abort_code` is the SDO abort
- * code. All three pointers may be NULL. If a client ends, its requests are dropped, unless they have
- * begun. If the daemon ends, requests return ECAT_EDOWN. */
+ * code. All three pointers may be NULL. If a client ends, its requests that have not begun are
+ * dropped. If the daemon ends, requests return ECAT_EDOWN. */
 ECAT_API int ecat_poll(ecat_t *bus, int request, void *data, size_t size, size_t *length,
                        uint32_t *abort_code);
 /* Waits until ecat_poll() has an answer, or returns ECAT_ETIMEOUT. It takes no samples, so the lease of a

@@ -12,7 +12,7 @@
 //     }
 //
 // Calls that fail throw ecat::Error, with the text and the code of ecat.h. Reading, writing, sampling and
-// committing cost the call of C and one comparison, and allocate nothing.
+// committing cost a call of the C function and one comparison, and allocate nothing.
 //
 // A Client belongs to one thread at a time; open one in each. Signals, outputs, claims and requests work
 // as long as their Client lives, even if it was moved, and must be destroyed before it: declare them
@@ -38,7 +38,7 @@ namespace ecat {
 
 using Seconds = std::chrono::duration<double>;
 
-// A failed call: what() is the text, code() the kind.
+// A failed call: what() is the error text, code() the error code.
 class Error : public std::runtime_error {
  public:
   Error(int code, const std::string& sentence, std::uint32_t abort_code = 0)
@@ -268,7 +268,7 @@ class [[nodiscard]] Request {
   // The uploaded bytes.
   const unsigned char* data() const noexcept { return data_.data(); }
   std::size_t size() const noexcept { return length_; }
-  // The same as a number. T must have the size of the object.
+  // The uploaded bytes as a number. T must have the size of the object.
   template <class T>
   T value() const {
     static_assert(std::is_arithmetic_v<T>, "an object is read as a number, or as bytes by data()");

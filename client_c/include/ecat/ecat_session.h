@@ -66,12 +66,12 @@ typedef struct ecat_session_settings {
 } ecat_session_settings;
 
 typedef struct ecat_session_slave {
-  int position;                  /* on the bus; of a slave with a given name, where it was found last */
+  int position;                  /* on the bus; for a slave with a given name, where it was last found */
   uint32_t vendor, product, revision; /* expected; revision 0: any */
   const char *given_name;        /* name in the configuration to find it by; NULL or empty: by position */
   const char *name;              /* name of the slave in messages */
   const char *command;           /* command that generates the product again */
-  const char *heading;           /* begin of messages about the slave: "Plant.analog: "; may be NULL */
+  const char *heading;           /* beginning of messages about the slave: "Plant.analog: "; may be NULL */
   const char *fingerprint;       /* of the bus that the product was generated for; empty: written by hand */
   int writes;                    /* the program owns its outputs */
   /* Of the last sample: */
@@ -116,7 +116,7 @@ typedef struct ecat_session {
   ecat_session_slave *slaves;    /* this member and the following ones are for the session only */
   int attached;                  /* the expected bus was connected once */
   uint64_t instance;             /* of the daemon in which slaves and entries were found */
-  uint64_t tried_ns, outage_ns;  /* time of the last attempt to connect; begin of the outage */
+  uint64_t tried_ns, outage_ns;  /* time of the last attempt to connect; start of the outage */
   uint64_t lost_ns;              /* when claimed outputs were lost and claimed again */
   uint64_t waited_cycle;         /* at the last wait */
   double origin;                 /* seconds of CLOCK_MONOTONIC at time 0, since the last wait */

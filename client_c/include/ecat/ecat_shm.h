@@ -12,12 +12,12 @@
  *   - give a meaning to a field `pad...`, where 0 means the old behaviour.
  * It never changes the size of a table entry, of a part of a slot or of a page, nor the meaning of a
  * field. Any other change needs a new major version. Magic number, layout number and the byte of the
- * lock keep their places in all versions, so that every client can tell what is wrong with any daemon.
+ * lock keep their places in all versions, so that every client can report why a daemon does not fit.
  *
  * A client accepts a daemon of its own major version and of its own or a later minor version. It
  * therefore finds tables only by their offsets, treats an unknown enumerator as "something else", and
- * ignores every `pad...`. An earlier minor version lacks what the client needs, and another major version
- * may be anything: both are refused, with an error text that says which side to update.
+ * ignores every `pad...`. An earlier minor version lacks parts that the client needs, and another major
+ * version may have any layout: both are refused, with an error text that says which side to update.
  */
 #ifndef ECAT_SHM_H
 #define ECAT_SHM_H
@@ -52,8 +52,8 @@ extern "C" {
 #endif
 
 /* The layout of the shared memory and the enumerations of ecat.h as text, from which other languages
- * build their view of the memory. Each line has seven words, "-" where there is nothing to say, and then
- * a comment:
+ * build their view of the memory. Each line has seven words, with "-" in place of a missing word, and
+ * then a comment:
  *
  *     const  -       name  -     value   -     -
  *     enum   name    -     -     -       -     -
