@@ -143,10 +143,10 @@ def _slave(
         bool(protocols & _COE),
     )
     if slave.coe:
-        tell = (lambda line: progress(f"{here}: {line}")) if objects else None
+        report = (lambda line: progress(f"{here}: {line}")) if objects else None
         coe = master.coe(position)
         try:
-            converse(master.registers, [coe.talk(lambda: _read_objects(slave, coe, tell))])
+            converse(master.registers, [coe.talk(lambda: _read_objects(slave, coe, report))])
         except EcatError as error:  # the rest of the slave can be simulated
             slave.notes.append(str(error))
     return slave

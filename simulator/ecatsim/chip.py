@@ -27,8 +27,7 @@ class Chip:
         dc_by_sii: Whether bits 10 and 11 of SII word 0 switch on its SYNC unit and its latch unit;
             with both off it also has no system time. An ET1200 saves power in this way; other chips
             always have all of them.
-        lrw: Whether it supports LRW (register 0x0008, bit 9); a chip that does not needs LRD and
-            LWR.
+        lrw: Whether it supports LRW (register 0x0008, bit 9); without it, masters use LRD and LWR.
         read_write: Whether it supports BRW, APRW and FPRW (bit 10).
         map_bits: Whether FMMUs map single bits (bit 0); otherwise they ignore the registers for
             bits and map whole bytes.

@@ -23,7 +23,7 @@ Value = int | float
 
 
 class _Track:
-    """The values of one input, and where they go."""
+    """The values of one input, with the entry that gets them."""
 
     def __init__(self, key: tuple[int, int], column: int, entry: Entry) -> None:
         self.key = key
@@ -33,10 +33,10 @@ class _Track:
         self._range = value_range(entry.data_type, entry.bit_length)
 
     def value(self, text: str) -> Value | None:
-        """A cell: None if it is empty.
+        """Returns the value in a cell, None if the cell is empty.
 
         Raises:
-            ValueError: It is no value that the input can have.
+            ValueError: The input cannot have this value.
         """
         if not text:
             return None
@@ -50,19 +50,19 @@ class _Track:
 
 
 class Replay:
-    """A recording.
+    """Gives the inputs of a rig the values of a recording.
 
-    The time begins when a slave gives its inputs for the first time. A value stays until the next
-    one comes, and the last ones stay at the end.
+    The recording starts when a slave gives its inputs for the first time. A value stays until the
+    next one is due; after the last row, the last values stay.
 
     Args:
         path: A CSV file that `ecatctl record --raw` has written.
         rig: A rig with the slaves that were recorded.
-        repeat: Whether to begin anew after the last row.
+        repeat: Whether to start again after the last row.
 
     Raises:
         UsageError: The file cannot be read.
-        ConfigError: It is no such recording, or of other slaves.
+        ConfigError: The file is not such a recording, or is a recording of other slaves.
     """
 
     def __init__(self, path: Path, rig: Rig, *, repeat: bool = False) -> None:
@@ -86,7 +86,7 @@ class Replay:
         except OSError as error:
             raise UsageError(f"cannot read '{path}': {error.strerror}") from error
         except (UnicodeDecodeError, csv.Error) as error:
-            raise ConfigError(f"{path}: this is no recording: it is no text in CSV") from error
+            raise ConfigError(f"{path}: this is not a recording: it is not text in CSV") from error
         if not self._times:
             raise ConfigError(f"{path}: there are no values in it")
         return iter(tracks)
@@ -94,7 +94,7 @@ class Replay:
     @staticmethod
     def _tracks(path: Path, head: list[str], rig: Rig) -> Iterator[tuple[int, _Track]]:
         if head[:_FIRST] != ["time_s", "cycle"]:
-            raise ConfigError(f"{path}:1: this is no recording of `ecatctl record`")
+            raise ConfigError(f"{path}:1: this is not a recording of `ecatctl record`")
         known = 0
         for column, title in enumerate(head[_FIRST:], _FIRST):
             match = _TITLE.fullmatch(title)
@@ -147,7 +147,7 @@ class Replay:
         vars(device)["give"] = recorded
 
     def _row(self) -> int:
-        """The row that it is the time of."""
+        """Returns the number of the row for the present time."""
         now = time.monotonic()
         if self._began is None:
             self._began = now

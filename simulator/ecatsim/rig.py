@@ -95,7 +95,7 @@ class Rig:
 
         Raises:
             UsageError: A needed port is taken or does not exist, or `devices` has a device twice or
-                an item that is no device.
+                an item that is not a device.
         """
         first: dict[int, int] = {}
         for position, device in enumerate(self.devices):

@@ -142,7 +142,7 @@ static void correct(struct slave *slave, int64_t now_ns, double difference_ns)
                                  ? passed
                                  : (passed - loop->interval_ns) / (double)MEAN_INTERVALS;
         double interval = passed > loop->interval_ns ? passed : loop->interval_ns;
-        /* A difference that takes longer than the interval to correct tells nothing of the rate. */
+        /* A difference that takes longer than the interval to correct says nothing about the rate. */
         if (fabs(clock->slew_ns) <= interval * MAX_CORRECTION)
             clock->trim = clamp(clock->trim - gain * gain / 4 * difference_ns / interval,
                                 MAX_CORRECTION);
@@ -174,7 +174,7 @@ static void reset_loop(struct slave *slave)
     slave->dc.loop = (struct time_loop){0};
 }
 
-/* Returns register 0x092C: the magnitude and, in bit 31, whether the own time was not behind that
+/* Returns register 0x092C: the magnitude and, in bit 31, whether the own time was not less than that
  * of the reference clock. Newer data sheets and captures of real slaves have the bit like this;
  * ETG.1000.4 has it inverted. */
 static uint32_t difference_register(const struct time_loop *loop)

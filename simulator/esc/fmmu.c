@@ -153,8 +153,8 @@ static void copy_bit(uint8_t *to, uint32_t to_bit, const uint8_t *from, uint32_t
 
 /* Accesses any memory at any alignment: merges bits into whole bytes, and accesses these as
  * physical memory. Only digital outputs are written bit by bit. In all other written bytes, the
- * values of bits that are not mapped are undefined. They become ones here, which nobody mistakes
- * for values of the master or the device. */
+ * values of bits that are not mapped are undefined. They become ones here, so that they cannot
+ * be mistaken for values of the master or the device. */
 static bool access_bits(const struct fmmu *fmmu, const struct span *span, uint8_t *data, bool write)
 {
     struct slave *slave = fmmu->slave;

@@ -130,8 +130,8 @@ void registers_reset(struct slave *slave)
     slave->events = ESC_RESET; /* earlier events no longer concern the device */
 }
 
-/* A reset takes the letters R, E and S in three writes; any other letter begins anew. Register
- * 0x0040 belongs to the master, 0x0041 to the device. */
+/* A reset takes the letters R, E and S in three writes; any other letter starts the sequence
+ * again. Register 0x0040 belongs to the master, 0x0041 to the device. */
 static void advance_reset(struct slave *slave, unsigned side)
 {
     static const char sequence[] = "RES";

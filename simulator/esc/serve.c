@@ -51,7 +51,7 @@ static void ask_for_real_time(void)
         uint32_t priority;
         uint64_t runtime, deadline, period;
     } ordinary = {.size = 48, .policy = SCHED_OTHER, .runtime = 100000 /* ns */};
-    /* Among ordinary threads, Linux (6.12) runs those sooner that ask for short slices. */
+    /* Linux (6.12) runs ordinary threads sooner if they ask for short slices. */
     if (pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameter) != 0)
         (void)syscall(SYS_sched_setattr, 0, &ordinary, 0);
     (void)prctl(PR_SET_TIMERSLACK, 1);

@@ -56,8 +56,8 @@ def test_each_value_comes_at_its_time(
 @pytest.mark.parametrize(
     ("text", "tokens"),
     [
-        ("", ("no recording",)),
-        ("a,b\n1,2\n", ("no recording",)),
+        ("", ("not a recording",)),
+        ("a,b\n1,2\n", ("not a recording",)),
         (f"{HEAD}\n", ("no values",)),
         ("time_s,cycle,2/Channel 1/Input\n0,1,1\n", ("2/Channel 1/Input", "--raw")),
         ("time_s,cycle,99/X (0x6000:01)\n0,1,1\n", ("slave 99", "troll")),

@@ -67,7 +67,7 @@ def _progress(line: str) -> None:
 def _check(output: Path, force: bool) -> None:
     """Checks before the scan whether the file can be written after it."""
     if output.suffix != ".toml":
-        raise UsageError(f"'{output}' is no name for a rig file: it must end in .toml")
+        raise UsageError(f"'{output}' cannot be the name of a rig file: it must end in .toml")
     if output.exists() and not force:
         raise UsageError(f"'{output}' exists already; --force overwrites it")
     if not output.parent.is_dir():

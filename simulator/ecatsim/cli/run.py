@@ -88,7 +88,7 @@ class _Runner:
         """Simulates the rig and returns the exit status."""
         arguments = self._arguments
         if arguments.ready_fd is not None and not 0 <= arguments.ready_fd <= _MAX_DESCRIPTOR:
-            raise UsageError(f"--ready-fd {arguments.ready_fd} is no file descriptor")
+            raise UsageError(f"--ready-fd {arguments.ready_fd} is not a file descriptor")
         if arguments.interface is None and arguments.second is None:
             self._enter_namespace()
         rig = rigs.make(arguments.rig)

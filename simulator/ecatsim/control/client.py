@@ -77,7 +77,7 @@ class Simulator:
         """Sends a request and returns its result; the methods below are more convenient.
 
         Raises:
-            EcatError: The simulator refused the request; the class tells why.
+            EcatError: The simulator refused the request; the class of the error says why.
             UnreachableError: The simulator has ended.
             NoAnswerError: The simulator does not answer in time.
         """

@@ -237,7 +237,7 @@ def _entry(simulation: Simulation, position: int, text: str) -> Variable:
     _check_slave(simulation, position)
     match = _ENTRY.fullmatch(text)
     if not match:
-        raise UsageError(f"'{text[:40]}' is no object: use INDEX:SUBINDEX, as 0x6000:01")
+        raise UsageError(f"'{text[:40]}' is not an object: use INDEX:SUBINDEX, as 0x6000:01")
     index, subindex = int(match[2], 16), int(match[4] or "0", 16)
     device = simulation.rig.devices[position]
     try:
@@ -263,7 +263,7 @@ def _value(entry: Variable, text: str) -> Value:
             return number
         value = int(text, 0)
     except (ValueError, OverflowError):  # OverflowError: too large for REAL32
-        raise UsageError(f"'{text[:40]}' is no value of type {entry.type.name}") from None
+        raise UsageError(f"'{text[:40]}' is not a value of type {entry.type.name}") from None
     low = -(1 << entry.bits - 1) if is_signed(entry.type) else 0
     high = low + (1 << entry.bits) - 1
     if not low <= value <= high:

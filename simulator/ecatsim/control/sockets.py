@@ -50,8 +50,8 @@ def check_name(name: str) -> str:
     """
     if not _NAME.fullmatch(name):
         raise UsageError(
-            f"'{name}' is no name for a simulator: 1 to 48 letters, digits, '_', '.' and '-', "
-            "the first a letter or digit"
+            f"'{name}' cannot be the name of a simulator: use 1 to 48 letters, digits, '_', '.' "
+            "and '-', the first a letter or digit"
         )
     return name
 
@@ -78,7 +78,7 @@ def names() -> list[str]:
 
 
 def listen(name: str) -> tuple[socket.socket, Path]:
-    """Creates a listening socket with this name, and removes sockets on which nobody listens.
+    """Creates a listening socket with this name, and removes sockets without a listener.
 
     Returns:
         The socket and its path.

@@ -49,8 +49,8 @@ class PowerStateMachine:
     Attributes:
         state: The state.
         options: The option codes.
-        stopping: How the motor is being stopped now (1 slow down ramp, 2 quick stop ramp, 3 current
-            limit), or 0.
+        stopping: The way in which the motor is stopped now (1 slow down ramp, 2 quick stop ramp, 3
+            current limit), or 0.
     """
 
     def __init__(self) -> None:
@@ -93,7 +93,7 @@ class PowerStateMachine:
             self._enter(PowerState.FAULT)
 
     def standstill(self) -> None:
-        """Tells the state machine that the motor has come to a standstill; ends a ramp."""
+        """Reports that the motor has come to a standstill, which ends a ramp."""
         if self._after is not None:
             self._enter(self._after)
 

@@ -130,7 +130,7 @@ class Drive(Device):
         self.emergency(code, _GENERIC_ERROR | _PROFILE_ERROR)
 
     def break_encoder(self, broken: bool = True) -> None:
-        """Breaks the encoder cable, so that position and speed are unknown, or mends it."""
+        """Breaks the encoder cable, so that position and speed are unknown, or repairs it."""
         self._encoder_broken = broken
 
     def _watch(self, elapsed: float) -> None:

@@ -39,7 +39,7 @@ class Values(Protocol):
 
 
 class Window:
-    """Tells whether a value has been within a window for long enough."""
+    """Checks whether a value has been within a window for long enough."""
 
     def __init__(self) -> None:
         self._since = 0.0

@@ -44,7 +44,7 @@ class ModularIO(Device):
 
     Args:
         modules: The modules in their slots, slot 1 first, such as "DI8, DO8, -, AI2"; "-" is an
-            empty slot, and all slots behind the last module are empty.
+            empty slot, and all slots after the last module are empty.
         slots: Number of slots.
     """
 

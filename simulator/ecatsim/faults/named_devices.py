@@ -42,10 +42,10 @@ def make(device: str) -> Device:
     if file.endswith(".py"):
         kind = python_file.get(Path(file), name)
         if not callable(kind):
-            raise ConfigError(f"{file}: {name} is no class of a device")
+            raise ConfigError(f"{file}: {name} is not a class of a device")
         made = python_file.explained(Path(file), kind)
         if not isinstance(made, Device):
-            raise ConfigError(f"{file}: {name} makes no ecatsim.Device")
+            raise ConfigError(f"{file}: {name} does not make an ecatsim.Device")
         python_file.explained(Path(file), made.sii_image)
         return made
     return library.make(device)

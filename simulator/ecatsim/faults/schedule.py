@@ -145,7 +145,7 @@ class Faults(FaultMethods):
         known = {state.id: state for state in self._target.segment.faults()}
         for entry in self._entries.values():
             if entry.on_segment is not None:
-                # The segment forgets only faults that have struck as often as they should.
+                # The segment removes only faults that have struck `count` times.
                 state = known.get(entry.on_segment)
                 entry.struck = entry.fault.count if state is None else state.struck
                 entry.done = 0 < entry.fault.count <= entry.struck

@@ -98,7 +98,7 @@ def _read_entry(table: Table, output: bool) -> Entry:
         table.fail("loopback", "belongs to an input: it names the output that the input follows")
     kind = read_type(table)
     if kind not in tuple(DataType) or kind == DataType.PADDING:
-        table.fail("type", f"is 0x{kind:04X}, which is no data type of process data")
+        table.fail("type", f"is 0x{kind:04X}, which is not a data type of process data")
     natural = bit_length(kind)
     bits = table.integer("bits", 1, natural or _MAX_BITS, natural or REQUIRED)
     if is_real(kind) and bits != natural:

@@ -56,7 +56,7 @@ def device_from_esi(
         product: Product code, or None for any.
         revision: Revision number, or None for any.
         modules: Type or ident of the module in each slot, slot 1 first; "" or 0 for an empty slot.
-            Slots behind the last one are empty.
+            Slots after the last one are empty.
 
     Raises:
         ConfigError: The file cannot be used, or it has no matching device or module, or several.

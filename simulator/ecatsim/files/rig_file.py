@@ -123,7 +123,7 @@ def _named_device(table: Table) -> Device:
         path = _existing(table, "device", name)
         made = _call(path, python_file.get(path, class_name), parameters)
         if not isinstance(made, Device):
-            table.fail("device", f"{class_name} in '{path}' makes no ecatsim.Device")
+            table.fail("device", f"{class_name} in '{path}' does not make an ecatsim.Device")
         return made
     return table.explain("device", lambda: library.make(text, **parameters))
 

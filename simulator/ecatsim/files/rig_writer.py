@@ -78,8 +78,8 @@ def _chip(slave: CapturedSlave) -> Iterator[str]:
     chip, usual = from_registers(slave.chip, clock=slave.clock), Chip()
     keys = [field.name for field in fields(Chip)]
     values = {key: getattr(chip, key) for key in keys}
-    told = [k for k in keys if k in _CHIP_KEYS or values[k] != getattr(usual, k)]
-    pairs = (f"{key} = {json.dumps(values[key])}" for key in told)
+    written = [k for k in keys if k in _CHIP_KEYS or values[k] != getattr(usual, k)]
+    pairs = (f"{key} = {json.dumps(values[key])}" for key in written)
     yield f"chip = {{ {', '.join(pairs)} }}"
 
 

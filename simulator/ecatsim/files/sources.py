@@ -34,7 +34,7 @@ def content(table: Table, key: str, most: int = _MAX_FILE) -> bytes:
         try:
             return base64.b64decode("".join(text[len(_PREFIX) :].split()), validate=True)
         except (binascii.Error, ValueError) as error:
-            table.fail(key, f"is no base64 text: {error}")
+            table.fail(key, f"is not base64 text: {error}")
     path = table.file(key)
     try:
         check_regular(path)
@@ -54,7 +54,7 @@ def sii(table: Table, key: str, *, strict: bool = True) -> Device:
         strict: Whether to refuse an image that violates ETG.2010.
 
     Raises:
-        ConfigError: The file cannot be read, or the image makes no sense.
+        ConfigError: The file cannot be read, or the image cannot be used.
     """
     image = content(table, key, MAX_IMAGE + 1)
     inside = table.text(key).startswith(_PREFIX)

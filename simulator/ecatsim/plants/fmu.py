@@ -304,7 +304,7 @@ def _read(fmpy: Any, path: Path) -> Any:
     """Reads the model description.
 
     Raises:
-        ConfigError: The file is missing, is no FMU, or is an FMU that cannot be used here.
+        ConfigError: The file is missing, is not an FMU, or is an FMU that cannot be used here.
     """
     if not path.is_file():
         raise ConfigError(f"there is no FMU '{path}'")

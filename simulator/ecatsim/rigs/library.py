@@ -111,7 +111,7 @@ def make(name: str) -> Rig:
     if Path(name).suffix.lower() in (".bin", ".xml") and Path(name).is_file():
         key = "esi" if name.lower().endswith(".xml") else "sii"
         raise UsageError(
-            f"'{name}' is no rig: write one in a TOML file, with [[slave]] and {key} = "
+            f"'{name}' is not a rig: write one in a TOML file, with [[slave]] and {key} = "
             f'"{Path(name).name}"'
         )
     names = ", ".join(usage for usage, _ in library())

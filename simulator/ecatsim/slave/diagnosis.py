@@ -53,7 +53,7 @@ class DiagnosisHistory:
 
         Args:
             code: Diagnosis code.
-            kind: How bad it is.
+            kind: Its severity.
             text_id: Number of its text in the ESI file, 0 for none.
             numbers: Parameters of the text, as UDINT.
         """
@@ -68,7 +68,7 @@ class DiagnosisHistory:
         self._objects[HISTORY, _NEW].value = 1
 
     def _acknowledge(self, value: Value) -> None:
-        """0 deletes all messages. Others acknowledge up to one, which says that it was read."""
+        """Handles the number of the newest message that the master has read; 0 deletes all."""
         if value == 0:
             for n in range(self._most):
                 self._objects[HISTORY, FIRST + n].value = b""

@@ -55,7 +55,7 @@ class RefusedMailError(Exception):
 
 
 class MailboxMode(StrEnum):
-    """How a faulty mailbox behaves."""
+    """The behaviour of a mailbox with a fault."""
 
     NONE = "none"  # works normally
     SLOW = "slow"  # answers late
@@ -84,7 +84,7 @@ class MailboxFault:
             object.__setattr__(self, "mode", MailboxMode(self.mode))
         except ValueError:
             raise UsageError(
-                f"'{self.mode}' is no mailbox fault: use one of {', '.join(MailboxMode)}"
+                f"'{self.mode}' is not a mailbox fault: use one of {', '.join(MailboxMode)}"
             ) from None
 
 

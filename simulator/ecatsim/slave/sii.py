@@ -157,7 +157,7 @@ class Description:
         ebus_current: Current drawn from the E-bus in mA; negative if the slave feeds it.
         physical_ports: Nibbles from port 0: 0 none, 1 MII, 3 EBUS.
         no_lrw: Whether the slave cannot process LRW.
-        tells_identification: Whether the slave tells its identification on request (AL control).
+        tells_identification: Whether the slave reports its identification on request (AL control).
         identification_register: Address in its ESC where its identification is; 0 for none.
         dc_modes: The ways in which it can use SYNC signals.
         config_data: First bytes of the image, up to 14, which replace those of the fields above.

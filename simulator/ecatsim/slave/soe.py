@@ -26,11 +26,11 @@ class Idn:
 
     Attributes:
         name: Its name.
-        attribute: What kind of value it has: the 32 bits of element 3.
+        attribute: Its attribute: the 32 bits of element 3, which give the kind of its value.
         value: The bytes of its value; of a list or text without its lengths.
         unit: Its unit, or empty.
         minimum: Smallest value that a master may write, or None.
-        maximum: Largest one, or None.
+        maximum: Largest value that a master may write, or None.
     """
 
     name: str
@@ -64,7 +64,7 @@ class SoeServer:
         self._received = b""
 
     def start(self, send_size: int) -> None:
-        """Sets the size of the mailbox that the master reads, and forgets parts of a request."""
+        """Sets the size of the mailbox that the master reads, and discards parts of a request."""
         self._outgoing = send_size - HEADER_SIZE - _HEADER.size
         self._received = b""
 

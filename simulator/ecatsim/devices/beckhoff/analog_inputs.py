@@ -81,11 +81,11 @@ class _Channel:
             _Limit(inputs[0x03], settings[0x07], settings[0x13]),
             _Limit(inputs[0x05], settings[0x08], settings[0x14]),
         )
-        # What is applied to the terminal: ±32767 at full scale, beyond if the waveform is larger.
+        # Signal at the terminal: ±32767 at full scale, more if the waveform exceeds full scale.
         self.measured = Variable(index, 0x11, "Input", DataType.REAL64, 64, value=0.0)
 
     def convert(self) -> None:
-        """Converts what is applied to the terminal now."""
+        """Converts the present signal at the terminal."""
         measured = self.measured.value
         raw = round(measured) if isinstance(measured, _NUMBERS) else 0
         under, over = raw < _MIN, raw > _MAX

@@ -62,7 +62,7 @@ class _AnalogOutput(Terminal):
 
     def __init__(self) -> None:
         super().__init__()
-        # What the terminal puts out: 32767 at full scale.
+        # Signals at the terminal: 32767 at full scale.
         self._outputs_at_terminal = [
             Variable(0x7000 + 16 * i, 1, "Output", DataType.REAL64, 64, value=0.0)
             for i in range(len(self.rx_pdos))
