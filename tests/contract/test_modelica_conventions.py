@@ -36,7 +36,7 @@ def test_the_static_library(out: Path) -> None:
             "SynchronizeRealtime has no description",
         ),
         ("SynchronizeRealtime.mo", "clock of the machine", "clock.", "full stop"),
-        ("SynchronizeRealtime.mo", "Boolean enable =", "Boolean Enable =", "Enable is no name"),
+        ("SynchronizeRealtime.mo", "Boolean enable =", "Boolean Enable =", "Enable is not a name"),
         (
             "SynchronizeRealtime.mo",
             "choices(checkBox = true), ",

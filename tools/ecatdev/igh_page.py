@@ -1,4 +1,4 @@
-"""Writes docs/from-igh.md: commands of IgH's `ethercat`, ours beside them, and what these print.
+"""Writes docs/from-igh.md: commands of IgH's `ethercat`, those of `ecatctl`, and their output.
 
     PYTHONPATH=tools python -m ecatdev.igh_page docs/from-igh.md
 
@@ -24,10 +24,10 @@ _LINES_MOST, _WIDTH_MOST = 12, 110
 _INTRO = """\
 # Coming from IgH
 
-IgH's EtherCAT Master has a command `ethercat` with 34 subcommands. This page has ours beside each
-of them, and what ours print on a simulated rig. [Command line](command-line.md) explains all
-commands. Every command that shows something takes `--json`, and `--connect` asks the daemon of
-another machine.
+IgH's EtherCAT Master has a command `ethercat` with 34 subcommands. For each of them, this page has
+the command of `ecatctl`, with its output on a simulated rig. [Command line](command-line.md)
+explains all commands. Every command that shows something takes `--json`, and `--connect` asks the
+daemon of another machine.
 """
 
 
@@ -36,8 +36,8 @@ class Row(NamedTuple):
 
     Attributes:
         igh: Its name.
-        ours: Our command; empty if there is none.
-        remark: What differs, or why there is none.
+        ours: The command of `ecatctl`; empty if there is none.
+        remark: The difference, or the reason why there is none.
         run: The command that is shown; empty for none.
         rig: The rig on which it runs.
     """
@@ -116,11 +116,11 @@ ROWS = (
     Row("eoe_delif", "", _NO_EOE),
     Row("ip", "", _NO_EOE),
 )
-"""All of them, in the order of IgH's tool."""
+"""All commands, in the order of IgH's tool."""
 
 
 def table() -> str:
-    """The table of all commands."""
+    """Returns the table of all commands."""
     lines = ["| `ethercat` | `ecatctl` | |", "|---|---|---|"]
     lines += [f"| `{r.igh}` | {f'`{r.ours}`' if r.ours else '–'} | {r.remark} |" for r in ROWS]
     return "\n".join(lines)
@@ -134,7 +134,7 @@ def _shown(text: str) -> str:
 
 @contextlib.contextmanager
 def _daemon(rig: str, folder: Path) -> Iterator[dict[str, str]]:
-    """Runs a daemon on a rig; the environment of its clients."""
+    """Runs a daemon on a rig, and yields the environment of its clients."""
     environment = {**os.environ, "ECATD_RUNTIME_DIR": str(folder / "run"), "ECATD_BUS": "ecatp"}
     config = folder / "ecat.toml"
     config.write_text("[gateway]\nlisten = []\n")
@@ -177,7 +177,7 @@ def _outputs(rig: str, rows: list[Row]) -> Iterator[tuple[Row, str]]:
 
 
 def page() -> str:
-    """The whole page."""
+    """Returns the whole page."""
     parts = [_INTRO, table(), ""]
     outputs: dict[str, str] = {}
     for rig in dict.fromkeys(row.rig for row in ROWS):

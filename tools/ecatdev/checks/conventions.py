@@ -66,11 +66,11 @@ def _check_class(found: Any) -> Iterator[str]:
     kind = _kind(found)
     pattern = _FUNCTION_NAME if kind == "function" else _CLASS_NAME
     if not pattern.fullmatch(found.name):
-        yield f"{found.name} is no name for a {kind}"
+        yield f"{found.name} is not a name for a {kind}"
     yield from _check_description(found.name, found.comment)
     for symbol in found.symbols.values():
         if kind != "type" and not _COMPONENT_NAME.fullmatch(symbol.name):
-            yield f"{symbol.name} is no name for a component"
+            yield f"{symbol.name} is not a name for a component"
         yield from _check_description(f"{found.name}.{symbol.name}", symbol.comment)
     for inner in found.classes.values():
         yield from _check_class(inner)

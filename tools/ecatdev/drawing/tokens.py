@@ -47,7 +47,7 @@ def tokenize(source: str) -> list[Token]:
     """Returns the tokens of a source text, with one of the kind `end` after them.
 
     Raises:
-        ModelicaSyntaxError: No token begins with some character of the text.
+        ModelicaSyntaxError: The text has a character with which no token begins.
     """
     tokens: list[Token] = []
     at = 0
