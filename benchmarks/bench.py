@@ -110,10 +110,10 @@ class Bench:
     def awake(self) -> Iterator[bool]:
         """Keeps the processors of master and simulator from sleeping, with a busy loop on each.
 
-        The host of a virtual machine gives an idle processor away, and returns it late. Without the
-        busy loops, the benchmarks would measure this delay. (On other machines, `idle=poll` or
-        `/dev/cpu_dma_latency` does the same.) A busy loop has the lowest priority, so everything
-        else on its processor runs before it.
+        The host of a virtual machine gives an idle processor to others, and returns it late.
+        Without the busy loops, the benchmarks would measure this delay. (On other machines,
+        `idle=poll` or `/dev/cpu_dma_latency` does the same.) A busy loop has the lowest priority,
+        so everything else on its processor runs before it.
 
         Yields:
             Whether there are busy loops. There are none if the master has no processor of its own.

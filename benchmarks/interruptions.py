@@ -1,7 +1,7 @@
 """How often the machine takes a processor away from a running program.
 
-No program is on time on a processor that stands still. The host of a virtual machine takes
-processors away whenever it likes, and firmware may do so, too.
+No program is on time on a processor that stands still. The host of a virtual machine may take
+processors away at any time, and so may firmware.
 """
 
 from __future__ import annotations

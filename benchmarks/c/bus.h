@@ -8,7 +8,7 @@
 
 static inline void check(ecat_t *bus, int code)
 {
-    if (code >= 0 || code == ECAT_ESTALE) /* the machine stood still for a moment: no error */
+    if (code >= 0 || code == ECAT_ESTALE) /* not an error: the machine stood still for a moment */
         return;
     fprintf(stderr, "benchmark: %s\n", ecat_error(bus));
     exit(1);

@@ -4,11 +4,11 @@
  * usage: delay BUS CYCLES PRIORITY
  * The number that is sampled after cycle n must go out, and come back, in cycle n + 1. Prints as
  * JSON, as numbers of cycles:
- *   "exact"  it did so
+ *   "exact"  the number went out and came back in cycle n + 1
  *   "late"   this program was too late: its commit had not returned at the deadline of cycle n + 1,
  *            or it slept through a whole cycle
  *   "lost"   the frame was lost
- *   "wrong"  it did not, for no such reason
+ *   "wrong"  the number came in another cycle, for none of these reasons
  */
 #include "bus.h"
 

@@ -10,7 +10,7 @@
  *   --first         send a cycle each millisecond, and end when the first one is answered
  *
  * FRAMES are the frames of one cycle, each after its size (16 bits, little-endian). The index of a
- * frame's first datagram is overwritten, to tell the frames of a cycle from late ones.
+ * frame's first datagram is overwritten, to distinguish the frames of a cycle from late ones.
  * A cycle whose frames are not all back after 100 ms counts as lost. Prints one line of JSON;
  * times are nanoseconds.
  */

@@ -111,7 +111,7 @@ static void leave(int action)
 static uint32_t get16(const uint8_t *at) { return (uint32_t)(at[0] | at[1] << 8); }
 static uint32_t get32(const uint8_t *at) { return get16(at) | get16(at + 2) << 16; }
 
-/* Leaves unless the frame has this size. After it, the verifier allows access to `size` bytes. */
+/* Leaves unless the frame has this size. After this check, the verifier allows access to `size` bytes. */
 static void expect_size(uint32_t size)
 {
     emit(BPF_ALU64 | BPF_MOV | BPF_X, R4, R2, 0, 0);

@@ -82,7 +82,7 @@ def measure(
     with mirror_line(bench, *_LARGE) as line:
         bench.say("commit, 200 slaves")
         commits += _commits(line, seconds)
-        bench.say("what clients cost the engine")
+        bench.say("the cost of clients for the engine")
         cost = costs.measure(line, cost_rounds, cost_seconds)
     bench.say("others")
     return {

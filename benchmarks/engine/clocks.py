@@ -1,4 +1,4 @@
-"""How far the distributed clocks differ, and how well the engine's cycle follows them."""
+"""The differences of the distributed clocks, and how well the engine's cycle follows them."""
 
 from __future__ import annotations
 

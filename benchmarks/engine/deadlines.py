@@ -1,4 +1,4 @@
-"""How many cycles are missed, compared with a loop that only wakes up: the machine's limit."""
+"""The number of missed cycles, compared with a loop that only wakes up: the machine's limit."""
 
 from __future__ import annotations
 

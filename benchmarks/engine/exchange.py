@@ -1,4 +1,4 @@
-"""How long an exchange takes, and how many cycles per second a free-running loop reaches."""
+"""The time of an exchange, and the rate of a free-running loop in cycles per second."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Files over FoE: how fast the daemon transfers one beside the cycle, and how fast SOEM does."""
+"""Files over FoE: the speed of the daemon while it exchanges process data, and of SOEM."""

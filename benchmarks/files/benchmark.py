@@ -1,4 +1,4 @@
-"""Files over FoE: by the daemon beside its cycle of 1 kHz, in turns with SOEM on the idle bus."""
+"""Files over FoE: by the daemon during its cycle of 1 kHz, in turns with SOEM on the idle bus."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def measure(bench: Bench, *, rounds: int = 3, size: int = SIZE) -> dict[str, Any
 
     Args:
         bench: Folder and processors for the measurement.
-        rounds: How often each of both transfers the file.
+        rounds: How often each of the two transfers the file.
         size: Bytes that are written; the file that is read has `SIZE`.
     """
     here = bench.on(Processors.together())
@@ -95,7 +95,7 @@ def _by_daemon(bench: Bench, size: int) -> dict[str, float]:
 
 
 def _time(transfer: Any) -> float:
-    """Seconds until a transfer is done that has just begun."""
+    """Waits until a transfer that has just begun is complete, and returns the seconds."""
     begin = time.monotonic()
     while not transfer.look():
         time.sleep(0.01)

@@ -62,7 +62,7 @@ class FrameSocket:
 
     def exchange(self, sent: bytes) -> bytes | None:
         """Sends a frame and returns it as it came back, None if it was lost."""
-        # A new index tells the answer from late frames of earlier attempts.
+        # A new index distinguishes the answer from late frames of earlier attempts.
         self._index = (self._index + 1) % Index.ENGINE
         self._socket.send(sent[:INDEX] + bytes([self._index]) + sent[INDEX + 1 :])
         end = time.monotonic() + _ANSWER
@@ -217,7 +217,7 @@ class Line:
         """Waits until every slave returns its outputs as inputs.
 
         Raises:
-            StateError: A slave does not do it in time, so a measurement would make no sense.
+            StateError: A slave does not do so in time, so a measurement would be wrong.
         """
         deadline = time.monotonic() + _PATIENCE
         while not all(self._returns(sent) for sent in self.cycle_frames()):
