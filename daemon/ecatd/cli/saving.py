@@ -37,9 +37,12 @@ def save_bytes(path: Path, data: bytes) -> None:
     """Writes a file; if that fails, an old one stays unchanged.
 
     Raises:
+        UsageError: The name is `-`, which means standard output elsewhere.
         NotPermittedError: The file cannot be written.
         StateError: Writing fails for another reason, such as a full disk.
     """
+    if path == Path("-"):
+        raise UsageError("'-' is not a file: write /dev/stdout for standard output")
     try:
         if path.exists() and not path.is_file():  # /dev/stdout, a pipe
             path.write_bytes(data)
