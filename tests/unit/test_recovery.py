@@ -6,7 +6,7 @@ import pytest
 
 from conftest import names
 from ecatd.bus.master.master import SlaveState
-from ecatd.bus.start.identify import Sought, branch_ends, match
+from ecatd.bus.start.matching import Sought, branch_ends, match
 from ecatd.bus.watch.recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
 from ecatd.model.al import AlState
 from ecatd.model.bus import Slave

@@ -45,7 +45,7 @@ class FoundBus:
         expectation: How the bus differs from the expected one; set when the slaves are compared.
         doubtful: Slaves whose process data are in doubt, by position, and why.
         mailboxes: See `set_up.read_mailboxes`.
-        ends: See `identify.branch_ends`.
+        ends: See `matching.branch_ends`.
         lost: Positions of slaves that have lost their power or cable since they were read.
         awaited: Positions of slaves that are not optional, but were missing when they were looked
             for, and are used when they come.

@@ -25,8 +25,8 @@ from .doubtful import settle
 from .expectation import follow_expectation
 from .found import FoundBus
 from .gone import find_gone
-from .identify import branch_ends
 from .mapping import Scanned, configure_slaves, identify_slaves, read_modules
+from .matching import branch_ends
 from .set_up import count_links, read_mailboxes
 
 

@@ -19,7 +19,7 @@ from ..frames.datagrams import Place
 from ..frames.wire import WireChangedError
 from ..master.master import SilentSlaveError, SlaveState
 from ..master.worker import Worker
-from ..start.identify import Found
+from ..start.matching import Found
 from ..start.running import RunningBus
 from ..start.telling import Missed
 from .presence import name_slaves
