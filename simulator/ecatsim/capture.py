@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from ecatd.bus.frames.interface import look
 from ecatd.bus.mailbox.coe import Coe
 from ecatd.bus.mailbox.dictionary import read_dictionary
-from ecatd.bus.mailbox.mailboxes import Talk, converse
+from ecatd.bus.mailbox.talks import Talk, converse
 from ecatd.bus.master.master import Master
 from ecatd.bus.start.clocks import clock_bits
 from ecatd.model.al import AlState

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from test_simulator_topology import FIRST, run
 
-from ecatd.bus.mailbox import mailboxes
+from ecatd.bus.mailbox import talks
 from ecatd.bus.master.master import Master
 from ecatd.bus.start import mapping
 from ecatd.model.al import AlState
@@ -98,7 +98,7 @@ def master_that_scans(*trouble: str) -> Any:
     def converse(*arguments: Any) -> Any:
         for name in trouble:
             TROUBLE[name](simulator.faults)
-        return mailboxes.converse(*arguments)
+        return talks.converse(*arguments)
 
     mapping.converse = converse  # where the trouble begins
     master = Master([FIRST])

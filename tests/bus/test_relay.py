@@ -16,7 +16,7 @@ from test_simulator_topology import FIRST, SECOND, run
 
 from ecatd import stats
 from ecatd.bus.frames.datagrams import brd, fprd
-from ecatd.bus.mailbox.mailboxes import converse
+from ecatd.bus.mailbox.talks import converse
 from ecatd.bus.master.master import Master
 from ecatd.bus.start.bring_up import BringUp
 from ecatd.log import Log

@@ -9,9 +9,10 @@ import pytest
 from wire_bench import FIRST_STATION, Correspondent, corresponding, in_preop
 
 from conftest import naming
-from ecatd.bus.mailbox import mailboxes
+from ecatd.bus.mailbox import line as line_module
 from ecatd.bus.mailbox.coe import Coe
-from ecatd.bus.mailbox.mailboxes import Line, Talk, converse
+from ecatd.bus.mailbox.line import Line
+from ecatd.bus.mailbox.talks import Talk, converse
 from ecatd.bus.start.assignment import Assignment
 from ecatd.model.bus import Slave
 from ecatd.model.errors import SdoAbortError, StateError
@@ -155,7 +156,7 @@ def deny(image: Sii) -> None:
 def test_a_slave_that_describes_nothing_is_not_asked_for_ever(
     change: Callable[[Sii], None], tries: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mailboxes, "_ANSWER_S", 0.3)
+    monkeypatch.setattr(line_module, "_ANSWER_S", 0.3)
     device = Single()
     device._services._coe._information.handle = lambda _request: []
     ((slave, coe),) = read(device, change=change)

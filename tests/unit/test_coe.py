@@ -13,12 +13,14 @@ from hypothesis import strategies as st
 from wire_bench import FIRST_STATION, Correspondent, corresponding, in_preop
 
 from conftest import names, naming
-from ecatd.bus.frames.datagrams import Datagrams
+from ecatd.bus.frames.datagrams import Datagrams, fpwr
 from ecatd.bus.mailbox import coe as coe_module
-from ecatd.bus.mailbox import mailboxes
+from ecatd.bus.mailbox import line as line_module
+from ecatd.bus.mailbox import mailbox as mailbox_module
 from ecatd.bus.mailbox.coe import Coe, EntryDescription, ObjectDescription
 from ecatd.bus.mailbox.dictionary import read_dictionary, read_object
-from ecatd.bus.mailbox.mailboxes import Line, Talk, converse
+from ecatd.bus.mailbox.line import Line
+from ecatd.bus.mailbox.talks import Talk, converse
 from ecatd.model import unit_codes
 from ecatd.model.datatypes import DataType
 from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
@@ -86,8 +88,8 @@ def ask(
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Slaves that do not answer are given up sooner."""
-    monkeypatch.setattr(mailboxes, "_ANSWER_S", 0.2)
-    monkeypatch.setattr(mailboxes, "_REPEAT_S", 0.1)
+    monkeypatch.setattr(line_module, "_ANSWER_S", 0.2)
+    monkeypatch.setattr(mailbox_module, "_REPEAT_S", 0.1)
     monkeypatch.setattr(coe_module, "_DOWNLOAD_S", 0.2)
     monkeypatch.setattr(coe_module, "_SYNCHRONIZE_S", 0.4)
 
@@ -285,7 +287,7 @@ def test_answers_to_a_request_that_was_given_up_are_not_taken(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The first answer comes only when the master has asked again, and is not the newest value."""
-    monkeypatch.setattr(mailboxes, "_ANSWER_S", 0.05)
+    monkeypatch.setattr(line_module, "_ANSWER_S", 0.05)
     monkeypatch.setattr(coe_module, "_SYNCHRONIZE_S", 60.0)
     late: list[bytes] = []
 
@@ -514,7 +516,7 @@ def test_a_slave_that_is_gone(short: None) -> None:
 
 def test_a_mailbox_that_is_not_set_up() -> None:
     with in_preop(Archive()) as (registers, _wire):
-        registers.exchange([mailboxes.fpwr(FIRST_STATION, 0x080E, b"\0")])
+        registers.exchange([fpwr(FIRST_STATION, 0x080E, b"\0")])
         with pytest.raises(StateError, match=naming("slave 0", "CoE", "sync manager 1")):
             ask(registers, 1)
     slave = Correspondent(lambda _request: [])
@@ -739,7 +741,7 @@ def test_whatever_a_slave_answers_it_is_a_result_or_an_error(script: list[list[b
         return found
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(mailboxes, "_ANSWER_S", 0.02)
+        patch.setattr(line_module, "_ANSWER_S", 0.02)
         patch.setattr(coe_module, "_DOWNLOAD_S", 0.02)
         patch.setattr(coe_module, "_SYNCHRONIZE_S", 0.02)
         with corresponding(slave) as (registers, _wire):

@@ -15,9 +15,10 @@ from wire_bench import FIRST_STATION, Wire, in_preop
 
 from conftest import PATIENCE, names, naming
 from ecatd.bus.mailbox import coe as coe_module
-from ecatd.bus.mailbox import mailboxes
+from ecatd.bus.mailbox import line as line_module
 from ecatd.bus.mailbox.coe import Coe
-from ecatd.bus.mailbox.mailboxes import Line, Talk, converse
+from ecatd.bus.mailbox.line import Line
+from ecatd.bus.mailbox.talks import Talk, converse
 from ecatd.bus.master.emergencies import Emergency, tell_emergencies
 from ecatd.bus.master.master import Master
 from ecatd.bus.master.worker import Worker
@@ -102,7 +103,7 @@ def bench(count: int = 1) -> Iterator[Bench]:
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Slaves that do not answer are given up soon, until `made.patient()`."""
-    monkeypatch.setattr(mailboxes, "_ANSWER_S", 0.1)
+    monkeypatch.setattr(line_module, "_ANSWER_S", 0.1)
     monkeypatch.setattr(coe_module, "_DOWNLOAD_S", 0.1)
     monkeypatch.setattr(coe_module, "_SYNCHRONIZE_S", 0.1)
 

@@ -7,7 +7,8 @@ import pytest
 
 from conftest import names
 from ecatd.bus.mailbox.foe import FileRead, FileTransfer, FileWrite
-from ecatd.bus.mailbox.mailboxes import HEADER_BYTES, Mailbox, Protocol, Talk
+from ecatd.bus.mailbox.mailbox import HEADER_BYTES, Mailbox, Protocol
+from ecatd.bus.mailbox.talks import Talk
 from ecatd.model.errors import NoAnswerError, StateError
 from ecatsim.slave.foe import FoeServer
 

@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names
-from ecatd.bus.mailbox.mailboxes import HEADER_BYTES, Mailbox, Protocol, Talk
+from ecatd.bus.mailbox.mailbox import HEADER_BYTES, Mailbox, Protocol
 from ecatd.bus.mailbox.soe import read_idn, write_idn
+from ecatd.bus.mailbox.talks import Talk
 from ecatd.model.al import AlState
 from ecatd.model.errors import NoAnswerError, StateError, UsageError
 from ecatd.model.idns import Attribute, Element, idn_text, parse_idn, split_elements

@@ -1,1 +1,1 @@
-"""The mailboxes of slaves: messages (ETG.1000.4), CoE and SDOs (ETG.1000.6)."""
+"""Messages to the mailboxes of slaves (ETG.1000.4), and their protocols: CoE, FoE and SoE."""

@@ -1,6 +1,6 @@
 """CANopen over EtherCAT (ETG.1000.6, "CoE"): SDO transfers and the SDO information service.
 
-Each of them is a part of a conversation with one slave. `mailboxes.talk_all` runs the conversations
+Each of them is a part of a conversation with one slave. `talks.talk_all` runs the conversations
 with many slaves at the same time. An answer is accepted only for the object that was asked for: a
 late answer to an abandoned request must not pass for the answer to the next one.
 """
@@ -14,7 +14,9 @@ from typing import NamedTuple, TypeVar
 
 from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
 
-from .mailboxes import HEADER_BYTES, Line, Mailbox, Protocol, Talk
+from .line import Line
+from .mailbox import HEADER_BYTES, Mailbox, Protocol
+from .talks import Talk
 
 T = TypeVar("T")
 

@@ -8,7 +8,7 @@ from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.errors import SdoAbortError
 
 from .coe import Coe
-from .mailboxes import Talk
+from .talks import Talk
 
 _NOTHING = DictionaryEntry("", 0, 0, 0)
 

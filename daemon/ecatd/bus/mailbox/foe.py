@@ -14,7 +14,8 @@ from abc import ABC, abstractmethod
 from ecatd.model.errors import NoAnswerError, StateError
 from ecatd.model.foe_codes import foe_text
 
-from .mailboxes import HEADER_BYTES, Mailbox, Protocol, Talk
+from .mailbox import HEADER_BYTES, Mailbox, Protocol
+from .talks import Talk
 
 _HEADER = struct.Struct("<BxI")  # operation; password, packet number, or error code
 _READ, _WRITE, _DATA, _ACKNOWLEDGED, _ERROR, _BUSY = range(1, 7)

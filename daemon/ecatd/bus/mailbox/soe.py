@@ -14,7 +14,8 @@ from ecatd.model.idns import (
     split_elements,
 )
 
-from .mailboxes import HEADER_BYTES, Mailbox, Protocol, Talk
+from .mailbox import HEADER_BYTES, Mailbox, Protocol
+from .talks import Talk
 
 _HEADER = struct.Struct("<BBH")  # operation and drive; elements; IDN, or fragments that follow
 _READ, _READ_ANSWER, _WRITE, _WRITE_ANSWER = 1, 2, 3, 4

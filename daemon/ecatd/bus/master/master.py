@@ -25,7 +25,7 @@ from ..frames.interface import open_for_control, own, wait_for_carriers
 from ..frames.relay import Relay
 from ..frames.scan import count_slaves, has_stations, number_slaves, stations
 from ..mailbox.coe import Coe
-from ..mailbox.mailboxes import Line
+from ..mailbox.line import Line
 
 _AL_CONTROL, _AL_STATUS = 0x0120, 0x0130
 _IDENTIFICATION = 0x20  # bit of AL status, see `frames/identification.py`

@@ -17,8 +17,10 @@ from ecatd.model.errors import BusyError, NoAnswerError, StateError
 
 from ..mailbox.coe import Coe
 from ..mailbox.foe import FOE_LEAST
-from ..mailbox.mailboxes import Line, Mailbox, Talk, UnknownProtocolError, talk_alone
+from ..mailbox.line import Line
+from ..mailbox.mailbox import Mailbox, UnknownProtocolError
 from ..mailbox.soe import SOE_LEAST
+from ..mailbox.talks import Talk, talk_alone
 from ..master.emergencies import Emergency
 from ..master.master import Master
 from ..master.worker import Worker

@@ -12,7 +12,7 @@ from ecatd.model.messages import DescribeObject, ListObjects
 
 from ..mailbox.coe import Coe
 from ..mailbox.dictionary import read_object
-from ..mailbox.mailboxes import Talk
+from ..mailbox.talks import Talk
 from .conversations import Conversations
 
 T = TypeVar("T")

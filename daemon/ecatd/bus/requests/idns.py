@@ -10,8 +10,9 @@ from ecatd.model.errors import UsageError
 from ecatd.model.idns import idn_text
 from ecatd.model.messages import ReadIdn, WriteIdn
 
-from ..mailbox.mailboxes import Mailbox, Talk
+from ..mailbox.mailbox import Mailbox
 from ..mailbox.soe import read_idn, write_idn
+from ..mailbox.talks import Talk
 from .conversations import Conversations
 
 _SHOWN = 32

@@ -15,7 +15,7 @@ from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS, Sii
 
 from ..mailbox.coe import Coe
-from ..mailbox.mailboxes import Talk
+from ..mailbox.talks import Talk
 from .value_lists import ValueLists
 
 T = TypeVar("T")

@@ -25,7 +25,7 @@ from ecatd.model.sii_reader import read_sii
 
 from ..engine.layout import Image
 from ..mailbox.coe import Coe
-from ..mailbox.mailboxes import Talk, converse
+from ..mailbox.talks import Talk, converse
 from ..master.master import Master
 from .assignment import Assignment
 from .modules import Modules

@@ -14,7 +14,7 @@ from ecatd.model.modules import CONFIGURED, DETECTED, module_differences
 from ecatd.model.sii import Sii
 
 from ..mailbox.coe import Coe
-from ..mailbox.mailboxes import Talk
+from ..mailbox.talks import Talk
 from .refused import RefusedError, reason, write
 from .value_lists import ValueLists
 

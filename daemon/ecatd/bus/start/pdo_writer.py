@@ -20,7 +20,7 @@ from ecatd.model.pdo import Pdo
 from ecatd.model.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
 
 from ..mailbox.coe import INPUT_OBJECTS, OUTPUT_OBJECTS, Coe
-from ..mailbox.mailboxes import Talk
+from ..mailbox.talks import Talk
 from .assignment import ASSIGNMENT, INFORMATION, Assignment
 from .refused import RefusedError, write
 

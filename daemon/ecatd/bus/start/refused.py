@@ -8,7 +8,7 @@ from ecatd.model.bus import Slave
 from ecatd.model.errors import SdoAbortError, StateError
 
 from ..mailbox.coe import Coe
-from ..mailbox.mailboxes import Talk
+from ..mailbox.talks import Talk
 
 
 class RefusedError(StateError):

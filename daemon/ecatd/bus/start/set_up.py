@@ -22,7 +22,7 @@ from ecatd.model.sii_reader import read_sii
 
 from ..engine.layout import Image
 from ..engine.shared_memory import SharedMemory
-from ..mailbox.mailboxes import talk_all
+from ..mailbox.talks import talk_all
 from ..master.master import Master
 from .assignment import Assignment
 from .clock_registers import SYNC_CONTROL

@@ -19,7 +19,7 @@ from ecatd.model.errors import SdoAbortError
 from ecatd.model.sii import Sii
 
 from ..mailbox.coe import Coe
-from ..mailbox.mailboxes import Talk
+from ..mailbox.talks import Talk
 from .modules import Modules
 from .pdo_writer import PdoWriter
 from .refused import RefusedError, reason

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ecatd.coroutine_steps import Steps
 from ecatd.model.al import AlState
 
-from ..mailbox.mailboxes import Talk, talk_all
+from ..mailbox.talks import Talk, talk_all
 from ..master.master import Master
 from .mapping import Scanned
 from .refused import RefusedError

@@ -6,7 +6,7 @@ from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.model.sii import Sii
 
 from ..mailbox.coe import Coe
-from ..mailbox.mailboxes import Talk
+from ..mailbox.talks import Talk
 
 _COMPLETE_ACCESS = 0x20  # bit of the CoE details in the SII
 

@@ -11,7 +11,8 @@ from ecatd.coroutine_steps import Steps
 from ecatd.log import Log
 from ecatd.model.bus import Slave
 
-from ..mailbox.mailboxes import MAILBOX_IN, has_mail, talk_all
+from ..mailbox.mailbox import MAILBOX_IN, has_mail
+from ..mailbox.talks import talk_all
 from ..master.emergencies import Emergency, tell_emergencies
 from ..master.worker import Worker
 from ..start.running import RunningBus

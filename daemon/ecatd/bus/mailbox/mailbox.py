@@ -1,46 +1,25 @@
-"""Messages to the mailboxes of many slaves at the same time (ETG.1000.4, "Mailbox").
-
-A slave takes a message, works on it, and answers when it can, so one slave after the other would
-be slow. Here each slave has a conversation of its own: a generator that yields the next accesses to
-the memory of the slave. Each round collects the accesses of all conversations, and packs them into
-as few frames as possible.
+"""Messages to the mailbox of one slave, and its answers (ETG.1000.4, "Mailbox").
 
 Reading a mailbox empties it, and a message written twice is asked twice. So no frame is repeated
-blindly: the sync managers tell whether a lost frame had reached the slave. Accesses that belong
-together, such as writing a message and reading the sync managers after it, share one frame.
+blindly: the sync managers tell whether a lost frame had reached the slave.
 """
 
 from __future__ import annotations
 
-import itertools
 import struct
-import threading
 import time
-from collections import deque
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable
 from enum import IntEnum
-from types import TracebackType
-from typing import NamedTuple, Self, TypeAlias, TypeVar
+from typing import NamedTuple, TypeVar
 
-from ecatd.coroutine_steps import Steps, finish
-from ecatd.log import Log
-from ecatd.model.errors import EcatError, NoAnswerError, StateError
+from ecatd.model.errors import NoAnswerError, StateError
 
 from ..engine.framing import DATAGRAM_MAX
-from ..frames.datagrams import Answer, Datagram, Datagrams, fprd, fpwr
+from ..frames.datagrams import Datagram, fprd, fpwr
+from .line import Line, Turn
+from .talks import Talk
 
 T = TypeVar("T")
-
-Talk: TypeAlias = Generator[list[Datagram], list[Answer], T]
-"""A conversation with one slave. It yields the datagrams that go to the slave next, in order, and
-is sent their answers; its value is the result. An empty list means that it waits, for the slave or
-for its turn."""
-
-_ANSWER_S = 1.0
-"""Seconds a slave has to take a message and answer it, unless its line says otherwise; most need
-less than 1 ms."""
-
-_TRIES = 3
 
 _TURN_S = 12.0
 """Seconds that a conversation waits for the conversations before it."""
@@ -48,17 +27,8 @@ _TURN_S = 12.0
 _REPEAT_S = 0.1
 """Seconds a slave has to put a lost message into its mailbox again; some slaves cannot do that."""
 
-_PAUSE_S = 0.0002
-"""Seconds between two rounds while all conversations wait."""
-
 _SHOWN = 16
 """Bytes of a message in the log."""
-
-_NAMED = 5
-"""How many slaves an error names one by one."""
-
-_LOOKING = 2
-"""Rounds from one wait to the next of a conversation that looks for an answer in vain."""
 
 _SMALL = 512
 """Most bytes of a mailbox that a conversation running alone reads together with its status again
@@ -114,90 +84,6 @@ class _Area(NamedTuple):
 def has_mail(manager: bytes) -> bool:
     """Whether the registers at `MAILBOX_IN` say that a message of the slave waits."""
     return bool(manager[_ACTIVATE] & _ENABLED and manager[_STATUS] & _FULL)
-
-
-class Line:
-    """State that all conversations with one slave share, and the queue in which they wait.
-
-    One conversation at a time has its turn, in the order in which they joined the queue. Clients'
-    requests run in the event loop, a recovery runs on the worker, and both use this queue. `join`
-    and `leave` may be called in any thread.
-
-    Attributes:
-        counter: Counter of the messages: 1 to 7, and again (ETG.1000.4, mailbox header). A slave
-            drops a message that has the same counter as the one before it, as a repetition.
-        unanswered: Whether the answer to an abandoned request may still come.
-        marks: Subindices for the requests that find out whether it has come; see
-            `Coe._synchronize`.
-        last: The last message that the slave has sent.
-        answer_s: Seconds that the slave has to take a message and answer it.
-        tries: How often it is asked for what it does not answer, where asking changes nothing.
-        log: Where details are told.
-    """
-
-    def __init__(self, log: Log | None = None) -> None:
-        self.log = log or Log("ecatd").of("mailbox")
-        self.last = b""
-        self.answer_s = _ANSWER_S
-        self.tries = _TRIES
-        self.counter = itertools.cycle(range(1, 8))
-        self.marks = itertools.cycle(range(0x80, 0x100))
-        self.unanswered = False
-        self._turns: deque[Turn] = deque()
-        self._lock = threading.Lock()
-
-    def __len__(self) -> int:
-        """Number of conversations in the queue, with the one that has its turn."""
-        return len(self._turns)
-
-    def join(self, called: Callable[[], object] = lambda: None) -> Turn:
-        """Joins the end of the queue.
-
-        Args:
-            called: Called when this turn has come because the one before it was left,
-                in the thread that left.
-        """
-        turn = Turn(self, called)
-        with self._lock:
-            self._turns.append(turn)
-        return turn
-
-    def is_first(self, turn: Turn) -> bool:
-        """Whether a turn has come: it is at the front of the queue."""
-        return self._turns[0] is turn
-
-    def leave(self, turn: Turn) -> None:
-        """Removes a turn from the queue. If it was at the front, calls the next one."""
-        with self._lock:
-            was_first = self._turns[0] is turn
-            self._turns.remove(turn)
-            following = self._turns[0] if was_first and self._turns else None
-        if following is not None:
-            following.called()
-
-
-class Turn:
-    """The turn of a conversation in the queue of a line. A `with` block gives it up at its end."""
-
-    def __init__(self, line: Line, called: Callable[[], object]) -> None:
-        self.called = called
-        self._line = line
-
-    @property
-    def has_come(self) -> bool:
-        """Whether the turn has come: it is at the front of the queue."""
-        return self._line.is_first(self)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._line.leave(self)
 
 
 class Mailbox:
@@ -483,101 +369,3 @@ def _refused(body: bytes) -> StateError:
     (code,) = struct.unpack_from("<H", body, 2)
     kind = UnknownProtocolError if code == _UNKNOWN_PROTOCOL else StateError
     return kind(f"mailbox error 0x{code:04X}: {_ERRORS.get(code, 'unknown')}")
-
-
-def talk_all(
-    registers: Datagrams, talks: Sequence[Talk[T]]
-) -> Steps[tuple[dict[int, T], dict[int, EcatError]]]:
-    """Runs all conversations at the same time, and yields whenever all of them wait.
-
-    It yields true if slaves have answered since the last time, so that those who ask for the next
-    step need not wait longer and longer.
-
-    Returns:
-        The results, and the errors of the conversations that failed, both by their number in
-        `talks`.
-    """
-    found: dict[int, T] = {}
-    failed: dict[int, EcatError] = {}
-    wanted: dict[int, list[Datagram]] = {}
-
-    def step(number: int, answers: list[Answer] | None) -> None:
-        talk = talks[number]
-        try:
-            wanted[number] = next(talk) if answers is None else talk.send(answers)
-        except StopIteration as end:
-            found[number] = end.value
-        except EcatError as error:
-            failed[number] = error
-
-    try:
-        for number in range(len(talks)):
-            step(number, None)
-        rounds = 0
-        while wanted:
-            asked, wanted = wanted, {}
-            datagrams = [datagram for item in asked.values() for datagram in item]
-            rounds += 1
-            if not datagrams:
-                yield rounds > _LOOKING  # an answer is read, and the next question follows it
-                rounds = 0
-            answers = iter(registers.exchange(datagrams, repeat=False))
-            for number, item in asked.items():
-                step(number, list(itertools.islice(answers, len(item))))
-    finally:
-        for talk in talks:  # those that have not ended must leave the queues of their slaves
-            talk.close()
-    return found, failed
-
-
-def talk_alone(registers: Datagrams, talk: Talk[T]) -> Steps[T]:
-    """Runs one conversation; raises what it raises."""
-    found, failed = yield from talk_all(registers, [talk])
-    if failed:
-        raise failed[0]
-    return found[0]
-
-
-def converse(
-    registers: Datagrams,
-    talks: Sequence[Talk[T]],
-    cancelled: Callable[[], bool] = lambda: False,
-) -> list[T]:
-    """Runs all conversations at the same time, to their ends; blocks.
-
-    Args:
-        registers: The way to the slaves.
-        talks: The conversations, each with another slave.
-        cancelled: Called again and again while waiting; when true, `StateError` is raised.
-
-    Returns:
-        The result of each conversation.
-
-    Raises:
-        EcatError: Conversations failed; the message gives their errors. The others have run to
-            their ends as well.
-    """
-    found, failed = finish(_unless(cancelled, talk_all(registers, talks)), _PAUSE_S)
-    if failed:
-        raise _all_of([failed[number] for number in sorted(failed)])
-    return [found[number] for number in range(len(talks))]
-
-
-def _unless(cancelled: Callable[[], bool], steps: Steps[T]) -> Steps[T]:
-    while True:
-        if cancelled():
-            raise StateError("stopped while slaves were being read")
-        try:
-            yield next(steps)
-        except StopIteration as end:
-            result: T = end.value
-            return result
-
-
-def _all_of(errors: list[EcatError]) -> EcatError:
-    if len(errors) == 1:
-        return errors[0]
-    texts = [str(error) for error in errors[:_NAMED]]
-    if len(errors) > _NAMED:
-        texts.append(f"and {len(errors) - _NAMED} slaves more")
-    return StateError("; ".join(texts))

@@ -1,0 +1,102 @@
+"""The queue in which conversations with one slave wait for their turn, and what they share."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections import deque
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+from ecatd.log import Log
+
+_ANSWER_S = 1.0
+"""Seconds a slave has to take a message and answer it, unless its line says otherwise; most need
+less than 1 ms."""
+
+_TRIES = 3
+
+
+class Line:
+    """State that all conversations with one slave share, and the queue in which they wait.
+
+    One conversation at a time has its turn, in the order in which they joined the queue. Clients'
+    requests run in the event loop, a recovery runs on the worker, and both use this queue. `join`
+    and `leave` may be called in any thread.
+
+    Attributes:
+        counter: Counter of the messages: 1 to 7, and again (ETG.1000.4, mailbox header). A slave
+            drops a message that has the same counter as the one before it, as a repetition.
+        unanswered: Whether the answer to an abandoned request may still come.
+        marks: Subindices for the requests that find out whether it has come; see
+            `Coe._synchronize`.
+        last: The last message that the slave has sent.
+        answer_s: Seconds that the slave has to take a message and answer it.
+        tries: How often it is asked for what it does not answer, where asking changes nothing.
+        log: Where details are told.
+    """
+
+    def __init__(self, log: Log | None = None) -> None:
+        self.log = log or Log("ecatd").of("mailbox")
+        self.last = b""
+        self.answer_s = _ANSWER_S
+        self.tries = _TRIES
+        self.counter = itertools.cycle(range(1, 8))
+        self.marks = itertools.cycle(range(0x80, 0x100))
+        self.unanswered = False
+        self._turns: deque[Turn] = deque()
+        self._lock = threading.Lock()
+
+    def __len__(self) -> int:
+        """Number of conversations in the queue, with the one that has its turn."""
+        return len(self._turns)
+
+    def join(self, called: Callable[[], object] = lambda: None) -> Turn:
+        """Joins the end of the queue.
+
+        Args:
+            called: Called when this turn has come because the one before it was left,
+                in the thread that left.
+        """
+        turn = Turn(self, called)
+        with self._lock:
+            self._turns.append(turn)
+        return turn
+
+    def is_first(self, turn: Turn) -> bool:
+        """Whether a turn has come: it is at the front of the queue."""
+        return self._turns[0] is turn
+
+    def leave(self, turn: Turn) -> None:
+        """Removes a turn from the queue. If it was at the front, calls the next one."""
+        with self._lock:
+            was_first = self._turns[0] is turn
+            self._turns.remove(turn)
+            following = self._turns[0] if was_first and self._turns else None
+        if following is not None:
+            following.called()
+
+
+class Turn:
+    """The turn of a conversation in the queue of a line. A `with` block gives it up at its end."""
+
+    def __init__(self, line: Line, called: Callable[[], object]) -> None:
+        self.called = called
+        self._line = line
+
+    @property
+    def has_come(self) -> bool:
+        """Whether the turn has come: it is at the front of the queue."""
+        return self._line.is_first(self)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._line.leave(self)

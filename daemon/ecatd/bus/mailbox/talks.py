@@ -1,0 +1,133 @@
+"""Runs conversations with many slaves at the same time.
+
+A slave takes a message, works on it, and answers when it can, so one slave after the other would
+be slow. Here each slave has a conversation of its own: a generator that yields the next accesses to
+the memory of the slave. Each round collects the accesses of all conversations, and packs them into
+as few frames as possible. Accesses that belong together, such as writing a message and reading the
+sync managers after it, share one frame.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Generator, Sequence
+from typing import TypeAlias, TypeVar
+
+from ecatd.coroutine_steps import Steps, finish
+from ecatd.model.errors import EcatError, StateError
+
+from ..frames.datagrams import Answer, Datagram, Datagrams
+
+T = TypeVar("T")
+
+Talk: TypeAlias = Generator[list[Datagram], list[Answer], T]
+"""A conversation with one slave. It yields the datagrams that go to the slave next, in order, and
+is sent their answers; its value is the result. An empty list means that it waits, for the slave or
+for its turn."""
+
+_PAUSE_S = 0.0002
+"""Seconds between two rounds while all conversations wait."""
+
+_NAMED = 5
+"""How many slaves an error names one by one."""
+
+_LOOKING = 2
+"""Rounds from one wait to the next of a conversation that looks for an answer in vain."""
+
+
+def talk_all(
+    registers: Datagrams, talks: Sequence[Talk[T]]
+) -> Steps[tuple[dict[int, T], dict[int, EcatError]]]:
+    """Runs all conversations at the same time, and yields whenever all of them wait.
+
+    It yields true if slaves have answered since the last time, so that those who ask for the next
+    step need not wait longer and longer.
+
+    Returns:
+        The results, and the errors of the conversations that failed, both by their number in
+        `talks`.
+    """
+    found: dict[int, T] = {}
+    failed: dict[int, EcatError] = {}
+    wanted: dict[int, list[Datagram]] = {}
+
+    def step(number: int, answers: list[Answer] | None) -> None:
+        talk = talks[number]
+        try:
+            wanted[number] = next(talk) if answers is None else talk.send(answers)
+        except StopIteration as end:
+            found[number] = end.value
+        except EcatError as error:
+            failed[number] = error
+
+    try:
+        for number in range(len(talks)):
+            step(number, None)
+        rounds = 0
+        while wanted:
+            asked, wanted = wanted, {}
+            datagrams = [datagram for item in asked.values() for datagram in item]
+            rounds += 1
+            if not datagrams:
+                yield rounds > _LOOKING  # an answer is read, and the next question follows it
+                rounds = 0
+            answers = iter(registers.exchange(datagrams, repeat=False))
+            for number, item in asked.items():
+                step(number, list(itertools.islice(answers, len(item))))
+    finally:
+        for talk in talks:  # those that have not ended must leave the queues of their slaves
+            talk.close()
+    return found, failed
+
+
+def talk_alone(registers: Datagrams, talk: Talk[T]) -> Steps[T]:
+    """Runs one conversation; raises what it raises."""
+    found, failed = yield from talk_all(registers, [talk])
+    if failed:
+        raise failed[0]
+    return found[0]
+
+
+def converse(
+    registers: Datagrams,
+    talks: Sequence[Talk[T]],
+    cancelled: Callable[[], bool] = lambda: False,
+) -> list[T]:
+    """Runs all conversations at the same time, to their ends; blocks.
+
+    Args:
+        registers: The way to the slaves.
+        talks: The conversations, each with another slave.
+        cancelled: Called again and again while waiting; when true, `StateError` is raised.
+
+    Returns:
+        The result of each conversation.
+
+    Raises:
+        EcatError: Conversations failed; the message gives their errors. The others have run to
+            their ends as well.
+    """
+    found, failed = finish(_unless(cancelled, talk_all(registers, talks)), _PAUSE_S)
+    if failed:
+        raise _all_of([failed[number] for number in sorted(failed)])
+    return [found[number] for number in range(len(talks))]
+
+
+def _unless(cancelled: Callable[[], bool], steps: Steps[T]) -> Steps[T]:
+    while True:
+        if cancelled():
+            raise StateError("stopped while slaves were being read")
+        try:
+            yield next(steps)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+
+
+def _all_of(errors: list[EcatError]) -> EcatError:
+    if len(errors) == 1:
+        return errors[0]
+    texts = [str(error) for error in errors[:_NAMED]]
+    if len(errors) > _NAMED:
+        texts.append(f"and {len(errors) - _NAMED} slaves more")
+    return StateError("; ".join(texts))
