@@ -17,24 +17,16 @@ from mutations import inputs, mutants
 from conftest import Daemon
 from ecatd.encoding import LENGTH, frame, pack, unpack
 from ecatd.model.errors import EcatError, UsageError
-from ecatd.model.messages import (
-    CancelFoe,
-    DescribeObject,
-    PutFoe,
-    ReadFrames,
-    ReadIdn,
-    ReadRegister,
-    ReadSii,
-    SdoRead,
-    SdoWrite,
-    SetLogLevel,
-    SetState,
-    StartFoe,
-    TakeFoe,
-    WriteIdn,
-    parse_request,
-    to_map,
-)
+from ecatd.model.requests.bus import SetState
+from ecatd.model.requests.eeproms import ReadSii
+from ecatd.model.requests.files import CancelFoe, PutFoe, StartFoe, TakeFoe
+from ecatd.model.requests.frames import ReadFrames
+from ecatd.model.requests.idns import ReadIdn, WriteIdn
+from ecatd.model.requests.log import SetLogLevel
+from ecatd.model.requests.objects import DescribeObject, SdoRead, SdoWrite
+from ecatd.model.requests.parsing import parse_request
+from ecatd.model.requests.registers import ReadRegister
+from ecatd.model.requests.request import to_map
 from ecatd.paths import control_socket
 from ecatd.zenoh_keys import bus_key, session_config
 

@@ -29,7 +29,7 @@ from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import BusyError, NoAnswerError, SdoAbortError
-from ecatd.model.messages import SdoRead, SdoWrite
+from ecatd.model.requests.objects import SdoRead, SdoWrite
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 from ecatsim.slave.mailbox import MailboxFault

@@ -14,7 +14,7 @@ from ecatd.connection import Connection
 from ecatd.encoding import MAX_MESSAGE
 from ecatd.log import Log
 from ecatd.model.errors import EcatError, UnreachableError, UsageError
-from ecatd.model.messages import parse_request
+from ecatd.model.requests.parsing import parse_request
 from ecatd.paths import make_dir
 
 from .server import BusServer

@@ -23,18 +23,17 @@ from ecatd.model.config import Config
 from ecatd.model.errors import StateError
 from ecatd.model.health import look_at
 from ecatd.model.log_levels import Levels, level_of, level_of_each, levels_text, with_level
-from ecatd.model.messages import (
+from ecatd.model.requests.bus import (
     Describe,
     ReadConfig,
     ReadEvents,
-    ReadFrames,
     ReadInfo,
-    ReadLogLevels,
     ReadStates,
-    Request,
-    SetLogLevel,
     SetState,
 )
+from ecatd.model.requests.frames import ReadFrames
+from ecatd.model.requests.log import ReadLogLevels, SetLogLevel
+from ecatd.model.requests.request import Request
 from ecatd.service_link import HANG_S
 from ecatd.version import VERSION
 

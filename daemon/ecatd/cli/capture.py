@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from ecatd.model.errors import StateError, UsageError
-from ecatd.model.messages import RINGS
+from ecatd.model.requests.frames import RINGS
 from ecatd.pcapng import Frame, header, packet, read_records
 
 from .arguments import seconds

@@ -18,7 +18,7 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
-from ecatd.model.messages import FILE_MAX
+from ecatd.model.requests.files import FILE_MAX
 
 from .arguments import bounded, slave
 from .confirm import add_yes, confirm

@@ -21,7 +21,7 @@ from ecatd.model.datatypes import (
     type_name,
 )
 from ecatd.model.errors import SdoAbortError, UsageError
-from ecatd.model.messages import DATA_MAX
+from ecatd.model.requests.objects import DATA_MAX
 
 from .arguments import bounded, slave
 from .output import print_json

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.errors import EcatError
-from ecatd.model.messages import FILE_PART, CancelFoe, PutFoe, ReadFoe, TakeFoe
+from ecatd.model.requests.files import FILE_PART, CancelFoe, PutFoe, ReadFoe, TakeFoe
 
 from .identity import who
 

@@ -7,30 +7,15 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from ecatd.model.errors import NotPermittedError
-from ecatd.model.messages import (
-    DescribeObject,
-    ListObjects,
-    ReadErrors,
-    ReadEvents,
-    ReadFrames,
-    ReadIdn,
-    ReadInfo,
-    ReadLogLevels,
-    ReadRegister,
-    ReadSii,
-    ReadStates,
-    Request,
-    Rescan,
-    ResetErrors,
-    SdoRead,
-    SdoWrite,
-    SetLogLevel,
-    SetState,
-    StartFoe,
-    WriteIdn,
-    WriteRegister,
-    WriteSii,
-)
+from ecatd.model.requests.bus import ReadEvents, ReadInfo, ReadStates, Rescan, SetState
+from ecatd.model.requests.eeproms import ReadSii, WriteSii
+from ecatd.model.requests.files import StartFoe
+from ecatd.model.requests.frames import ReadFrames
+from ecatd.model.requests.idns import ReadIdn, WriteIdn
+from ecatd.model.requests.log import ReadLogLevels, SetLogLevel
+from ecatd.model.requests.objects import DescribeObject, ListObjects, SdoRead, SdoWrite
+from ecatd.model.requests.registers import ReadErrors, ReadRegister, ResetErrors, WriteRegister
+from ecatd.model.requests.request import Request
 from ecatd.zenoh_keys import AS, RIGHTS
 
 from .identity import who

@@ -19,8 +19,8 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
-from ecatd.model.messages import Request
 from ecatd.model.queries import to_query
+from ecatd.model.requests.request import Request
 from ecatd.paths import read_host, search_dirs, zenoh_socket
 from ecatd.units import how_to_start
 from ecatd.zenoh_keys import AS, bus_key, bus_of, full_name, session_config

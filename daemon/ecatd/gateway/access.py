@@ -22,7 +22,7 @@ from ecatd.model.bus import Bus
 from ecatd.model.config import GatewayConfig, UserConfig
 from ecatd.model.config.gateway import ENCRYPTED, PLAIN, host_of, is_encrypted
 from ecatd.model.errors import BusyError, NotPermittedError, StateError
-from ecatd.model.messages import Request
+from ecatd.model.requests.request import Request
 from ecatd.zenoh_access import ASKING, READ, TELLING, rule
 from ecatd.zenoh_keys import AS
 

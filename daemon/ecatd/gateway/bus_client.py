@@ -11,7 +11,7 @@ from typing import Any
 from ecatd.connection import Connection
 from ecatd.encoding import MAX_REPLY
 from ecatd.model.errors import BusyError, EcatError, UnreachableError, UsageError
-from ecatd.model.messages import Request, to_map
+from ecatd.model.requests.request import Request, to_map
 
 Answer = asyncio.Future[dict[str, Any]]
 

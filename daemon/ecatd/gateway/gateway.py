@@ -24,15 +24,10 @@ from ecatd.model.bus_reader import read_bus
 from ecatd.model.config import Config, GatewayConfig, UserConfig, read_config
 from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError, UsageError
 from ecatd.model.log_levels import DEFAULTS
-from ecatd.model.messages import (
-    Describe,
-    ReadConfig,
-    ReadLogLevels,
-    ReadStates,
-    Request,
-    on_behalf,
-)
 from ecatd.model.queries import changes, from_query, read_flag, read_parameters
+from ecatd.model.requests.bus import Describe, ReadConfig, ReadStates
+from ecatd.model.requests.log import ReadLogLevels
+from ecatd.model.requests.request import Request, on_behalf
 from ecatd.paths import (
     control_socket,
     remove_zenoh_socket,

@@ -1,6 +1,6 @@
 """Requests as Zenoh queries: which fields are in the key, in the parameters and in the payload.
 
-`messages.py` says for each kind of request which fields are in its key. If a request only reads,
+`requests/` says for each kind of request which fields are in its key. If a request only reads,
 its other fields are parameters of the query, as in `…?complete=1`. If it changes something, they
 are the payload, a map. Gateway and clients both use this module, so that they agree.
 """
@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 from urllib.parse import quote, unquote
 
 from .errors import UsageError
-from .messages import KINDS, Request, parse_request
+from .requests.parsing import KINDS, parse_request
+from .requests.request import Request
 
 ALL = "all"
 """In the key: all slaves."""

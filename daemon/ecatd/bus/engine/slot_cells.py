@@ -17,7 +17,10 @@ from typing import Any
 from ecatd import file_locks, shm
 from ecatd.model.al import AlState
 from ecatd.model.errors import UsageError
-from ecatd.model.messages import Request, SdoRead, SdoWrite, SetState, parse_request, to_map
+from ecatd.model.requests.bus import SetState
+from ecatd.model.requests.objects import SdoRead, SdoWrite
+from ecatd.model.requests.parsing import parse_request
+from ecatd.model.requests.request import Request, to_map
 from ecatd.shm import REQUEST_BYTES
 
 from .shared_memory import SharedMemory

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.dictionary import DictionaryObject
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
-from ecatd.model.messages import DescribeObject, ListObjects
+from ecatd.model.requests.objects import DescribeObject, ListObjects
 
 from ..mailbox.coe import Coe
 from ..mailbox.dictionary import read_object

@@ -7,7 +7,7 @@ from typing import Any
 from ecatd.log import Log
 from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError
-from ecatd.model.messages import ReadSii, WriteSii
+from ecatd.model.requests.eeproms import ReadSii, WriteSii
 
 from ..master.master import Master
 from ..master.worker import Worker

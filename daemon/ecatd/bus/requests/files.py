@@ -20,7 +20,7 @@ from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.errors import BusyError, EcatError, StateError, UsageError
-from ecatd.model.messages import (
+from ecatd.model.requests.files import (
     FILE_MAX,
     FILE_PART,
     TRANSFER_MAX,
@@ -28,8 +28,8 @@ from ecatd.model.messages import (
     PutFoe,
     StartFoe,
     TakeFoe,
-    whose,
 )
+from ecatd.model.requests.request import whose
 
 from ..mailbox.foe import FileRead, FileTransfer, FileWrite
 from .conversations import Conversations

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ecatd.model.errors import StateError
-from ecatd.model.messages import ReadFrames
+from ecatd.model.requests.frames import ReadFrames
 
 from ..frames.frame_ring import FrameRing
 

@@ -8,7 +8,7 @@ from ecatd.log import Log
 from ecatd.model.bus import Bus
 from ecatd.model.errors import UsageError
 from ecatd.model.idns import idn_text
-from ecatd.model.messages import ReadIdn, WriteIdn
+from ecatd.model.requests.idns import ReadIdn, WriteIdn
 
 from ..mailbox.mailbox import Mailbox
 from ..mailbox.soe import read_idn, write_idn

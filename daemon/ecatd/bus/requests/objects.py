@@ -9,8 +9,8 @@ from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType, bit_length, decode, encode
 from ecatd.model.errors import EcatError, UsageError
-from ecatd.model.messages import SdoRead, SdoWrite, check_data
 from ecatd.model.object_types import ObjectType, ObjectTypes
+from ecatd.model.requests.objects import SdoRead, SdoWrite, check_data
 
 from .conversations import Conversations
 

@@ -10,9 +10,9 @@ from typing import Any
 from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.errors import NoAnswerError, StateError
-from ecatd.model.messages import ReadRegister, ResetErrors, WriteRegister
 from ecatd.model.port_errors import PortErrors, SlaveErrors
 from ecatd.model.registers import register_at
+from ecatd.model.requests.registers import ReadRegister, ResetErrors, WriteRegister
 
 from ..frames.datagrams import Answer, fpwr
 from ..frames.topology import Ports, links

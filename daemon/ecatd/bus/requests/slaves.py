@@ -8,27 +8,13 @@ from ecatd.log import Log
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config
 from ecatd.model.errors import UsageError
-from ecatd.model.messages import (
-    CancelFoe,
-    DescribeObject,
-    ListObjects,
-    PutFoe,
-    ReadErrors,
-    ReadFoe,
-    ReadIdn,
-    ReadRegister,
-    ReadSii,
-    Request,
-    Rescan,
-    ResetErrors,
-    SdoRead,
-    SdoWrite,
-    StartFoe,
-    TakeFoe,
-    WriteIdn,
-    WriteRegister,
-    WriteSii,
-)
+from ecatd.model.requests.bus import Rescan
+from ecatd.model.requests.eeproms import ReadSii, WriteSii
+from ecatd.model.requests.files import CancelFoe, PutFoe, ReadFoe, StartFoe, TakeFoe
+from ecatd.model.requests.idns import ReadIdn, WriteIdn
+from ecatd.model.requests.objects import DescribeObject, ListObjects, SdoRead, SdoWrite
+from ecatd.model.requests.registers import ReadErrors, ReadRegister, ResetErrors, WriteRegister
+from ecatd.model.requests.request import Request
 
 from ..master.master import Master
 from ..master.worker import Worker

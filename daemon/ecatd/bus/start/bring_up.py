@@ -18,7 +18,7 @@ from ecatd.model.applied import alike_slaves
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError
-from ecatd.model.messages import RINGS
+from ecatd.model.requests.frames import RINGS
 
 from ..engine.engine import Engine, Index, open_socket
 from ..engine.shared_memory import SharedMemory

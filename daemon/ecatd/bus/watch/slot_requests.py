@@ -24,7 +24,9 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
-from ecatd.model.messages import Request, SdoRead, SetState
+from ecatd.model.requests.bus import SetState
+from ecatd.model.requests.objects import SdoRead
+from ecatd.model.requests.request import Request
 from ecatd.shm import REQUEST_BYTES, Errno
 
 from ..engine.engine import Engine

@@ -10,27 +10,14 @@ from hypothesis import strategies as st
 from conftest import naming
 from ecatd.encoding import unpack
 from ecatd.model.errors import EcatError, SdoAbortError, UsageError
-from ecatd.model.messages import (
-    Describe,
-    DescribeObject,
-    ListObjects,
-    ReadErrors,
-    ReadEvents,
-    ReadInfo,
-    ReadLogLevels,
-    ReadRegister,
-    ReadSii,
-    ReadStates,
-    ResetErrors,
-    SdoRead,
-    SdoWrite,
-    SetLogLevel,
-    SetState,
-    WriteRegister,
-    parse_request,
-    to_map,
-)
 from ecatd.model.queries import from_query, to_query
+from ecatd.model.requests.bus import Describe, ReadEvents, ReadInfo, ReadStates, SetState
+from ecatd.model.requests.eeproms import ReadSii
+from ecatd.model.requests.log import ReadLogLevels, SetLogLevel
+from ecatd.model.requests.objects import DescribeObject, ListObjects, SdoRead, SdoWrite
+from ecatd.model.requests.parsing import KINDS, parse_request
+from ecatd.model.requests.registers import ReadErrors, ReadRegister, ResetErrors, WriteRegister
+from ecatd.model.requests.request import Request, to_map
 
 
 @pytest.mark.parametrize(
@@ -135,6 +122,10 @@ def test_any_bytes_are_a_map_or_a_usage_error(data: bytes) -> None:
     except UsageError:
         return
     assert all(isinstance(key, str) for key in message)
+
+
+def test_every_kind_of_request_is_known() -> None:
+    assert {*KINDS.values()} == {*Request.__subclasses__()}
 
 
 def test_long_and_nested_messages_are_refused() -> None:

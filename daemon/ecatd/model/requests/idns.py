@@ -1,0 +1,47 @@
+"""Requests about the IDNs of drives (SoE)."""
+
+from __future__ import annotations
+
+from ..errors import UsageError
+from .objects import DATA_MAX
+from .request import Request
+
+
+class ReadIdn(Request):
+    """Reads an IDN of a drive (SoE).
+
+    Attributes:
+        slave: Position or name; see `Bus.find`.
+        idn: The IDN, as `parse_idn` makes it.
+        drive: Number of the drive in the slave.
+    """
+
+    op = "read_idn"
+    key = "ro/idn/{slave}/{drive}/{idn}"
+    slave: int | str
+    idn: int
+    drive: int = 0
+
+
+class WriteIdn(Request):
+    """Writes the value of an IDN of a drive (SoE).
+
+    Attributes:
+        slave: Position or name; see `Bus.find`.
+        idn: The IDN, as `parse_idn` makes it.
+        data: The bytes of the value, little endian; of a list without its lengths.
+        drive: Number of the drive in the slave.
+        by: The name that the client gives itself, for the log.
+    """
+
+    op = "write_idn"
+    key = "rw/idn/{slave}/{drive}/{idn}"
+    slave: int | str
+    idn: int
+    data: bytes
+    drive: int = 0
+    by: str = ""
+
+    def _check(self) -> None:
+        if len(self.data) > DATA_MAX:
+            raise UsageError(f"'data' of {self.op} has more than {DATA_MAX} bytes")

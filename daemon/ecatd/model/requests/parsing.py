@@ -1,0 +1,114 @@
+"""Makes requests of maps, and checks them.
+
+A client sends a request to the gateway over Zenoh (`queries.py`), and the gateway sends it to the
+bus server as a map in msgpack. Gateway and bus server both check it with `parse_request`, since
+neither trusts its client.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..al import AlState
+from ..errors import UsageError
+from .bus import Describe, ReadConfig, ReadEvents, ReadInfo, ReadStates, Rescan, SetState
+from .eeproms import ReadSii, WriteSii
+from .files import FILE_MAX, TRANSFER_MAX, CancelFoe, PutFoe, ReadFoe, StartFoe, TakeFoe
+from .frames import RINGS, ReadFrames
+from .idns import ReadIdn, WriteIdn
+from .log import ReadLogLevels, SetLogLevel
+from .objects import DescribeObject, ListObjects, SdoRead, SdoWrite, check_data
+from .registers import ReadErrors, ReadRegister, ResetErrors, WriteRegister
+from .request import BY_MAX, Field, Request
+
+KINDS: dict[str, type[Request]] = {
+    kind.op: kind
+    for kind in (
+        Describe,
+        ReadInfo,
+        ReadConfig,
+        ReadStates,
+        Rescan,
+        SetState,
+        ReadLogLevels,
+        SetLogLevel,
+        SdoRead,
+        SdoWrite,
+        ListObjects,
+        DescribeObject,
+        ReadRegister,
+        WriteRegister,
+        ReadErrors,
+        ResetErrors,
+        ReadSii,
+        WriteSii,
+        StartFoe,
+        PutFoe,
+        TakeFoe,
+        ReadFoe,
+        CancelFoe,
+        ReadIdn,
+        WriteIdn,
+        ReadEvents,
+        ReadFrames,
+    )
+}
+"""All kinds of requests, by `op`."""
+
+_RANGES = {
+    "slave": (0, 65535),
+    "index": (0, 0xFFFF),
+    "idn": (0, 0xFFFF),
+    "drive": (0, 7),
+    "subindex": (0, 0xFF),
+    "address": (0, 0xFFFF),
+    "size": (0, FILE_MAX),
+    "offset": (0, FILE_MAX),
+    "transfer": (1, TRANSFER_MAX),
+    "password": (0, 0xFFFFFFFF),
+    "position": (0, 1 << 62),
+    "since": (0, 1 << 62),
+    "word": (0, 0x3FFFF),
+    "count": (1, 256),
+}
+
+
+def parse_request(data: Any) -> Request:
+    """Makes a request from a map, and checks it.
+
+    Raises:
+        UsageError: The operation is unknown, or a key is unknown, missing, of the wrong type or
+            out of range; the message names the key.
+    """
+    if not isinstance(data, dict):
+        raise UsageError("a request is a map with string keys")
+    values = dict(data)
+    op = values.pop("op", None)
+    if not isinstance(op, str) or op not in KINDS:
+        raise UsageError(f"op {op!r} is not a request: use {', '.join(KINDS)}")
+    kind = KINDS[op]
+    known = kind.fields
+    for key, value in values.items():
+        if key not in known:
+            raise UsageError(f"'{key}' is not a key of {op}: use {', '.join(known) or 'none'}")
+        _check_field(op, key, value, known[key])
+    return kind(**values)
+
+
+def _check_field(op: str, key: str, value: Any, wanted: Field) -> None:
+    # Types are compared by name: bool is a subclass of int, but true is no slave number.
+    found = "None" if value is None else type(value).__name__
+    if found not in wanted.types:
+        raise UsageError(f"'{key}' of {op} must be {wanted.kind}, not {found}")
+    if key in _RANGES and isinstance(value, int):
+        low, high = _RANGES[key]
+        if not low <= value <= high:
+            raise UsageError(f"'{key}' of {op} is {value}, but must be from {low} to {high}")
+    if key == "data" and value is not None and op == SdoWrite.op:
+        check_data(value)
+    if key == "by" and (len(value) > BY_MAX or not value.isprintable()):
+        raise UsageError(f"'by' of {op} must be up to {BY_MAX} printable characters")
+    if key == "state":
+        AlState.parse(value)
+    if key == "ring" and value not in RINGS:
+        raise UsageError(f"'ring' of {op} is {value!r}, but must be {' or '.join(RINGS)}")

@@ -1,0 +1,95 @@
+"""What all kinds of requests have in common.
+
+Each kind of request has a name, `op`, and its Zenoh key below the bus, `key`. A key begins with
+`ro`, or with `rw` if the request changes something, and names the kind and then the slave, so that
+access control can distinguish all three. Fields in braces stand in the key.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, ClassVar, NamedTuple, dataclass_transform
+
+from ..errors import UsageError
+
+BY_MAX = 200
+"""Characters of the name of a client."""
+
+_NOT_PLAIN = re.compile(r"[^\w .,@:/()-]")
+
+
+class Field(NamedTuple):
+    """A field of a request.
+
+    Attributes:
+        kind: Its type, for messages.
+        types: Names of the types that it may have.
+        needed: Whether it is required.
+    """
+
+    kind: str
+    types: frozenset[str]
+    needed: bool
+
+
+@dataclass_transform(frozen_default=True, eq_default=True)
+class Request:
+    """A request; each subclass is a kind of request, and its annotations are the fields.
+
+    It works like a dataclass, but without `dataclasses`: loading that module takes as long as
+    loading all other modules of a command.
+    """
+
+    op: ClassVar[str]
+    key: ClassVar[str]
+    fields: ClassVar[dict[str, Field]]
+
+    def __init_subclass__(cls) -> None:
+        cls.fields = {
+            name: Field(kind, frozenset(kind.split(" | ")), not hasattr(cls, name))
+            for name, kind in cls.__annotations__.items()
+        }
+
+    def __init__(self, *args: Any, **values: Any) -> None:
+        values.update(zip(self.fields, args, strict=False))
+        missing = [name for name in self.fields if name not in values and self.fields[name].needed]
+        if missing:
+            raise UsageError(f"{self.op} needs {', '.join(missing)}")
+        self.__dict__.update(values)
+        self._check()
+
+    def _check(self) -> None:
+        """Checks the fields beyond their types.
+
+        Raises:
+            UsageError: The fields contradict each other.
+        """
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and repr(self) == repr(other)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({to_map(self)})"
+
+
+def to_map(request: Request) -> dict[str, Any]:
+    """The request as a map, with its `op`."""
+    return {"op": request.op} | {name: getattr(request, name) for name in request.fields}
+
+
+def on_behalf(request: Request, who: str) -> Request:
+    """The same request with the name of the user who asks, if it has such a field.
+
+    The name that the client gives itself follows in brackets, without characters that could be
+    mistaken for something else in a line of the log.
+    """
+    if "by" not in request.fields:
+        return request
+    values = {name: getattr(request, name) for name in request.fields}
+    said = _NOT_PLAIN.sub("", values["by"])
+    return type(request)(**{**values, "by": (f"{who} [{said}]" if said else who)[:BY_MAX]})
+
+
+def whose(by: str) -> str:
+    """The user in a text of `on_behalf`, without the name that the client gives itself."""
+    return by.partition(" [")[0]
