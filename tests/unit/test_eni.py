@@ -12,7 +12,10 @@ from conftest import names, naming
 from ecatd.eni import Converted, convert, read_network
 from ecatd.eni.report import Report
 from ecatd.model.config import read_config
-from ecatd.model.config.tables import Config, DcSlaveConfig, SlaveConfig, StartupConfig
+from ecatd.model.config.clocks import DcSlaveConfig
+from ecatd.model.config.config import Config
+from ecatd.model.config.slave_settings import SlaveConfig
+from ecatd.model.config.startup import StartupConfig
 from ecatd.model.config.writer import write_config
 from ecatd.model.errors import ConfigError
 from ecatd.model.expected_bus import compare

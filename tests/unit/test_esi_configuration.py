@@ -15,7 +15,9 @@ from ecatd.esi.check import pdo_problems
 from ecatd.esi.configure import add_esi
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, DcSlaveConfig, SignalConfig, read_config
-from ecatd.model.config.tables import PdoConfig, PdoEntryConfig, SlaveConfig, StartupConfig
+from ecatd.model.config.pdos import PdoConfig, PdoEntryConfig
+from ecatd.model.config.slave_settings import SlaveConfig
+from ecatd.model.config.startup import StartupConfig
 from ecatd.model.config.writer import write_config
 from ecatd.model.datatypes import DataType
 from ecatd.model.pdo import Entry, Pdo

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from ecatd.model.bus import Slave
 from ecatd.model.config import StartupConfig
-from ecatd.model.config.slave_settings import read_parameter
+from ecatd.model.config.startup import read_parameter
 from ecatd.model.config.writer import value_text as toml_text
 from ecatd.model.datatypes import STRINGS, decode, parse_type, type_alias
 from ecatd.model.dictionary import Access, DictionaryEntry, access_text

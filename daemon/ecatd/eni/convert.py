@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import DOMAINS_MAX, Config, DcSlaveConfig, DomainConfig, Mark
+from ecatd.model.config.clocks import SYNC_MAX_US
 from ecatd.model.config.init_commands import startup_parameter
 from ecatd.model.config.slave_settings import (
     ALIAS,
@@ -16,9 +17,9 @@ from ecatd.model.config.slave_settings import (
     ON_REQUEST,
     WATCHDOG_MAX_MS,
     WATCHDOG_MIN_MS,
+    SlaveConfig,
 )
-from ecatd.model.config.slaves import SYNC_MAX_US
-from ecatd.model.config.tables import TRANSITIONS, SlaveConfig
+from ecatd.model.config.startup import TRANSITIONS
 from ecatd.model.config.writer import Notes, unique_name
 from ecatd.model.errors import UsageError
 from ecatd.model.object_types import ObjectTypes

@@ -8,8 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from ecatd.model.config.slave_settings import ENTRIES_MAX, INPUT_PDOS, OUTPUT_PDOS, PDOS_MAX
-from ecatd.model.config.tables import PdoConfig, PdoEntryConfig
+from ecatd.model.config.pdos import (
+    ENTRIES_MAX,
+    INPUT_PDOS,
+    OUTPUT_PDOS,
+    PDOS_MAX,
+    PdoConfig,
+    PdoEntryConfig,
+)
 from ecatd.model.datatypes import type_of_bits
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import UNASSIGNED

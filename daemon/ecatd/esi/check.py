@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ecatd.model.config.tables import SlaveConfig
+from ecatd.model.config.slave_settings import SlaveConfig
 
 from .device import EsiDevice, EsiPdo
 from .modules import plug

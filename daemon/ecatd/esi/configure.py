@@ -8,17 +8,17 @@ from pathlib import Path
 
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, DcSlaveConfig, SignalConfig
+from ecatd.model.config.clocks import SYNC_MAX_US
 from ecatd.model.config.init_commands import startup_parameter
+from ecatd.model.config.pdos import INPUT_PDOS, OUTPUT_PDOS
 from ecatd.model.config.signals import UNIT_BYTES
 from ecatd.model.config.slave_settings import (
     ALIAS,
     IDENTIFICATION_REGISTERS,
-    INPUT_PDOS,
     ON_REQUEST,
-    OUTPUT_PDOS,
+    SlaveConfig,
 )
-from ecatd.model.config.slaves import SYNC_MAX_US
-from ecatd.model.config.tables import TRANSITIONS, SlaveConfig
+from ecatd.model.config.startup import TRANSITIONS
 from ecatd.model.config.writer import Notes
 from ecatd.model.datatypes import decode, is_real, value_range
 from ecatd.model.errors import UsageError

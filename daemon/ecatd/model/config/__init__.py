@@ -1,41 +1,24 @@
-"""The configuration file, in TOML. `tables` and `docs/configuration.md` describe every key.
+"""The configuration file, in TOML. `docs/configuration.md` describes every key.
+
+`config` has the whole configuration and `file` reads it; a module for each of the larger tables has
+its keys and reads them.
 
 Unknown keys are refused, and the message suggests the nearest valid one. Every message starts with
 file and line.
 """
 
+from .clocks import DcConfig, DcSlaveConfig
+from .config import CaptureConfig, Config, MailboxConfig, RealTimeConfig, RecoveryConfig
+from .copies import ABSENT, CopyConfig
+from .domains import DOMAINS_MAX, DomainConfig
 from .file import load_config, read_config
-from .slaves import DOMAINS_MAX
-from .tables import (
-    ABSENT,
-    POSITION_MAX,
-    STOPS,
-    STRICT,
-    TOLERANT,
-    TRANSITIONS,
-    TRANSITIONS_DOWN,
-    CaptureConfig,
-    Config,
-    CopyConfig,
-    DcConfig,
-    DcSlaveConfig,
-    DomainConfig,
-    ExpectedConfig,
-    GatewayConfig,
-    MailboxConfig,
-    Mark,
-    ModuleConfig,
-    OutputsConfig,
-    PdoConfig,
-    PdoEntryConfig,
-    RealTimeConfig,
-    RecoveryConfig,
-    SafeConfig,
-    SignalConfig,
-    SlaveConfig,
-    StartupConfig,
-    UserConfig,
-)
+from .gateway import GatewayConfig, UserConfig
+from .outputs import STOPS, OutputsConfig, SafeConfig
+from .pdos import PdoConfig, PdoEntryConfig
+from .signals import SignalConfig
+from .slave_reference import POSITION_MAX
+from .slave_settings import STRICT, TOLERANT, ExpectedConfig, Mark, ModuleConfig, SlaveConfig
+from .startup import TRANSITIONS, TRANSITIONS_DOWN, StartupConfig
 
 __all__ = [
     "ABSENT",

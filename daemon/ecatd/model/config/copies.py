@@ -1,11 +1,47 @@
-"""Reads `[[copy]]`: outputs that an input of another slave decides."""
+"""Outputs that an input of another slave decides: `[[copy]]`, and how it is read."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from ..pdo import parse_address
 from ..toml_file import Key, Rules, Table, number
+from .placed import Placed
 from .signals import read_entry, read_scale
-from .slaves import slave_reference
-from .tables import CopyConfig
+from .slave_reference import slave_reference
+
+ABSENT = -1
+
+
+@dataclass(slots=True)
+class CopyConfig(Placed):
+    """`[[copy]]`: an output that an input decides.
+
+    Attributes:
+        slave: Position of the slave with the output.
+        entry: Address of the output, such as "0x7000:01".
+        from_slave: Position of the slave with the input; `ABSENT` if it is not on the bus.
+        from_entry: Address of the input.
+        factor: Physical output = physical input * factor + offset. None: 1, if the units are equal.
+        offset: See `factor`.
+    """
+
+    slave: int
+    entry: str
+    from_slave: int
+    from_entry: str
+    factor: float | None = None
+    offset: float = 0.0
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """Index and subindex of the output."""
+        return parse_address(self.entry) or (0, 0)
+
+    @property
+    def from_address(self) -> tuple[int, int]:
+        """Index and subindex of the input."""
+        return parse_address(self.from_entry) or (0, 0)
 
 
 def read_copies(top: Table, key: Key) -> list[CopyConfig]:

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from difflib import SequenceMatcher
 from typing import Any
 
-from .tables import POSITION_MAX, Config
+from .config import Config
+from .slave_reference import POSITION_MAX
 
 _Row = dict[str, Any]
 _Label = str | int

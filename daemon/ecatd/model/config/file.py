@@ -9,13 +9,9 @@ from typing import Any
 from ..bus_name import check_bus_name
 from ..log_levels import DEFAULTS, LEVELS, OTHERS, PARTS
 from ..toml_file import Document, Key, Rules, Table, array, choice, integer, number, read_toml, show
-from .copies import read_copies
-from .gateway import read_gateway
-from .outputs import read_outputs
-from .signals import read_signals
-from .slave_settings import check_physical, read_expected, read_slaves
-from .slaves import check_clocks, read_clocks, read_domains
-from .tables import (
+from .checks import check_clocks, check_physical
+from .clocks import read_clocks
+from .config import (
     RECOVERY_MODES,
     CaptureConfig,
     Config,
@@ -23,6 +19,12 @@ from .tables import (
     RealTimeConfig,
     RecoveryConfig,
 )
+from .copies import read_copies
+from .domains import read_domains
+from .gateway import read_gateway
+from .outputs import read_outputs
+from .signals import read_signals
+from .slave_settings import read_expected, read_slaves
 
 _INTERFACE_BYTES = 15
 

@@ -1,14 +1,14 @@
-"""Reads `[gateway]`: where others can read the bus."""
+"""Where others can read the bus: `[gateway]`, and how it is read."""
 
 from __future__ import annotations
 
 import ipaddress
 import re
+from dataclasses import dataclass, field
 
 from ..bus_name import HOST_NAME, HOST_NAME_RULE
 from ..queries import CHANGES
 from ..toml_file import Key, Rules, Table, number, show
-from .tables import GatewayConfig, UserConfig
 
 PLAIN, ENCRYPTED = ("tcp", "ws", "udp"), ("tls", "quic")
 PROTOCOLS = (*PLAIN, *ENCRYPTED)
@@ -16,6 +16,56 @@ PROTOCOLS = (*PLAIN, *ENCRYPTED)
 
 _LOCAL = "unixsock-stream/"
 _SOCKET_PATH_MAX = 107  # of a Unix socket in Linux
+
+
+@dataclass(slots=True)
+class UserConfig:
+    """`[[gateway.user]]`: somebody who may use the bus from other machines, with a certificate.
+
+    Attributes:
+        name: Common name of the certificate.
+        write: Kinds of changes that the user may ask for, of `CHANGES`; none: only reading.
+        slaves: The slaves that they may be about, by position or name; none: all, and what is about
+            no particular slave.
+        changes_max: Changes a second that the user may ask for in the long run.
+    """
+
+    name: str
+    write: list[str] = field(default_factory=list)
+    slaves: list[int | str] = field(default_factory=list)
+    changes_max: float = 100.0
+
+
+@dataclass(slots=True)
+class GatewayConfig:
+    """`[gateway]`: access to the bus over Zenoh.
+
+    Attributes:
+        host: Name of this machine in the keys of the bus; empty for keys without a machine.
+        listen: Zenoh endpoints for others, in addition to the Unix socket for users of this
+            machine.
+        connect: Zenoh endpoints of routers, which this gateway connects to.
+        certificate: File with the certificate of the daemon, in PEM; empty for none.
+        key: File with its private key.
+        users_ca: File with the certificates of those who may sign certificates of users and
+            routers.
+        user: The users.
+        anonymous_reading: Whether other machines may read without a certificate.
+        publish_hz: Rate in Hz at which values of signals are published, 0 for never.
+        metrics: Where metrics are served over HTTP: `HOST:PORT` of a loopback address, or
+            `unix:PATH`; empty: nowhere.
+    """
+
+    host: str = ""
+    listen: list[str] = field(default_factory=lambda: ["tcp/127.0.0.1:7447"])
+    connect: list[str] = field(default_factory=list)
+    certificate: str = ""
+    key: str = ""
+    users_ca: str = ""
+    user: list[UserConfig] = field(default_factory=list)
+    anonymous_reading: bool = False
+    publish_hz: float = 10.0
+    metrics: str = ""
 
 
 def read_gateway(top: Table, key: Key) -> GatewayConfig:

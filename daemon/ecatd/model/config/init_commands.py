@@ -5,12 +5,7 @@ from __future__ import annotations
 from ..datatypes import STRINGS, decode, type_alias
 from ..errors import UsageError
 from ..object_types import ObjectType
-from .signals import NAME_BYTES
-from .tables import StartupConfig
-
-COMMENT_BYTES = 4 * NAME_BYTES
-DATA_MAX = 1 << 15
-"""Most bytes of a start-up parameter."""
+from .startup import COMMENT_BYTES, DATA_MAX, StartupConfig
 
 
 def startup_parameter(

@@ -1,13 +1,75 @@
-"""Reads `[outputs]`: leases, and the safe values of outputs without an owner."""
+"""Leases, and safe values of outputs without an owner: `[outputs]`, and how it is read."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
+from ..pdo import parse_address
 from ..toml_file import Key, Rules, Table, integer, number, show
+from .placed import Placed
 from .signals import read_entry
-from .slaves import slave_reference
-from .tables import STOPS, OutputsConfig, SafeConfig
+from .slave_reference import slave_reference
+
+STOPS = ("quick_stop", "disable")
+"""Safe values that stop a drive before its controlword becomes 0."""
+
+STOP_TIMEOUT_S = 2.0
 
 _WORDS = ("zero", "hold", *STOPS)
+
+
+@dataclass(slots=True)
+class SafeConfig(Placed):
+    """`[[outputs.safe]]`: the safe value of a slave's outputs, or of one of its entries.
+
+    Attributes:
+        slave: Position.
+        value: "zero", "hold" (keep the value that was sent last), a raw number, which needs
+            `entry`, or for a CiA 402 drive "quick_stop" or "disable".
+        entry: Address such as "0x60FF:00"; empty for all outputs of the slave. With "quick_stop"
+            and "disable", a controlword stands for all objects of its axis.
+        stop_timeout_s: With "quick_stop" and "disable": seconds in which the drive must stop;
+            afterwards its controlword is 0 in any case. None: `STOP_TIMEOUT_S`.
+    """
+
+    slave: int
+    value: str | int | float = "zero"
+    entry: str = ""
+    stop_timeout_s: float | None = None
+
+    @property
+    def address(self) -> tuple[int, int] | None:
+        """Index and subindex of `entry`, or None for the whole slave."""
+        return parse_address(self.entry)
+
+    @property
+    def patience(self) -> float:
+        """Seconds in which a drive must stop."""
+        return STOP_TIMEOUT_S if self.stop_timeout_s is None else self.stop_timeout_s
+
+
+@dataclass(slots=True)
+class OutputsConfig:
+    """`[outputs]`: when outputs take their safe values, and which.
+
+    Attributes:
+        lease_cycles: Cycles without a heartbeat of their client after which outputs take their safe
+            values, unless the client asks for a longer lease.
+        lease_max_ms: Longest lease that a client can ask for, in milliseconds.
+        wkc_limit: Number of exchanges of a domain in a row with a wrong working counter after which
+            each client with outputs in this domain loses all its outputs; 0: never.
+        safe: Safe values other than zero.
+    """
+
+    lease_cycles: int = 5
+    lease_max_ms: int = 500
+    wkc_limit: int = 0
+    safe: list[SafeConfig] = field(default_factory=list)
+
+    @property
+    def stop_patience(self) -> float:
+        """Longest time in seconds until all drives have stopped, or their time is over."""
+        return max((rule.patience for rule in self.safe if rule.value in STOPS), default=0.0)
 
 
 def read_outputs(top: Table, key: Key) -> OutputsConfig:

@@ -6,8 +6,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from .config import Config
 from .differences import differences
-from .tables import Config, SignalConfig
+from .signals import SignalConfig
 
 _SIGNAL_KEY = re.compile(r"signal\[(\d+)\](.*)")
 

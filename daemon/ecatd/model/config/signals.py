@@ -1,19 +1,76 @@
-"""Reads `[[signal]]`: what entries of the process data mean."""
+"""What entries of the process data mean: `[[signal]]`, and how it is read."""
 
 from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass, field, replace
 
-from ..pdo import Value
+from ..pdo import Entry, Value, parse_address
 from ..toml_file import Key, Rules, Table, number, printable, show
-from .slaves import slave_reference
-from .tables import SignalConfig
+from .placed import Placed
+from .slave_reference import slave_reference
 
 NAME_BYTES, UNIT_BYTES = 63, 15
 """Most bytes of a name and of a unit in UTF-8: the room in the signal table of shared memory."""
 
 _NUMBER = re.compile(r"-?[0-9]{1,10}|0x[0-9A-Fa-f]{1,8}")
+
+
+@dataclass(slots=True)
+class SignalConfig(Placed):
+    """`[[signal]]`: what an entry of the process data means.
+
+    Keys that are not given come from a device profile, else from the slave. Unit, scale and offset
+    belong together: if one of them is given, those of a profile are ignored, with its limits.
+
+    Attributes:
+        slave: Position.
+        entry: Address such as "0x60FF:00".
+        name: Name for people and for lookups; empty: that of the profile or of the slave.
+        unit: Unit of the physical value.
+        scale: Physical value = raw value * scale + offset.
+        offset: See `scale`.
+        minimum: Smallest physical value that a client may write to an output; None: that of the
+            profile or of the type.
+        maximum: Largest one.
+        values: Names of values by decimal number; empty: those of the profile.
+    """
+
+    slave: int
+    entry: str
+    name: str = ""
+    unit: str | None = None
+    scale: float | None = None
+    offset: float | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    values: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """Index and subindex of `entry`."""
+        address = parse_address(self.entry)
+        assert address is not None, "checked when the configuration was read"
+        return address
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether it gives unit, scale and offset, instead of those of a profile."""
+        return (self.unit, self.scale, self.offset) != (None, None, None)
+
+    def scaled(self, entry: Entry) -> Entry:
+        """The entry with the unit, scale, offset and limits of this table."""
+        return replace(
+            entry,
+            unit=self.unit or "",
+            scale=1.0 if self.scale is None else self.scale,
+            offset=self.offset or 0.0,
+            minimum=self.minimum,
+            maximum=self.maximum,
+            display_unit="",
+            quantity="",
+        )
 
 
 def read_signals(top: Table, key: Key) -> list[SignalConfig]:

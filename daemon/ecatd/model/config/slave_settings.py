@@ -1,30 +1,23 @@
-"""Reads `[[slave]]`: which slaves are expected, their PDOs and their start-up parameters."""
+"""Which slaves are expected: the keys of `[[slave]]` and `[expected]`, and how they are read."""
 
 from __future__ import annotations
 
-import math
 import re
-from functools import partial
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
-from ..datatypes import STRINGS, DataType, bit_length, is_real, parse_type, plain_number
+from ..bus import Module
 from ..toml_file import Key, Rules, Table, array, choice, integer, number, printable, show
-from .signals import NAME_BYTES, UNIT_BYTES
-from .tables import (
-    POSITION_MAX,
-    STRICT,
-    TOLERANT,
-    TRANSITIONS,
-    Config,
-    ExpectedConfig,
-    ModuleConfig,
-    PdoConfig,
-    PdoEntryConfig,
-    SlaveConfig,
-    StartupConfig,
-)
+from .pdos import PdoConfig, check_pdos, read_pdo_index, read_pdos
+from .placed import Placed
+from .signals import NAME_BYTES
+from .slave_reference import POSITION_MAX
+from .startup import StartupConfig, read_parameter
 
-OUTPUT_PDOS, INPUT_PDOS = range(0x1600, 0x1800), range(0x1A00, 0x1C00)
-"""Indices of RxPDOs and TxPDOs (ETG.1000.6)."""
+STRICT, TOLERANT = "strict", "tolerant"
+
+MAILBOX_POLL_MS = 100.0
+"""Milliseconds between two looks at the mailbox of a slave, unless its table says otherwise."""
 
 IDENTIFICATION_REGISTERS = range(0x0010, 0xFFFF)
 """Addresses in an ESC where an identification may be."""
@@ -33,17 +26,157 @@ ALIAS, ON_REQUEST = 0x0012, 0x0134
 """Registers that ESI and ENI files name for the station alias, and for an identification that the
 slave tells on request, in place of the AL status code."""
 
-PDOS_MAX, ENTRIES_MAX = 64, 254
-"""Most PDOs of a slave, and most entries of a PDO."""
-
 _SLOTS_MAX = 254
-_BYTES_MAX = 1 << 15
 WATCHDOG_MIN_MS, WATCHDOG_MAX_MS = 0.1, 6553.5
 _POLL_MIN_MS, _POLL_MAX_MS = 10, 60_000
 _NAME_BYTES = 31
 _MARKS = ("alias", "identification")
 _NAME = re.compile(r"[^\W\d][\w-]*")
-_INDEX = re.compile(r"0x[0-9A-Fa-f]{1,4}")
+
+
+@dataclass(slots=True)
+class ModuleConfig(Placed):
+    """`[[slave.module]]`: the module that a slot of a modular device shall have (ETG.5001).
+
+    Attributes:
+        slot: Number of the slot, 1 first.
+        ident: Module ident.
+        type: Its type, for messages.
+    """
+
+    slot: int
+    ident: int
+    type: str = ""
+
+
+@dataclass(slots=True)
+class ExpectedConfig(Placed):
+    """`[expected]`: what happens if the bus is not the one that the `[[slave]]` tables describe.
+
+    Attributes:
+        policy: `STRICT`: the bus does not start; `TOLERANT`: slaves without a difference run, and
+            the others take no part. A `[[slave]]` may have its own.
+        unlisted: Whether slaves behind those with a `[[slave]]` are used; else each of them is a
+            difference.
+        description: File with the description of the complete bus, as `ecatctl scan -o` writes it:
+            it says which process data optional slaves have that are not there at the start. Empty
+            for none.
+    """
+
+    policy: str = STRICT
+    unlisted: bool = True
+    description: str = ""
+
+
+class Mark(NamedTuple):
+    """What tells a slave from all others wherever it stands.
+
+    Attributes:
+        kind: "station alias" or "identification".
+        value: Its value, 1 to 65535.
+    """
+
+    kind: str
+    value: int
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.value}"
+
+
+@dataclass(slots=True)
+class SlaveConfig(Placed):
+    """`[[slave]]`: which slave is expected, and what it is told whenever it starts or comes back.
+
+    Attributes:
+        position: Its expected position. Where `mark` finds the slave, or it stands behind the
+            first slave of its group, which has one, a number above `POSITION_MAX` that stands for
+            the slave until the bus is known.
+        name: Its name in this machine; other tables and requests may use it. Empty for none.
+        type: Its order code, for messages.
+        vendor: Expected vendor ID; None: any slave may stand there.
+        product: Expected product code; goes with `vendor`.
+        revision: The only revision number that is accepted; None for any.
+        revision_min: The lowest revision number that is accepted.
+        serial: The only serial number that is accepted; None for any.
+        alias: Station alias that finds the slave wherever it stands.
+        identification: Explicit device identification that finds it, in place of `alias`.
+        identification_register: Address in its ESC where its identification is; None: as its
+            EEPROM says, or it tells it on request.
+        policy: `STRICT` or `TOLERANT`, in place of that of `[expected]`; None for that one.
+        optional: Whether it may be absent, and come and go while the bus runs.
+        group: Optional slaves with the same group come and go together (hot connect); empty for a
+            slave alone.
+        watchdog_ms: Time of its process data watchdog in milliseconds, 0 switches it off; None:
+            as the slave has it.
+        pdi_watchdog_ms: The same for the watchdog between its ESC and its processor (PDI).
+        mailbox_timeout_ms: Time in milliseconds that it has to answer over its mailbox; None for
+            the usual one.
+        mailbox_tries: How often it is asked for an object that it does not answer; None: as usual.
+        mailbox_poll_ms: Time in milliseconds between two looks at its mailbox for emergencies, 0
+            for no looks; None: `MAILBOX_POLL_MS`.
+        module: The modules in its slots; slots without a table are empty. None at all: any modules.
+        pdos: Indices of the PDOs that are assigned; None: those that the slave has assigned.
+        pdo: PDOs with other entries than those of the slave.
+        startup: Start-up parameters in the order in which they are written.
+    """
+
+    position: int
+    name: str = ""
+    type: str = ""
+    vendor: int | None = None
+    product: int | None = None
+    revision: int | None = None
+    revision_min: int | None = None
+    serial: int | None = None
+    alias: int | None = None
+    identification: int | None = None
+    identification_register: int | None = None
+    policy: str | None = None
+    optional: bool = False
+    group: str = ""
+    watchdog_ms: float | None = None
+    pdi_watchdog_ms: float | None = None
+    mailbox_timeout_ms: float | None = None
+    mailbox_tries: int | None = None
+    mailbox_poll_ms: float | None = None
+    module: list[ModuleConfig] = field(default_factory=list)
+    pdos: list[int] | None = None
+    pdo: list[PdoConfig] = field(default_factory=list)
+    startup: list[StartupConfig] = field(default_factory=list)
+
+    @property
+    def mark(self) -> Mark | None:
+        """What finds the slave wherever it stands; None if that is its position."""
+        if self.alias is not None:
+            return Mark("station alias", self.alias)
+        if self.identification is not None:
+            return Mark("identification", self.identification)
+        return None
+
+    @property
+    def poll_s(self) -> float:
+        """Seconds between two looks at its mailbox; 0: nobody looks."""
+        poll_ms = MAILBOX_POLL_MS if self.mailbox_poll_ms is None else self.mailbox_poll_ms
+        return poll_ms / 1000
+
+    @property
+    def is_told(self) -> bool:
+        """Whether the slave is told anything over its mailbox before SAFEOP."""
+        return self.pdos is not None or bool(self.module or self.pdo or self.startup)
+
+    @property
+    def modules(self) -> list[Module]:
+        """The expected modules by slot, slot 1 first, up to the last one; none for any modules."""
+        by_slot = {item.slot: Module(item.ident, item.type) for item in self.module}
+        return [by_slot.get(slot, Module(0)) for slot in range(1, max(by_slot, default=0) + 1)]
+
+    def group_at(self, position: int) -> str:
+        """Name of the group of optional slaves that it has at a position, see `Slave.group`."""
+        return (self.group or f"slave {position}") if self.optional else ""
+
+    def parameters(self, transition: str) -> list[StartupConfig]:
+        """The start-up parameters of one transition, in order."""
+        return [item for item in self.startup if item.transition == transition]
 
 
 def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
@@ -88,7 +221,7 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
         if slave.name:
             names[slave.name] = slave.position
         _check_modules(row, slave)
-        _check_pdos(row, slave)
+        check_pdos(row, slave.pdos, slave.pdo)
         slaves.append(slave)
     return slaves
 
@@ -179,22 +312,6 @@ def _poll(table: Table, key: Key) -> float:
     return time
 
 
-def _pdo_index(table: Table, key: Key) -> int:
-    """Reads the index of a PDO, written as 0x1600 or "0x1600"."""
-    if key not in table:
-        table.fail(key, "is missing: write the index of the PDO, such as 0x1600")
-    value = table.data[key]
-    if isinstance(value, str) and _INDEX.fullmatch(value):
-        value = int(value, 16)
-    if type(value) is not int or value not in (*OUTPUT_PDOS, *INPUT_PDOS):
-        table.fail(
-            key,
-            f"{table.show(key)} is no PDO: write 0x1600 to 0x17FF for outputs, 0x1A00 to 0x1BFF "
-            "for inputs",
-        )
-    return value
-
-
 def _check_modules(row: Table, slave: SlaveConfig) -> None:
     """Refuses two modules in one slot."""
     seen: set[int] = set()
@@ -204,173 +321,6 @@ def _check_modules(row: Table, slave: SlaveConfig) -> None:
         seen.add(module.slot)
 
 
-def _check_pdos(row: Table, slave: SlaveConfig) -> None:
-    """Refuses PDOs that are named twice, and entries for a PDO that is not assigned."""
-    assigned = slave.pdos or []
-    if len(assigned) > PDOS_MAX:
-        row.fail("pdos", f"has {len(assigned)} PDOs, but at most {PDOS_MAX} can be assigned")
-    for at, index in enumerate(assigned):
-        if index in assigned[:at]:
-            row.elements("pdos").fail(at, f"PDO 0x{index:04X} is named twice: remove one")
-    seen: set[int] = set()
-    for table, pdo in zip(row.tables("pdo"), slave.pdo, strict=True):
-        if pdo.index in seen:
-            table.fail("index", f"PDO 0x{pdo.index:04X} has two tables: put all entries into one")
-        seen.add(pdo.index)
-        if slave.pdos is not None and pdo.index not in slave.pdos:
-            table.fail(
-                "index", f"PDO 0x{pdo.index:04X} is not assigned: add it to pdos of the slave"
-            )
-
-
-def _entries(table: Table, key: Key) -> list[PdoEntryConfig]:
-    if key not in table:
-        table.fail(key, "is missing: write the entries of the PDO, or entries = [] for none")
-    rows = table.tables(key)
-    if len(rows) > ENTRIES_MAX:
-        table.fail(key, f"has {len(rows)} entries, but a PDO has at most {ENTRIES_MAX}")
-    return [PdoEntryConfig(**row.read(_ENTRY, required=["bits"])) for row in rows]
-
-
-def _object(table: Table, key: Key) -> str:
-    table.address(key)
-    return table.text(key)
-
-
-def read_parameter(row: Table, key: Key) -> StartupConfig:
-    """Reads one table of an array of `[[slave.startup]]`, or of a file of `sdo-dump`."""
-    table = row.table(key)
-    values = table.read(_STARTUP, required=["object"])
-    if "hex" in values:
-        if values.keys() & {"type", "value", "unit"}:
-            table.fail("hex", "stands in place of type, value and unit: leave them out")
-    elif "value" not in values or "type" not in values:
-        missing = "type" if "value" in values else "value"
-        table.fail(
-            missing,
-            'is missing: write a type and a value, such as type = "uint32" and value = 5, or '
-            'hex = "05 00 00 00"',
-        )
-    parameter = StartupConfig(**values, table=table)
-    if not parameter.complete and parameter.address[1] > 0xFE:
-        table.fail("object", f"{parameter.object}: a subindex is at most 0xFE")
-    if parameter.complete and parameter.address[1] > 1:
-        table.fail("object", "complete access begins at subindex 00 or 01: write one of these")
-    if parameter.unit is not None:
-        kind = parse_type(parameter.type or "")
-        if not bit_length(kind) or kind == DataType.BOOLEAN:
-            table.fail("unit", f"is for numbers, but the type is {parameter.type}: leave it out")
-        if parameter.complete:
-            table.fail("complete", "needs hex: a whole object has no single type")
-        return parameter
-    given = "value" if parameter.hex is None else "hex"
-    if parameter.complete and given == "value":
-        table.fail("complete", "needs hex: a whole object has no single type")
-    data = table.explain(given, lambda: parameter.data)
-    if not 0 < len(data) <= _BYTES_MAX:
-        table.fail(given, f"has {len(data)} bytes, but must have 1 to {_BYTES_MAX}")
-    if parameter.value is not None and (kind := parse_type(parameter.type or "")) not in STRINGS:
-        # However it is written, an equal value is equal text, and is written anew as a number.
-        parameter.value = plain_number(kind, parameter.value)
-    return parameter
-
-
-def _type(table: Table, key: Key) -> str:
-    name = table.text(key)
-    kind = table.explain(key, lambda: parse_type(name))
-    texts = (DataType.VISIBLE_STRING, DataType.UNICODE_STRING, DataType.OCTET_STRING)
-    if not bit_length(kind) and kind not in texts:
-        table.fail(key, f"'{name}' has no fixed length: write hex = in place of type and value")
-    return name
-
-
-def _unit(table: Table, key: Key) -> str:
-    unit = printable(UNIT_BYTES)(table, key)
-    return unit or table.fail(key, 'is empty: write the unit of the value, such as "rad/s"')
-
-
-def _value(table: Table, key: Key) -> str:
-    """Reads a number, a text or true and false; returns it as `sdo-write` takes it."""
-    if "unit" in table:
-        return _physical(table, key)
-    value = table.data[key]
-    if isinstance(value, bool):
-        return str(value).lower()
-    kind = None
-    if "type" in table:
-        kind = table.explain("type", lambda: parse_type(table.text("type")))
-    real = kind is not None and is_real(kind)
-    if isinstance(value, float) or (real and isinstance(value, str)):
-        _check_finite(table, key)
-    if isinstance(value, int | float):
-        if isinstance(value, float) and kind is not None and not real:
-            wanted = "a text in quotes" if kind in STRINGS else "a whole number"
-            name = table.text("type")
-            table.fail(key, f"must be {wanted}, since the type is {name}, not {value!r}")
-        return repr(value)
-    if isinstance(value, str):
-        return value
-    table.fail(key, f"must be a number, a text in quotes, or true or false, not {table.show(key)}")
-
-
-def _physical(table: Table, key: Key) -> str:
-    """Reads a number with a unit; `Config.to_dict` writes it as a text."""
-    value = table.data[key]
-    if not isinstance(value, str):
-        return repr(table.number(key))
-    if not _check_finite(table, key):
-        table.fail(key, f"must be a number, since it has a unit, not {table.show(key)}")
-    return repr(float(value))
-
-
-def _check_finite(table: Table, key: Key) -> bool:
-    """Refuses NaN and infinity, also in a text; returns whether the value is a number."""
-    try:
-        finite = math.isfinite(float(table.data[key]))
-    except ValueError:
-        return False
-    return finite or table.fail(key, f"must be a finite number, not {show(table.data[key])}")
-
-
-def _hex(table: Table, key: Key) -> str:
-    text = table.text(key)
-    try:
-        bytes.fromhex(text)
-    except ValueError:
-        table.fail(key, f'must be hexadecimal bytes such as "05 00", not {table.show(key)}')
-    return text
-
-
-def check_physical(top: Table, config: Config) -> None:
-    """Checks the physical values of parameters whose unit and scale a `[[signal]]` gives.
-
-    Those that a device profile knows are checked when the bus starts.
-
-    Raises:
-        ConfigError: A value does not fit.
-    """
-    rules = {(rule.slave, rule.address): rule for rule in config.signal if rule.is_scaled}
-    for row, slave in zip(top.tables("slave"), config.slave, strict=True):
-        for table, parameter in zip(row.tables("startup"), slave.startup, strict=True):
-            rule = rules.get((slave.position, parameter.address))
-            if rule is not None and parameter.unit is not None:
-                known = rule.scaled(parameter.entry)
-                table.explain("value", partial(parameter.raw, known))
-
-
-_ENTRY: Rules = {"object": _object, "bits": integer(1, 8 * 1486)}
-_PDO: Rules = {"index": _pdo_index, "entries": _entries}
-_STARTUP: Rules = {
-    "object": _object,
-    "type": _type,
-    "value": _value,
-    "unit": _unit,
-    "hex": _hex,
-    "complete": Table.boolean,
-    "transition": choice({name: name for name in TRANSITIONS}),
-    "optional": Table.boolean,
-    "comment": printable(NAME_BYTES * 4),
-}
 _UNSIGNED32 = integer(0, 0xFFFFFFFF)
 _MODULE: Rules = {
     "slot": integer(1, _SLOTS_MAX),
@@ -405,10 +355,7 @@ _SLAVE: Rules = {
         ModuleConfig(**table.read(_MODULE, required=["slot", "ident"]), table=table)
         for table in row.tables(key)
     ],
-    "pdos": array(_pdo_index),
-    "pdo": lambda row, key: [
-        PdoConfig(**table.read(_PDO, required=["index", "entries"]), table=table)
-        for table in row.tables(key)
-    ],
+    "pdos": array(read_pdo_index),
+    "pdo": read_pdos,
     "startup": array(read_parameter),
 }

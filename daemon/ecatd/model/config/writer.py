@@ -15,9 +15,11 @@ from ..datatypes import STRINGS, parse_type
 from ..log_levels import DEFAULTS
 from ..modules import module_differences
 from ..pdo import Entry
+from .config import Config
+from .copies import ABSENT
+from .pdos import INPUT_PDOS, OUTPUT_PDOS
 from .signals import NAME_BYTES
-from .slave_settings import INPUT_PDOS, OUTPUT_PDOS
-from .tables import ABSENT, Config, ModuleConfig, SlaveConfig
+from .slave_settings import ModuleConfig, SlaveConfig
 
 _WIDTH = 100
 _HEX32 = ("vendor", "product", "revision", "revision_min", "ident")

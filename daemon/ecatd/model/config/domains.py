@@ -1,0 +1,104 @@
+"""Domains: the keys of `[[domain]]`, and how they are read."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+from ..toml_file import Key, Rules, Table, integer, printable
+from .placed import Placed
+from .slave_reference import POSITION_MAX, known_names, slave_reference
+
+DOMAINS_MAX = 16
+
+
+@dataclass(slots=True)
+class DomainConfig(Placed):
+    """`[[domain]]`: slaves that are exchanged together; the first table is domain 0.
+
+    Attributes:
+        name: Name for people, unique, at most 31 bytes; may be empty.
+        divider: The domain is exchanged in every n-th base cycle; this is n, 1 to 65535.
+        phase: Remainder of cycle number / divider in these cycles, 0 to divider - 1.
+        slaves: Positions of its slaves; ranges such as "5-7" are expanded. Slaves that are in no
+            list belong to domain 0.
+    """
+
+    name: str = ""
+    divider: int = 1
+    phase: int = 0
+    slaves: list[int] = field(default_factory=list)
+
+
+_POSITIONS = re.compile(r"([0-9]{1,5})(?:\s*-\s*([0-9]{1,5}))?")
+_DOMAIN: Rules = {
+    "name": printable(31),
+    "divider": integer(1, 65535),
+    "phase": integer(0, 65534),
+    "slaves": Table.elements,
+}
+
+
+def read_domains(top: Table, key: Key) -> list[DomainConfig]:
+    """Reads all `[[domain]]` tables, domain 0 first."""
+    rows = top.tables(key)
+    if len(rows) > DOMAINS_MAX:
+        top.fail(key, f"{len(rows)} tables, but there can be {DOMAINS_MAX} domains")
+    domains: list[DomainConfig] = []
+    for row in rows:
+        values = row.read(_DOMAIN, required=["slaves"])
+        values["slaves"] = _positions(values["slaves"], domains)
+        domain = DomainConfig(**values, table=row)
+        if domain.name and domain.name in (other.name for other in domains):
+            row.fail("name", f"'{domain.name}' is the name of another domain, too: choose one")
+        if domain.phase >= domain.divider:
+            row.fail(
+                "phase",
+                f"is {domain.phase}, but must be less than the divider, {domain.divider}: the "
+                f"domain is exchanged in cycles whose number leaves this remainder",
+            )
+        if domains and not domain.slaves:
+            row.fail(
+                "slaves",
+                f'domain {len(domains)} has none: write its positions, as in slaves = [0, 3, "5-7"]'
+                ", or leave the table out",
+            )
+        domains.append(domain)
+    return domains
+
+
+def _positions(items: Table, domains: list[DomainConfig]) -> list[int]:
+    """Reads a list of positions; refuses those that an earlier one of `domains` has."""
+    taken = {position: n for n, domain in enumerate(domains) for position in domain.slaves}
+    positions = []
+    for item in items.data:
+        for position in _position_row(items, item):
+            if position in taken:
+                items.fail(
+                    item,
+                    f"slave {position} is already in domain {taken[position]}; a slave is in "
+                    "one domain, and named once: remove it from one list",
+                )
+            taken[position] = len(domains)
+            positions.append(position)
+    return positions
+
+
+def _position_row(items: Table, key: Key) -> range:
+    """Reads an element of a list of slaves: 5, "5", "5-7", or a name."""
+    item = items.data[key]
+    named = items.document.names.items()
+    match = _POSITIONS.fullmatch(item.strip()) if isinstance(item, str) else None
+    if any(item in pair for pair in named):
+        first = last = slave_reference(items, key)
+    elif match:
+        first, last = int(match[1]), int(match[2] or match[1])
+    else:
+        first = last = item if type(item) is int else -1
+    if not 0 <= first <= last <= POSITION_MAX and first not in dict(named).values():
+        items.fail(
+            key,
+            f"{items.show(key)} is no slave: write a position, 0 to {POSITION_MAX}, a row such as "
+            f'"5-7", or the name of a [[slave]]{known_names(items)}',
+        )
+    return range(first, last + 1)

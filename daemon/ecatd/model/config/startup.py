@@ -1,0 +1,208 @@
+"""Start-up parameters: the keys of `[[slave.startup]]`, and how they are read."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from ..datatypes import STRINGS, DataType, bit_length, encode, is_real, parse_type, plain_number
+from ..pdo import Entry, parse_address
+from ..physical import to_raw
+from ..toml_file import Key, Rules, Table, choice, printable, show
+from .placed import Placed
+from .signals import NAME_BYTES, UNIT_BYTES, read_entry
+
+TRANSITIONS = ("IP", "PS", "SO", "OS", "SP")
+"""Transitions of the state machine in which start-up parameters are written (ETG.1000.6): I INIT,
+P PREOP, S SAFEOP, O OP."""
+
+TRANSITIONS_DOWN = ("OS", "SP")
+"""Those to a lower state, which a slave reaches whatever it refuses."""
+
+COMMENT_BYTES = 4 * NAME_BYTES
+DATA_MAX = 1 << 15
+"""Most bytes of a start-up parameter."""
+
+
+@dataclass(slots=True)
+class StartupConfig(Placed):
+    """`[[slave.startup]]`: an object that is written whenever the slave starts or comes back.
+
+    Attributes:
+        object: Address such as "0x6065:00"; with complete access, where the data begin.
+        type: Data type of `value`, such as "uint32".
+        value: The value, as `sdo-write` takes it; with `unit`, a physical one.
+        unit: Unit of a physical value. `meanings.raw_parameters` makes it raw, when it is known
+            which slave it is.
+        hex: Hexadecimal bytes, in place of `type` and `value`.
+        complete: Whether the whole object is written at once (complete access).
+        transition: When it is written, one of `TRANSITIONS`.
+        optional: Whether the slave is used although it refuses the value.
+        comment: Why it is written; for people.
+    """
+
+    object: str
+    type: str | None = None
+    value: str | None = None
+    unit: str | None = None
+    hex: str | None = None
+    complete: bool = False
+    transition: str = "PS"
+    optional: bool = False
+    comment: str = ""
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """Index and subindex of the object."""
+        address = parse_address(self.object)
+        assert address is not None, "checked when the configuration was read"
+        return address
+
+    @property
+    def data(self) -> bytes:
+        """The raw value as the slave gets it.
+
+        Raises:
+            UsageError: The value does not fit the type.
+        """
+        assert self.unit is None, "made raw when it was known which slave it is"
+        if self.hex is not None:
+            return encode(DataType.OCTET_STRING, self.hex)
+        return encode(parse_type(self.type or ""), self.value or "")
+
+    @property
+    def entry(self) -> Entry:
+        """The object as an entry without a meaning; padding if `hex` gives its bytes."""
+        kind = DataType.PADDING if self.type is None else parse_type(self.type)
+        return Entry(*self.address, "", kind, bit_length(kind))
+
+    def raw(self, entry: Entry) -> StartupConfig:
+        """Makes a physical value raw.
+
+        Args:
+            entry: The object with its meaning.
+
+        Raises:
+            UsageError: Nothing says what its unit is, or the value does not fit.
+        """
+        if self.unit is None:
+            return self
+        raw = to_raw(entry, float(self.value or ""), self.unit)
+        return replace(self, value=repr(raw), unit=None)
+
+
+def read_parameter(row: Table, key: Key) -> StartupConfig:
+    """Reads one table of an array of `[[slave.startup]]`, or of a file of `sdo-dump`."""
+    table = row.table(key)
+    values = table.read(_STARTUP, required=["object"])
+    if "hex" in values:
+        if values.keys() & {"type", "value", "unit"}:
+            table.fail("hex", "stands in place of type, value and unit: leave them out")
+    elif "value" not in values or "type" not in values:
+        missing = "type" if "value" in values else "value"
+        table.fail(
+            missing,
+            'is missing: write a type and a value, such as type = "uint32" and value = 5, or '
+            'hex = "05 00 00 00"',
+        )
+    parameter = StartupConfig(**values, table=table)
+    if not parameter.complete and parameter.address[1] > 0xFE:
+        table.fail("object", f"{parameter.object}: a subindex is at most 0xFE")
+    if parameter.complete and parameter.address[1] > 1:
+        table.fail("object", "complete access begins at subindex 00 or 01: write one of these")
+    if parameter.unit is not None:
+        kind = parse_type(parameter.type or "")
+        if not bit_length(kind) or kind == DataType.BOOLEAN:
+            table.fail("unit", f"is for numbers, but the type is {parameter.type}: leave it out")
+        if parameter.complete:
+            table.fail("complete", "needs hex: a whole object has no single type")
+        return parameter
+    given = "value" if parameter.hex is None else "hex"
+    if parameter.complete and given == "value":
+        table.fail("complete", "needs hex: a whole object has no single type")
+    data = table.explain(given, lambda: parameter.data)
+    if not 0 < len(data) <= DATA_MAX:
+        table.fail(given, f"has {len(data)} bytes, but must have 1 to {DATA_MAX}")
+    if parameter.value is not None and (kind := parse_type(parameter.type or "")) not in STRINGS:
+        # However it is written, an equal value is equal text, and is written anew as a number.
+        parameter.value = plain_number(kind, parameter.value)
+    return parameter
+
+
+def _type(table: Table, key: Key) -> str:
+    name = table.text(key)
+    kind = table.explain(key, lambda: parse_type(name))
+    texts = (DataType.VISIBLE_STRING, DataType.UNICODE_STRING, DataType.OCTET_STRING)
+    if not bit_length(kind) and kind not in texts:
+        table.fail(key, f"'{name}' has no fixed length: write hex = in place of type and value")
+    return name
+
+
+def _unit(table: Table, key: Key) -> str:
+    unit = printable(UNIT_BYTES)(table, key)
+    return unit or table.fail(key, 'is empty: write the unit of the value, such as "rad/s"')
+
+
+def _value(table: Table, key: Key) -> str:
+    """Reads a number, a text or true and false; returns it as `sdo-write` takes it."""
+    if "unit" in table:
+        return _physical(table, key)
+    value = table.data[key]
+    if isinstance(value, bool):
+        return str(value).lower()
+    kind = None
+    if "type" in table:
+        kind = table.explain("type", lambda: parse_type(table.text("type")))
+    real = kind is not None and is_real(kind)
+    if isinstance(value, float) or (real and isinstance(value, str)):
+        _check_finite(table, key)
+    if isinstance(value, int | float):
+        if isinstance(value, float) and kind is not None and not real:
+            wanted = "a text in quotes" if kind in STRINGS else "a whole number"
+            name = table.text("type")
+            table.fail(key, f"must be {wanted}, since the type is {name}, not {value!r}")
+        return repr(value)
+    if isinstance(value, str):
+        return value
+    table.fail(key, f"must be a number, a text in quotes, or true or false, not {table.show(key)}")
+
+
+def _physical(table: Table, key: Key) -> str:
+    """Reads a number with a unit; `Config.to_dict` writes it as a text."""
+    value = table.data[key]
+    if not isinstance(value, str):
+        return repr(table.number(key))
+    if not _check_finite(table, key):
+        table.fail(key, f"must be a number, since it has a unit, not {table.show(key)}")
+    return repr(float(value))
+
+
+def _check_finite(table: Table, key: Key) -> bool:
+    """Refuses NaN and infinity, also in a text; returns whether the value is a number."""
+    try:
+        finite = math.isfinite(float(table.data[key]))
+    except ValueError:
+        return False
+    return finite or table.fail(key, f"must be a finite number, not {show(table.data[key])}")
+
+
+def _hex(table: Table, key: Key) -> str:
+    text = table.text(key)
+    try:
+        bytes.fromhex(text)
+    except ValueError:
+        table.fail(key, f'must be hexadecimal bytes such as "05 00", not {table.show(key)}')
+    return text
+
+
+_STARTUP: Rules = {
+    "object": read_entry,
+    "type": _type,
+    "value": _value,
+    "unit": _unit,
+    "hex": _hex,
+    "complete": Table.boolean,
+    "transition": choice({name: name for name in TRANSITIONS}),
+    "optional": Table.boolean,
+    "comment": printable(COMMENT_BYTES),
+}
