@@ -19,8 +19,8 @@ from ecatd.model.al import AlState
 from ecatd.model.dictionary import DictionaryObject
 from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
 from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS
+from ecatd.model.sii_categories import whole_image
 from ecatd.model.sii_check import check_sii
-from ecatd.model.sii_reader import whole_image
 
 from .slave.pdo_objects import ASSIGNMENTS
 

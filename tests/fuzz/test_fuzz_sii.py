@@ -11,7 +11,8 @@ from ecatd.model.errors import ConfigError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import byte_length
 from ecatd.model.sii import UNASSIGNED, Sii
-from ecatd.model.sii_reader import read_dc_modes, read_mailbox, read_sii
+from ecatd.model.sii_parts import read_dc_modes, read_mailbox
+from ecatd.model.sii_reader import read_sii
 from ecatsim.esc import Segment
 from ecatsim.files.sii_image import device_from_sii
 from ecatsim.rigs import library as rigs

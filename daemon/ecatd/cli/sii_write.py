@@ -13,8 +13,8 @@ from ecatd.model.bus import Slave
 from ecatd.model.errors import EcatError, NotPermittedError, StateError, UsageError
 from ecatd.model.requests.eeproms import SII_WORDS_MAX
 from ecatd.model.sii import Sii
+from ecatd.model.sii_categories import FIRST_CATEGORY
 from ecatd.model.sii_check import MAX_IMAGE, check_sii, sii_checksum
-from ecatd.model.sii_reader import FIRST_CATEGORY
 
 from .arguments import bounded, slave
 from .confirm import add_yes, confirm

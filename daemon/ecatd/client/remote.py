@@ -299,7 +299,7 @@ class Remote:
         Raises:
             StateError: There is no such slave, or its EEPROM cannot be read.
         """
-        from ecatd.model.sii_reader import whole_image
+        from ecatd.model.sii_categories import whole_image
 
         parts: dict[int, bytes] = {}  # by number, `_SII_PART` words each
 

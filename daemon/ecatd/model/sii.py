@@ -1,6 +1,7 @@
 """Content of the SII, the EEPROM of a slave (ETG.2010).
 
-`sii_reader` decodes what a master needs; `sii_check` decodes and checks a whole image.
+`sii_reader` decodes what a master needs, and `sii_parts` less; `sii_check` decodes and checks a
+whole image.
 """
 
 from __future__ import annotations

@@ -16,7 +16,8 @@ from .sii import (
     SiiSyncManager,
     in_memory,
 )
-from .sii_reader import FIRST_CATEGORY, SiiReader
+from .sii_categories import FIRST_CATEGORY
+from .sii_reader import SiiReader
 
 _CHECKED_BYTES = 14
 _CHECKSUM_OFF = b"\xa4\x88"  # for development: an ESC accepts it as correct

@@ -1,21 +1,18 @@
 """Decodes an SII, even a malformed one (ETG.2010).
 
-The first 64 words have a fixed meaning. Categories follow from word 0x40 on, each with its type and
-its length in words; 0xFFFF follows the last one. Any of this can be wrong in a real device. The
-reader decodes what is well-formed, and notes everything else as a problem with its effect.
+The first 64 words have a fixed meaning, and categories follow (`sii_categories`). Any of this can
+be wrong in a real device. The reader decodes what is well-formed, and notes everything else as a
+problem with its effect.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from contextlib import suppress
-from typing import NoReturn
 
 from .pdo import Entry, Pdo
 from .sii import (
     CATEGORY_DC,
-    CATEGORY_END,
     CATEGORY_FMMU,
     CATEGORY_GENERAL,
     CATEGORY_RXPDO,
@@ -29,32 +26,20 @@ from .sii import (
     Sii,
     SiiDc,
     SiiMailbox,
-    SiiProblem,
     SiiSyncManager,
 )
+from .sii_categories import FIRST_CATEGORY, CategoryReader, Stop, Words
 from .sii_placement import Placement
 
-Words = Callable[[int, int], bytes]
-"""Returns words of an EEPROM. Arguments: word address, and number of words."""
-
-FIRST_CATEGORY = 0x40
 PDO_INDICES = (0x1600, 0x1BFF)
 """First and last index that a PDO of either direction can have (ETG.1000.6)."""
 
-_PROTOCOLS, _SIZE = 0x1C, 0x3E  # words
-_WORDS_MAX = 0x10000
-_IMAGE_WORDS_MAX = 0x40000  # 4 MBit, the largest EEPROM of ETG.1000.6
-_WORDS_PER_KIBIT = 64
-_CATEGORIES_MAX = 256
-_PROBLEMS_MAX = 100
+_PROTOCOLS = 0x1C  # word
 _SYNC_MANAGER_BYTES, _PDO_BYTES, _DC_BYTES = 8, 8, 24
 _BLANK_VENDOR = 0xFFFF_FFFF
 _PADDING = 0xFF
 _FIXED = 0x10  # flag of a PDO
-_KNOWN = {*range(10), 10, 20, 30, 40, 41, 42, 43, 50, 51, 60, 70, 80, 90, 100, 110}
-_VENDOR_SPECIFIC = 0x0800  # types from here on; lower ones belong to the standard
 _SYNC_MANAGERS_MAX = 16
-_MAILBOX_WRITTEN, _MAILBOX_READ = 0x26, 0x22  # control of sync managers 0 and 1 (ETG.1000.4)
 
 
 def read_sii(words: Words) -> Sii:
@@ -66,68 +51,7 @@ def read_sii(words: Words) -> Sii:
     return SiiReader(words).read()
 
 
-def read_name(words: Words) -> Sii:
-    """Reads what a slave is, and how it tells its identification; nothing of its process data.
-
-    Args:
-        words: Reads words of the EEPROM.
-    """
-    return _NameReader(words).read()
-
-
-def read_dc_modes(words: Words) -> list[SiiDc]:
-    """Reads the operation modes of the distributed clocks (category 60), if there are any.
-
-    Args:
-        words: Reads words of the EEPROM.
-    """
-    return _DcReader(words).read().dc
-
-
-def read_mailbox(words: Words) -> list[SiiSyncManager]:
-    """Reads the settings of the mailbox: sync managers 0 and 1; empty if there is no mailbox.
-
-    They are those of category 41. If it is missing, or does not begin with the two mailboxes, they
-    follow from the standard mailbox (words 0x18 to 0x1B).
-
-    Args:
-        words: Reads words of the EEPROM.
-    """
-    sii = _MailboxReader(words).read()
-    box, managers = sii.mailbox, sii.sync_managers[:2]
-    if box.receive_size in (0, UNPROGRAMMED):
-        return []
-    if [manager.usage for manager in managers if manager.length] == [1, 2]:
-        return managers
-    return [
-        SiiSyncManager(box.receive, box.receive_size, _MAILBOX_WRITTEN, 1, 1),
-        SiiSyncManager(box.send, box.send_size or box.receive_size, _MAILBOX_READ, 1, 2),
-    ]
-
-
-def whole_image(words: Words) -> bytes:
-    """Reads a whole EEPROM: the size in word 0x3E, or more if the categories need it."""
-
-    def word(address: int) -> int:
-        return int.from_bytes(words(address, 1), "little")
-
-    size = _WORDS_PER_KIBIT * (word(_SIZE) + 1)  # word 0x3E has the size in KiBit, less 1
-    at = FIRST_CATEGORY
-    for _ in range(_CATEGORIES_MAX):
-        if at >= _IMAGE_WORDS_MAX - 1 or word(at) == CATEGORY_END:
-            break
-        at += 2 + word(at + 1)
-    end = min(at + 1, _IMAGE_WORDS_MAX)
-    if size > _IMAGE_WORDS_MAX or size < end:
-        size = 1 << (end - 1).bit_length()
-    return words(0, size)
-
-
-class _Stop(Exception):  # noqa: N818  not an error, but the end of a part
-    """Ends decoding of a malformed category, or of all further categories."""
-
-
-class SiiReader:
+class SiiReader(CategoryReader):
     """Decodes what a master needs from an SII. Subclasses decode more, or less.
 
     Args:
@@ -149,28 +73,10 @@ class SiiReader:
     )
 
     def __init__(self, words: Words) -> None:
-        self._words = words
+        super().__init__(words)
         self._strings = [""]
         self._indices: set[int] = set()  # of the PDOs decoded so far
-        self.sii = Sii()
         self._placement = Placement(self.sii.sync_managers)
-
-    def stop(self, byte: int, text: str, effect: str) -> NoReturn:
-        """Notes a problem, and ends the part that is being decoded by raising `_Stop`."""
-        self.note(byte, text, effect)
-        raise _Stop
-
-    def note(self, byte: int, text: str, effect: str = "", *, damage: bool = True) -> None:
-        """Adds a problem, unless there are too many already.
-
-        Args:
-            byte: Offset in the EEPROM.
-            text: What is wrong.
-            effect: How the reader handles it.
-            damage: Whether information is lost.
-        """
-        if len(self.sii.problems) < _PROBLEMS_MAX:
-            self.sii.problems.append(SiiProblem(byte, text, effect, damage))
 
     def read(self) -> Sii:
         """Decodes the fixed words and the wanted categories."""
@@ -187,7 +93,7 @@ class SiiReader:
             (CATEGORY_DC, self._dc),
         ):
             if kind in categories:
-                with suppress(_Stop):
+                with suppress(Stop):
                     decode(*categories[kind])
         if CATEGORY_SYNC_MANAGER in categories and not self.sii.mailbox_protocols:
             self._check_use(categories[CATEGORY_SYNC_MANAGER][0])
@@ -234,62 +140,10 @@ class SiiReader:
         """Reads the wanted categories: by type, the byte offset of the data, and the data."""
         found: dict[int, tuple[int, bytes]] = {}
         present: set[int] = set()
-        with suppress(_Stop):
-            self._walk(found, present)
+        with suppress(Stop):
+            self.walk(found, present)
             self._check_presence(present)
         return found
-
-    def _walk(self, found: dict[int, tuple[int, bytes]], present: set[int]) -> None:
-        at, end = FIRST_CATEGORY, self._size()
-        for _ in range(_CATEGORIES_MAX):
-            if at >= end:
-                self.stop(
-                    2 * at,
-                    f"the categories reach to the end of the EEPROM, which has {end} words "
-                    f"(word 0x{_SIZE:X}), without 0xFFFF behind the last one",
-                    "if there are more, they are not read",
-                )
-            kind, length = struct.unpack("<HH", self._words(at, 2))
-            if kind == CATEGORY_END:
-                self.end_of_categories(at)
-                return
-            if kind == 0 and length == 0:
-                self.stop(
-                    2 * at,
-                    f"there is no category at word 0x{at:04X}, only zeros",
-                    "the rest is not read",
-                )
-            if at + 2 + length > end:
-                self.stop(
-                    2 * at,
-                    f"category {kind} at word 0x{at:04X} claims {length} words, more than fit: "
-                    f"{max(0, end - at - 2)} are left of the {end} words of the EEPROM "
-                    f"(word 0x{_SIZE:X})",
-                    "neither this one nor the following ones are read",
-                )
-            if kind < _VENDOR_SPECIFIC and kind not in _KNOWN:
-                self.note(
-                    2 * at, f"category {kind} at word 0x{at:04X} is unknown", "it is left out"
-                )
-            self.begin_category(at, kind, length)
-            if kind in found:
-                self.note(2 * at, f"category {kind} occurs a second time", "only the first counts")
-            elif kind in self.wanted:
-                found[kind] = 2 * at + 4, self._words(at + 2, length)
-            present.add(kind)
-            at += 2 + length
-        self.stop(2 * at, f"more than {_CATEGORIES_MAX} categories", "the rest is not read")
-
-    def _size(self) -> int:
-        """Number of words that the EEPROM has by word 0x3E; the maximum if this word is 0."""
-        (kibit,) = struct.unpack("<H", self._words(_SIZE, 1))
-        return min((kibit + 1) * _WORDS_PER_KIBIT, _WORDS_MAX) if kibit else _WORDS_MAX
-
-    def begin_category(self, word: int, kind: int, length: int) -> None:
-        """Called for each category, with its word address, type and length in words."""
-
-    def end_of_categories(self, word: int) -> None:
-        """Called with the word address of the end of the categories, 0xFFFF."""
 
     def _check_presence(self, present: set[int]) -> None:
         """Notes missing categories that are required."""
@@ -470,27 +324,6 @@ class SiiReader:
             )
             text = self.string(at + i * _DC_BYTES + 18, name)
             self.sii.dc.append(SiiDc(text, cycle, shift0, shift1, assign, factor0, factor1))
-
-
-class _NameReader(SiiReader):
-    """Decodes only what the slave is."""
-
-    wanted = frozenset({CATEGORY_STRINGS, CATEGORY_GENERAL})
-
-
-class _DcReader(SiiReader):
-    """Decodes only the modes of the distributed clocks."""
-
-    wanted = frozenset({CATEGORY_STRINGS, CATEGORY_DC})
-
-
-class _MailboxReader(SiiReader):
-    """Decodes only the settings of the mailbox."""
-
-    wanted = frozenset({CATEGORY_SYNC_MANAGER})
-
-    def header(self) -> None:
-        self.sii.mailbox = SiiMailbox(*struct.unpack("<4H", self._words(0x18, 4)))
 
 
 def _decode(text: bytes) -> str:

@@ -13,11 +13,9 @@ from typing import Generic, TypeVar
 
 from ecatd.coroutine_steps import Steps
 from ecatd.model.errors import StateError
+from ecatd.model.sii_categories import Words
 
 from .datagrams import Datagrams, Place, Station
-
-Words = Callable[[int, int], bytes]
-"""Returns words of an EEPROM. Arguments: word address, and number of words."""
 
 T = TypeVar("T")
 

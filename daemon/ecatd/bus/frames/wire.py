@@ -11,9 +11,10 @@ from collections.abc import Mapping, Sequence
 
 from ecatd.model.bus import Slave
 from ecatd.model.errors import StateError
+from ecatd.model.sii_categories import Words
 
 from .datagrams import Datagrams, Place, Station, brd
-from .eeprom import Words, read_eeproms
+from .eeprom import read_eeproms
 from .identification import ask_identifications
 
 _STATION_ADDRESS, _AL_STATUS = 0x0010, 0x0130

@@ -15,11 +15,12 @@ from ecatd.log import Log
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text, al_status_text
 from ecatd.model.bus import positions_text
 from ecatd.model.errors import StateError, UnreachableError
-from ecatd.model.sii_reader import read_mailbox
+from ecatd.model.sii_categories import Words
+from ecatd.model.sii_parts import read_mailbox
 
 from ..frames import soem
 from ..frames.datagrams import Datagram, Datagrams, Station, bwr, fprd, fpwr, source_address
-from ..frames.eeprom import Words, read_eeproms, write_eeprom
+from ..frames.eeprom import read_eeproms, write_eeprom
 from ..frames.frame_ring import FrameRing
 from ..frames.interface import open_for_control, own, wait_for_carriers
 from ..frames.relay import Relay

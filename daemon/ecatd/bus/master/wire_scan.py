@@ -10,7 +10,7 @@ from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError
 from ecatd.model.sii import Sii
-from ecatd.model.sii_reader import read_name
+from ecatd.model.sii_parts import read_name
 from ecatd.model.wire import FACTS
 
 from ..frames.datagrams import Place

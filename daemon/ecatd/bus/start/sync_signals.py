@@ -16,7 +16,7 @@ from ecatd.model.applied.clocks import LEAD_NS, whole_period
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, DcSlaveConfig
 from ecatd.model.errors import ConfigError, StateError
-from ecatd.model.sii_reader import read_dc_modes
+from ecatd.model.sii_parts import read_dc_modes
 from ecatd.model.toml_file import Table
 
 from ..engine.shared_memory import SharedMemory
