@@ -112,14 +112,14 @@ def capture(interface: str, progress: Progress, *, objects: bool = True) -> list
         master.scan(_TIMEOUT)
         count = len(master.stations)
         try:
-            master.wait_for_state(AlState.PREOP, _TIMEOUT)
+            master.al_states.wait_for(AlState.PREOP, _TIMEOUT)
             clocks = clock_bits(master)
             slaves = [
                 _slave(master, i, count, bool(clocks[i]), progress, objects) for i in range(count)
             ]
         finally:
             if before != AlState.PREOP:
-                master.wait_for_state(AlState.INIT, _TIMEOUT)
+                master.al_states.wait_for(AlState.INIT, _TIMEOUT)
     finally:
         master.close()
     return slaves

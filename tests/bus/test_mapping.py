@@ -105,7 +105,7 @@ def master_that_scans(*trouble: str) -> Any:
     try:
         with Simulator() as simulator:
             master.scan(60)
-            master.wait_for_state(AlState.PREOP, 60)
+            master.al_states.wait_for(AlState.PREOP, 60)
             found = mapping.identify_slaves(master)
             mapping.configure_slaves(master, found, Config())
     except EcatError as error:

@@ -33,7 +33,7 @@ def master_that_writes(*tables: str) -> Any:
     master, found = Master([FIRST]), []
     try:
         master.scan(5)
-        master.wait_for_state(AlState.PREOP, 5)
+        master.al_states.wait_for(AlState.PREOP, 5)
         scanned = mapping.identify_slaves(master)
         for table in ("", *tables, ""):
             with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:

@@ -209,7 +209,7 @@ def master_on_a_ring() -> Any:
         try:
             master.scan(60)
             count = len(master.stations)
-            master.wait_for_state(AlState.PREOP, 60)
+            master.al_states.wait_for(AlState.PREOP, 60)
             found = [count, looks(master)]
             for broken in (1, 4, 7):
                 simulator.faults.break_link(broken)
@@ -241,7 +241,7 @@ def looks(master: Master) -> Any:
         everybody[1].data.hex(),
         [answer.data.hex() + f"/{answer.wkc}" for answer in stations],
         [data[0] for data in master.read_registers([(i, 0x0F80, 1) for i in range(8)])],
-        [item.al_state for item in master.states()],
+        [item.al_state for item in master.al_states.read()],
         [read_vendor(master, slave) for slave in VENDORS],
     ]
 

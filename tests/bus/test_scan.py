@@ -28,7 +28,7 @@ def scan(simulator: Simulator, *interfaces: str) -> list[Any]:
     master = Master(interfaces)
     try:
         why = master.scan(60)
-        master.wait_for_state(AlState.PREOP, 60)
+        master.al_states.wait_for(AlState.PREOP, 60)
         registers = [simulator.registers(place, 0x0010, 2) for place in range(LAST + 1)]
         return [
             why,
@@ -121,7 +121,7 @@ def master_with_mailboxes() -> Any:
     master = Master([FIRST])
     try:
         why = master.scan(60)
-        master.wait_for_state(AlState.PREOP, 60)
+        master.al_states.wait_for(AlState.PREOP, 60)
         return [why, [read_vendor(master, place) for place in range(0, 240, 8)]]
     finally:
         master.close()

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from conftest import names
-from ecatd.bus.master.master import SlaveState
+from ecatd.bus.master.al_states import SlaveState
 from ecatd.bus.start.matching import Sought, branch_ends, match
 from ecatd.bus.watch.recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
 from ecatd.model.al import AlState

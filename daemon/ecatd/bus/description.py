@@ -41,5 +41,5 @@ def describe(config: Config, interface: str, log: Log) -> Bus:
         if up.master is not None:
             if up.bus.slaves:
                 with suppress(StateError):
-                    up.master.wait_for_state(AlState.INIT, _STOP_TIMEOUT)
+                    up.master.al_states.wait_for(AlState.INIT, _STOP_TIMEOUT)
             up.master.close()

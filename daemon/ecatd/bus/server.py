@@ -39,7 +39,7 @@ from ecatd.version import VERSION
 
 from .engine.engine import Engine
 from .engine.shared_memory import SharedMemory
-from .master.master import SlaveState
+from .master.al_states import SlaveState
 from .master.worker import Worker
 from .requests.conversations import Conversations
 from .requests.frames import read_frames
@@ -361,7 +361,9 @@ class BusServer:
         try:
             if up.master is not None and self.bus.slaves:
                 # Slaves that are gone cannot be asked; their watchdog takes care of them.
-                here = {n.position: n.al_state & 0x0F for n in up.master.states() if n.al_state}
+                here = {
+                    n.position: n.al_state & 0x0F for n in up.master.al_states.read() if n.al_state
+                }
                 # After a start that was refused they are in PREOP: SAFEOP would be a way up.
                 in_op = [position for position, state in here.items() if state == AlState.OP]
                 with suppress(StateError):
@@ -369,7 +371,7 @@ class BusServer:
                 for state, asked in ((AlState.SAFEOP, in_op), (AlState.INIT, list(here))):
                     if asked:
                         with suppress(StateError):
-                            up.master.wait_for_state(state, _STOP_TIMEOUT, asked)
+                            up.master.al_states.wait_for(state, _STOP_TIMEOUT, asked)
             if up.clocks is not None:
                 up.clocks.sync_signals.stop()
         finally:

@@ -1,25 +1,23 @@
-"""The master: scan, states and registers of one bus. Call it only on one thread, the worker."""
+"""The master: scan, EEPROMs and registers of one bus. Call it only on one thread, the worker."""
 
 from __future__ import annotations
 
 import contextlib
 import struct
 import time
-from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from ecatd import shm
-from ecatd.coroutine_steps import Steps, finish
+from ecatd.coroutine_steps import Steps
 from ecatd.log import Log
-from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text, al_status_text
-from ecatd.model.bus import positions_text
+from ecatd.model.al import AlState
 from ecatd.model.errors import StateError, UnreachableError
 from ecatd.model.sii_categories import Words
 from ecatd.model.sii_parts import read_mailbox
 
 from ..frames import soem
-from ..frames.datagrams import Datagram, Datagrams, Station, bwr, fprd, fpwr, source_address
+from ..frames.datagrams import Datagram, Datagrams, Station, fprd, fpwr, source_address
 from ..frames.eeprom import read_eeproms, write_eeprom
 from ..frames.frame_ring import FrameRing
 from ..frames.interface import open_for_control, own, wait_for_carriers
@@ -27,9 +25,8 @@ from ..frames.relay import Relay
 from ..frames.scan import count_slaves, has_stations, number_slaves, stations
 from ..mailbox.coe import Coe
 from ..mailbox.line import Line
+from .al_states import AlStates
 
-_AL_CONTROL, _AL_STATUS = 0x0120, 0x0130
-_IDENTIFICATION = 0x20  # bit of AL status, see `frames/identification.py`
 _SYNC_MANAGERS, _ACTIVATE = 0x0800, (0x0806, 0x080E)
 
 _INSIST = 0.5
@@ -37,9 +34,6 @@ _INSIST = 0.5
 
 _PAUSE = 0.001
 """Seconds between two repetitions."""
-
-_ASK_AGAIN = 0.5
-_ACKNOWLEDGE_TIMEOUT = 0.5
 
 T = TypeVar("T")
 
@@ -50,22 +44,6 @@ class SilentSlaveError(StateError):
     def __init__(self, message: str, position: int) -> None:
         super().__init__(message)
         self.position = position
-
-
-@dataclass(slots=True)
-class SlaveState:
-    """AL status of one slave: register 0x0130 (0: no answer), and the code in register 0x0134."""
-
-    position: int
-    al_state: int
-    al_code: int
-
-    def describe(self) -> str:
-        """The state in words, with the reason where the slave reports an error."""
-        text = al_state_text(self.al_state)
-        if self.al_state & AL_ERROR_FLAG:
-            text += f" (AL status 0x{self.al_code:04X}: {al_status_text(self.al_code)})"
-        return text
 
 
 class Master:
@@ -83,6 +61,7 @@ class Master:
     Attributes:
         relay: The relay that carries all frames of the master; set by `scan`.
         registers: Access to the registers of many slaves at once; set by `scan`.
+        al_states: AL states of the slaves; set by `scan`.
         stations: Configured station addresses by position; set by `scan`.
         wire: Positions of the slaves that the scan has found, in the order of the wire.
 
@@ -94,6 +73,7 @@ class Master:
 
     relay: Relay
     registers: Datagrams
+    al_states: AlStates
 
     def __init__(
         self,
@@ -179,7 +159,8 @@ class Master:
         self.stations = [*stations(count)]
         self.wire = [*range(count)]
         self._lines = [Line(self._mailbox_log) for _ in self.stations]
-        self.wait_for_state(AlState.INIT, timeout)
+        self.al_states = self._states()
+        self.al_states.wait_for(AlState.INIT, timeout)
         self._set_mailboxes_up()
         return why
 
@@ -204,6 +185,10 @@ class Master:
         self._lines = [Line(self._mailbox_log) if at is None else self._lines[at] for at in places]
         there = {at: position for position, at in enumerate(places) if at is not None}
         self.wire = [there[at] for at in sorted(there)]
+        self.al_states = self._states()
+
+    def _states(self) -> AlStates:
+        return AlStates(self.registers, self.stations, self._label, self._cancelled, self._log)
 
     def _why_not_as_soem(self, count: int) -> str:
         """Says why SOEM's numbers do not match the slaves on the wire; empty if they match."""
@@ -361,165 +346,6 @@ class Master:
         """Returns CoE of a slave, for one conversation; `alone` as in `Mailbox`."""
         return Coe(position, self.stations[position], self._lines[position], alone=alone)
 
-    def _request(self, state: int, positions: Iterable[int] | None) -> None:
-        """Writes AL control: of `positions`, or by one broadcast of all slaves if it is None."""
-        data = struct.pack("<H", state)
-        if positions is None:
-            self.registers.exchange([bwr(_AL_CONTROL, data)])
-        else:
-            self.registers.exchange([fpwr(self.stations[p], _AL_CONTROL, data) for p in positions])
-
-    def acknowledge(self, positions: Collection[int]) -> Steps[set[int]]:
-        """Acknowledges errors (AL control bit 4), and gives the slaves time to clear them.
-
-        An ESC with device emulation copies AL control to AL status, with the acknowledge bit. That
-        looks like an error without a code. Such a slave is sent its state without the bit.
-
-        Returns:
-            The positions of the slaves that had an error. They stay in their states.
-        """
-        deadline = time.monotonic() + _ACKNOWLEDGE_TIMEOUT
-        wrong: set[int] = set()
-        while time.monotonic() < deadline:
-            flagged: dict[int, list[int]] = {}
-            for item in self.states():
-                if item.al_state & AL_ERROR_FLAG and item.position in positions:
-                    bit = AL_ERROR_FLAG if item.al_code else 0
-                    if bit:
-                        wrong.add(item.position)
-                    flagged.setdefault((item.al_state & 0x0F) | bit, []).append(item.position)
-            if not flagged:
-                break
-            for state, who in flagged.items():
-                self._log.debug(
-                    f"{_slaves(who)}: the error is acknowledged with AL control 0x{state:02X}",
-                    slaves=who,
-                )
-                self._request(state, who)
-            yield
-        return wrong
-
-    def states(self) -> list[SlaveState]:
-        """Reads the AL status of every slave."""
-        answers = self.registers.read_all(self.stations, _AL_STATUS, 6)
-        states = []
-        for position, answer in enumerate(answers):
-            # 0x0132 is reserved.
-            state, code = struct.unpack("<H2xH", answer.data) if answer.wkc else (0, 0)
-            if state & _IDENTIFICATION:  # the code is none, but the identification of the slave
-                state, code = state & ~_IDENTIFICATION, 0
-            states.append(SlaveState(position, state, code))
-        return states
-
-    def request_state(
-        self, state: AlState, timeout: float, positions: Iterable[int] | None = None
-    ) -> Steps[list[SlaveState]]:
-        """Acknowledges errors, requests an AL state, and waits until all slaves have reached it.
-
-        A slave that does not reach the state does not delay the others.
-
-        Args:
-            state: The state.
-            timeout: Seconds to wait.
-            positions: The slaves, or None for all.
-
-        Returns:
-            The slaves that refused the state or did not reach it in time, with their AL status.
-        """
-        waiting = set(range(len(self.stations)) if positions is None else positions)
-        yield from self.acknowledge(waiting)
-        whom = None if positions is None else waiting
-        begin = time.monotonic()
-        deadline = begin + timeout
-        ask_again = 0.0
-        refused: list[SlaveState] = []
-        asked = sorted(waiting)
-        while True:
-            now = time.monotonic()
-            if now >= ask_again:  # the frame with the request may have been lost
-                self._log.debug(
-                    f"{_slaves(sorted(waiting))}: {state.name} is asked for", slaves=waiting
-                )
-                self._request(state, whom)
-                ask_again = now + _ASK_AGAIN
-            wrong = [
-                item
-                for item in self.states()
-                if item.position in waiting and item.al_state != state
-            ]
-            refused += [item for item in wrong if item.al_state & AL_ERROR_FLAG and item.al_code]
-            wrong = [item for item in wrong if item not in refused]
-            waiting = {item.position for item in wrong}
-            if not waiting or now > deadline:
-                self._tell_reached(state, asked, refused + wrong, now - begin)
-                return refused + wrong
-            if self._cancelled():
-                raise StateError(f"stopped while slaves were going to {state.name}")
-            whom = waiting
-            yield
-
-    def _tell_reached(
-        self, state: AlState, asked: list[int], missed: list[SlaveState], seconds: float
-    ) -> None:
-        late = {item.position for item in missed}
-        if there := [position for position in asked if position not in late]:
-            text = f"{_slaves(there)}: {state.name} is reached after {1e3 * seconds:.0f} ms"
-            self._log.debug(text, slaves=there)
-        for item in missed:
-            self._log.debug(
-                f"{self._label(item.position)}: {state.name} is not reached: {item.describe()}",
-                slaves=[item.position],
-            )
-
-    def wait_for_state(
-        self,
-        state: AlState,
-        timeout: float,
-        positions: Iterable[int] | None = None,
-        *,
-        optional: Collection[int] = (),
-    ) -> None:
-        """Requests an AL state and waits until all slaves have reached it; blocks.
-
-        Args:
-            state: The state.
-            timeout: Seconds to wait.
-            positions: The slaves, or None for all.
-            optional: Slaves that need not reach the state: they cause no error.
-
-        Raises:
-            StateError: Slaves did not reach it; the message names each, with its AL status.
-        """
-        finish(self.require_state(state, timeout, positions, optional=optional))
-
-    def require_state(
-        self,
-        state: AlState,
-        timeout: float,
-        positions: Iterable[int] | None = None,
-        *,
-        optional: Collection[int] = (),
-    ) -> Steps[None]:
-        """The coroutine of `wait_for_state`, with the same arguments and errors."""
-        missed = yield from self.request_state(state, timeout, positions)
-        missed = [item for item in missed if item.position not in optional]
-        # If any slave refused, only those are named: others may just have been waiting for them.
-        refused = [item for item in missed if item.al_state & AL_ERROR_FLAG and item.al_code]
-        if missed:
-            raise StateError(self._missed(refused or missed, state))
-
-    def _missed(self, wrong: list[SlaveState], state: AlState) -> str:
-        """Says which slaves do not reach a state; groups those with the same AL status."""
-        alike: dict[str, list[int]] = {}
-        for item in wrong:
-            alike.setdefault(item.describe(), []).append(item.position)
-        return "; ".join(
-            f"{self._label(positions[0])} does not reach {state.name}: {status}"
-            if len(positions) == 1
-            else f"slaves {positions_text(positions)} do not reach {state.name}: {status}"
-            for status, positions in alike.items()
-        )
-
     def _label(self, position: int) -> str:
         name = self.name(position)
         return f"slave {position} ({name})" if name else f"slave {position}"
@@ -527,8 +353,3 @@ class Master:
     def close(self) -> None:
         """Closes all sockets, and restores and releases the interfaces."""
         self._opened.close()
-
-
-def _slaves(positions: Collection[int]) -> str:
-    one = len(positions) == 1
-    return f"slave{'' if one else 's'} {positions_text(positions) or 'none'}"

@@ -145,10 +145,10 @@ def _try(master: Master, items: Sequence[Scanned], timeout_s: float) -> Steps[di
             refused[slave.position] = str(error)
     here = [item.slave.position for item in items if item.slave.position not in refused]
     if here:
-        for missed in (yield from master.request_state(AlState.SAFEOP, timeout_s, here)):
+        for missed in (yield from master.al_states.request(AlState.SAFEOP, timeout_s, here)):
             refused[missed.position] = (
                 "with the process data that are known of it, it does not reach SAFEOP: "
                 f"{missed.describe()}"
             )
-        yield from master.request_state(AlState.PREOP, timeout_s, here)
+        yield from master.al_states.request(AlState.PREOP, timeout_s, here)
     return refused

@@ -15,5 +15,5 @@ def find_gone(master: Master) -> list[int]:
     gone = set(master.wire)
     for _ in range(_TRIES):
         if gone:
-            gone -= {slave.position for slave in master.states() if slave.al_state}
+            gone -= {slave.position for slave in master.al_states.read() if slave.al_state}
     return sorted(gone)

@@ -60,7 +60,7 @@ def scan(found: FoundBus, interface: str, files: Files, log: Log) -> None:
     count = len(master.stations)
     text = f"{count} slave{'s' * (count != 1)} found on {interface}"
     log.info(f"{text} (numbered by ecatd: {why})" if why else text)
-    master.wait_for_state(AlState.PREOP, config.state_timeout_s)
+    master.al_states.wait_for(AlState.PREOP, config.state_timeout_s)
 
 
 def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log) -> None:

@@ -168,7 +168,7 @@ class SetUp:
         self, positions: Iterable[int], state: AlState = AlState.OP
     ) -> Steps[dict[int, Missed]]:
         """Requests a state; returns the slaves that did not reach it, by position."""
-        missed = yield from self._master.request_state(state, self._timeout_s, positions)
+        missed = yield from self._master.al_states.request(state, self._timeout_s, positions)
         return {
             item.position: Missed(f"it does not reach {state.name}: {item.describe()}")
             for item in missed

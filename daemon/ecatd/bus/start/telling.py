@@ -84,7 +84,7 @@ def leave(
     ]
     if state == AlState.OP or not told:
         return []
-    now = {item.position: item.al_state & 0x0F for item in master.states()}
+    now = {item.position: item.al_state & 0x0F for item in master.al_states.read()}
     in_op = [item for item in told if now[item.slave.position] == AlState.OP]
     texts, silent = yield from write_parameters(master, in_op, "OS")
     texts += [missed.text for missed in silent.values()]
@@ -94,7 +94,7 @@ def leave(
     further = [item for item in further if item.slave.position not in silent]
     leaving = [item.slave.position for item in further if item in in_op]
     if leaving:
-        missed = yield from master.request_state(AlState.SAFEOP, timeout_s, leaving)
+        missed = yield from master.al_states.request(AlState.SAFEOP, timeout_s, leaving)
         now |= dict.fromkeys(leaving, AlState.SAFEOP)
         now |= {item.position: item.al_state & 0x0F for item in missed}
     in_safeop = [item for item in further if now[item.slave.position] == AlState.SAFEOP]

@@ -126,7 +126,7 @@ class ToOp:
         out = {*found.idle, *found.absent, *found.missing}
         used = [n for n in range(len(found.bus.slaves)) if n not in out] if out else None
         timeout_s = found.config.state_timeout_s
-        found.master.wait_for_state(state, timeout_s, used, optional=found.doubtful)
+        found.master.al_states.wait_for(state, timeout_s, used, optional=found.doubtful)
 
     def _tell_before_op(self) -> None:
         """Writes the start-up parameters of SO."""

@@ -20,8 +20,8 @@ from ecatd.model.config import OutputsConfig, RecoveryConfig
 from ecatd.model.errors import StateError
 
 from ..engine.engine import Event, EventType
+from ..master.al_states import SlaveState
 from ..master.emergencies import Emergency
-from ..master.master import SlaveState
 from ..master.worker import Worker
 from ..start.running import RunningBus
 from .clocks import ClockWatch

@@ -24,7 +24,7 @@ from ecatd.model.al import (
     needs_set_up,
 )
 
-from ..master.master import SlaveState
+from ..master.al_states import SlaveState
 
 QUICK_TRIES = 3
 _PAUSES = (0.5, 2.0)

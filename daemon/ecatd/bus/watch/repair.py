@@ -17,7 +17,8 @@ from ecatd.model.errors import EcatError, StateError
 
 from ..frames.datagrams import Place
 from ..frames.wire import WireChangedError
-from ..master.master import SilentSlaveError, SlaveState
+from ..master.al_states import SlaveState
+from ..master.master import SilentSlaveError
 from ..master.worker import Worker
 from ..start.matching import Found
 from ..start.running import RunningBus
@@ -142,7 +143,7 @@ class Repair:
 
     async def _take_back(self, before: dict[int, AlState]) -> None:
         """Forgets a request for those slaves that have refused it."""
-        refused = await self._worker.run_steps(self._running.master.acknowledge(before))
+        refused = await self._worker.run_steps(self._running.master.al_states.acknowledge(before))
         for position in refused:
             self._recovery.want([position], before[position])
 
@@ -150,12 +151,14 @@ class Repair:
         """Takes slaves to a state. Sets up those that have restarted. Runs on the worker."""
         running, timeout = self._running, self._state_timeout_s
         yield from self._leave(positions, state)
-        seen = {item.position: item.al_state & 0x0F for item in running.master.states()}
+        seen = {item.position: item.al_state & 0x0F for item in running.master.al_states.read()}
         lost = [position for position in positions if not seen[position]]
         found, failures = self._find(lost)
         _refuse(self._bus, {p: failure for p, failure in failures.items() if failure.text})
         if failures:  # no slave is there: wait for them, and name those that do not come
-            yield from running.master.require_state(min(state, AlState.PREOP), timeout, failures)
+            yield from running.master.al_states.require(
+                min(state, AlState.PREOP), timeout, failures
+            )
         if state == AlState.BOOT:
             elsewhere = [p for p in positions if seen[p] != AlState.BOOT and p not in failures]
             yield from self._bring(elsewhere, state, AlState.INIT)
@@ -170,7 +173,7 @@ class Repair:
             in_safeop = [p for p in positions if seen[p] == AlState.SAFEOP]
             missed = yield from running.set_up.tell_before_op(in_safeop)
             _refuse(self._bus, {position: _failure(item) for position, item in missed.items()})
-        yield from running.master.require_state(state, timeout, positions)
+        yield from running.master.al_states.require(state, timeout, positions)
 
     def _leave(self, positions: Sequence[int], state: AlState) -> Steps[None]:
         for text in (yield from self._running.set_up.leave(positions, state)):

@@ -16,7 +16,7 @@ from ecatd.model.al import AL_ERROR_FLAG, AlState
 from ecatd.model.config import RecoveryConfig
 
 from ..frames.datagrams import aprd
-from ..master.master import SlaveState
+from ..master.al_states import SlaveState
 from ..master.worker import Worker
 from ..start.running import RunningBus
 from .expectation import ExpectationWatch
@@ -129,7 +129,7 @@ class SlaveWatch:
         """
         before = self.states
         for _ in range(_TRIES):
-            self.states = self._master.states()
+            self.states = self._master.al_states.read()
             self._found = int(self._health.slaves_found)
             # The engine counts more slaves than answered here: an answer may be lost.
             if sum(bool(item.al_state) for item in self.states) >= min(
