@@ -17,9 +17,16 @@ from ecatd.bus.frames.datagrams import Datagrams, fpwr
 from ecatd.bus.mailbox import coe as coe_module
 from ecatd.bus.mailbox import line as line_module
 from ecatd.bus.mailbox import mailbox as mailbox_module
-from ecatd.bus.mailbox.coe import Coe, EntryDescription, ObjectDescription
+from ecatd.bus.mailbox.coe import Coe
 from ecatd.bus.mailbox.dictionary import read_dictionary, read_object
 from ecatd.bus.mailbox.line import Line
+from ecatd.bus.mailbox.sdo_information import (
+    EntryDescription,
+    ObjectDescription,
+    describe_entry,
+    describe_object,
+    list_objects,
+)
 from ecatd.bus.mailbox.talks import Talk, converse
 from ecatd.model import unit_codes
 from ecatd.model.datatypes import DataType
@@ -114,10 +121,10 @@ def test_whole_objects_and_descriptions() -> None:
         row = yield from coe.upload(0x2010, 0, complete=True)
         names = []
         for index in (0x2000, 0x2002, 0x2010):
-            names.append((yield from coe.describe_object(index)))
-        entry = yield from coe.describe_entry(0x2010, 2)
+            names.append((yield from describe_object(coe, index)))
+        entry = yield from describe_entry(coe, 0x2010, 2)
         with pytest.raises(SdoAbortError) as refused:
-            yield from coe.describe_object(0x3000)
+            yield from describe_object(coe, 0x3000)
         return row, names, entry, refused.value.code
 
     with in_preop(Archive(), Roomy()) as (registers, _wire):
@@ -641,7 +648,7 @@ def test_wrong_descriptions(case: str, short: None) -> None:
 
     def describe(coe: Coe) -> Talk[ObjectDescription]:
         yield from coe.open()
-        return (yield from coe.describe_object(0x2000))
+        return (yield from describe_object(coe, 0x2000))
 
     with (
         corresponding(Correspondent(answers)) as (registers, _wire),
@@ -730,9 +737,9 @@ def test_whatever_a_slave_answers_it_is_a_result_or_an_error(script: list[list[b
             coe.upload(0x2000, 0, complete=True, tries=1),
             coe.download(0x2000, 0, bytes(300)),
             coe.download(0x2000, 0, b"12"),
-            coe.list_objects(),
-            coe.describe_object(0x2000),
-            coe.describe_entry(0x2000, 0),
+            list_objects(coe),
+            describe_object(coe, 0x2000),
+            describe_entry(coe, 0x2000, 0),
         ):
             try:
                 found.append((yield from part))

@@ -8,6 +8,7 @@ from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.errors import SdoAbortError
 
 from .coe import Coe
+from .sdo_information import describe_entry, describe_object, list_objects
 from .talks import Talk
 
 _NOTHING = DictionaryEntry("", 0, 0, 0)
@@ -22,14 +23,14 @@ def read_dictionary(coe: Coe) -> Talk[list[DictionaryObject]]:
         StateError: Its answer was malformed, or a mailbox error: it has no such service.
     """
     objects = []
-    for index in (yield from coe.list_objects()):
+    for index in (yield from list_objects(coe)):
         objects.append((yield from read_object(coe, index)))
     return objects
 
 
 def read_object(coe: Coe, index: int) -> Talk[DictionaryObject]:
     """Reads one object with its entries; `coe` must be open. Raises as `read_dictionary`."""
-    name, data_type, max_subindex, code = yield from coe.describe_object(index)
+    name, data_type, max_subindex, code = yield from describe_object(coe, index)
     reader = _EntryReader(coe, index)
     entries = {}
     for subindex in range(max_subindex + 1):
@@ -57,7 +58,7 @@ class _EntryReader:
         """
         for values in (True, False) if self._tells_values is None else (self._tells_values,):
             try:
-                found = yield from self._coe.describe_entry(self._index, subindex, values=values)
+                found = yield from describe_entry(self._coe, self._index, subindex, values=values)
             except SdoAbortError:
                 continue
             entry = DictionaryEntry(*found)

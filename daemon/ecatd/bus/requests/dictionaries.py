@@ -12,6 +12,7 @@ from ecatd.model.requests.objects import DescribeObject, ListObjects
 
 from ..mailbox.coe import Coe
 from ..mailbox.dictionary import read_object
+from ..mailbox.sdo_information import list_objects
 from ..mailbox.talks import Talk
 from .conversations import Conversations
 
@@ -42,7 +43,7 @@ class Dictionaries:
     async def list(self, request: ListObjects) -> dict[str, Any]:
         """The reply has `objects`: the index of each object."""
         slave = self._bus.find_coe(request.slave)
-        found = await self._ask(slave, lambda coe: coe.list_objects())
+        found = await self._ask(slave, list_objects)
         if self._lists.get(slave.position) != found:
             self._lists[slave.position] = found
             self._objects = {

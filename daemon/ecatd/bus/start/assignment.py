@@ -15,6 +15,7 @@ from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS, Sii
 
 from ..mailbox.coe import Coe
+from ..mailbox.sdo_information import describe_entry, describe_object
 from ..mailbox.talks import Talk
 from .value_lists import ValueLists
 
@@ -122,10 +123,10 @@ class Assignment:
     def _describe(self, index: int, subindex: int) -> Talk[tuple[str, int] | None]:
         item = None
         if subindex == 0:  # if it is a variable, the object description has name and type
-            item = yield from self._ask(self._coe.describe_object(index, self._tries))
+            item = yield from self._ask(describe_object(self._coe, index, self._tries))
             if item is not None and item.max_subindex == 0:
                 return item.name, item.data_type
-        entry = yield from self._ask(self._coe.describe_entry(index, subindex, self._tries))
+        entry = yield from self._ask(describe_entry(self._coe, index, subindex, self._tries))
         if entry is not None and entry.data_type:
             return entry.name, entry.data_type
         return (item.name, item.data_type) if item is not None else None
@@ -133,7 +134,7 @@ class Assignment:
     def _object_names(self, indices: Iterable[int]) -> Talk[dict[int, str]]:
         found = {}
         for index in dict.fromkeys(indices):
-            item = yield from self._ask(self._coe.describe_object(index, self._tries))
+            item = yield from self._ask(describe_object(self._coe, index, self._tries))
             found[index] = item.name if item is not None else ""
         return found
 

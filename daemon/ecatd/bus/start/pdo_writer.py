@@ -19,7 +19,8 @@ from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.model.pdo import Pdo
 from ecatd.model.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
 
-from ..mailbox.coe import INPUT_OBJECTS, OUTPUT_OBJECTS, Coe
+from ..mailbox.coe import Coe
+from ..mailbox.sdo_information import INPUT_OBJECTS, OUTPUT_OBJECTS, describe_entry, list_objects
 from ..mailbox.talks import Talk
 from .assignment import ASSIGNMENT, INFORMATION, Assignment
 from .refused import RefusedError, write
@@ -155,7 +156,7 @@ class PdoWriter:
                 continue
             entry = f"0x{object_:04X}:{subindex:02X}"
             try:
-                described = yield from self._coe.describe_entry(object_, subindex, 1)
+                described = yield from describe_entry(self._coe, object_, subindex, 1)
             except SdoAbortError as abort:
                 if abort.code in _MISSING and not (yield from self._exists(object_, subindex)):
                     raise RefusedError(
@@ -185,7 +186,7 @@ class PdoWriter:
         found: list[int] = []
         if self._sii.coe & INFORMATION:
             with suppress(SdoAbortError, NoAnswerError, StateError):
-                found = yield from self._coe.list_objects(1, kind)
+                found = yield from list_objects(self._coe, 1, kind)
         if not found:
             return ""
         more = f" and {len(found) - _OFFERED_MOST} more" if len(found) > _OFFERED_MOST else ""
