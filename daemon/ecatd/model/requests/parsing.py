@@ -21,38 +21,37 @@ from .objects import DescribeObject, ListObjects, SdoRead, SdoWrite, check_data
 from .registers import ReadErrors, ReadRegister, ResetErrors, WriteRegister
 from .request import BY_MAX, Field, Request
 
-KINDS: dict[str, type[Request]] = {
-    kind.op: kind
-    for kind in (
-        Describe,
-        ReadInfo,
-        ReadConfig,
-        ReadStates,
-        Rescan,
-        SetState,
-        ReadLogLevels,
-        SetLogLevel,
-        SdoRead,
-        SdoWrite,
-        ListObjects,
-        DescribeObject,
-        ReadRegister,
-        WriteRegister,
-        ReadErrors,
-        ResetErrors,
-        ReadSii,
-        WriteSii,
-        StartFoe,
-        PutFoe,
-        TakeFoe,
-        ReadFoe,
-        CancelFoe,
-        ReadIdn,
-        WriteIdn,
-        ReadEvents,
-        ReadFrames,
-    )
-}
+_ALL: tuple[type[Request], ...] = (
+    Describe,
+    ReadInfo,
+    ReadConfig,
+    ReadStates,
+    Rescan,
+    SetState,
+    ReadLogLevels,
+    SetLogLevel,
+    SdoRead,
+    SdoWrite,
+    ListObjects,
+    DescribeObject,
+    ReadRegister,
+    WriteRegister,
+    ReadErrors,
+    ResetErrors,
+    ReadSii,
+    WriteSii,
+    StartFoe,
+    PutFoe,
+    TakeFoe,
+    ReadFoe,
+    CancelFoe,
+    ReadIdn,
+    WriteIdn,
+    ReadEvents,
+    ReadFrames,
+)
+
+KINDS = {kind.op: kind for kind in _ALL}
 """All kinds of requests, by `op`."""
 
 _RANGES = {
