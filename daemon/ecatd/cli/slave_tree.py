@@ -37,7 +37,7 @@ class Node:
     behind: list[Node] = field(default_factory=list)
 
     @property
-    def errorerrors_text(self) -> str:
+    def error_text(self) -> str:
         """The errors on its link, in a few words; empty for none."""
         return "" if self.errors is None else errors_text(self.errors)
 
@@ -48,7 +48,7 @@ class Node:
         return "; ".join(filter(None, [self.error_text, *loose]))
 
     @property
-    def delayerrors_text(self) -> str:
+    def delay_text(self) -> str:
         """The propagation delay in µs."""
         return "" if self.delay_ns is None else f"{self.delay_ns / 1000:.1f} µs"
 

@@ -7,9 +7,9 @@ import sys
 import textwrap
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from ecatd.model.abort_codes import WRITE_ONLY
 from ecatd.model.bus import Bus, Slave
@@ -269,7 +269,8 @@ def _capture(remote: Remote, options: argparse.Namespace) -> int:
     return 0
 
 
-class _Setting(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class _Setting:
     """An object that can be a start-up parameter."""
 
     index: int
@@ -311,7 +312,7 @@ def _changed(
         default, kind = item.entry.default or b"", item.entry.data_type
         fill = b"\0" if kind in STRINGS else b""  # of a text that is shorter than its longest
         if data != default and not (fill and data.rstrip(fill) == default.rstrip(fill)):
-            known = meanings.of(found, Entry(*item[:2], "", kind, bit_length(kind)))
+            known = meanings.of(found, Entry(item.index, item.subindex, "", kind, bit_length(kind)))
             yield {**_row(item, data, default), "physical": physical_text(known, data)}
 
 

@@ -77,7 +77,7 @@ def _each(places: Sequence[int], read: Callable[[Sequence[Place]], list[T]]) -> 
     except StateError:
         if len(places) == 1:
             return {}
-    found = {}
+    found: dict[int, T] = {}
     for place in places:
         found |= _each([place], read)
     return found
