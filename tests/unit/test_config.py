@@ -505,7 +505,7 @@ def test_numbers_are_written_as_numbers(tmp_path: Path, given: str, written: str
         ),
         (f"{COPY}factor = 0", ":6: copy[0].factor:", "0"),
         (f"{COPY}offset = nan", ":6: copy[0].offset:", "finite"),
-        (f"{COPY}divider = 2", ":6: copy[0].divider:", "no key"),
+        (f"{COPY}divider = 2", ":6: copy[0].divider:", "not a key"),
         (COPY.replace("from_slave = 0\n", ""), ":1: copy[0].from_slave:", "missing"),
         (COPY.replace("'0x6000:01'", "'6000'"), ":5: copy[0].from_entry:", "address | '6000'"),
         (COPY.replace("slave = 1\n", "slave = 'lamp'\n", 1), ":2: copy[0].slave:", "'lamp'"),

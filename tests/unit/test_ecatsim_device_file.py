@@ -407,7 +407,7 @@ sync0_shift_ns = -500
 
 
 def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
-    """Attributes of `Device` that no key of the same name sets are set by others."""
+    """Attributes of `Device` that not a key of the same name sets are set by others."""
     other = {
         "rx_pdos": "pdo",
         "tx_pdos": "pdo",
@@ -424,7 +424,7 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
     [
         ("vendor = 0xFFFF\n", "", "device.toml: vendor: missing | whole number"),
         ("product = 1", "", "device.toml: product: missing | whole number"),
-        ("product = 1", "prodct = 1", "device.toml:2: prodct: no key | 'product'"),
+        ("product = 1", "prodct = 1", "device.toml:2: prodct: not a key | 'product'"),
         ("product = 1", "product = '1'", "device.toml:2: product: whole number | '1'"),
         (
             "product = 1",
@@ -505,7 +505,7 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
         (
             "product = 1",
             "product = 1\nchip.fmus = 3",
-            "device.toml:3: chip.fmus: no key | 'fmmus'",
+            "device.toml:3: chip.fmus: not a key | 'fmmus'",
         ),
         (
             "product = 1",
@@ -595,7 +595,7 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
         (
             "index = 0x1600",
             'index = 0x1600\ndirection = "out"',
-            "device.toml:6: pdo[0].direction: no key | index | name | assigned",
+            "device.toml:6: pdo[0].direction: not a key | index | name | assigned",
         ),
         (
             "index = 0x1600",
@@ -610,7 +610,7 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
         (
             'type = "int16" }',
             'typ = "int16" }',
-            "device.toml:6: pdo[0].entry[0].typ: no key | 'type'",
+            "device.toml:6: pdo[0].entry[0].typ: not a key | 'type'",
         ),
         (
             ', type = "int16" }',
@@ -746,7 +746,7 @@ def test_mistakes(tmp_path: Path, old: str, new: str, message: str) -> None:
         ("index = 0x1018\ntype = 'uint8'\nvalues = [1]", "index: PDOs | standards | `entry`"),
         ("index = 0x1000\nentry = [{ subindex = 1 }]", "entry: variable"),
         ("index = 0x2000\ntype = 'bool'\ncode = 'var'", "code: 'var' | \"variable\""),
-        ("index = 0x2000\nindex2 = 1", "index2: no key | 'index'"),
+        ("index = 0x2000\nindex2 = 1", "index2: not a key | 'index'"),
     ],
 )
 def test_mistakes_in_objects(tmp_path: Path, text: str, message: str) -> None:

@@ -167,7 +167,7 @@ def test_a_slave_from_an_esi_file(tmp_path: Path) -> None:
     [
         ("axis.xml", "none.xml", "rig.toml:2: slave[0].esi: no file | 'none.xml'"),
         ('type = "AX2"', "type = 2", "rig.toml:3: slave[0].type: text | 2"),
-        ("type =", "typ =", "rig.toml:3: slave[0].typ: no key | 'type'"),
+        ("type =", "typ =", "rig.toml:3: slave[0].typ: not a key | 'type'"),
         ('"AX2"', '"AX9"', "axis.xml: AX9"),
         ("axis.xml", "rig.toml", "rig.toml:1: XML"),
         (
@@ -214,7 +214,7 @@ def test_rings(tmp_path: Path, ring: str, end: tuple[int, int] | None) -> None:
     ("old", "new", "message"),
     [
         ("port = 2", "port = 4", "rig.toml:7: slave[2].at.port: 4 | 1 | 3"),
-        ("port = 2", "prot = 2", "rig.toml:7: slave[2].at.prot: no key | 'port'"),
+        ("port = 2", "prot = 2", "rig.toml:7: slave[2].at.prot: not a key | 'port'"),
         ("port = 2", "port = 3", "rig.toml:7: slave[2].at: EK1100 (position 0) | port 3"),
         ("port = 2", "port = 1", "rig.toml:7: slave[2].at: port 1 | EK1100 (position 0) | taken"),
         ("slave = 0", "slave = 2", "rig.toml:7: slave[2].at.slave: 2 | 0 | 1"),
@@ -359,8 +359,8 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
     ("old", "new", "message"),
     [
         ('name = "bench"', "name = 3", "rig.toml:1: name: text | 3"),
-        ('name = "bench"', 'nam = ""', "rig.toml:1: nam: no key | 'name'"),
-        ('name = "bench"', "xyz = 1", "rig.toml:1: xyz: no key | name"),
+        ('name = "bench"', 'nam = ""', "rig.toml:1: nam: not a key | 'name'"),
+        ('name = "bench"', "xyz = 1", "rig.toml:1: xyz: not a key | name"),
         ('name = "bench"', "name =", "rig.toml:1: TOML | Invalid value"),
         ('name = "bench"', "slave = 3", "rig.toml:3: TOML | Cannot"),
         ('"EK1100"', "3", "rig.toml:4: slave[0].device: text | 3"),
@@ -369,7 +369,7 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
             '"EK1101"',
             "rig.toml:4: slave[0].device: 'EK1101' | EK1100",
         ),
-        ("device", "devise", "rig.toml:4: slave[0].devise: no key | 'device'"),
+        ("device", "devise", "rig.toml:4: slave[0].devise: not a key | 'device'"),
         (
             'device = "EK1100"',
             "alias = 3",
@@ -383,12 +383,12 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
         (
             "alias = 5",
             "alais = 5",
-            "rig.toml:8: slave[1].alais: no key | 'alias'",
+            "rig.toml:8: slave[1].alais: not a key | 'alias'",
         ),
         (
             "alias = 5",
             'sii = "x.bin"',
-            "rig.toml:8: slave[1].sii: no key | device | parameters | at | alias | serial",
+            "rig.toml:8: slave[1].sii: not a key | device | parameters | at | alias | serial",
         ),
         (
             "serial = 77",
@@ -468,7 +468,7 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
         (
             "scale = 0.5",
             "skale = 0.5",
-            "rig.toml:30: slave[6].pdo[0].entry[0].skale: no key | 'scale'",
+            "rig.toml:30: slave[6].pdo[0].entry[0].skale: not a key | 'scale'",
         ),
         (
             "[[wire]]",
@@ -478,9 +478,9 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
         (
             "[[wire]]",
             "[[slave.wire]]",
-            "rig.toml:32: slave[6].wire: no key | [[wire]]",
+            "rig.toml:32: slave[6].wire: not a key | [[wire]]",
         ),
-        ("from =", "form =", "rig.toml:33: wire[0].form: no key | 'from'"),
+        ("from =", "form =", "rig.toml:33: wire[0].form: not a key | 'from'"),
         (
             'from = { slave = 1, entry = "0x7000:01" }\n',
             "",
@@ -535,7 +535,7 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
         (
             "value = 21.0",
             "value = 21.0\nfrequency = 1",
-            "rig.toml:40: waveform[0].frequency: no key | to | shape | value",
+            "rig.toml:40: waveform[0].frequency: not a key | to | shape | value",
         ),
         (
             "frequency = 0.5",
@@ -575,7 +575,7 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
         (
             'python = "counter.py:plant"\nparameters',
             'fmu = "tank.fmu"\nparameters',
-            "rig.toml:54: plant[0].parameters: no key | fmu | period | start | connect",
+            "rig.toml:54: plant[0].parameters: not a key | fmu | period | start | connect",
         ),
         (
             'python = "counter.py:plant"\nparameters = { slave = 5 }',
@@ -594,7 +594,7 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
         ("at_cycle = 100", "at_cycle = -1", "rig.toml:56: fault[0]: al-error: at_cycle | -1"),
         ("at_cycle", "atcycle", "rig.toml:56: fault[0]: al-error: 'atcycle'"),
         ("[[fault]]", "[fault]", "rig.toml:56: fault: [[fault]]"),
-        ("python =", "pyton =", "rig.toml:53: plant[0].pyton: no key | 'python'"),
+        ("python =", "pyton =", "rig.toml:53: plant[0].pyton: not a key | 'python'"),
     ],
 )
 def test_mistakes(tmp_path: Path, old: str, new: str, message: str) -> None:

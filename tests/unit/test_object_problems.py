@@ -6,8 +6,7 @@ import pytest
 
 from conftest import names
 from ecatd.model.applied.objects import object_indices, object_problems
-from ecatd.model.config import read_config
-from ecatd.model.config import SlaveConfig
+from ecatd.model.config import SlaveConfig, read_config
 from ecatd.model.datatypes import DataType
 from ecatd.model.dictionary import Access, DictionaryEntry, DictionaryObject, ObjectCode
 

@@ -221,7 +221,7 @@ def test_a_drive_is_known_by_its_entries() -> None:
     ("text", "message"),
     [
         ("[[device]\n", "1: TOML"),
-        ("[[devices]]\n", "1: devices: no key | 'device'"),
+        ("[[devices]]\n", "1: devices: not a key | 'device'"),
         ("[device]\n", "1: device: [[device]]"),
         ("[[device]]\nvendor = 1\n", "1: device[0].description: missing"),
         ('[[device]]\ndescription = "A"\n', "1: device[0].product: no device"),

@@ -221,11 +221,11 @@ def test_values() -> None:
     ("text", "message"),
     [
         ("nam = 1", "1: nam: 'name'"),
-        ("zzz = 1", "1: zzz: no key | name | count | share | free | least | on | place | way"),
-        ("x.y = 1", "1: x: no key | name | count"),
-        ('"a\\nb" = 1', "1: 'a\\nb': no key | name | count"),
-        ("'' = 1", "1: '': no key | name | count"),
-        ("inner.'' = 1", "1: inner.'': no key | name | count"),
+        ("zzz = 1", "1: zzz: not a key | name | count | share | free | least | on | place | way"),
+        ("x.y = 1", "1: x: not a key | name | count"),
+        ('"a\\nb" = 1', "1: 'a\\nb': not a key | name | count"),
+        ("'' = 1", "1: '': not a key | name | count"),
+        ("inner.'' = 1", "1: inner.'': not a key | name | count"),
         ("[inner]\n[inner.inner]\non = 1", "3: inner.inner.on: true | false | 1"),
         ("inner.on = 1", "1: inner.on: true | false | 1"),
         ("\ninner = { name = 'a', on = 1 }", "2: inner.on: true | false | 1"),
@@ -291,7 +291,7 @@ def test_keys_in_the_wrong_table() -> None:
         ("[[axis.row]]", "[[row]]"),
     ):
         axis = parse_toml(text, "x").read(rules)["axis"]
-        with pytest.raises(ConfigError, match=naming("no key", hint)):
+        with pytest.raises(ConfigError, match=naming("not a key", hint)):
             axis.only(["name"])
 
 
