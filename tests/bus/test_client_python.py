@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from conftest import Daemon, naming
+from conftest import Daemon, names, naming, wait_for
 from ecatd import LeaseError, OwnedError, SdoAbortError, UnreachableError
 from ecatd.client import Client, Outputs, Reason, Signal, Validity
 from ecatd.model.errors import NoAnswerError, StateError, UsageError

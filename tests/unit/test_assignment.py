@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from typing import TypeVar
 
 import pytest
 from wire_bench import FIRST_STATION, Correspondent, corresponding, in_preop
@@ -58,6 +59,10 @@ class OneWay(Whole):
             self.dictionary.remove(0x1C12)
 
 
+INFORMATION_SERVICE = 8  # in the CoE header
+T = TypeVar("T")
+
+
 class Counting(Coe):
     """Counts what is asked."""
 
@@ -72,9 +77,15 @@ class Counting(Coe):
         self.uploads += 1
         return super().upload(index, subindex, complete=complete, tries=tries)
 
-    def _ask_information(self, opcode: int, wanted: bytes, begin: bytes, least: int) -> Talk[bytes]:
-        self.descriptions += 1
-        return super()._ask_information(opcode, wanted, begin, least)
+    def ask(
+        self,
+        service: int,
+        request: bytes,
+        take: Callable[[int, bytes], T | None],
+        patience_s: float | None = None,
+    ) -> Talk[T]:
+        self.descriptions += service == INFORMATION_SERVICE
+        return super().ask(service, request, take, patience_s)
 
 
 def content(device: Device) -> Sii:

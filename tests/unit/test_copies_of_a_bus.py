@@ -97,7 +97,7 @@ def test_the_physical_value_stays_the_same(
         (1, 0x20, {}, "slave 1 | no output 0x7000:20 | ecatctl pdos -p 1"),
         (7, 7, {}, "0x7000:07 | slave 1 (D) | 256 bits | at most 64 | remove"),
         (4, 2, {}, "0x6000:04 of slave 0 | 0x7000:02 of slave 1 | BIT4 | 4 bits | correct"),
-        (1, 6, {}, "0x7000:06 | OCTET_STRING | no number"),
+        (1, 6, {}, "0x7000:06 | OCTET_STRING | not a number"),
         (5, 1, {}, "WORD | without sign"),
         (5, 5, {"factor": 2.0}, "WORD | no factor"),
         (0x10, 0x11, {}, "the input is in V, the output in mV | factor ="),

@@ -55,8 +55,8 @@ def test_values_are_gathered() -> None:
     [
         (datagram(LRW, 0x1000, bytes(4), 3), "It wrote outputs of the process image"),
         (datagram(FPWR, 0x0B00, b"\x00"), "It wrote register (0x0B00) of single slaves"),
-        (datagram(FPWR, 0x0120, b"\x04\x00", 0), "It has only read, as far as was seen"),
-        (datagram(BRD, 0x0130, bytes(2)), "It has only read, as far as was seen"),
+        (datagram(FPWR, 0x0120, b"\x04\x00", 0), "As far as ecatd has seen, it has only read"),
+        (datagram(BRD, 0x0130, bytes(2)), "As far as ecatd has seen, it has only read"),
         # Where the working counter, or the data, are cut off.
         (
             datagram(BWR, 0x0120, b"\x01\x00")[:11],

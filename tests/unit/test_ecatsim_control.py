@@ -404,7 +404,7 @@ def test_a_name_is_taken_only_while_its_simulator_runs(simulation, server):
 
 @pytest.mark.parametrize("name", ["", "a/b", "../x", ".hidden", "a b", "x" * 49])
 def test_names(simulation, name):
-    with pytest.raises(UsageError, match=naming(f"'{name}'", "name for a simulator")):
+    with pytest.raises(UsageError, match=naming(f"'{name}'", "name of a simulator")):
         Server(simulation, name)
 
 

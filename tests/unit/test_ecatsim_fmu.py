@@ -182,7 +182,11 @@ def test_an_fmu_in_a_rig_file(fmus, tmp_path):
         ('variable = "speed"', 'variable = "sped"', "motor.fmu: | variable | 'sped'"),
         ("slave = 1", "slave = 2", "rig.toml:17: | plant[0].connect[1].slave | 2 | 0 | 1"),
         ("gain = 8.0", 'gain = "x"', "rig.toml:10: | plant[0].start.gain | number | 'x'"),
-        ("scale = 0.1", "scal = 0.1", "rig.toml:19: | plant[0].connect[1].scal | not a key | 'scale'"),
+        (
+            "scale = 0.1",
+            "scal = 0.1",
+            "rig.toml:19: | plant[0].connect[1].scal | not a key | 'scale'",
+        ),
         ('"0x6000:11"', '"0x6000:55"', "EL3102 | 0x6000:55"),
         ('fmu = "motor.fmu"', 'fmu = "gone.fmu"', "no FMU | gone.fmu"),
     ],

@@ -231,7 +231,7 @@ WRONG = {
     "short": (IMAGE[:100], at(100) + "128 bytes"),
     "odd": (
         IMAGE[:-1],
-        at(2047) + "2047 bytes | 524288 bytes",
+        at(2047) + "2047 bytes | 524288",
     ),
     "truncated category": (
         IMAGE[: TX + 8],

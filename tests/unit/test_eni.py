@@ -132,7 +132,7 @@ def test_a_machine(tmp_path: Path) -> None:
     assert len(left) == 4
     assert found.report.ours["FMMUs and logical addresses"] == 4
     assert found.report.ours["entries of PDOs that are not assigned"] == 1
-    assert found.report.ours["what is told to all slaves at once"] == 2
+    assert found.report.ours["commands for all slaves at once"] == 2
 
 
 def test_what_the_slaves_of_the_file_have_as_a_whole(tmp_path: Path) -> None:

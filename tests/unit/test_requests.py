@@ -60,8 +60,8 @@ def test_requests_survive(request_: Any) -> None:
     ("data", "what"),
     [
         ([], "is a map"),
-        ({}, "op None is no request"),
-        ({"op": ["sdo_read"]}, "is no request"),
+        ({}, "op None is not a request"),
+        ({"op": ["sdo_read"]}, "is not a request"),
         ({"op": "sdo_read", "slave": 0}, "sdo_read | index"),
         ({"op": "sdo_read", "slave": -1, "index": 1}, "'slave' | sdo_read | -1"),
         ({"op": "sdo_read", "slave": True, "index": 1}, "'slave' | int | bool"),

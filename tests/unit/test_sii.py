@@ -105,7 +105,7 @@ def test_an_empty_eeprom_has_nothing() -> None:
         serial=0xFFFFFFFF,
         problems=read(b"\xff" * 256).problems,
     )
-    assert texts(b"\xff" * 256) == ["nobody has written this EEPROM"]
+    assert texts(b"\xff" * 256) == ["this EEPROM was never written"]
 
 
 def texts(data: bytes) -> list[str]:
@@ -168,7 +168,7 @@ def test_damage_is_named_with_its_effect(data: bytes, what: str) -> None:
 def test_what_is_not_damaged_is_read_all_the_same() -> None:
     data = image(STRINGS, general(), sync_managers((0x1000, 0x20, 1, 4)), (50, pdo(0x1A00, 0)))
     cut = data[:-4] + struct.pack("<HH", 51, 0xFFFF)
-    assert read(cut).problems[-1].effect == "it is not read, nor what follows"
+    assert read(cut).problems[-1].effect == "neither this one nor the following ones are read"
     assert (read(cut).order, read(cut).inputs) == ("EL", read(data).inputs)
 
 
