@@ -1,10 +1,11 @@
-"""The process of the gateway, with the name of its bus as argument.
+"""The process of the gateway. Its first argument is the name of its bus.
 
-It has no capabilities, may write only into the folder of its sockets, and the bus does not depend
-on it. The bus server tells it its settings.
+It has no capabilities, may write only into the folders of its sockets, and the bus does not depend
+on it. It gets its settings from the bus server.
 
-It is a child of `ecatd`, which tells it when the bus is in OP and asks whether it works (see
-`ecatd.service_link`), or with `--alone` a service of its own, and tells the service manager.
+Usually it is a child of `ecatd`, which tells it when the bus is in OP and asks whether it works
+(see `ecatd.service_link`). With `--alone` it is a service of its own, which reports to the service
+manager.
 """
 
 from __future__ import annotations
@@ -39,9 +40,9 @@ if TYPE_CHECKING:
     from .gateway import Gateway
 
 _OOM_SCORE = 500
-"""The bus does not need the gateway, so it is the first to go if there is no memory left."""
+"""The bus does not need the gateway, so the kernel ends it first if there is no memory left."""
 _PERIOD = 1.0
-"""Seconds between two messages to the service manager that this process works."""
+"""Seconds between two messages that tell the service manager that this process works."""
 
 
 async def _serve(bus: str, log: Log, *, alone: bool) -> None:
@@ -53,14 +54,14 @@ async def _serve(bus: str, log: Log, *, alone: bool) -> None:
     gateway = Gateway(bus, user_dir(), log, stop.set)
     try:
         config = await gateway.connect()
-        # It has no threads yet, which would keep what it had.
+        # There are no other threads yet: they would keep the processors that they had.
         leave_processor(config.realtime.cpu)
-        # Whoever gets it under control can make sockets there: no more.
+        # An attacker who takes this process over can make files in these folders only.
         if not restrict(_folders(bus, config.gateway)):
             log.debug("this kernel has no Landlock: the gateway may write what its user may")
         await gateway.start()
-        working = asyncio.create_task(_tell_manager(bus) if alone else _answer_service(gateway))
-        working.add_done_callback(lambda _: stop.set())  # the service was killed
+        working = asyncio.create_task(_notify_manager(bus) if alone else _answer_service(gateway))
+        working.add_done_callback(lambda _: stop.set())  # it ends when the service was killed
         await stop.wait()
         working.cancel()
     finally:
@@ -72,7 +73,7 @@ async def _answer_service(gateway: Gateway) -> None:
     await answer_pings(gateway.report)
 
 
-async def _tell_manager(bus: str) -> None:
+async def _notify_manager(bus: str) -> None:
     notify("READY=1", f"STATUS=serves bus '{bus}'")
     while True:
         notify("WATCHDOG=1", wait=False)
@@ -80,7 +81,7 @@ async def _tell_manager(bus: str) -> None:
 
 
 def _folders(bus: str, config: GatewayConfig) -> list[Path]:
-    """The folders of its Unix sockets."""
+    """Returns the folders of the gateway's Unix sockets, as far as they exist."""
     addresses = [config.metrics, *config.listen]
     paths = [Path(address.partition(":")[2]) for address in addresses if address[:5] == "unix:"]
     paths += [Path(text[16:]) for text in addresses if text.startswith("unixsock-stream/")]
@@ -89,7 +90,10 @@ def _folders(bus: str, config: GatewayConfig) -> list[Path]:
 
 
 def _other_version(bus: str) -> str:
-    """What may be the cause: after an upgrade it need not understand the bus server."""
+    """A possible cause of an error, if the bus server has another version; else empty.
+
+    After an upgrade, the gateway may not understand a bus server that still runs.
+    """
     with suppress(EcatError):
         if advice := other_version(bus, read(bus).version):
             return f"; {advice.text}: {advice.remedy}"
@@ -97,12 +101,12 @@ def _other_version(bus: str) -> str:
 
 
 def main() -> int:
-    """Runs the gateway; the exit code says why it ended."""
+    """Runs the gateway; returns the exit code, which says why it ended."""
     bus, alone = sys.argv[1], "--alone" in sys.argv[2:]
     leave_signals_to_the_service()
     offer_to_oom_killer(_OOM_SCORE)
-    drop_rights()  # before any thread, of which each has rights of its own
-    from . import gateway  # noqa: F401  it loads while the bus comes up
+    drop_rights()  # before there are other threads: each thread has its own rights
+    from . import gateway  # noqa: F401  it is loaded while the bus is brought up
 
     if not alone:
         die_with_parent(read_settings()["parent"])

@@ -1,13 +1,13 @@
-"""Who may do what over Zenoh.
+"""Access control: who may do what over Zenoh.
 
-Zenoh's access control lets through what is listed here, and nothing else, in both directions. So
-nobody but the gateway can publish, answer or be alive under the keys of a bus. A user of another
-machine is known by the certificate of the connection. Only this user's connection may use the keys
-below `as/NAME`, so the name in such a key is the truth. What the user may change is checked here,
-so that the user gets an answer in words.
+Zenoh passes on only what the rules here allow, in both directions. So only the gateway can publish,
+answer or declare a liveliness token under the keys of a bus. The certificate of a connection
+identifies a user of another machine. Only the connection of user NAME may use the keys below
+`as/NAME`, so the name in such a key can be trusted. `check` decides what the user may change, so
+that a refused user gets a message.
 
-A router that the gateway connects to (`gateway.connect`) knows its users itself: it must let only
-NAME use the keys below `as/NAME`. `ecatctl remote router` makes such settings.
+If the gateway connects to a router (`gateway.connect`), the router identifies the users: it must
+let only NAME use the keys below `as/NAME`. `ecatctl remote router` makes such settings.
 """
 
 from __future__ import annotations
@@ -27,18 +27,19 @@ from ecatd.zenoh_access import ASKING, READ, TELLING, rule
 from ecatd.zenoh_keys import AS
 
 _BURST_S, _WAIT_S = 1.0, 2.0
-"""Changes of so many seconds may come at once, and those of so many more may wait."""
+"""The allowed changes of the first number of seconds may come at once; those of the second number
+of seconds may wait."""
 
 
 def access_control(bus: str, config: GatewayConfig) -> dict[str, Any]:
-    """Zenoh's settings `access_control`.
+    """Returns Zenoh's settings `access_control`.
 
     Args:
         bus: Name of the bus: BUS or HOST/BUS.
         config: The gateway's configuration.
     """
     rules = [
-        # Others may ask all buses at once, to find out which there are.
+        # Anybody may ask all buses at once, to find out which buses there are.
         rule("ask", "ingress", ASKING, "*", READ),
         rule("tell", "egress", TELLING, bus, READ),
         *_change("local", bus, "rw/**"),
@@ -71,7 +72,7 @@ def access_control(bus: str, config: GatewayConfig) -> dict[str, Any]:
 
 
 def _change(who: str, bus: str, keys: str) -> list[dict[str, Any]]:
-    """Rules for somebody who may ask for changes below some keys."""
+    """Returns the rules for a subject that may request changes below some keys."""
     return [
         rule(f"want-{who}", "ingress", ["query"], bus, [keys]),
         rule(f"obey-{who}", "egress", ["reply", "declare_queryable"], bus, [keys]),
@@ -79,7 +80,7 @@ def _change(who: str, bus: str, keys: str) -> list[dict[str, Any]]:
 
 
 def certificates(config: GatewayConfig) -> dict[str, Any]:
-    """Zenoh's settings for encryption: none if there is no certificate."""
+    """Returns Zenoh's settings for encryption; empty if there is no certificate."""
     if not config.certificate:
         return {}
     settings = {
@@ -98,7 +99,7 @@ def certificates(config: GatewayConfig) -> dict[str, Any]:
 
 
 def without_encryption(config: GatewayConfig) -> GatewayConfig:
-    """The same configuration without encrypted addresses, for certificates that cannot be used."""
+    """Returns the configuration without encrypted addresses, if certificates cannot be used."""
     listen, connect = (
         [item for item in endpoints if not is_encrypted(item)]
         for endpoints in (config.listen, config.connect)
@@ -107,7 +108,7 @@ def without_encryption(config: GatewayConfig) -> GatewayConfig:
 
 
 def unknown_slaves(config: GatewayConfig, bus: Bus) -> list[str]:
-    """Warnings about slaves that users may change, and that do not exist."""
+    """Returns warnings about slaves that users may change, but that do not exist."""
     found = []
     for user in config.user:
         for slave in user.slaves:
@@ -119,15 +120,15 @@ def unknown_slaves(config: GatewayConfig, bus: Bus) -> list[str]:
 
 
 def rights(user: UserConfig) -> dict[str, Any]:
-    """What a user may do, for the user: `user`, `read`, `write` and `slaves` (empty: all)."""
+    """Returns the rights of a user as a reply: `user`, `read`, `write`, `slaves` (empty: all)."""
     return {"user": user.name, "read": True, "write": user.write, "slaves": user.slaves}
 
 
 def check(user: UserConfig, request: Request, bus: Bus) -> None:
-    """Checks that a user may ask for a change.
+    """Checks that a user may request a change.
 
     Raises:
-        NotPermittedError: No.
+        NotPermittedError: The user may not.
         StateError: The change is about a slave that does not exist.
     """
     kind = request.key.split("/")[1]
@@ -138,10 +139,10 @@ def check(user: UserConfig, request: Request, bus: Bus) -> None:
             f"(gateway.user.write in the configuration of the daemon)"
         )
     if not user.slaves or "slave" not in request.fields:
-        return  # the number of a transfer is a secret of those who have started it
+        return  # requests about a transfer: only the client that started it knows its number
     allowed = set()
     for slave in user.slaves:
-        with suppress(StateError):  # there is none; the log has said so
+        with suppress(StateError):  # there is no such slave; `unknown_slaves` has warned of it
             allowed.add(bus.find(slave).position)
     wanted: int | str | None = vars(request).get("slave")
     if wanted is None or bus.find(wanted).position not in allowed:
@@ -152,7 +153,7 @@ def check(user: UserConfig, request: Request, bus: Bus) -> None:
 
 
 class Rate:
-    """Paces the changes that one user asks for, so that a program that runs wild harms nobody.
+    """Limits the rate of one user's changes, so that a program that runs wild does no harm.
 
     Args:
         user: The user.
@@ -166,7 +167,7 @@ class Rate:
         """Counts one change; returns the seconds until it may be carried out.
 
         Raises:
-            BusyError: Too many are waiting.
+            BusyError: Too many changes are waiting.
         """
         now = time.monotonic()
         begin = max(self._next, now - _BURST_S)

@@ -39,7 +39,7 @@ class BusClient(Connection):
         self._waiting: dict[int, Answer] = {}
 
     async def open(self) -> None:
-        """Connects.
+        """Connects to the bus server.
 
         Raises:
             UnreachableError: The bus server does not listen.
@@ -68,7 +68,7 @@ class BusClient(Connection):
 
     def ended(self, problem: UsageError | None) -> None:
         """See `Connection`."""
-        del problem  # for those who wait, both ends are the same
+        del problem  # the waiting requests fail either way
         for answer in self._waiting.values():
             if not answer.done():
                 answer.set_exception(UnreachableError("the bus server has ended"))
@@ -81,7 +81,9 @@ class BusClient(Connection):
         if not self.is_open:
             answer.set_exception(UnreachableError("the bus server has ended"))
         elif self.is_stuck:
-            answer.set_exception(BusyError("the bus server does not come to its requests"))
+            answer.set_exception(
+                BusyError("the bus server does not read its requests; try again later")
+            )
         else:
             number = next(self._numbers)
             self._waiting[number] = answer

@@ -55,14 +55,14 @@ from .routers import watch_routers
 from .streams import Streams
 
 _OPEN_PATIENCE, _OPEN_PAUSE = 5.0, 0.005
-"""Seconds that Zenoh has to listen on the local socket, and between two looks."""
+"""Seconds that Zenoh has to listen on the local socket, and seconds between two looks."""
 _CLOSE_PATIENCE = 1.0
 """Seconds that Zenoh has to close its session."""
 _REMEMBERED = 1024
 """Number of changes whose answers are kept: a change that arrives twice is carried out once."""
 
 _LOCAL = "somebody on this machine"
-"""Who asks over the Unix socket."""
+"""How the log names a user of the Unix socket."""
 
 
 class Gateway:
@@ -70,10 +70,10 @@ class Gateway:
 
     Args:
         name: Name of the bus.
-        runtime_dir: Where the sockets are.
-        log: Where failures are told.
-        on_end: Called when the bus server has gone, or the settings have changed: another gateway
-            is to be started.
+        runtime_dir: The folder with the folders of the sockets.
+        log: The log for failures.
+        on_end: Called when the bus server has gone or the settings have changed, so that another
+            gateway must be started.
     """
 
     def __init__(self, name: str, runtime_dir: Path, log: Log, on_end: Callable[[], None]) -> None:
@@ -94,10 +94,13 @@ class Gateway:
         self._bus_description: dict[str, Any] = {}
 
     async def connect(self) -> Config:
-        """Connects to the bus server, which tells the settings, and makes the folder for sockets.
+        """Connects to the bus server, reads the settings, and makes the folder for the sockets.
+
+        Returns:
+            The configuration of the bus server.
 
         Raises:
-            EcatError: One of both does not work.
+            EcatError: The bus server does not answer, or the folder cannot be made.
         """
         await self._bus.open()
         config = await self._settings()
@@ -119,18 +122,18 @@ class Gateway:
         return config
 
     async def start(self) -> None:
-        """Opens the Zenoh session; `connect` comes before.
+        """Opens the Zenoh session and starts to answer. Call `connect` before.
 
         Raises:
-            EcatError: That does not work.
+            EcatError: The session cannot be opened, or the bus server does not answer.
         """
         self._bus_description = await self._bus.ask(Describe())
         in_use = self._config
         if wrong := wrong_certificates(in_use):
             in_use = without_encryption(in_use)
             self._log.error(
-                f"{wrong}. Nobody can use encrypted addresses until this is mended and the "
-                "configuration is read again"
+                f"{wrong}. Until this is corrected and the configuration is read again, encrypted "
+                "addresses cannot be used"
             )
         self._in_use = in_use
         self._full_name = full_name(in_use.host, self._name)
@@ -195,7 +198,7 @@ class Gateway:
             "peer",
             {
                 "listen/endpoints": endpoints,
-                # An address that does not exist yet is tried again, and does not cost the others.
+                # Zenoh tries an address again that does not exist yet, and uses the others already.
                 "listen/timeout_ms": -1,
                 "listen/exit_on_failure": False,
                 "connect/endpoints": self._in_use.connect,
@@ -218,8 +221,8 @@ class Gateway:
 
     def _reply(self, query: zenoh.Query, begin: float, answer: Answer) -> None:
         with query:
-            if self._session is None:  # it is being closed, and with it the way back
-                answer.exception()  # else asyncio complains that nobody has looked
+            if self._session is None:  # it is being closed, so there is no way to reply
+                answer.exception()  # else asyncio complains that the exception was never retrieved
                 return
             how = answer.exception() or "answered"
             took_ms = 1e3 * (time.monotonic() - begin)
@@ -231,7 +234,7 @@ class Gateway:
             except EcatError as error:
                 query.reply_err(pack({"schema": SCHEMA, "error": error.to_reply()}))
             except Exception as error:
-                # A defect in one answer must not silence the gateway; the caller hears of it.
+                # A defect in one answer must not stop the gateway. The caller gets an error.
                 self._log.error(f"defect while answering {query.key_expr}: {error!r}")
                 reply = EcatError(f"defect in the gateway: {error!r}").to_reply()
                 query.reply_err(pack({"schema": SCHEMA, "error": reply}))
@@ -269,7 +272,7 @@ class Gateway:
                 self._log.notice(f"refused: {error}")
                 raise
             who = f"user '{user.name}'"
-            if "by" in request.fields:  # the parts of a file are no changes of their own
+            if "by" in request.fields:  # not the parts of a file: they do not count as changes
                 delay = self._rates.setdefault(user.name, Rate(user)).delay()
                 if delay > 0:
                     request = on_behalf(request, who)
@@ -305,7 +308,7 @@ class Gateway:
         return to_map(read(self._name), buckets=buckets)
 
     def _once(self, user: UserConfig | None, identity: Any, request: Request) -> Answer:
-        """Carries a change out; if its id has come before, returns the answer to the first one."""
+        """Carries out a change; returns the earlier answer if its id has come before."""
         if not isinstance(identity, str) or not 1 <= len(identity) <= 64:
             raise UsageError("a change needs an 'id': a text of 1 to 64 characters, new each time")
         whose = (user.name if user else "", identity)
@@ -323,15 +326,19 @@ class Gateway:
             self._session.put(key, pack({"schema": SCHEMA, **event}))
 
     async def _reconfigure(self) -> None:
-        """Reads limits again, and has another gateway started if settings of this one changed."""
+        """Reads the limits of outputs again; calls `on_end` if another gateway must be started.
+
+        That is so if its settings have changed, or some of them could not be used.
+        """
         with suppress(UnreachableError):  # the bus server has ended
             self._bus_description = await self._bus.ask(Describe())
             wanted = (await self._settings()).gateway
-            if wanted != self._config or self._in_use != self._config:  # it may be mended
+            # If certificates could not be used, they may be usable now.
+            if wanted != self._config or self._in_use != self._config:
                 self._on_end()
 
     async def report(self) -> dict[str, Any]:
-        """What the service asks every second: that it answers is all there is to know."""
+        """Returns the answer to the service's ping: it is empty, since any answer is a good one."""
         return {}
 
     async def stop(self) -> None:
@@ -345,7 +352,7 @@ class Gateway:
         self._bus.close()
         session, self._session = self._session, None
         if session is not None:
-            # While Zenoh tries an address, closing takes 10 s: the end of this process is quicker.
+            # While Zenoh tries an address, closing takes 10 s. Ending this process is quicker.
             closing = threading.Thread(target=session.close, daemon=True)
             closing.start()
             await asyncio.to_thread(closing.join, _CLOSE_PATIENCE)
@@ -353,7 +360,7 @@ class Gateway:
 
 
 def _parts(query: zenoh.Query) -> list[str]:
-    """The parts of the key of a query below the bus."""
+    """Returns the parts of a query's key that follow the name of the bus."""
     return str(query.key_expr).split("/")[3:]
 
 
@@ -362,9 +369,8 @@ def _known(parameters: str, make: Callable[..., dict[str, Any]], *flags: str) ->
 
     Args:
         parameters: The parameters of the query.
-        make: Makes the answer.
-        flags: The parameters that the query may have, each true or false, and an argument of
-            `make`.
+        make: Makes the answer; gets the flags as keyword arguments.
+        flags: Names of the parameters that the query may have, each true or false.
     """
     given = read_parameters(parameters, flags)
     answer: Answer = asyncio.get_running_loop().create_future()
@@ -373,5 +379,5 @@ def _known(parameters: str, make: Callable[..., dict[str, Any]], *flags: str) ->
 
 
 def _reason(error: Exception) -> str:
-    """Shortens a Zenoh error for users: leaves out its source positions."""
+    """Returns the text of a Zenoh error without its positions in Zenoh's sources."""
     return str(error).split(" at /")[0]

@@ -1,7 +1,7 @@
-"""Tells on which of the configured addresses the gateway does not listen, and when it does.
+"""Reports addresses on which the gateway cannot listen yet, and when it listens on them after all.
 
-Zenoh tries an address again and again, but does not say so. After the boot of a machine, a network
-may get its address long after the bus is in OP.
+Zenoh tries an address again and again, but does not report it. When a machine boots, a network
+interface may get its address long after the bus is in OP.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ecatd.model.config.gateway import PROTOCOLS
 _PERIOD = 2.0
 _DATAGRAMS = ("udp", "quic")
 _PATIENCE = 2.0
-"""Seconds for the look-up of a name: the gateway does not wait for a name server that is away."""
+"""Seconds for the look-up of a name: the gateway must not wait for a name server that is down."""
 _IN_USE = "the address is in use"
 
 
@@ -29,7 +29,7 @@ class Listening:
 
     Args:
         endpoints: Zenoh endpoints, such as `tcp/10.0.0.5:7447`.
-        log: Where it is told.
+        log: The log for these reports.
     """
 
     def __init__(self, endpoints: Sequence[str], log: Log) -> None:
@@ -38,7 +38,7 @@ class Listening:
         self._problems: dict[str, str] = {}
 
     async def look(self) -> None:
-        """Finds out which addresses cannot be used, before Zenoh uses them."""
+        """Finds and reports the addresses that cannot be used. Call it before Zenoh uses them."""
         found_all = await asyncio.gather(*map(_find_soon, self._endpoints))
         for endpoint, found in zip(self._endpoints, found_all, strict=True):
             if found:
@@ -49,12 +49,12 @@ class Listening:
                 )
 
     async def watch(self) -> None:
-        """Tells when an address can be used after all; ends when there is nothing left to tell."""
+        """Reports when such an address can be used after all; ends when all of them can."""
         while self._problems:
             await asyncio.sleep(_PERIOD)
             for endpoint, before in list(self._problems.items()):
                 found = await _find_soon(endpoint)
-                if found == _IN_USE and before != _IN_USE:  # by Zenoh, which has waited for it
+                if found == _IN_USE and before != _IN_USE:  # Zenoh has taken it
                     del self._problems[endpoint]
                     self._log.info(f"listening on {endpoint}")
                 else:
@@ -62,7 +62,7 @@ class Listening:
 
 
 async def _find_soon(endpoint: str) -> str:
-    """`find_problem` in a thread that nobody waits for at the end of this process."""
+    """Runs `find_problem` in a thread that cannot delay the end of this process."""
     loop = asyncio.get_running_loop()
     answer: asyncio.Future[str] = loop.create_future()
 
@@ -83,7 +83,7 @@ async def _find_soon(endpoint: str) -> str:
 
 
 def find_problem(endpoint: str) -> str:
-    """Why nobody can listen on an endpoint now; empty if it is possible, or not known."""
+    """Returns why no process can listen on an endpoint now; empty if one can, or if unknown."""
     protocol, _, rest = endpoint.partition("/")
     host, _, port = rest.partition("#")[0].partition("?")[0].rpartition(":")
     if protocol not in PROTOCOLS:

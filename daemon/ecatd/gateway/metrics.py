@@ -16,9 +16,9 @@ from ecatd.stats.open_metrics import CONTENT_TYPE, write_metrics
 _PREFIX = "unix:"
 _HEAD_MAX = 8192
 _PATIENCE = 5.0
-"""Seconds that a client has for its request, and for its answer."""
+"""Seconds for one request, from the connection until the client has read the answer."""
 _CONNECTIONS_MAX = 16
-"""One more ends the oldest, so that clients that say nothing keep nobody out."""
+"""Another connection ends the oldest one, so that silent clients do not lock others out."""
 _TEXT = "text/plain; charset=utf-8"
 
 
@@ -28,8 +28,8 @@ class MetricsServer:
     Args:
         address: `HOST:PORT`, or `unix:PATH`.
         bus: Name of the bus.
-        states: Asks the bus server for the AL states of the slaves.
-        log: Where it is told that the address cannot be used.
+        states: Reads the AL states of the slaves from the bus server.
+        log: The log for an address that cannot be used.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class MetricsServer:
         self._connections: dict[asyncio.StreamWriter, None] = {}  # the oldest first
 
     async def start(self) -> None:
-        """Starts to listen. If the address cannot be used, it only says so: the bus can be."""
+        """Starts listening. If the address cannot be used, it only logs a warning."""
         path = self._address.removeprefix(_PREFIX)
         try:
             if path != self._address:
@@ -63,7 +63,7 @@ class MetricsServer:
             self._log.warning(f"no metrics on {self._address}: {error.strerror} (gateway.metrics)")
 
     def close(self) -> None:
-        """Stops to listen."""
+        """Stops listening."""
         if self._server is not None:
             self._server.close()
             if self._address.startswith(_PREFIX):
@@ -91,13 +91,13 @@ class MetricsServer:
                 writer.close()
                 await writer.wait_closed()
         except (TimeoutError, OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
-            pass  # the client has gone, or says nothing that could be answered
+            pass  # the client has gone, or did not send a request
         finally:
             self._connections.pop(writer, None)
             writer.transport.abort()
 
     async def _answer(self, head: bytes) -> tuple[str, str, bytes]:
-        """Status, type and body of the answer to a request."""
+        """Returns status, content type and body of the answer to a request."""
         method, _, rest = head.partition(b" ")
         path = rest.partition(b" ")[0].partition(b"?")[0]
         if method not in (b"GET", b"HEAD"):

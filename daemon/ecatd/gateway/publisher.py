@@ -26,8 +26,8 @@ class Publisher:
         session: The gateway's session.
         bus: Name of the bus.
         full_name: Its name in keys.
-        rate: Samples a second.
-        log: Where failures are told.
+        rate: Samples per second; 0 publishes nothing.
+        log: The log for failures.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Publisher:
         self._well = True
 
     async def run(self) -> None:
-        """Publishes until it is cancelled; after an interruption it begins again."""
+        """Publishes until it is cancelled; starts again after an interruption."""
         if self._rate <= 0:
             return
         while True:
@@ -50,7 +50,7 @@ class Publisher:
                 with Client(self._bus) as client:
                     await self._loop(client)
             except EcatError as error:
-                if self._well:  # tell each interruption once
+                if self._well:  # each interruption is reported once
                     self._log.warning(f"values are not published: {error}")
                 self._well = False
             await asyncio.sleep(_PAUSE)

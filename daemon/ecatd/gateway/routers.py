@@ -1,4 +1,4 @@
-"""Tells when routers are reached and lost; Zenoh itself tries to connect for ever, and silently."""
+"""Reports when routers are reached or lost, because Zenoh tries to connect again silently."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ecatd.log import Log
 
 _PERIOD = 1.0
 _PATIENCE = 5
-"""Looks before a router that has never been reached is told."""
+"""Looks before a router that was never reached is reported."""
 
 
 async def watch_routers(session: zenoh.Session, endpoints: Sequence[str], log: Log) -> None:
-    """Tells each change; ends at once if there are no routers.
+    """Logs each change of the number of reached routers; ends at once if there are no routers.
 
     Args:
         session: The gateway's session.
-        endpoints: `gateway.connect`.
-        log: Where it is told.
+        endpoints: The addresses of the routers, `gateway.connect`.
+        log: The log for these reports.
     """
     told, looks = -1, 0
     while endpoints:
@@ -33,8 +33,8 @@ async def watch_routers(session: zenoh.Session, endpoints: Sequence[str], log: L
             else:
                 count = f"{found} of {len(endpoints)} routers are" if found else "no router is"
                 log.warning(
-                    f"{count} reached at {where} (gateway.connect); they are tried again and "
-                    "again, and the bus can be reached in all other ways"
+                    f"{count} reached at {where} (gateway.connect); ecatd keeps trying, and the "
+                    "bus can be reached in all other ways"
                 )
             told = found
         await asyncio.sleep(_PERIOD)

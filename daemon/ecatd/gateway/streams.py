@@ -1,8 +1,8 @@
-"""Streams of values for readers who cannot take each cycle: minimum, mean and maximum of some.
+"""Streams for readers that cannot take the values of each cycle: minimum, mean and maximum.
 
-A reader asks for a pattern and a rate, and gets the key under which its values are published. The
-rows are summarised in C (`ecat_summarize`), which looks at each cycle, so no peak is lost. Readers
-who ask for the same share a stream. A stream ends when nobody has listened to it for a while.
+A reader requests a pattern and a rate, and gets the key under which its values are published. The
+rows are computed in C (`ecat_summarize`) from the values of every cycle, so no peak is lost.
+Readers with the same pattern and rate share a stream. A stream without readers ends after a while.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _STREAMS_MAX, _SIGNALS_MAX = 16, 2000
 _RATES = 0.1, 200.0
 """Lowest and highest rate in Hz."""
 _ABANDONED_S = 5.0
-"""Seconds after which a stream ends to which nobody listens."""
+"""Seconds after which a stream without readers ends."""
 _UNSEEN = (None, None, None, 0)
 """The row of an entry that could not be trusted in any cycle."""
 _LATE_S = 5.0
@@ -32,7 +32,7 @@ _LATE_S = 5.0
 
 
 class Streams:
-    """All streams of a bus. Call it in any thread.
+    """All streams of a bus. It may be called in any thread.
 
     Args:
         session: The gateway's session.
@@ -51,12 +51,13 @@ class Streams:
         """Opens a stream, or finds the one that is open already.
 
         Args:
-            pattern: Which entries; see `find_signals`.
+            pattern: The pattern for the entries; see `find_signals`.
             rate: How often values are published, in Hz.
 
         Returns:
-            The `key` under which they are published; `rate`; `cycles`, of which each row is; and
-            `signals`: path, address, unit of each, in the order of the values.
+            A reply with `key`, under which the values are published; `rate`, in Hz; `cycles`, the
+            number of cycles that a row summarizes; and `signals`, in the order of the values: name,
+            slave, address and unit of each.
 
         Raises:
             UsageError: The rate is out of range, or there are too many entries.
@@ -117,7 +118,7 @@ class _Stream:
 
     @property
     def is_open(self) -> bool:
-        """Whether it goes on."""
+        """Whether the stream still runs."""
         return self._thread.is_alive()
 
     def _serve(self) -> None:
@@ -125,7 +126,7 @@ class _Stream:
             while not self.ends.is_set() and self._is_wanted():
                 self._publish()
         except (EcatError, zenoh.ZError):
-            pass  # the daemon has ended, and with it the gateway: readers ask anew
+            pass  # the daemon ends, and with it the gateway: readers must open another stream
         finally:
             self._client.close()
 
