@@ -1,4 +1,4 @@
-"""Looks at the certificates of `[gateway]`: whether they can be read, and belong together."""
+"""Checks whether the certificates of `[gateway]` can be read and belong together."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ecatd.model.config import GatewayConfig
 
 
 def wrong_certificates(config: GatewayConfig) -> str:
-    """What is wrong with the certificates, as a sentence with what to do; empty if nothing is."""
+    """Returns what is wrong with the certificates and what to do; empty if nothing is wrong."""
     for key in ("certificate", "key", "users_ca"):
         if (path := getattr(config, key)) and (problem := _unreadable(key, Path(path))):
             return problem

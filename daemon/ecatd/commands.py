@@ -1,8 +1,8 @@
 """Entry points of the commands.
 
-Loading the modules of a command takes about a tenth of a second. Ctrl-C during this time ends the
-process by the signal, without a traceback. SIGHUP, which ends a process by default, does nothing to
-the daemon: it is too early to read the configuration again.
+Loading the modules of a command takes about a tenth of a second. During this time, Ctrl-C ends the
+process by the signal, without a traceback. The daemon ignores SIGHUP meanwhile, which would end it
+by default: it is too early to read the configuration again.
 """
 
 import importlib

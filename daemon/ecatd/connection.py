@@ -10,13 +10,13 @@ from ecatd.encoding import LENGTH, MAX_REPLY, frame, unpack
 from .model.errors import UsageError
 
 _UNSENT_MAX = MAX_REPLY
-"""Most unsent bytes of an end that counts as reading: one reply of the largest size."""
+"""With more unsent bytes than this, the other end counts as not reading: one largest reply."""
 
 
 class Connection(asyncio.Protocol):
     """One end of the connection. Subclasses handle messages on the thread of the event loop.
 
-    The streams of asyncio would do the same, but they wake a task for each part of a message, which
+    The streams of asyncio would do the same, but they wake a task for each part of a message. That
     took a third of the time of a request.
 
     Args:
@@ -38,7 +38,7 @@ class Connection(asyncio.Protocol):
         """Called when the connection has ended.
 
         Args:
-            problem: What was wrong with a received message, if that was why; else None.
+            problem: The error in a received message, if the connection ended because of it.
         """
         raise NotImplementedError
 

@@ -1,4 +1,4 @@
-"""Encodes messages with msgpack; on the control socket (`connection.py`) a length precedes each."""
+"""Encodes messages with msgpack; on the control socket (`connection.py`) after their length."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import msgpack
 from ecatd.model.errors import UsageError
 
 LENGTH = struct.Struct(">I")
-"""Length of a message in bytes, which precedes it on the control socket: 32 bits, big endian."""
+"""The length of a message in bytes, in front of it on the control socket: 32 bits, big endian."""
 
 MAX_MESSAGE = 64 * 1024
-"""Most bytes of an encoded request; longer ones are refused before they are decoded."""
+"""Most bytes of an encoded request. Longer requests are refused before they are decoded."""
 
 MAX_REPLY = 1 << 26
-"""Most bytes of a reply. The limit is higher: a client trusts its daemon, and a large bus has a
-long description."""
+"""Most bytes of a reply. This limit is higher, because a client trusts its daemon, and a large bus
+has a long description."""
 
 
 def pack(message: dict[str, Any]) -> bytes:
@@ -29,7 +29,7 @@ def unpack(data: bytes, limit: int = MAX_MESSAGE) -> dict[str, Any]:
     """Decodes a msgpack message of at most `limit` bytes.
 
     Raises:
-        UsageError: The message is too long, no msgpack, or no map with string keys.
+        UsageError: The message is too long, is not msgpack, or is not a map with string keys.
     """
     if len(data) > limit:
         raise UsageError(f"a message of {len(data)} bytes is too long: {limit} are allowed")

@@ -1,6 +1,6 @@
-"""What is known of starts of a bus that have failed: the file `failed_starts` in its folder.
+"""The record of failed starts of a bus: the file `failed_starts` in its folder.
 
-The service writes it (`ecatd.service.failed_starts`); clients and `ecatctl doctor` read it, to say
+The service writes it (`ecatd.service.failed_starts`). Clients and `ecatctl doctor` read it, to say
 why the bus does not run, and when the next try is.
 """
 
@@ -16,16 +16,16 @@ from .model.atomic_write import write_whole
 from .paths import search_dirs
 
 _MODE = 0o640
-"""Members of the group of the folder may read it."""
+"""Members of the folder's group may read the file."""
 
 
 class FailureRecord(NamedTuple):
     """Starts that have failed in a row.
 
     Attributes:
-        starts: How many, at least 1.
+        starts: The number of starts, at least 1.
         next_time: Unix time of the next try.
-        reason: Why the last one has failed.
+        reason: Why the last start has failed.
     """
 
     starts: int
@@ -41,7 +41,7 @@ class FailureRecord(NamedTuple):
 
 
 def clock(unix_time: float) -> str:
-    """The time of day on this machine."""
+    """Returns a Unix time as the time of day on this machine."""
     return time.strftime("%H:%M:%S", time.localtime(unix_time))
 
 
@@ -50,24 +50,24 @@ def _file(folder: Path) -> Path:
 
 
 def read_record(folder: Path) -> FailureRecord | None:
-    """The record in the folder of a bus; None if there is none that can be read."""
+    """Returns the record in the folder of a bus; None if there is none that can be read."""
     try:
         found = json.loads(_file(folder).read_bytes())
         starts, next_time = int(found["starts"]), float(found["next_time"])
-        clock(next_time)  # a time that no clock has is no time
+        clock(next_time)  # raises if the time is out of range
         return FailureRecord(starts, next_time, str(found["reason"])) if starts > 0 else None
     except (OSError, ValueError, TypeError, LookupError, ArithmeticError, RecursionError):
         return None
 
 
 def find_record(bus: str) -> FailureRecord | None:
-    """The record of a bus of this user or of the system, as `read_record`."""
+    """Returns the record of a bus of this user or of the system; see `read_record`."""
     records = (read_record(folder / bus) for folder in search_dirs())
     return next((record for record in records if record is not None), None)
 
 
 def write_record(folder: Path, record: FailureRecord) -> None:
-    """Writes the record, or nothing if that is not possible, as when the memory is full."""
+    """Writes the record; does nothing if that is not possible, as when the memory is full."""
     with suppress(OSError):
         write_whole(_file(folder), json.dumps(record._asdict()).encode(), ".failed_starts-")
         _file(folder).chmod(_MODE)

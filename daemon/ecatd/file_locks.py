@@ -1,7 +1,7 @@
-"""Locks of single bytes of a file (F_OFD_SETLK), which show that the process with a lock lives.
+"""Locks of single bytes of a file (F_OFD_SETLK): a lock shows that the process with it is alive.
 
-`ECAT_LOCK_DAEMON` and `ECAT_LOCK_SLOT` in the layout of the shared memory say which bytes these
-are. A lock belongs to the open file: the kernel removes it however the process ends.
+`ECAT_LOCK_DAEMON` and `ECAT_LOCK_SLOT` in the layout of the shared memory are the numbers of these
+bytes. A lock belongs to the open file: the kernel removes it however the process ends.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ _FLOCK = "hhqqi4x"  # struct flock of Linux on 64-bit machines
 
 
 def take(fd: int, byte: int) -> bool:
-    """Takes the lock of a byte; returns False if it cannot be had, since another file holds it."""
+    """Takes the lock of a byte; returns False if that fails, as when another open file has it."""
     try:
         fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _one_byte(fcntl.F_WRLCK, byte))
     except OSError:
@@ -28,7 +28,7 @@ def release(fd: int, byte: int) -> None:
 
 
 def held(fd: int, byte: int) -> bool:
-    """Whether another open file holds the lock of a byte; true if the kernel gives no answer."""
+    """Whether another open file has the lock of a byte; true if the kernel gives no answer."""
     try:
         answer = fcntl.fcntl(fd, fcntl.F_OFD_GETLK, _one_byte(fcntl.F_RDLCK, byte))
     except OSError:

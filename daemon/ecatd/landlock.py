@@ -1,6 +1,7 @@
-"""Takes from a process what it does not need of the file system: Landlock (Linux 5.13 or newer).
+"""Restricts the access of this process to the file system by Landlock (Linux 5.13 or newer).
 
-Numbers are those of `linux/landlock.h`; the system calls have the same number on all processors.
+The numbers are those of `linux/landlock.h`. The system calls have the same numbers on all
+processors.
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ _ASK_VERSION = 1
 _PATH_BENEATH = 1
 _EXECUTE, _WRITE_FILE = 1 << 0, 1 << 1
 _CHANGES = 0x3FF << 4
-"""To remove and make files, folders, links, sockets and devices."""
+"""The rights to remove and make files, folders, links, sockets and devices."""
 
 _REFER, _TRUNCATE = 1 << 13, 1 << 14
 _SINCE = {_REFER: 2, _TRUNCATE: 3}
-"""The version of Landlock that knows a right, where that is not the first one."""
+"""The first version of Landlock with a right, unless it is version 1."""
 
 _SCOPES, _SCOPES_SINCE = 0b11, 6
-"""No signals to processes outside, and no connections to their abstract Unix sockets."""
+"""Scopes: no signals to other processes, and no connections to their abstract Unix sockets."""
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
@@ -39,20 +40,20 @@ class _PathBeneath(ctypes.Structure):
 def restrict(folders: Iterable[Path]) -> bool:
     """Lets this process write only below some folders, and execute no program, from now on.
 
-    Call it before the process has other threads, and after `PR_SET_NO_NEW_PRIVS`. Reading and what
-    is open already stay as they are.
+    Call it before the process has other threads, and after `PR_SET_NO_NEW_PRIVS`. The process may
+    still read all files, and use the files that are open already.
 
     Args:
-        folders: Where it may write, make and remove files. They exist.
+        folders: Folders in which it may write, make and remove files. They must exist.
 
     Returns:
-        Whether this kernel could do that; if not, nothing is changed.
+        Whether this kernel supports it; if not, nothing has changed.
 
     Raises:
         OSError: A folder does not exist, or the kernel refuses for another reason.
     """
     version = _LIBC.syscall(_CREATE_RULESET, None, ctypes.c_size_t(0), _ASK_VERSION)
-    if version < 1:  # not in this kernel, not switched on, or the system call is forbidden
+    if version < 1:  # the kernel lacks it, it is not switched on, or the system call is forbidden
         return False
     writing = _WRITE_FILE | _CHANGES
     for right, since in _SINCE.items():

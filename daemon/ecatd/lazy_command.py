@@ -14,7 +14,7 @@ class LazyCommand(argparse.ArgumentParser):
     Args:
         command: Name of the command.
         module: Full name of its module, which has `add_arguments(parser, command)`.
-        settings: As for `argparse.ArgumentParser`.
+        settings: Further arguments for `argparse.ArgumentParser`.
     """
 
     def __init__(self, *, command: str, module: str, **settings: Any) -> None:
@@ -25,7 +25,7 @@ class LazyCommand(argparse.ArgumentParser):
         self._is_parsing = False
 
     def declare(self) -> None:
-        """Loads the module, which declares the arguments; once."""
+        """Loads the module and has it declare the arguments, unless that was done before."""
         if not self._is_declared:
             self._is_declared = True
             import_module(self._module).add_arguments(self, self._command)
@@ -35,8 +35,8 @@ class LazyCommand(argparse.ArgumentParser):
     ) -> tuple[Any, list[str]]:
         """Parses the arguments, after they have been declared.
 
-        argparse gives up an optional argument, such as the FILE of `config check --json FILE`, when
-        an option stands in front of it. So options are parsed first, and then the others.
+        argparse does not find an optional argument, such as the FILE of `config check --json FILE`,
+        if an option is in front of it. So this parses the options first, and then the rest.
         """
         self.declare()
         optional = any(

@@ -1,7 +1,7 @@
-"""Writes one line per event: to the journal with fields, else to stderr with the name of the level.
+"""The log: writes one line per event, to the journal with fields, or to stderr with the level.
 
 The fields of the journal are ECAT_BUS, ECAT_PART (see `ecatd.model.log_levels`), ECAT_EVENT (the
-name of the event as over Zenoh), ECAT_SLAVE (the position, once for each slave concerned), and
+name of the event in Zenoh), ECAT_SLAVE (the position, once for each slave concerned), and
 MESSAGE_ID, by which `journalctl -x` finds the explanation in `systemd/ecatd.catalog`.
 """
 
@@ -23,12 +23,13 @@ _JOURNAL = Path("/run/systemd/journal/socket")
 _NAMESPACE = uuid.UUID("6f0a7f6e-2c0c-4c6e-9a51-3d6a1e5f7b10")
 
 DEBUG_MAX, DEBUG_S = 1000, 5.0
-"""Debug messages of one part in so many seconds; more are counted. The journal takes 10000 messages
-in 30 s of a service by default, and then drops errors as well."""
+"""Most debug messages of one part, and the seconds in which they may come; further ones are only
+counted. By default, the journal takes 10000 messages of a service in 30 s, and then drops errors as
+well."""
 
 
 def message_id(event: str) -> str:
-    """MESSAGE_ID of the journal for an event: always the same."""
+    """Returns the MESSAGE_ID of an event for the journal; it is always the same."""
     return uuid.uuid5(_NAMESPACE, event).hex
 
 
@@ -49,9 +50,9 @@ class Log:
 
     Args:
         name: Name in front of each line.
-        levels: Least important kind of event that is written, by part.
+        levels: The level of each part: the least important kind of event that is written.
         bus: Name of the bus.
-        journal: Socket of the journal; by default it is used if stderr goes there.
+        journal: Socket of the journal; by default the usual one, if stderr goes to the journal.
     """
 
     def __init__(
@@ -65,7 +66,7 @@ class Log:
         self._writer = _Writer(name, levels, bus, journal)
 
     def of(self, part: str) -> Log:
-        """The log of another part. Levels and bus are those of all parts."""
+        """Returns the log of another part. All parts share the levels and the bus."""
         assert part in PARTS, part
         log = Log.__new__(Log)
         log._part, log._writer = part, self._writer
@@ -73,7 +74,7 @@ class Log:
 
     @property
     def levels(self) -> Levels:
-        """Least important kind of event that is written, by part."""
+        """The level of each part: the least important kind of event that is written."""
         return self._writer.levels
 
     @levels.setter
@@ -81,40 +82,40 @@ class Log:
         self._writer.levels = levels
 
     def set_audit_file(self, path: str) -> None:
-        """Writes each change that somebody has asked for into a file as well; empty: into none."""
+        """Sets a file into which requested changes are written, too; empty for no file."""
         self._writer.audit_file = path
 
     def set_bus(self, bus: str) -> None:
-        """Gives the name of the bus, once it is known."""
+        """Sets the name of the bus, once it is known."""
         self._writer.bus = bus
 
     def error(self, text: str, event: str = "", slaves: Iterable[int] = ()) -> None:
-        """Something that ends or cripples the service.
+        """Reports something that ends or cripples the service.
 
         Args:
             text: What has happened, and what to do.
-            event: Name of the event as over Zenoh.
+            event: Name of the event in Zenoh.
             slaves: Positions of the slaves concerned.
         """
         self._write("error", text, event, slaves)
 
     def warning(self, text: str, event: str = "", slaves: Iterable[int] = ()) -> None:
-        """Something that the user should know; arguments as of `error`."""
+        """Reports something that the user should know; arguments as for `error`."""
         self._write("warning", text, event, slaves)
 
     def notice(self, text: str) -> None:
-        """A change that somebody has asked for: it is written whatever the level is."""
+        """Reports a requested change. It is written whatever the level is."""
         self._writer.write("notice", self._part, text)
         self._writer.audit(text)
 
     def info(self, text: str, event: str = "", slaves: Iterable[int] = ()) -> None:
-        """A normal step; arguments as of `error`."""
+        """Reports a normal step; arguments as for `error`."""
         self._write("info", text, event, slaves)
 
     def debug(self, text: str, event: str = "", slaves: Iterable[int] = ()) -> None:
-        """A detail, behind the name of its part; arguments as of `error`.
+        """Reports a detail, with the name of its part in front; arguments as for `error`.
 
-        If too many come in a short time, they are counted, and the number is told.
+        If too many come in a short time, further ones are only counted, and the number is reported.
         """
         self._write("debug", text, event, slaves)
 
@@ -128,18 +129,18 @@ class Log:
 
 
 class _Writer:
-    """What the logs of all parts of a process share; for all threads. See `Log`."""
+    """The part of a log that all parts of a process share; for all threads. See `Log`."""
 
     def __init__(self, name: str, levels: Levels, bus: str, journal: Path | None) -> None:
         self.levels = levels
         self.bus = bus
         self.audit_file = ""
-        self._audited = True  # the last change is in the file
+        self._audited = True  # whether the last change could be written to the audit file
         self._name = name
         self._left_out = 0  # messages that the journal did not take
         self._journal = journal or (_JOURNAL if _stderr_is_journal() else None)
         self._lock = threading.Lock()
-        self._since: dict[str, tuple[float, int]] = {}  # by part: from when on, how many debug ones
+        self._since: dict[str, tuple[float, int]] = {}  # by part: begin, number of debug messages
 
     def write_debug(self, part: str, text: str, event: str, slaves: Iterable[int]) -> None:
         """Writes a debug message, unless there are too many of them."""
@@ -150,13 +151,13 @@ class _Writer:
                 begin, count = now, 0
             self._since[part] = begin, count + 1
         if count == DEBUG_MAX:
-            timer = threading.Timer(max(begin + DEBUG_S - now, 0), self._tell_left_out, (part,))
+            timer = threading.Timer(max(begin + DEBUG_S - now, 0), self._report_left_out, (part,))
             timer.daemon = True
             timer.start()
         if count < DEBUG_MAX:
             self.write("debug", part, f"{part}: {text}", event, slaves)
 
-    def _tell_left_out(self, part: str) -> None:
+    def _report_left_out(self, part: str) -> None:
         with self._lock:
             _, count = self._since.pop(part)
         text = f"{part}: {count - DEBUG_MAX} more debug messages within {DEBUG_S:g} s are left out"
@@ -170,7 +171,7 @@ class _Writer:
             try:
                 self._send(self._journal, level, part, text, event, slaves)
             except BlockingIOError:
-                self._left_out += 1  # a journal that hangs must not hang those who control a bus
+                self._left_out += 1  # a journal that hangs must not stop the control of a bus
                 return
             except OSError:
                 line = f"<{_PRIORITIES[level]}>{text}\n"
@@ -182,7 +183,7 @@ class _Writer:
         sys.stderr.flush()
 
     def audit(self, text: str) -> None:
-        """Adds a line to the audit file, if there is one. It is opened anew: it may be rotated."""
+        """Adds a line to the audit file, if there is one. Opens it each time: it may be rotated."""
         if not self.audit_file:
             return
         now = time.time()
@@ -203,7 +204,7 @@ class _Writer:
                     "error",
                     "service",
                     f"changes cannot be written to {self.audit_file} (audit_file): "
-                    f"{error.strerror}; until that is mended they are only in this log",
+                    f"{error.strerror}; until that is corrected they are only in this log",
                 )
             self._audited = False
         else:
@@ -230,7 +231,7 @@ class _Writer:
 
 
 def _encode(name: str, value: str) -> bytes:
-    """A field in the protocol of the journal: with its length if it has several lines."""
+    """Encodes a field for the journal. A value with several lines is preceded by its length."""
     data = value.encode(errors="replace")
     if b"\n" not in data:
         return b"%b=%b\n" % (name.encode(), data)

@@ -1,4 +1,4 @@
-"""Finds and loads the C libraries that are installed inside our packages."""
+"""Finds and loads the C libraries that are installed inside the packages of this project."""
 
 from __future__ import annotations
 

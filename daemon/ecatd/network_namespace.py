@@ -1,6 +1,6 @@
-"""Network namespaces with private interfaces, which an ordinary user can make as well as root.
+"""Network namespaces with private interfaces. An ordinary user can make them as well as root.
 
-A namespace has no name: the kernel removes it and its interfaces with the last process in it.
+A namespace has no name. When the last process in it ends, the kernel removes it and its interfaces.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def enter_new() -> bool:
     root.
 
     Returns:
-        Whether it has entered a user namespace as well.
+        Whether it has entered a user namespace.
 
     Raises:
         NotPermittedError: The system forbids user namespaces; the message says what to do.
@@ -64,7 +64,7 @@ def enter_new() -> bool:
             f"this system forbids user namespaces ({error.strerror}), without which a private "
             f"interface needs privileges: {_HINT}"
         ) from error
-    # Without this, other processes of the same user could not open our namespaces in /proc.
+    # Without this, other processes of the same user could not open these namespaces in /proc.
     _call("prctl", _PR_SET_DUMPABLE, 1, 0, 0, 0)
     return True
 
@@ -74,7 +74,7 @@ def join(pid: int) -> None:
 
     Raises:
         UnreachableError: There is no such process.
-        NotPermittedError: It belongs to another user.
+        NotPermittedError: The other process belongs to another user.
         StateError: This process has several threads.
         EcatError: The kernel refuses for another reason.
     """

@@ -1,4 +1,4 @@
-"""sd_notify(3): tells systemd how a service is."""
+"""sd_notify(3): tells systemd the state of a service."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import socket
 
 _PATIENCE = 2.0
-"""Seconds that the service manager has to read: this process has better things to do than wait."""
+"""Most seconds to wait until the service manager has read earlier messages."""
 
 
 def is_managed() -> bool:
@@ -20,15 +20,15 @@ def notify(*lines: str, wait: bool = True) -> None:
 
     Args:
         lines: The assignments.
-        wait: Wait a little while the service manager does not come to reading. Otherwise the
-            message is lost then, which is right for one that is sent again and again.
+        wait: Whether to wait a little if the service manager does not read its messages. If not,
+            the message is lost then, which does no harm if it is sent regularly.
     """
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return
     if address.startswith("@"):
         address = "\0" + address[1:]
-    # A service manager that is gone is no reason to leave slaves and processes behind.
+    # Slaves and processes must be stopped in order even if the service manager is gone.
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
         sender.settimeout(_PATIENCE if wait else 0.0)
         sender.sendto("\n".join(lines).encode(), address)

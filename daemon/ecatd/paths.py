@@ -1,9 +1,9 @@
 """Paths of the sockets of a bus, and of the configuration of machine and user.
 
-Each bus has a folder of its own for the socket of its bus server, and in it one for the sockets of
-its gateway, which may have another user. A daemon that runs as root has it in `/run/ecatd`,
-one of an ordinary user in `$XDG_RUNTIME_DIR/ecatd`, or in `/tmp/ecatd-UID` if that variable is not
-set. `$ECATD_RUNTIME_DIR` overrides all of them; the unit of systemd sets it to `/run/ecatd`.
+Each bus has its own folder for the socket of its bus server. In it is a folder for the sockets of
+the gateway, which may run as another user. The folder of a bus is in `/run/ecatd` if the daemon
+runs as root. Otherwise it is in `$XDG_RUNTIME_DIR/ecatd`, or in `/tmp/ecatd-UID` if that variable
+is not set. `$ECATD_RUNTIME_DIR` overrides all of them; the unit of systemd sets it to `/run/ecatd`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _OWN = "set ECATD_RUNTIME_DIR to a directory of your own"
 
 
 def user_config(name: str) -> Path:
-    """A folder of the user's configuration, such as `~/.config/ecatd/profiles`."""
+    """Returns a folder of the user's configuration, such as `~/.config/ecatd/profiles`."""
     base = Path(os.environ.get("XDG_CONFIG_HOME", ""))
     if not base.is_absolute():  # relative paths are ignored (XDG Base Directory Specification)
         base = Path(os.environ.get("HOME", "/nonexistent")) / ".config"
@@ -32,12 +32,12 @@ def user_config(name: str) -> Path:
 
 
 def profile_folders() -> list[Path]:
-    """Folders with device profiles of the machine and of the user; the first one wins."""
+    """Returns the folders with device profiles, of the machine and of the user; the first wins."""
     return [MACHINE / "profiles", user_config("profiles")]
 
 
 def user_dir() -> Path:
-    """The folder for the buses of this process; it may not exist yet."""
+    """Returns the folder for the buses of this process; it may not exist yet."""
     if override := os.environ.get("ECATD_RUNTIME_DIR"):
         return Path(override)
     if os.geteuid() == 0:
@@ -48,7 +48,7 @@ def user_dir() -> Path:
 
 
 def make_dir(bus: str) -> Path:
-    """Returns `user_dir()` with a folder for a bus, which is made if it does not exist.
+    """Returns `user_dir()`; makes it and the folder of a bus in it if they do not exist.
 
     Raises:
         NotPermittedError: A folder cannot be made, or belongs to another user.
@@ -75,7 +75,7 @@ def make_dir(bus: str) -> Path:
             )
         if owner not in (os.geteuid(), 0):  # systemd makes it as root
             raise NotPermittedError(f"{path} belongs to user {owner}; {_OWN}")
-        # What is there already, such as a folder that systemd has made, stays as it is.
+        # A folder that exists, such as one that systemd has made, keeps its mode and group.
         if is_new and path == folder and os.geteuid() == 0:
             path.chmod(0o755)  # for the buses of all users, as systemd makes it
         elif is_new and give_to_group(path):
@@ -84,8 +84,8 @@ def make_dir(bus: str) -> Path:
 
 
 def remove_dir(folder: Path, bus: str) -> None:
-    """Removes the folders of a bus that are empty, and what a killed gateway has left."""
-    if not control_socket(folder, bus).exists():  # which another daemon of this bus would have
+    """Removes the empty folders of a bus, and files that a killed gateway has left."""
+    if not control_socket(folder, bus).exists():  # else another daemon runs this bus
         remove_zenoh_socket(folder, bus)
     with suppress(OSError):
         gateway_dir(folder, bus).rmdir()
@@ -94,7 +94,7 @@ def remove_dir(folder: Path, bus: str) -> None:
 
 
 def give_to_group(target: int | Path) -> bool:
-    """Gives a file to the group `ecat`, if this is root and the group exists; returns whether."""
+    """Gives a file to the group `ecat`; returns False if this is not root or there is no group."""
     if os.geteuid() != 0:
         return False
     try:
@@ -105,27 +105,27 @@ def give_to_group(target: int | Path) -> bool:
 
 
 def search_dirs() -> list[Path]:
-    """Where a client looks for the folder of a bus: with its user first, then with the system."""
+    """Returns the folders in which a client looks for a bus: of its user, then of the system."""
     return list(dict.fromkeys((user_dir(), SYSTEM)))
 
 
 def control_socket(folder: Path, bus: str) -> Path:
-    """Path of the socket between gateway and bus server."""
+    """Returns the path of the socket between gateway and bus server."""
     return folder / bus / "control"
 
 
 def gateway_dir(folder: Path, bus: str) -> Path:
-    """The folder of the gateway's sockets: the gateway makes it, or systemd for it."""
+    """Returns the folder of the gateway's sockets; the gateway or systemd makes it."""
     return folder / bus / "gateway"
 
 
 def zenoh_socket(folder: Path, bus: str) -> Path:
-    """Path of the socket on which the gateway serves Zenoh clients of this machine."""
+    """Returns the path of the socket on which the gateway serves Zenoh clients of this machine."""
     return gateway_dir(folder, bus) / "zenoh"
 
 
 def remove_zenoh_socket(folder: Path, bus: str) -> None:
-    """Removes the socket of `zenoh_socket`, the lock that Zenoh leaves beside it, and the host."""
+    """Removes the socket of `zenoh_socket`, its lock file, and the file of `write_host`."""
     path = zenoh_socket(folder, bus)
     for file in (path, path.with_name(f"{path.name}.lock"), _host_file(folder, bus)):
         with suppress(OSError):
@@ -137,7 +137,12 @@ def _host_file(folder: Path, bus: str) -> Path:
 
 
 def write_host(folder: Path, bus: str, host: str) -> None:
-    """Tells clients of this machine the name of the machine in the keys of a bus; empty: none.
+    """Writes, for clients of this machine, the name of the machine in the keys of a bus.
+
+    Args:
+        folder: The folder with the folder of the bus.
+        bus: Name of the bus.
+        host: The name of the machine; if it is empty, nothing is written.
 
     Raises:
         StateError: The file cannot be written.
@@ -152,7 +157,7 @@ def write_host(folder: Path, bus: str, host: str) -> None:
 
 
 def read_host(folder: Path, bus: str) -> str:
-    """The name of the machine in the keys of a bus; empty: none."""
+    """Returns the name of the machine in the keys of a bus; empty if they have none."""
     try:
         return _host_file(folder, bus).read_text()
     except OSError:
@@ -160,5 +165,5 @@ def read_host(folder: Path, bus: str) -> str:
 
 
 def served_buses(folder: Path) -> list[str]:
-    """The buses whose gateways serve Zenoh clients of this machine."""
+    """Returns the buses whose gateways serve Zenoh clients of this machine."""
     return sorted(path.parents[1].name for path in folder.glob(str(zenoh_socket(Path(), "*"))))

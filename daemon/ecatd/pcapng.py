@@ -1,4 +1,4 @@
-"""Frames as a file for Wireshark, in the pcapng format (draft-ietf-opsawg-pcapng)."""
+"""Writes frames for Wireshark in the pcapng format (draft-ietf-opsawg-pcapng)."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Frame(NamedTuple):
 
     Attributes:
         time_ns: CLOCK_MONOTONIC when it was sent or received.
-        port: 0 first interface, 1 second one.
+        port: 0 for the first interface, 1 for the second.
         sent: Whether it was sent; otherwise it was received.
-        data: From the destination address on, without the check sequence.
+        data: The frame from the destination address on, without the frame check sequence.
     """
 
     time_ns: int
@@ -34,7 +34,7 @@ class Frame(NamedTuple):
 
 
 def read_records(records: bytes) -> Iterator[Frame]:
-    """Splits records, as `FrameRing.read` returns them; ends where they are malformed."""
+    """Yields the frames of records from `FrameRing.read`; ends at a malformed record."""
     at = 0
     while at + _RECORD.size <= len(records):
         time_ns, length, port, sent, _ = _RECORD.unpack_from(records, at)
@@ -46,11 +46,11 @@ def read_records(records: bytes) -> Iterator[Frame]:
 
 
 def header(interfaces: Sequence[str], comment: str = "") -> bytes:
-    """The beginning of a file.
+    """Returns the beginning of a file.
 
     Args:
-        interfaces: Their names, by port.
-        comment: About the file as a whole.
+        interfaces: Names of the interfaces, by port.
+        comment: A comment about the whole file.
     """
     about = _option(_APPLICATION, f"ecatd {VERSION}".encode())
     if comment:
@@ -64,7 +64,7 @@ def header(interfaces: Sequence[str], comment: str = "") -> bytes:
 
 
 def packet(frame: Frame, clock_ns: int) -> bytes:
-    """A frame in a file.
+    """Returns the block of a frame in a file.
 
     Args:
         frame: The frame.

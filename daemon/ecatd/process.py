@@ -1,4 +1,4 @@
-"""Functions with which a process of the daemon sets itself up: end with the parent, drop rights."""
+"""Functions by which a process of the daemon sets itself up: end with its parent, drop rights."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _CAPABILITY_VERSION_3 = 0x20080522
 _CAP_LAST = 63
 
 OF_THE_SERVICE = (signal.SIGINT, signal.SIGHUP)
-"""Signals that only the service takes. It starts its children with these blocked: they would end
-one that has not come to `leave_signals_to_the_service` yet."""
+"""Signals that only the service handles. It starts its children with these signals blocked, since
+they would end a child that has not called `leave_signals_to_the_service` yet."""
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
@@ -25,8 +25,8 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 def die_with_parent(parent: int, number: int = signal.SIGTERM) -> None:
     """Has the kernel send a signal to this process when its parent ends.
 
-    Call it after entering a namespace: entering one clears this setting in the kernel. The signal
-    also comes when only the thread of the parent ends that has started this process.
+    Call it after entering a namespace: entering one clears this setting in the kernel. The kernel
+    also sends the signal when only the thread ends that started this process.
 
     Args:
         parent: Process ID of the parent; if it has ended already, the signal is sent at once.
@@ -40,7 +40,8 @@ def die_with_parent(parent: int, number: int = signal.SIGTERM) -> None:
 def leave_signals_to_the_service() -> None:
     """Ignores the signals that a terminal or an administrator sends to the service.
 
-    The service tells its children what to do: SIGINT ends it, SIGHUP has it read its configuration.
+    The service handles them for its children: SIGINT ends it, and on SIGHUP it reads its
+    configuration.
     """
     for number in OF_THE_SERVICE:
         signal.signal(number, signal.SIG_IGN)
@@ -48,10 +49,13 @@ def leave_signals_to_the_service() -> None:
 
 
 def leave_processor(cpu: int) -> None:
-    """Leaves the processor of the engine to it: this process and its children use the others.
+    """Keeps this process and its future children off the processor of the engine.
 
-    A program that computes there between two cycles takes the engine's data out of the caches, and
-    a system call of it that takes long makes the engine wait.
+    A program that runs there between two cycles displaces the engine's data from the caches, and a
+    long system call of it makes the engine wait.
+
+    Args:
+        cpu: Number of the engine's processor.
     """
     others = os.sched_getaffinity(0) - {cpu}
     if others:
@@ -62,8 +66,8 @@ def offer_to_oom_killer(score: int) -> None:
     """Has the kernel choose this process before others if there is no memory left.
 
     Args:
-        score: -1000 (never) to 1000 (first). A process without rights cannot lower its own; so this
-            does nothing if it is higher already.
+        score: -1000 (never) to 1000 (first). If the process has a higher score already, this does
+            nothing: without rights, a process cannot lower its score.
     """
     file = Path("/proc/self/oom_score_adj")
     with suppress(OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Texts about the real-time settings: what each is and brings, and how to have it granted."""
+"""Texts about the real-time settings: what each one does, and how to have it granted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether another daemon serves a bus already, seen by its shared memory."""
+"""Checks by the shared memory of a bus whether another daemon serves it already."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from .units import service
 
 
 def check_free(bus: str) -> None:
-    """Looks whether a daemon serves a bus, as far as this user may know.
+    """Checks that no daemon serves a bus, as far as this user may open its shared memory.
 
     Raises:
-        StateError: One does.
+        StateError: A daemon serves it.
     """
-    with suppress(OSError):  # nobody has served it, for example
+    with suppress(OSError):  # for example, there is no shared memory
         fd = os.open(shm.FOLDER / f"ecat.{bus}", os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
         try:
             if held(fd, shm.LOCK_DAEMON):
@@ -27,9 +27,14 @@ def check_free(bus: str) -> None:
 
 
 def already_served(bus: str, fd: int) -> StateError:
-    """The error that a daemon serves a bus, with its open shared memory."""
+    """Returns the error for a bus that another daemon serves.
+
+    Args:
+        bus: Name of the bus.
+        fd: File descriptor of its shared memory.
+    """
     header = os.pread(fd, shm.size("ecat_shm_header"), 0)
-    pid = ""  # not known while that daemon is still starting
+    pid = ""  # unknown while that daemon is still starting
     if len(header) == shm.size("ecat_shm_header"):
         pid = f" (pid {shm.struct('ecat_shm_header').from_buffer_copy(header).pid})"
     return StateError(

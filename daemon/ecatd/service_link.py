@@ -1,10 +1,14 @@
-"""How a child process of the service hears from it and answers.
+"""The link between the service and a child process, on the side of the child.
 
-The service writes lines of JSON to the child's stdin: the settings first, later `{"ping": 1}`, or
-settings that have changed. The child writes lines of a word and a text to its stdout: `ready` once
-it serves, `failed` and why, `alive` with a JSON document as the answer to a ping, `changed` when it
-has taken other settings, or with the reason why it has not, and `log` with the levels of the log
-when a request has changed them.
+The service writes lines of JSON to the child's stdin: first the settings, later `{"ping": 1}` or
+changed settings. The child writes lines to its stdout, each with a word and a text:
+
+- `ready` once it serves;
+- `failed` with the reason;
+- `alive` with a JSON document, as the answer to a ping;
+- `changed` when it uses the changed settings, or with the reason why it cannot;
+- `log` with the levels of the log, when a request has changed them.
+
 `ecatd.service.child` is the other side.
 """
 
@@ -21,17 +25,17 @@ from typing import Any
 from ecatd.model.errors import EcatError
 
 _LINE_MAX = 1 << 26
-"""Bytes of the settings, at most."""
+"""Most bytes of the settings."""
 
 HANG_S = 10.0
-"""Seconds without an answer after which a process counts as hung. A process that waits for a busy
-processor or a slow slave answers much earlier."""
+"""Seconds without an answer after which a process counts as hung. A process that only waits for a
+busy processor or a slow slave answers much earlier."""
 
 
 def read_settings() -> dict[str, Any]:
-    """Reads the settings, the first line of stdin. The next one comes after `ready`.
+    """Returns the settings, which are the first line of stdin. Further lines come after `ready`.
 
-    Ends this process if the service was killed before.
+    Ends this process if the service was killed before it wrote them.
     """
     try:
         settings: dict[str, Any] = json.loads(sys.stdin.buffer.readline())
@@ -41,7 +45,7 @@ def read_settings() -> dict[str, Any]:
 
 
 def tell(word: str, text: str = "") -> None:
-    """Writes a line to the service. If the service has been killed, this does nothing."""
+    """Writes a line to the service; does nothing if the service has been killed."""
     with contextlib.suppress(BrokenPipeError):
         os.write(sys.stdout.fileno(), f"{word} {text}\n".encode())
 
@@ -53,10 +57,10 @@ async def answer_pings(
     """Answers the service until its end of the pipe is closed.
 
     Args:
-        alive: Makes sure that this process does its work, and returns what the service is to know.
-            While it waits, the service gets no answer, and takes the process for hung.
-        change: Takes settings that have changed; raises `EcatError` if it cannot use them, and
-            then changes nothing.
+        alive: Checks that this process does its work, and returns the answer to the ping. If it
+            waits for too long, the service takes this process for hung.
+        change: Takes over changed settings. If it cannot use them, it changes nothing and raises
+            `EcatError`.
     """
     reader = asyncio.StreamReader(limit=_LINE_MAX)
     loop = asyncio.get_running_loop()

@@ -1,9 +1,9 @@
 """The layout of the shared memory, taken from the C client at import.
 
-`client_c/include/ecat/ecat_shm.def` defines it, and says who writes each field. `libecat` returns
-this definition as text. This module makes constants and ctypes classes from it, and
-`cli/layout_tables.py` the tables of the documentation. The enumerations are repeated here so that a
-type checker knows their members; a test compares them with the definition.
+`client_c/include/ecat/ecat_shm.def` defines the layout, and says which side writes each field.
+`libecat` returns this definition as text. This module makes constants and ctypes classes from it,
+and `cli/layout_tables.py` makes the tables of the documentation. The enumerations are repeated here
+so that a type checker knows their members; a test compares them with the definition.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ class Line:
     Attributes:
         kind: `const`, `enum`, `value` (of the enumeration `of`), `struct` or `field` (of the struct
             `of`).
-        of: The enumeration or struct that the line belongs to, or begins.
+        of: The enumeration or struct to which the line belongs, or which it begins.
         name: Name of a constant, enumerator or field.
         type: C type of a field.
         value: Value of a constant or enumerator; offset of a field in bytes.
         size: Bytes of a struct, or of all `count` elements of a field.
         count: Elements of a field, 1 for a scalar.
-        comment: Meaning, and who writes it.
+        comment: The meaning, and which side writes it.
     """
 
     kind: str
@@ -94,7 +94,7 @@ class _Open(IntEnum):
 
     @classmethod
     def named(cls, name: str) -> Self:
-        """The member with a name, in upper or lower case; `unknown_9` is the one of number 9.
+        """Returns the member with a name, in upper or lower case; `unknown_9` is member number 9.
 
         Raises:
             KeyError: There is no such member.
@@ -123,7 +123,7 @@ class WkcState(_Open):
 
 
 class Ring(_Open):
-    """`ecat_ring`: what the second interface sees."""
+    """`ecat_ring`: whether the ring is closed, as the second interface sees it."""
 
     NONE = 0
     CLOSED = 1
@@ -160,7 +160,7 @@ class Setting(_Open):
 
 
 class Outputs(_Open):
-    """`ecat_outputs`: who decides an output."""
+    """`ecat_outputs`: the source of the value of an output."""
 
     SAFE = 0
     CLAIMED = 1
@@ -182,7 +182,7 @@ class Reason(_Open):
 
 
 class Request(_Open):
-    """`ecat_request_op`: what a client asks the mailbox worker for."""
+    """`ecat_request_op`: the kinds of requests of a client to the worker."""
 
     UPLOAD = 1
     DOWNLOAD = 2
@@ -198,7 +198,7 @@ class SlotState(_Open):
 
 
 class Errno(_Open):
-    """`ecat_errno`: what calls of the C client return when they fail."""
+    """`ecat_errno`: return values of failed calls of the C client."""
 
     OK = 0
     EARG = -1
@@ -221,7 +221,7 @@ class Errno(_Open):
 
 
 class Direction(_Open):
-    """`ecat_direction`: whether the input or the output is meant where one address has both."""
+    """`ecat_direction`: selects the input or the output where one address has both."""
 
     INPUT = 0
     OUTPUT = 1
@@ -271,7 +271,7 @@ _SCALARS: dict[str, Any] = {
 
 @cache
 def struct(name: str) -> Any:
-    """The ctypes class of a struct, for example `struct("ecat_shm_header")`."""
+    """Returns the ctypes class of a struct, for example `struct("ecat_shm_header")`."""
     fields: list[tuple[str, Any]] = []
     for field in fields_of(name):
         base = _SCALARS.get(field.type) or struct(field.type)
@@ -288,13 +288,13 @@ _SIZES = {line.of: line.size for line in DEFINITION if line.kind == "struct"}
 
 
 def size(name: str) -> int:
-    """Size of a struct in bytes."""
+    """Returns the size of a struct in bytes."""
     return _SIZES[name]
 
 
 @cache
 def fields_of(name: str) -> tuple[Line, ...]:
-    """The fields of a struct."""
+    """Returns the fields of a struct."""
     return tuple(line for line in DEFINITION if line.kind == "field" and line.of == name)
 
 
@@ -303,7 +303,7 @@ LIBRARY.ecat_histogram_quantile.argtypes = [ctypes.c_void_p, ctypes.c_double]
 
 
 def quantile(histogram: ctypes.Structure, q: float) -> int:
-    """The time in ns that the share `q` of samples of an `ecat_shm_histogram` does not exceed."""
+    """Returns the `q`-quantile, for example 0.99, of an `ecat_shm_histogram`: a time in ns."""
     return int(LIBRARY.ecat_histogram_quantile(ctypes.byref(histogram), q))
 
 
@@ -314,12 +314,12 @@ LIBRARY.ecat_histogram_bound.argtypes = [ctypes.c_uint]
 
 
 def bucket(ns: int) -> int:
-    """Number of the bucket of an `ecat_shm_histogram` that a time in ns belongs to."""
+    """Returns the number of the bucket of an `ecat_shm_histogram` to which a time in ns belongs."""
     return int(LIBRARY.ecat_histogram_bucket(ns))
 
 
 def bound(number: int) -> int:
-    """The smallest time in ns that belongs to a bucket."""
+    """Returns the smallest time in ns that belongs to a bucket."""
     return int(LIBRARY.ecat_histogram_bound(number))
 
 
@@ -335,7 +335,7 @@ class Table(NamedTuple):
     Attributes:
         struct: The struct of its entries.
         counted: The field of the header with the number of entries, or empty for 1.
-        times: Factor by which the number of entries is larger.
+        times: Factor by which the number of entries is multiplied.
     """
 
     struct: str
@@ -343,7 +343,7 @@ class Table(NamedTuple):
     times: int = 1
 
     def count(self, head: Any) -> int:
-        """Number of entries in shared memory with this header."""
+        """Returns the number of entries in shared memory with this header."""
         return self.times * (getattr(head, self.counted) if self.counted else 1)
 
 

@@ -1,7 +1,7 @@
 """The services of systemd that run a bus: their names, why one does not run, and what to do.
 
-`ecat0` has the services `ecatd` and `ecatd-gateway`, another bus `ecatd@BUS` and
-`ecatd-gateway@BUS`. `ecatd@ecat0` is another name for the first, which somebody may use.
+Bus `ecat0` has the services `ecatd` and `ecatd-gateway`; any other bus has `ecatd@BUS` and
+`ecatd-gateway@BUS`. An administrator may also have started `ecat0` as `ecatd@ecat0`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Advice(NamedTuple):
 
 
 class _Unit(NamedTuple):
-    """How systemd sees a service; without systemd it is `not-found` and `inactive`."""
+    """The state of a service in systemd; `not-found` and `inactive` without systemd."""
 
     name: str
     load: str = "not-found"
@@ -43,12 +43,12 @@ class _Unit(NamedTuple):
 
 
 def service(bus: str) -> str:
-    """Name of the service that runs a bus."""
+    """Returns the name of the service that runs a bus."""
     return f"ecatd{_instance(bus)}"
 
 
 def gateway(bus: str) -> str:
-    """Name of the service that is its gateway."""
+    """Returns the name of the service that runs the gateway of a bus."""
     return f"ecatd-gateway{_instance(bus)}"
 
 
@@ -57,7 +57,7 @@ def _instance(bus: str) -> str:
 
 
 def how_to_start(bus: str) -> str:
-    """Advice for messages if no daemon runs."""
+    """Returns advice for messages if no daemon runs."""
     return (
         f"start it with 'systemctl start {service(bus)}', or without hardware: "
         f"'ecatd --simulate troll'"
@@ -65,8 +65,8 @@ def how_to_start(bus: str) -> str:
 
 
 def why_not_running(bus: str) -> Advice | None:
-    """Why no daemon of this machine runs a bus; None if it has no service."""
-    from .failure_record import find_record  # only where a bus does not run
+    """Returns why no daemon of this machine runs a bus; None if the bus has no service."""
+    from .failure_record import find_record  # seldom needed: only if a bus does not run
 
     unit, _ = _units(bus)
     name = unit.name if unit.is_there else service(bus)
@@ -92,7 +92,7 @@ def why_not_running(bus: str) -> Advice | None:
 
 
 def why_no_gateway(bus: str) -> Advice | None:
-    """Why the gateway of a bus that runs does not; None if it starts by itself."""
+    """Returns why a running bus has no gateway; None if the gateway starts by itself."""
     of_bus, unit = _units(bus)
     if of_bus.active != "active" or not unit.is_there or unit.active in ("active", *_ON_THE_WAY):
         return None
@@ -104,7 +104,7 @@ def why_no_gateway(bus: str) -> Advice | None:
 
 
 def other_version(bus: str, running: str) -> Advice | None:
-    """What follows if a bus is run by another version of ecatd than this one; else None."""
+    """Returns advice if another version of ecatd than this one runs a bus; else None."""
     if running == VERSION:
         return None
     remedy = f"'systemctl restart {service(bus)}', when the machine may stop"
@@ -112,7 +112,7 @@ def other_version(bus: str, running: str) -> Advice | None:
 
 
 def _units(bus: str) -> tuple[_Unit, _Unit]:
-    """The service of a bus and that of its gateway, of those that could be the one that is used."""
+    """Returns the service of a bus and that of its gateway, by the names that are in use."""
     names = [(service(bus), gateway(bus))]
     if bus == "ecat0":
         names.append(("ecatd@ecat0", "ecatd-gateway@ecat0"))
@@ -122,13 +122,13 @@ def _units(bus: str) -> tuple[_Unit, _Unit]:
 
 
 def _show(names: list[str]) -> dict[str, _Unit]:
-    import subprocess  # as above
+    import subprocess  # seldom needed, as above
 
     if not Path("/run/systemd/system").is_dir():  # sd_booted(3)
         return {}
     command = ["systemctl", "show", f"--property={','.join(_PROPERTIES)}"]
     try:
-        told = subprocess.run(
+        shown = subprocess.run(
             [*command, *(f"{name}.service" for name in names)],
             capture_output=True,
             timeout=_ASK_S,
@@ -138,7 +138,7 @@ def _show(names: list[str]) -> dict[str, _Unit]:
     except (OSError, subprocess.SubprocessError):
         return {}
     found = {}
-    for part in told.split("\n\n"):
+    for part in shown.split("\n\n"):
         values = dict(line.partition("=")[::2] for line in part.splitlines())
         name = values.get("Id", "").removesuffix(".service")
         found[name] = _Unit(name, *(values.get(key, "") for key in _PROPERTIES[1:]))

@@ -8,23 +8,23 @@ from typing import Any
 from .zenoh_keys import bus_key
 
 ASKING = ("query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
-"""What those who read a bus send to its gateway."""
+"""Kinds of messages that readers of a bus send to its gateway."""
 TELLING = ("put", "reply", "declare_queryable", "liveliness_token")
-"""What the gateway sends to those who read."""
+"""Kinds of messages that the gateway sends to readers."""
 READ = ("ro/**", "alive")
-"""Keys below a bus that are read."""
+"""The keys below a bus for reading."""
 
 
 def rule(
     name: str, flow: str, messages: Sequence[str], bus: str, keys: Sequence[str]
 ) -> dict[str, Any]:
-    """A rule: messages in one direction that are allowed for keys below a bus.
+    """Returns a rule that allows messages in one direction for keys below a bus.
 
     Args:
         name: Name of the rule.
-        flow: `ingress` or `egress`, as seen by the one who has the rule.
+        flow: `ingress` or `egress`, as seen by the process with the rule.
         messages: Kinds of messages.
-        bus: Name of the bus; `*` for all, and `HOST/$*` for all of a machine.
+        bus: Name of the bus; `*` for all buses, `HOST/$*` for all buses of a machine.
         keys: Keys below the bus.
     """
     return {

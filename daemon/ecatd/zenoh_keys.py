@@ -1,10 +1,10 @@
 """The Zenoh keys, for gateway and clients.
 
 Each key but `alive` has `ro` or `rw` after the name of the bus, so that access control can
-distinguish reading from writing. A user of another machine has `as/NAME` before `rw`.
+distinguish reading from writing. The keys for a user of another machine have `as/NAME` before `rw`.
 
-Where several machines meet at a Zenoh router, the name of a bus begins with that of its machine:
-`cell4/ecat0`. It is one part of a key, so that `ecat/v1/*/alive` finds all buses: `cell4:ecat0`.
+Where several machines use one Zenoh router, the name of a bus begins with the name of its machine:
+`cell4/ecat0`. In a key this is the single part `cell4:ecat0`, so `ecat/v1/*/alive` finds all buses.
 """
 
 from __future__ import annotations
@@ -17,33 +17,33 @@ import zenoh
 VERSION = "v1"
 SCHEMA = 1
 AS = "as"
-"""Before the name of a user."""
+"""The part of a key before the name of a user."""
 RIGHTS = ("ro", "rights")
-"""Below the name of a user: what the user may do."""
+"""The key, below the name of a user, of the rights of this user."""
 
 
 def bus_key(bus: str, *rest: str) -> str:
-    """A key below a bus, for example `bus_key("ecat0", "ro", "info")`.
+    """Returns a key below a bus, for example `bus_key("ecat0", "ro", "info")`.
 
     Args:
-        bus: BUS or HOST/BUS; `*` for all.
-        rest: The parts behind the bus.
+        bus: BUS or HOST/BUS; `*` for all buses.
+        rest: The parts after the bus.
     """
     return "/".join(("ecat", VERSION, bus.replace("/", ":"), *rest))
 
 
 def bus_of(key: object) -> str:
-    """The bus of a key, BUS or HOST/BUS."""
+    """Returns the bus of a key: BUS or HOST/BUS."""
     return str(key).split("/")[2].replace(":", "/")
 
 
 def full_name(host: str, bus: str) -> str:
-    """The name of a bus for other machines: HOST/BUS, or BUS if the host is empty."""
+    """Returns the name of a bus for other machines: HOST/BUS, or BUS if the host is empty."""
     return f"{host}/{bus}" if host else bus
 
 
 def session_config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
-    """Returns a Zenoh configuration without scouting: it connects only where `settings` say so.
+    """Returns a Zenoh configuration without scouting: it connects only to addresses in `settings`.
 
     Args:
         mode: `peer` for the gateway, `client` for its clients.
