@@ -162,5 +162,5 @@ def test_times_that_contradict_each_other() -> None:
 
 def test_fewer_links_than_slaves() -> None:
     alone = Ports(frozenset({0}), (0, 0, 0, 0))
-    with pytest.raises(StateError, match=naming("slave 1", "plugged in")):
+    with pytest.raises(StateError, match=naming("slave 1", "connected")):
         arrivals([alone, alone])

@@ -1,7 +1,7 @@
 """Register access in batches: many EtherCAT datagrams in as few frames as possible.
 
-One datagram per frame would be slow where all slaves are asked for the same thing. The datagram
-indices of these frames are below those of the cyclic engine (`Index`), so each socket can tell its
+With one datagram per frame, asking all slaves for the same thing would be slow. The datagram
+indices of these frames are below those of the engine (`Index`), so each socket can recognize its
 own frames. Commands and addressing: ETG.1000.4, 5.4.
 """
 
@@ -35,13 +35,14 @@ _WINDOW = 8
 
 _TRIES = 3
 _TIMEOUT_MIN = 0.02
-"""Seconds. Several frames are on the wire, and this thread may have to wait for a processor."""
+"""Least timeout in seconds. Several frames are on the wire at once, and this thread may have to
+wait for a processor."""
 
 _HEAD = struct.Struct("<BBIHH")
 
 
 class Command(IntEnum):
-    """Commands of datagrams (ETG.1000.4): by position (AP), by address (FP), or to all (B)."""
+    """Commands of datagrams (ETG.1000.4): by position (AP), station address (FP), or to all (B)."""
 
     APRD = 1
     APWR = 2
@@ -74,8 +75,8 @@ class Answer(NamedTuple):
 
     Attributes:
         data: The data of the datagram, as the slaves left it.
-        wkc: Working counter: how many slaves have carried out the datagram. It is 0, too, if the
-            frame was lost.
+        wkc: Working counter: the number of slaves that have carried out the datagram. It is also 0
+            if the frame was lost.
     """
 
     data: bytes
@@ -83,22 +84,22 @@ class Answer(NamedTuple):
 
 
 def fprd(station: int, register: int, size: int) -> Datagram:
-    """Makes a read of `size` bytes from the slave with a configured station address."""
+    """Returns a read of `size` bytes from the slave with a configured station address."""
     return Datagram(Command.FPRD, station, register, bytes(size))
 
 
 def fpwr(station: int, register: int, data: bytes) -> Datagram:
-    """Makes a write to the slave with a configured station address."""
+    """Returns a write to the slave with a configured station address."""
     return Datagram(Command.FPWR, station, register, data)
 
 
 def aprd(position: int, register: int, size: int) -> Datagram:
-    """Makes a read of `size` bytes from the slave at a position."""
+    """Returns a read of `size` bytes from the slave at a position on the wire."""
     return Datagram(Command.APRD, -position & 0xFFFF, register, bytes(size))
 
 
 def apwr(position: int, register: int, data: bytes) -> Datagram:
-    """Makes a write to the slave at a position."""
+    """Returns a write to the slave at a position on the wire."""
     return Datagram(Command.APWR, -position & 0xFFFF, register, data)
 
 
@@ -109,11 +110,11 @@ class Station:
     address: int
 
     def read(self, register: int, size: int) -> Datagram:
-        """Reads its memory."""
+        """Returns a read of the slave's memory."""
         return fprd(self.address, register, size)
 
     def write(self, register: int, data: bytes) -> Datagram:
-        """Writes its memory."""
+        """Returns a write to the slave's memory."""
         return fpwr(self.address, register, data)
 
 
@@ -124,21 +125,21 @@ class Place:
     position: int
 
     def read(self, register: int, size: int) -> Datagram:
-        """Reads its memory."""
+        """Returns a read of the slave's memory."""
         return aprd(self.position, register, size)
 
     def write(self, register: int, data: bytes) -> Datagram:
-        """Writes its memory."""
+        """Returns a write to the slave's memory."""
         return apwr(self.position, register, data)
 
 
 def brd(register: int, size: int) -> Datagram:
-    """Makes a read of `size` bytes from all slaves; the answer is their values, ORed."""
+    """Returns a read of `size` bytes from all slaves; the answer is their values, ORed."""
     return Datagram(Command.BRD, 0, register, bytes(size))
 
 
 def bwr(register: int, data: bytes) -> Datagram:
-    """Makes a write to all slaves."""
+    """Returns a write to all slaves."""
     return Datagram(Command.BWR, 0, register, data)
 
 
@@ -155,7 +156,8 @@ class Datagrams:
     Args:
         link: The socket; this object owns it from now on.
         source: Source address of the frames, 6 bytes.
-        timeout: If no frame comes back for so many seconds, all frames on the wire count as lost.
+        timeout: Seconds without a frame after which all frames on the wire count as lost. Shorter
+            times than 20 ms count as 20 ms.
     """
 
     def __init__(self, link: socket.socket, source: bytes, timeout: float = 0.02) -> None:
@@ -174,9 +176,9 @@ class Datagrams:
     def exchange(self, datagrams: Sequence[Datagram], *, repeat: bool = True) -> list[Answer]:
         """Sends datagrams, in order, and waits for their answers.
 
-        A lost frame is sent again, at most twice. Slaves may then carry out its datagrams more
-        than once. Most registers do not mind. Use `repeat=False` where each access has an effect,
-        as with a mailbox or an event register.
+        A lost frame is sent again, at most twice. Slaves may then carry out its datagrams more than
+        once, which does no harm for most registers. Use `repeat=False` where each access has an
+        effect, as with a mailbox or an event register.
 
         Args:
             datagrams: The datagrams.
@@ -213,7 +215,7 @@ class Datagrams:
     def read_all(self, stations: Iterable[int], register: int, size: int) -> list[Answer]:
         """Reads `size` bytes at one register of many slaves, by configured station address.
 
-        A lost frame is sent again, so do not read registers this way where reading has an effect.
+        A lost frame is sent again, so do not use this for registers where a read has an effect.
         """
         return self.exchange([fprd(station, register, size) for station in stations])
 
@@ -256,7 +258,7 @@ class Datagrams:
                     return received
             except BlockingIOError:
                 continue
-            except OSError:  # the interface is down; the socket says so only once
+            except OSError:  # the interface is down; the socket reports it only once
                 time.sleep(left)
         return None
 
@@ -268,7 +270,7 @@ class Datagrams:
 def _take(
     received: bytes, frame: _Frame, datagrams: Sequence[Datagram], answers: list[Answer]
 ) -> bool:
-    """Copies the answers out of a received frame; returns False if it is not the frame sent."""
+    """Copies the answers from a received frame; returns False if it is not the frame sent."""
     at = FIRST_DATAGRAM
     found = []
     for number in frame.datagrams:
@@ -293,10 +295,10 @@ def _take(
 
 
 def source_address(port: int, run: int) -> bytes:
-    """Makes a source address for frames: locally administered, with the run and the interface.
+    """Returns a source address for frames: locally administered, with the run and the interface.
 
     Args:
         port: 0 for the first interface, 1 for the second.
-        run: 32 bits that tell this run from others.
+        run: 32 bits that distinguish this run from other masters.
     """
     return struct.pack("<BIB", 0x02, run, port)

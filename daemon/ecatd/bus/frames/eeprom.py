@@ -1,7 +1,7 @@
 """Reads the SII EEPROMs of many slaves at the same time, and writes that of one (ETG.1000.4, 6.4).
 
-An EEPROM gives four or eight bytes per command, and needs some time for it. So reading does not
-wait for one slave after the other: all slaves work on a command at the same time.
+A command reads four or eight bytes of an EEPROM, and takes some time. So all slaves work on their
+commands at the same time.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ _BUSY_LIMIT = 0.5
 """Seconds after which a busy EEPROM counts as broken; a command takes less than a millisecond."""
 
 _SILENT_LIMIT = 1.0
-"""Seconds after which a slave that does not answer is gone, and is not just behind a loose plug."""
+"""Seconds without an answer after which a slave counts as gone. A bad contact is shorter."""
 
 _PAUSE = 0.0002
 """Seconds between two reads of the status while all EEPROMs are busy."""
 
 
-class _Unread(Exception):  # noqa: N818  no error, but a question
-    """Words are wanted that have not been read yet."""
+class _Unread(Exception):  # noqa: N818  it is no error
+    """`decode` needs words that have not been read yet."""
 
 
 class _Eeprom(Generic[T]):
@@ -93,7 +93,7 @@ class _Eeprom(Generic[T]):
         if status & _NO_ACKNOWLEDGE:
             self._try_again(f"it does not acknowledge a command (status 0x{status:04X})")
             self._asked = False
-            self.command = struct.pack("<H", _CLEAR)  # no other command is accepted before
+            self.command = struct.pack("<H", _CLEAR)  # without it, no other command is accepted
             return
         if self._asked and address == self._wanted[-1]:
             self._tries = _TRIES
@@ -132,17 +132,17 @@ def read_eeproms(
     decode: Callable[[Words], T],
     cancelled: Callable[[], bool] = lambda: False,
 ) -> list[T]:
-    """Reads the EEPROMs of many slaves at the same time, and then gives them back to the devices.
+    """Reads the EEPROMs of many slaves at the same time.
 
-    Giving back means that register 0x0500 assigns the EEPROM to the device again (ETG.1000.6).
+    Then it gives them back: register 0x0500 assigns them to the devices again (ETG.1000.6).
 
     Args:
-        registers: The way to the slaves.
+        registers: Access to the registers of the slaves.
         slaves: Address and label of each slave; messages use the label.
-        decode: Decodes an EEPROM; it gets a function that returns words. When it asks for words
-            that are not read yet, they are read, and `decode` is called again from its start. So
-            it should have no side effects, and ask for many words at once.
-        cancelled: Called again and again while waiting; when true, `StateError` is raised.
+        decode: Decodes an EEPROM; it gets a function that returns words. If it needs words that
+            have not been read yet, they are read, and `decode` is called again. So it should have
+            no side effects, and ask for many words at once.
+        cancelled: Called repeatedly while waiting; when it returns true, `StateError` is raised.
 
     Returns:
         What `decode` returned for each slave.
@@ -177,20 +177,20 @@ def read_eeproms(
 def write_eeprom(
     registers: Datagrams, slave: Station, label: str, word: int, data: bytes
 ) -> Steps[dict[int, bytes]]:
-    """Writes words of an EEPROM, and reads them back. Words that are right already stay.
+    """Writes words of an EEPROM, and reads them back. Does not write words that are right already.
 
-    The device gets its EEPROM back at the end, also after an error. It uses what was written when
-    it is switched on the next time.
+    The EEPROM is assigned to the device again at the end, also after an error. The device uses the
+    new words when it is switched on the next time.
 
     Args:
-        registers: The way to the slave.
-        slave: Its address.
-        label: How messages name it.
+        registers: Access to the registers of the slave.
+        slave: Address of the slave.
+        label: Name of the slave in messages.
         word: Address of the first word.
         data: The words, little endian.
 
     Returns:
-        What the words that were written had before, by their addresses.
+        The previous contents of the words that were written, by word address.
 
     Raises:
         StateError: The EEPROM cannot be read or written, or has other words afterwards.
@@ -227,7 +227,7 @@ def _write_word(
     where = f"{label}: EEPROM: word 0x{word:04X} cannot be written"
     for _ in range(_TRIES):
         status = yield from _wait_until_idle(registers, slave, where)
-        if status & _NO_ACKNOWLEDGE:  # no other command is accepted before
+        if status & _NO_ACKNOWLEDGE:  # until this is cleared, no other command is accepted
             registers.exchange([slave.write(_CONTROL, struct.pack("<H", _CLEAR))])
         # A write takes effect at the end of its frame, so each needs a frame of its own.
         registers.exchange([slave.write(_DATA, data)])

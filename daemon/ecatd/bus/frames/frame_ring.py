@@ -1,4 +1,4 @@
-"""The last frames that were sent and received (`daemon/cyclic/frame_ring.h`)."""
+"""Rings with the last frames that were sent and received (`daemon/cyclic/frame_ring.h`)."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _LIB = _declare(LIBRARY)
 
 
 class FrameRing:
-    """The last frames of one thread: of the engine, or of the relay.
+    """The last frames of one thread: the engine, or the relay.
 
     Args:
         size: Bytes of memory, at least 16384.
 
     Raises:
-        EcatError: There is no memory.
+        EcatError: There is not enough memory.
     """
 
     def __init__(self, size: int) -> None:
@@ -51,7 +51,7 @@ class FrameRing:
             )
 
     def of_engine(self, engine: int) -> None:
-        """Makes an engine (`Engine.handle`) write into the ring, before it starts."""
+        """Makes an engine (`Engine.handle`) write into the ring; call it before it starts."""
         _LIB.cyclic_set_frame_ring(engine, self._ring)
 
     def of_relay(self, relay: int) -> None:
@@ -62,11 +62,11 @@ class FrameRing:
         """Reads records (`cyclic_frame_record`); see `cyclic_frame_ring_read`.
 
         Args:
-            position: Where to begin: 0, or what the last call returned.
+            position: Position to begin at: 0, or that from the last call.
             room: Most bytes to return, at least 4096.
 
         Returns:
-            Where to go on, and whole records.
+            The position for the next call, and whole records.
         """
         at = ctypes.c_uint64(position)
         buffer = ctypes.create_string_buffer(room)
@@ -74,7 +74,7 @@ class FrameRing:
         return at.value, buffer.raw[:length]
 
     def close(self) -> None:
-        """Frees the memory, after the engine and the relay that write into it."""
+        """Frees the memory. Close the engine or relay that writes into it before."""
         if self._ring:
             _LIB.cyclic_frame_ring_free(self._ring)
             self._ring = None

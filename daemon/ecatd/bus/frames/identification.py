@@ -1,13 +1,13 @@
-"""Asks slaves for their explicit device identification, as of a rotary switch (ETG.1020).
+"""Reads explicit device identifications, such as the positions of rotary switches (ETG.1020).
 
-A slave tells it in one of two ways (SII category general, ETG.1000.6):
+A slave has its identification in one of two places (SII category general, ETG.1000.6):
 
-- On request (AL control, bit 5) it sets bit 5 of its AL status, and gives the identification in
-  place of the AL status code. A slave that does not know the request only repeats its state.
-- It has it at an address of its ESC, often among its inputs.
+- In the register of the AL status code. On request (AL control, bit 5) the slave writes it there,
+  and sets bit 5 of its AL status. A slave that does not support the request only repeats its state.
+- At another address of its ESC, often among its inputs.
 
-The request keeps the state of the slave, but it writes AL control: it must reach only the slave
-that is meant. So slaves are asked at their station addresses.
+The request does not change the state of the slave, but it writes AL control, so it must reach this
+slave only. Therefore requests use station addresses.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .datagrams import Datagrams, fprd, fpwr
 
 _AL_CONTROL, _AL_STATUS, _STATE = 0x0120, 0x0130, 0x0F
 _IDENTIFY = 0x20
-"""AL control: asks for the identification. AL status: the AL status code is the identification."""
+"""In AL control: the request. In AL status: the AL status code is the identification."""
 
 _PATIENCE_S = 0.5
 _PAUSE_S = 0.001
@@ -34,16 +34,16 @@ _PAUSE_S = 0.001
 def ask_identifications(
     registers: Datagrams, ways: Mapping[int, int], patience_s: float = _PATIENCE_S
 ) -> dict[int, int]:
-    """Asks slaves for their identifications, all at the same time; blocks.
+    """Reads the identifications of slaves, all at the same time; blocks.
 
     Args:
-        registers: The way to the slaves.
-        ways: By station address, the address in the ESC of the slave where its identification is;
-            0: it is asked for it.
-        patience_s: Seconds that slaves have to tell it.
+        registers: Access to the registers of the slaves.
+        ways: By station address, the address of the identification in the ESC of the slave; 0 if
+            the slave gives it on request.
+        patience_s: Seconds that slaves have to answer the request.
 
     Returns:
-        Identifications by station address. Slaves that have none, or 0, are left out.
+        Identifications by station address, without the slaves that have none, or 0.
     """
     direct = [station for station, register in ways.items() if register]
     answers = registers.exchange([fprd(station, ways[station], 2) for station in direct])
@@ -53,7 +53,8 @@ def ask_identifications(
         if answer.wkc == 1
     }
     asked = [station for station, register in ways.items() if not register]
-    keep = {}  # AL control that keeps the state; an error is acknowledged, else nothing is heard
+    # AL control that keeps the state. It acknowledges an error: else slaves ignore the request.
+    keep = {}
     for station, (status, _) in _status(registers, asked).items():
         acknowledge = status & AL_ERROR_FLAG
         keep[station] = status & _STATE | acknowledge
@@ -66,15 +67,15 @@ def ask_identifications(
                 found[station] = 0 if status & AL_ERROR_FLAG else code
         time.sleep(_PAUSE_S)
     _control(registers, keep)
-    told, deadline = set(keep) - waiting, time.monotonic() + patience_s
-    while told and time.monotonic() < deadline:  # their AL status is as before from then on
-        now = _status(registers, told)
-        told = {station for station, (status, _) in now.items() if status & _IDENTIFY}
+    answered, deadline = set(keep) - waiting, time.monotonic() + patience_s
+    while answered and time.monotonic() < deadline:  # until their AL status is as before again
+        now = _status(registers, answered)
+        answered = {station for station, (status, _) in now.items() if status & _IDENTIFY}
     return {station: value for station, value in found.items() if value}
 
 
 def _status(registers: Datagrams, stations: Iterable[int]) -> dict[int, tuple[int, int]]:
-    """AL status and AL status code of the slaves that answer."""
+    """Returns AL status and AL status code of the slaves that answer, by station address."""
     chosen = list(stations)
     answers = registers.exchange([fprd(station, _AL_STATUS, 6) for station in chosen])
     return {
@@ -91,12 +92,17 @@ def _control(registers: Datagrams, wanted: Mapping[int, int]) -> None:
 
 
 def ways_to_ask(config: Config, found: Iterable[tuple[Slave, Sii]]) -> dict[int, int]:
-    """How to ask the slaves that say that they have an identification, or that should.
+    """Returns how to read the identifications of slaves that have one, or should have one.
 
-    Slaves of which the EEPROM says nothing are asked only if the configuration may mean them.
+    These are the slaves whose EEPROM mentions an identification, and those to which a table of the
+    configuration with an identification may refer.
+
+    Args:
+        config: The configuration.
+        found: The slaves that were found, with their EEPROMs.
 
     Returns:
-        By position, the address in the ESC; 0: the slave is asked. See `ask_identifications`.
+        By position, the address in the ESC, or 0 for a request; see `ask_identifications`.
     """
     wanted = [item for item in config.slave if item.identification is not None]
     ways = {}

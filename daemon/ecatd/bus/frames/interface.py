@@ -1,4 +1,4 @@
-"""Network interfaces: reserving one, setting it up, opening sockets for the control side."""
+"""Network interfaces: reserves them, sets them up, opens sockets for the control side."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ def wait_for_carriers(interfaces: Sequence[str], cancelled: Callable[[], bool]) 
     """Waits until all interfaces have a carrier, at most 5 s.
 
     An interface that has just been switched on has none for some seconds, and frames that are sent
-    meanwhile get lost. With cable redundancy, one interface with a carrier is enough to go on.
+    meanwhile get lost. With cable redundancy, one interface with a carrier is enough after 5 s.
 
     Args:
-        interfaces: Their names. They are up.
+        interfaces: Names of the interfaces, which are up.
         cancelled: When it returns true, waiting ends with `StateError`.
 
     Raises:
-        UnreachableError: There is no such interface, or none of them gets a carrier.
+        UnreachableError: There is no such interface, or no interface gets a carrier.
         StateError: `cancelled` returned true.
     """
     deadline = time.monotonic() + _CARRIER_TIMEOUT
@@ -77,7 +77,7 @@ def wait_for_carriers(interfaces: Sequence[str], cancelled: Callable[[], bool]) 
 
 
 def look(interface: str) -> Answer:
-    """Reads the AL status of all slaves behind an interface, ORed. Changes nothing on the bus.
+    """Reads the AL status of all slaves at an interface, ORed. Changes nothing on the bus.
 
     The working counter is the number of slaves. On a closed ring it is 0, since the frame comes
     back at the other interface. Raises as `open_for_control`.
@@ -104,7 +104,7 @@ def own(interface: str) -> Iterator[None]:
         try:
             yield
         finally:
-            # SOEM leaves it promiscuous. It may be gone by now.
+            # SOEM leaves the interface promiscuous. The interface may be gone by now.
             with contextlib.suppress(NotPermittedError, UnreachableError):
                 _set_flags(interface, flags)
 
@@ -120,7 +120,7 @@ def switch_on(interface: str) -> None:
 
 
 def _reserve(interface: str) -> socket.socket:
-    """Keeps other daemons off the interface: two masters would undo each other's set-up.
+    """Keeps other daemons off the interface: two masters would disturb each other's slaves.
 
     The reservation is a bound abstract Unix socket. Its name is unique in the network namespace,
     as interfaces are, and the kernel frees it when the process ends, however that happens.

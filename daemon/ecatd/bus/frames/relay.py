@@ -15,10 +15,10 @@ _WINDOW_US = 1000
 """CYCLIC_RELAY_WINDOW_NS of `relay.h`."""
 
 _ANSWER_US = 2000
-"""A frame that is not back after this time is lost; through 1000 slaves it takes half of it."""
+"""A frame that is not back after this time is lost. Through 1000 slaves it takes half of it."""
 
 _LONG_US = 500
-"""A frame is hardly ever on the wire for longer, even if the machine is busy."""
+"""A frame is hardly ever on the wire for longer than this, even if the machine is busy."""
 
 _MARGIN_US = 1000
 
@@ -58,13 +58,13 @@ class Relay:
     Args:
         sockets: One socket from `open_for_control` for each interface: one, or two with cable
             redundancy. The relay owns them from now on.
-        share: Share, above 0 and up to 1, of the free time of the cycle: for that much of it
-            frames of the relay may be on the wire.
+        share: The share of the free time of the cycle in which frames of the relay may be on the
+            wire: above 0 and up to 1.
         priority: SCHED_FIFO priority, below that of the engine; 0 for ordinary scheduling.
 
     Attributes:
         client: The socket that `Datagrams` uses.
-        timeout_us: Microseconds after which no answer to a frame will come any more.
+        timeout_us: Microseconds after which no answer to a frame can come any more.
 
     Raises:
         EcatError: The relay cannot be made.
@@ -87,25 +87,25 @@ class Relay:
             raise EcatError(f"the relay for mailbox frames does not start: {reason}")
 
     def _patience_us(self, share: float) -> int:
-        """How long frames wait for their share at most; sets `timeout_us` accordingly."""
-        # Long enough that every frame can wait for its share, and none is sent before.
+        """Returns the longest time that frames wait for their share; sets `timeout_us` for it."""
+        # It is long enough for every frame, so no frame is sent before its share allows it.
         patience_us = round(_LONG_US * (1 - share) / share)
         self.timeout_us = patience_us + _WINDOW_US + _ANSWER_US + _MARGIN_US
         return patience_us
 
     def set_share(self, share: float) -> None:
-        """Changes the share of the free time, and with it `timeout_us`."""
+        """Changes the share of the free time, which also changes `timeout_us`."""
         _LIB.cyclic_relay_set_share(self._relay, share, 1000 * self._patience_us(share))
 
     @property
     def handle(self) -> int:
-        """The `cyclic_relay_t`, for the ring of its frames."""
+        """The `cyclic_relay_t *`, for the ring of the relay's frames."""
         return int(self._relay)
 
     def follow(self, engine: Engine | None) -> None:
         """Makes frames wait for the free time of the engine's cycle, until the engine stops.
 
-        With None they pass at once.
+        With None, frames are sent at once.
         """
         _LIB.cyclic_relay_follow(self._relay, None if engine is None else engine.handle)
 

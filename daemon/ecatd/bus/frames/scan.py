@@ -1,9 +1,10 @@
 """The scan: counts the slaves, and gives each its station address.
 
-Station addresses are 0x1001 and up, in the order on the wire, as SOEM gives them. A broadcast read
-counts the slaves: each adds one to the working counter. Slaves are addressed by their position
-(auto-increment addressing, ETG.1000.4). With two interfaces the relay sends such frames over both,
-so the slaves of a broken ring are numbered in the same way as those of a closed one.
+Station addresses are 0x1001 and up, in the order on the wire, as SOEM assigns them. A broadcast
+read counts the slaves: each adds one to the working counter. Slaves without a station address are
+addressed by their position (auto-increment addressing, ETG.1000.4). With two interfaces the relay
+sends such frames over both, so the slaves of a broken ring get the same numbers as those of a
+closed one.
 """
 
 from __future__ import annotations
@@ -27,13 +28,13 @@ _RESET = (
     (0x0800, bytes(128)),  # 16 sync managers
     (0x0980, bytes(2)),  # no SYNC signals, controlled by the master
 )
-"""What is written to all slaves before they are numbered: register and data."""
+"""Register and data of each write to all slaves before they are numbered."""
 
 
 def count_slaves(registers: Datagrams) -> int:
     """Counts the slaves that answer a broadcast read.
 
-    While none answers it asks again for a moment, because a busy machine holds frames up.
+    If none answers, it asks again for up to 2 s, because a busy machine delays frames.
     """
     deadline = time.monotonic() + _FIRST_ANSWER
     while True:
@@ -48,15 +49,15 @@ def has_stations(registers: Datagrams, count: int) -> bool:
     wanted = [(struct.pack("<H", station), 1) for station in stations(count)]
     places = [aprd(place, _STATION_ADDRESS, 2) for place in range(count)]
     # On a broken ring, a frame that comes back late counts as lost, and the relay then counts the
-    # slaves behind the break from 0. Such a wrong answer goes away with the next try.
+    # slaves after the break from 0. The next try corrects such a wrong answer.
     return any(registers.exchange(places) == wanted for _ in range(_TRIES))
 
 
 def number_slaves(registers: Datagrams, count: int) -> None:
-    """Resets all slaves, asks them for INIT, and gives them their station addresses.
+    """Resets all slaves, requests INIT, and writes their station addresses.
 
     Raises:
-        StateError: The addresses cannot be verified: slaves come and go, or frames get lost.
+        StateError: The addresses cannot be verified: slaves come or go, or frames get lost.
     """
     for _ in range(_TRIES):
         registers.exchange([bwr(register, data) for register, data in _RESET])

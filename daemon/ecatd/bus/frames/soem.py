@@ -21,12 +21,12 @@ SLAVES_MAX = 199
 """The most slaves that SOEM has room for."""
 
 _TOO_MANY = -4
-"""What `config_init` returns if there are more."""
+"""The return value of `config_init` if there are more slaves."""
 
 _TRIES = 3
 _ANSWER_US = 20_000
 """Microseconds that SOEM waits for an answer. SOEM accepts any frame with one of its 16 indices.
-So it must not repeat a frame while the first may still come back, which a busy machine delays."""
+So it must not repeat a frame while the first one may still come back: a busy machine delays it."""
 
 _FIRST_ANSWER = 1.0
 """Seconds that the first slave has to answer, after the interface has a carrier."""
@@ -49,7 +49,7 @@ def scan(interfaces: Sequence[str]) -> list[str]:
     pysoem.settings.timeouts.ret = _ANSWER_US
     master = pysoem.Master()
     master.always_release_gil = True
-    # SOEM would ask for PREOP by itself; the state machine is ours.
+    # Otherwise SOEM would request PREOP by itself. `Master` requests the states instead.
     master.manual_state_change = 1
     try:
         master.open(*answering)
@@ -71,8 +71,8 @@ def _answering(interfaces: Sequence[str]) -> list[str]:
     """Returns the interfaces at which slaves answer.
 
     SOEM waits for each frame at both interfaces. If one is dead, a scan of 8 slaves takes seconds.
-    On a closed ring, frames come back at the other interface, so neither seems to answer: then
-    both are returned.
+    On a closed ring, frames come back at the other interface, so no slave seems to answer at
+    either. Then both are returned.
     """
     if len(interfaces) > 1:
         return [name for name in interfaces if look(name).wkc] or list(interfaces)
@@ -87,4 +87,4 @@ def _name(slave: Any) -> str:
     try:
         return str(slave.name)
     except UnicodeDecodeError:
-        return ""  # pysoem insists on UTF-8; the SII reader takes Latin-1
+        return ""  # pysoem decodes UTF-8 only; the SII reader decodes Latin-1

@@ -1,8 +1,8 @@
-"""Topology: which slave is plugged in at which port of which other slave.
+"""Topology: how the slaves are connected with each other, by their ports.
 
 A slave forwards a frame from port 0 to its ports 3, 1 and 2, in this order (ETG.1000.4). Slaves are
-numbered in the order in which the frame comes to them. So the links of each slave and this order
-tell which slave is plugged in at which port.
+numbered in the order in which the frame reaches them. So this order, and the ports of each slave
+that have a link, determine the slave at each port.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Ports:
 
     Attributes:
         open: Numbers of the ports with a link (register 0x0110).
-        times: Receive times of ports 0 to 3 in ns, 32 bits each (0x0900); None if it has none.
+        times: Receive times of ports 0 to 3 in ns, 32 bits each (0x0900); None if unknown.
     """
 
     open: frozenset[int]
@@ -32,7 +32,7 @@ class Ports:
 
     @staticmethod
     def with_status(status: int, times: tuple[int, ...] | None = None) -> Ports:
-        """The ports of a slave with this DL status (register 0x0110)."""
+        """Returns the ports of a slave with this DL status (register 0x0110)."""
         # Two bits a port: loop closed, communication established.
         return Ports(frozenset(port for port in range(4) if status >> 8 + 2 * port & 3 == 2), times)
 
@@ -56,10 +56,13 @@ class Node:
     times: tuple[int, ...] | None
     entry: int
     exits: list[int]
-    behind: list[tuple[int, int]] = field(default_factory=list)  # port, slave plugged in there
+    behind: list[tuple[int, int]] = field(default_factory=list)  # port, position of the slave there
 
     def between(self, earlier: int, later: int) -> int:
-        """Time between the frame's arrivals at two ports, in ns; the registers wrap in 4.3 s."""
+        """Returns the time between the frame's arrivals at two ports, in ns.
+
+        It must be below 4.3 s, after which the registers start again at 0.
+        """
         assert self.times is not None
         return (self.times[later] - self.times[earlier]) & 0xFFFFFFFF
 
@@ -87,25 +90,25 @@ def links(slaves: Sequence[Ports]) -> Iterator[Link]:
 
 
 def reached(slaves: Sequence[Ports]) -> int:
-    """Counts the slaves, from the first on, that are linked to it; all if there is no break."""
+    """Returns the number of slaves before the first break, or of all slaves if there is none."""
     open_ends = 1
     for position, slave in enumerate(slaves):
         if open_ends == 0:
             return position
-        open_ends += max(len(slave.open), 1) - 2  # a link joins an open end before to a port here
+        open_ends += max(len(slave.open), 1) - 2  # each link joins an earlier open end with a port
     return len(slaves)
 
 
 def way_out(slaves: Sequence[Ports]) -> tuple[int, int] | None:
-    """Finds the slave and port to which the cable of the second interface is connected.
+    """Returns the slave and port to which the cable of the second interface is connected.
 
-    At all other ports with a link, a slave is plugged in. So this is the first port without a slave
-    on the way back from the last slave. Returns None if there is none: the ring is open.
+    All other ports with a link lead to slaves. So this is the first port without a slave on the way
+    back from the last slave. Returns None if there is no such port, because the ring is open.
 
     Raises:
         StateError: There are not enough links for all slaves.
     """
-    # Times must not be used: at a port to which no frame comes back, they are old.
+    # Times must not be used: a port to which no frame comes back has the time of an old frame.
     nodes = tree([Ports(slave.open) for slave in slaves])
     parents = {child: position for position, node in enumerate(nodes) for _, child in node.behind}
     position: int | None = len(nodes) - 1 if nodes else None
@@ -118,7 +121,7 @@ def way_out(slaves: Sequence[Ports]) -> tuple[int, int] | None:
 
 
 def tree(slaves: Sequence[Ports]) -> list[Node]:
-    """Builds the tree of slaves from their order and their links.
+    """Returns the nodes of the tree of slaves, built from their order and their links.
 
     Raises:
         StateError: There are not enough links for all slaves.
@@ -131,8 +134,8 @@ def tree(slaves: Sequence[Ports]) -> list[Node]:
                 open_ends.pop()
             if not open_ends:
                 raise StateError(
-                    f"slave {position} is nowhere plugged in: the slaves before it have no link "
-                    f"for it; is a cable loose, or are two masters at work?"
+                    f"slave {position} is connected to no other slave: the slaves before it have "
+                    f"no link left for it; is a cable loose, or are two masters at work?"
                 )
             parent = open_ends[-1]
             parent.behind.append((parent.exits[len(parent.behind)], position))
@@ -143,7 +146,7 @@ def tree(slaves: Sequence[Ports]) -> list[Node]:
 
 
 def _node(slave: Ports) -> Node:
-    """Makes the node of a slave. The frame enters by the port with the earliest time, usually 0."""
+    """Returns a slave's node. The frame enters at the port with the earliest time, usually 0."""
     ports = [port for port in PORT_ORDER if port in slave.open]
     if not ports:
         return Node(slave.times, 0, [])

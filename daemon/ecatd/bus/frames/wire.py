@@ -1,7 +1,7 @@
-"""The devices along the wire, by their places: who they are, and their station addresses.
+"""The devices along the wire, by their places: identities and station addresses.
 
-A place counts from 0. It changes when a device before it comes or goes, so a station address is
-written only together with a look whether the wire has changed.
+Places count from 0. The place of a device changes when a device before it comes or goes. So the
+datagram that writes a station address is in one frame with a check that the wire is unchanged.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from .identification import ask_identifications
 _STATION_ADDRESS, _AL_STATUS = 0x0010, 0x0130
 _TRIES = 3
 _PATIENCE_S = 0.2
-"""Seconds that devices have to tell their identification; those that start up are asked again."""
+"""Seconds that devices have to give their identification. Devices that start up are asked again."""
 
 _LENT = range(0xFFF0, 0xF000, -1)
-"""Station addresses for devices that are asked; slaves of the scan have lower ones."""
+"""Station addresses for devices that are asked. Slaves of the scan have lower addresses."""
 
 _ALIAS, _IDENTITY, _IDENTITY_WORDS = 0x04, 0x08, 8
 
 
 class WireChangedError(StateError):
-    """Slaves have come or gone while others were looked for: a new look may succeed at once."""
+    """Slaves have come or gone during a search for slaves. Another search may succeed at once."""
 
 
 class Wire:
     """The wire of a bus. Use it on the worker.
 
     Args:
-        registers: The way to the devices.
+        registers: Access to the registers of the devices.
 
     Attributes:
         addresses: Station addresses by place, at the last look.
@@ -49,17 +49,20 @@ class Wire:
     def look(self) -> list[int]:
         """Reads the station addresses of all devices.
 
+        Returns:
+            The addresses, by place.
+
         Raises:
-            WireChangedError: Devices come and go meanwhile.
+            WireChangedError: Devices come or go meanwhile.
         """
         self.addresses = self._read_addresses()
         return self.addresses
 
     def check(self) -> None:
-        """Checks that the wire is as at the last look.
+        """Checks that the wire has not changed since the last look.
 
         Raises:
-            WireChangedError: It is not.
+            WireChangedError: The wire has changed.
         """
         if self._read_addresses() != self.addresses:
             raise WireChangedError(_RESTLESS)
@@ -78,7 +81,8 @@ class Wire:
         """Reads identities, serial numbers and station aliases from EEPROMs, all at once.
 
         Returns:
-            The devices in the same order, numbered by their places (-1: not known).
+            The devices in the same order. The position of each is its place, or -1 if `places` has
+            its station address.
 
         Raises:
             StateError: An EEPROM cannot be read.
@@ -90,15 +94,16 @@ class Wire:
         return devices
 
     def ask(self, ways: Mapping[int, int]) -> dict[int, int]:
-        """Asks devices for their identifications.
+        """Reads the identifications of devices.
 
-        To be asked, a device needs a station address, so it is lent one that no other one has.
+        This needs station addresses. A device without one, or with that of another device, gets a
+        new one.
 
         Args:
-            ways: How to ask them, by place; see `ask_identifications`.
+            ways: How to read the identification, by place; see `ask_identifications`.
 
         Returns:
-            Identifications by place, of those that tell any.
+            Identifications by place, without the devices that have none.
 
         Raises:
             WireChangedError: The wire has changed since the last look.
@@ -111,19 +116,19 @@ class Wire:
         return {place: told[at] for place, at in places.items() if at in told}
 
     def _lend_address(self, place: int) -> None:
-        """Sees to it that a device has a station address that no other one has."""
+        """Gives a device a free station address, if it has none, or that of another device."""
         now = self.addresses[place]
         if not now or self.addresses.count(now) > 1:
             free = next(address for address in _LENT if address not in self.addresses)
-            self.write_address(place, free, "a device was asked who it is")
+            self.write_address(place, free, "a device was asked for its identification")
 
     def write_address(self, place: int, address: int, meanwhile: str) -> None:
         """Writes the station address of the device at a place.
 
         Args:
             place: The place.
-            address: The address.
-            meanwhile: What happens, for the message.
+            address: The station address.
+            meanwhile: For the message: it follows "the wire has changed while".
 
         Raises:
             WireChangedError: The wire has changed since the last look; the write was undone.
@@ -147,11 +152,11 @@ class Wire:
         raise WireChangedError(f"the wire has changed while {meanwhile}")
 
     def _take_back(self, address: int, was: int) -> None:
-        """Takes an address back that was written to the wrong slave."""
+        """Restores the previous address of a slave that got another slave's address by mistake."""
         at = Station(address)
         (there,) = self._registers.exchange([at.read(_STATION_ADDRESS, 2)])
-        # If the right slave has come back meanwhile, both answer at the address. Then both lose
-        # it: slaves without an address are identified again, two with the same address never.
+        # If the right slave has come back meanwhile, both answer at the address. Then both lose it:
+        # slaves without an address are identified again, but two with the same address never are.
         value = was if there.wkc == 1 else 0
         self._registers.exchange([at.write(_STATION_ADDRESS, struct.pack("<H", value))])
 
