@@ -1,8 +1,8 @@
 """CANopen over EtherCAT (ETG.1000.6, "CoE"): SDO transfers.
 
-A transfer is a part of a conversation with one slave. `talks.talk_all` runs the conversations
-with many slaves at the same time. An answer is accepted only for the object that was asked for: a
-late answer to an abandoned request must not pass for the answer to the next one.
+A transfer is a part of a conversation with one slave. `talks.talk_all` runs the conversations with
+many slaves at the same time. An answer is accepted only if it is for the requested object: a late
+answer to an abandoned request must not pass for the answer to the next one.
 """
 
 from __future__ import annotations
@@ -20,25 +20,26 @@ from .talks import Talk
 
 T = TypeVar("T")
 
-_COLLECTED_MAX = 16  # messages in a row, of a slave that sends without being asked
+_COLLECTED_MAX = 16  # most messages that are read in a row, if a slave sends them unasked
 TRIES_OF_LINE = 0
-"""Stands for `Line.tries`: of an upload, which changes nothing and so can be repeated."""
+"""Stands for `Line.tries`. It is the default for uploads, which can be repeated without effect."""
 
 _SYNCHRONIZE_S = 2.0
-"""Seconds a slave has to answer the requests that were abandoned because it was slow."""
+"""Seconds that a slow slave has to answer the requests that were abandoned."""
 
 _DOWNLOAD_S = 5.0
-"""Seconds a slave has for a part of a download; some write their flash before they answer."""
+"""Seconds that a slave has for a part of a download. Some slaves write their flash before they
+answer."""
 
 OBJECT_MAX = 1 << 16
-"""Most bytes of an object; a slave that announces more is broken."""
+"""Most bytes of an object. A slave that announces more is broken."""
 
 _SHOWN = 16
-"""Bytes of an object in a message of the log."""
+"""Most bytes of an object in a message of the log."""
 
 _MAILBOX_LEAST = 16  # mailbox header, CoE header, SDO
 _COE_HEADER = 2
-_IDENTITY = 0x1018  # nobody asks for its subindices from 0x80 on, except `_synchronize`
+_IDENTITY = 0x1018  # only `_synchronize` reads its subindices from 0x80 on
 _EMERGENCY, _SDO_REQUEST, _SDO_RESPONSE = 1, 2, 3
 
 _SDO = struct.Struct("<BHB4x")
@@ -54,15 +55,15 @@ class Coe:
     """CoE of one slave.
 
     Args:
-        position: Its position, for messages.
+        position: Position of the slave, for messages.
         station: Its configured station address.
         line: The state and the queue that all conversations with the slave share.
         alone: See `Mailbox`.
 
     Attributes:
-        position: As given.
-        line: As given.
-        mailbox: Its mailbox.
+        position: The argument `position`.
+        line: The argument `line`.
+        mailbox: The mailbox of the slave.
         emergencies: Error code and error register of each emergency that came between answers.
     """
 
@@ -86,7 +87,7 @@ class Coe:
             return (yield from part())
 
     def open(self) -> Talk[None]:
-        """Reads from the sync managers where the mailbox is.
+        """Reads address and size of the mailbox from the sync managers.
 
         Raises:
             NoAnswerError: The slave does not answer.
@@ -98,7 +99,7 @@ class Coe:
             raise type(error)(f"slave {self.position} has CoE, but {error}") from error
 
     def collect(self) -> Talk[None]:
-        """Reads the messages that nobody has asked for: they are emergencies, or late answers.
+        """Reads messages without a request: they are emergencies, or late answers.
 
         Raises:
             NoAnswerError: The slave does not answer, or other conversations with it take too long.
@@ -116,9 +117,9 @@ class Coe:
                 self.line.unanswered = late
 
     def note(self, protocol: int, body: bytes) -> None:
-        """Adds an emergency to `emergencies` that came while another protocol was spoken."""
+        """Adds a message to `emergencies` if it is one; for messages during another protocol."""
         if protocol == Protocol.COE:
-            with suppress(StateError):  # malformed: no emergency
+            with suppress(StateError):  # a malformed message is no emergency
                 self._split(lambda _service, _data: None)(body)
 
     # --- SDO transfers -------------------------------------------------------------------------
@@ -129,43 +130,43 @@ class Coe:
         """Reads an object. Asks again if no answer comes, or a malformed one.
 
         Args:
-            index: Its index.
+            index: Index of the object.
             subindex: The subindex, or the first one of a complete access.
             complete: Whether to read the whole object (complete access).
-            tries: How many times to ask; 0: as often as the line of the slave says.
+            tries: Number of tries; 0 for `Line.tries`.
 
         Raises:
-            SdoAbortError: The slave refused.
+            SdoAbortError: The slave refused the request.
             NoAnswerError: It did not answer.
             StateError: Its answer was malformed.
         """
         where = self._object(index, subindex)
-        return self.insist(where, tries, lambda: self._told_upload(index, subindex, complete))
+        return self.insist(where, tries, lambda: self._logged_upload(index, subindex, complete))
 
     def download(
         self, index: int, subindex: int, data: bytes, *, complete: bool = False
     ) -> Talk[None]:
-        """Writes an object. Never asks again, since each write may have an effect.
+        """Writes an object. Never repeats the request, since each write may have an effect.
 
         Raises as `upload`.
 
         Args:
-            index: Its index.
+            index: Index of the object.
             subindex: The subindex, or the first one of a complete access.
             data: The value to write.
             complete: Whether to write the whole object (complete access).
         """
         where = self._object(index, subindex)
-        self._tell(f"{where}: download of {_bytes(data)}")
+        self._log(f"{where}: download of {_bytes(data)}")
         return self.insist(where, 1, lambda: self._download(index, subindex, data, complete))
 
     def _object(self, index: int, subindex: int) -> str:
         return f"slave {self.position}, 0x{index:04X}:{subindex:02X}"
 
     def insist(self, where: str, tries: int, talk: Callable[[], Talk[T]]) -> Talk[T]:
-        """Runs `talk` until it succeeds, at most `tries` times; errors then begin with `where`.
+        """Runs `talk` until it succeeds, at most `tries` times. Its errors begin with `where`.
 
-        Tries again after no answer or a malformed one, but not after an SDO abort.
+        It is run again if there was no answer or a malformed one, but not after an SDO abort.
         """
         problem: NoAnswerError | StateError | None = None
         tries = tries or self.line.tries
@@ -182,11 +183,11 @@ class Coe:
                 return result
             except SdoAbortError as abort:
                 self.line.unanswered = False
-                self._tell(f"{where}: refused: {abort}")
+                self._log(f"{where}: refused: {abort}")
                 raise SdoAbortError(abort.code, f"{where}: {abort}") from abort
             except (NoAnswerError, StateError) as error:
                 problem = error
-                self._tell(f"{where}: try {number} of {tries}: {error}")
+                self._log(f"{where}: try {number} of {tries}: {error}")
                 self._patience_s = _SYNCHRONIZE_S  # the slave may only be slow
         assert problem is not None
         raise type(problem)(f"{where}: {problem}") from problem
@@ -194,13 +195,13 @@ class Coe:
     def _synchronize(self) -> Talk[None]:
         """Waits until no late answer to an abandoned request can come any more.
 
-        If the same object is asked for again, a late answer must not pass for the new one. So this
-        sends a request that nobody else sends, and waits for its answer. Slaves answer in order,
-        so all late answers have come before it.
+        If the same object is read again, a late answer must not pass for the new one. So this sends
+        a request that differs from all others, and waits for its answer. Slaves answer in order, so
+        all late answers have come before that.
         """
         if not self.line.unanswered:
             return
-        self._tell(f"slave {self.position}: waits until no late answer can come any more")
+        self._log(f"slave {self.position}: waits until no late answer can come any more")
         request = _SDO.pack(_UPLOAD, _IDENTITY, next(self.line.marks))
 
         def take(service: int, sdo: bytes) -> bool | None:
@@ -210,12 +211,12 @@ class Coe:
         yield from self.ask(_SDO_REQUEST, request, take, _SYNCHRONIZE_S)
         self.line.unanswered = False
 
-    def _told_upload(self, index: int, subindex: int, complete: bool) -> Talk[bytes]:
+    def _logged_upload(self, index: int, subindex: int, complete: bool) -> Talk[bytes]:
         data = yield from self._upload(index, subindex, complete)
-        self._tell(f"{self._object(index, subindex)}: upload of {_bytes(data)}")
+        self._log(f"{self._object(index, subindex)}: upload of {_bytes(data)}")
         return data
 
-    def _tell(self, text: str) -> None:
+    def _log(self, text: str) -> None:
         self.line.log.debug(text, slaves=[self.position])
 
     def _upload(self, index: int, subindex: int, complete: bool) -> Talk[bytes]:
@@ -348,6 +349,6 @@ class Coe:
 
 
 def _bytes(data: bytes) -> str:
-    """Data of an object, for the log: as many as fit into a line."""
+    """Returns a text with the first bytes of an object, for the log."""
     more = " ..." if len(data) > _SHOWN else ""
     return f"{len(data)} bytes: {data[:_SHOWN].hex(' ')}{more}"

@@ -20,7 +20,7 @@ def read_dictionary(coe: Coe) -> Talk[list[DictionaryObject]]:
     Raises:
         SdoAbortError: The slave lists an object that it does not describe.
         NoAnswerError: The slave does not answer; perhaps it has no SDO information service.
-        StateError: Its answer was malformed, or a mailbox error: it has no such service.
+        StateError: Its answer was malformed, or a mailbox error, as it has no such service.
     """
     objects = []
     for index in (yield from list_objects(coe)):
@@ -43,18 +43,18 @@ def read_object(coe: Coe, index: int) -> Talk[DictionaryObject]:
 
 
 class _EntryReader:
-    """Reads the entries of an object, with unit, default and limits if the slave tells them."""
+    """Reads the entries of an object, with unit, default and limits if the slave describes them."""
 
     def __init__(self, coe: Coe, index: int) -> None:
         self._coe = coe
         self._index = index
-        self._tells_values: bool | None = None  # until the slave has described an entry
+        self._tells_values: bool | None = None  # None until the slave has described an entry
 
     def read(self, subindex: int) -> Talk[DictionaryEntry | None]:
-        """Reads an entry; None for a subindex that a record leaves out.
+        """Reads an entry; returns None for a subindex that a record leaves out.
 
         Slaves answer for such a subindex with an SDO abort, or with a description of zeros. Some
-        also answer in this way if they are asked for values, which need not be there.
+        slaves answer a request for values with an SDO abort, too, since values are optional.
         """
         for values in (True, False) if self._tells_values is None else (self._tells_values,):
             try:

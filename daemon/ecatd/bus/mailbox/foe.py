@@ -1,8 +1,8 @@
 """File access over EtherCAT (ETG.1000.6, "FoE"): one file to or from a slave.
 
-A file can take minutes, and other conversations with the slave must not wait so long. So a
-transfer goes on in parts of some packets, and each part is a conversation of its own. Between two
-packets the slave has nothing to answer, so others may talk to it then.
+A file can take minutes, and other conversations with the slave must not wait so long. So a transfer
+has parts of some packets, and each part is its own conversation. Between two packets the slave has
+nothing to answer, so another conversation may come there.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from .talks import Talk
 _HEADER = struct.Struct("<BxI")  # operation; password, packet number, or error code
 _READ, _WRITE, _DATA, _ACKNOWLEDGED, _ERROR, _BUSY = range(1, 7)
 FOE_LEAST = HEADER_BYTES + _HEADER.size + 1
-"""Bytes that a mailbox must have for FoE."""
+"""Least number of bytes of a mailbox for FoE."""
 
 _GIVEN_UP = 0x8000  # error without further reason
 _PATIENCE_S = 60.0
-"""Seconds that a slave has for a packet: some erase their flash meanwhile."""
+"""Seconds that a slave has for a packet. Some slaves erase their flash meanwhile."""
 _BUSY_PAUSE_S, _BUSY_LONGEST_S = 0.001, 0.05
-"""Seconds after which a busy slave is sent its packet again: at first, and when it stays busy."""
+"""Seconds after which a packet is sent to a busy slave again: the first time, and at most."""
 
 
 class FileTransfer(ABC):
@@ -35,12 +35,13 @@ class FileTransfer(ABC):
     Args:
         name: Name of the file, as the slave knows it.
         password: Its password; 0 for none.
+        data: The file to write, or an empty array for a file to read.
 
     Attributes:
-        data: The file: what is written, or what has been read so far.
-        moved: How many bytes of it have been transferred.
-        ended: Whether all of it has.
-        busy: What a busy slave says of its progress; empty if it is not busy.
+        data: The file to write, or the part of the file that has been read so far.
+        moved: Number of bytes that have been transferred.
+        ended: Whether the whole file has been transferred.
+        busy: The progress that a busy slave reports; empty if it is not busy.
     """
 
     def __init__(self, name: str, password: int, data: bytearray) -> None:
@@ -58,15 +59,15 @@ class FileTransfer(ABC):
 
         Args:
             mailbox: The mailbox of the slave, open.
-            packets: How many, at most.
+            packets: Most packets to transfer.
 
         Raises:
             NoAnswerError: The slave does not answer, or is busy for too long.
-            StateError: It refuses; or its answer is malformed.
+            StateError: It refuses the transfer, or its answer is malformed.
         """
 
     def give_up(self, mailbox: Mailbox) -> Talk[None]:
-        """Tells the slave that the rest does not come.
+        """Tells the slave that the transfer is cancelled.
 
         Raises:
             NoAnswerError: The slave does not take the message.
@@ -77,13 +78,13 @@ class FileTransfer(ABC):
         return _HEADER.pack(operation, self._password) + self._name
 
     def _exchange(self, mailbox: Mailbox, request: bytes, wanted: int, number: int) -> Talk[bytes]:
-        """Sends a packet until the slave is not busy, and returns what follows in its answer.
+        """Sends a packet, again while the slave is busy; returns the data of its answer.
 
         Args:
             mailbox: The mailbox.
             request: The packet.
-            wanted: The operation that answers it.
-            number: The number of the packet in the answer.
+            wanted: The operation of the answer.
+            number: The packet number in the answer.
         """
 
         def take(body: bytes) -> tuple[bool, bytes] | None:
@@ -99,7 +100,7 @@ class FileTransfer(ABC):
             self.busy = ""
             if operation == wanted and value == number:
                 return True, rest
-            return None  # late: it belongs to a transfer that was given up
+            return None  # it is a late answer, of a transfer that was cancelled
 
         deadline, pause = time.monotonic() + _PATIENCE_S, _BUSY_PAUSE_S
         while True:
@@ -119,7 +120,7 @@ class FileRead(FileTransfer):
     Args:
         name: Its name, as the slave knows it.
         password: Its password; 0 for none.
-        most: Bytes that it may have.
+        most: Most bytes that it may have.
     """
 
     def __init__(self, name: str, password: int, most: int) -> None:
@@ -184,7 +185,7 @@ def _refused(code: int, text: bytes) -> str:
 
 
 def _progress(value: int, text: bytes) -> str:
-    """What a busy slave says: how much of its work is done, and a text."""
+    """Returns the progress that a busy slave reports: the share of its work, and its text."""
     done, entire = value & 0xFFFF, value >> 16
     share = f"{done} of {entire}" if entire else ""
     return ", ".join(filter(None, (share, _text(text))))

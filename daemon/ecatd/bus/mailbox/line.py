@@ -1,4 +1,4 @@
-"""The queue in which conversations with one slave wait for their turn, and what they share."""
+"""The queue in which conversations with one slave wait for their turn, and their common state."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Self
 from ecatd.log import Log
 
 _ANSWER_S = 1.0
-"""Seconds a slave has to take a message and answer it, unless its line says otherwise; most need
-less than 1 ms."""
+"""Seconds that a slave has to take a message and answer it, unless `Line.answer_s` was changed.
+Most slaves need less than 1 ms."""
 
 _TRIES = 3
 
@@ -21,20 +21,20 @@ _TRIES = 3
 class Line:
     """State that all conversations with one slave share, and the queue in which they wait.
 
-    One conversation at a time has its turn, in the order in which they joined the queue. Clients'
-    requests run in the event loop, a recovery runs on the worker, and both use this queue. `join`
+    One conversation at a time has its turn, in the order in which they joined the queue. Requests
+    of clients run in the event loop, a recovery runs on the worker, and both use this queue. `join`
     and `leave` may be called in any thread.
 
     Attributes:
-        counter: Counter of the messages: 1 to 7, and again (ETG.1000.4, mailbox header). A slave
-            drops a message that has the same counter as the one before it, as a repetition.
+        counter: Counter of the messages: 1 to 7, then 1 again (ETG.1000.4, mailbox header). A slave
+            takes a message with the same counter as the previous one for a repetition, and drops
+            it.
         unanswered: Whether the answer to an abandoned request may still come.
-        marks: Subindices for the requests that find out whether it has come; see
-            `Coe._synchronize`.
+        marks: Subindices for the requests that check whether it has come; see `Coe._synchronize`.
         last: The last message that the slave has sent.
         answer_s: Seconds that the slave has to take a message and answer it.
-        tries: How often it is asked for what it does not answer, where asking changes nothing.
-        log: Where details are told.
+        tries: Number of tries of a request that changes nothing.
+        log: The log for details.
     """
 
     def __init__(self, log: Log | None = None) -> None:
@@ -49,15 +49,15 @@ class Line:
         self._lock = threading.Lock()
 
     def __len__(self) -> int:
-        """Number of conversations in the queue, with the one that has its turn."""
+        """Number of conversations in the queue, including the one that has its turn."""
         return len(self._turns)
 
     def join(self, called: Callable[[], object] = lambda: None) -> Turn:
         """Joins the end of the queue.
 
         Args:
-            called: Called when this turn has come because the one before it was left,
-                in the thread that left.
+            called: Called when this turn comes because the turn before it has left the queue; in
+                the thread that called `leave`.
         """
         turn = Turn(self, called)
         with self._lock:
@@ -65,7 +65,7 @@ class Line:
         return turn
 
     def is_first(self, turn: Turn) -> bool:
-        """Whether a turn has come: it is at the front of the queue."""
+        """Whether a turn has come, that is, whether it is at the front of the queue."""
         return self._turns[0] is turn
 
     def leave(self, turn: Turn) -> None:
@@ -79,7 +79,7 @@ class Line:
 
 
 class Turn:
-    """The turn of a conversation in the queue of a line. A `with` block gives it up at its end."""
+    """The turn of a conversation in the queue of a line. A `with` block leaves it at its end."""
 
     def __init__(self, line: Line, called: Callable[[], object]) -> None:
         self.called = called
@@ -87,7 +87,7 @@ class Turn:
 
     @property
     def has_come(self) -> bool:
-        """Whether the turn has come: it is at the front of the queue."""
+        """Whether the turn has come, that is, whether it is at the front of the queue."""
         return self._line.is_first(self)
 
     def __enter__(self) -> Self:

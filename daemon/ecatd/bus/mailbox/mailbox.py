@@ -1,7 +1,7 @@
 """Messages to the mailbox of one slave, and its answers (ETG.1000.4, "Mailbox").
 
-Reading a mailbox empties it, and a message written twice is asked twice. So no frame is repeated
-blindly: the sync managers tell whether a lost frame had reached the slave.
+Reading a mailbox empties it, and a message that is written twice is a second request. So no frame
+is repeated blindly: the sync managers show whether a lost frame had reached the slave.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from .talks import Talk
 T = TypeVar("T")
 
 _TURN_S = 12.0
-"""Seconds that a conversation waits for the conversations before it."""
+"""Most seconds that a conversation waits for the conversations before it."""
 
 _REPEAT_S = 0.1
-"""Seconds a slave has to put a lost message into its mailbox again; some slaves cannot do that."""
+"""Seconds that a slave has to put a lost message into its mailbox again. Some slaves cannot."""
 
 _SHOWN = 16
-"""Bytes of a message in the log."""
+"""Most bytes of a message in the log."""
 
 _SMALL = 512
-"""Most bytes of a mailbox that a conversation running alone reads together with its status again
-and again."""
+"""Most bytes of a mailbox that a conversation that runs alone reads together with its status each
+time."""
 
 _LOOK_S = 0.2
-"""Seconds for which a slave is asked that does not answer at all: a frame may get lost."""
+"""Seconds for which `Mailbox.look` asks a slave that does not answer: a frame may get lost."""
 
 _AL_STATUS = 0x0130
 
@@ -43,7 +43,7 @@ _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE = 0x0800, 16  # SM0 and SM1, which carry the
 _STATUS, _ACTIVATE, _PDI = 5, 6, 7  # registers of a sync manager
 _SM1 = 8
 MAILBOX_IN = _SYNC_MANAGERS + _SM1
-"""Registers of the sync manager that carries messages of the slave."""
+"""First register of the sync manager for messages from the slave."""
 _KIND = 0x0F  # bits of the control register: mode and direction
 _WRITTEN_BY_MASTER, _READ_BY_MASTER = 0x06, 0x02
 _FULL = 0x08
@@ -75,14 +75,14 @@ class Protocol(IntEnum):
 
 
 class _Area(NamedTuple):
-    """Where one half of a mailbox is in the memory of the slave: address, and size in bytes."""
+    """One half of a mailbox in the memory of the slave: address, and size in bytes."""
 
     start: int
     size: int
 
 
 def has_mail(manager: bytes) -> bool:
-    """Whether the registers at `MAILBOX_IN` say that a message of the slave waits."""
+    """Whether a message from the slave waits, by the registers from `MAILBOX_IN` on."""
     return bool(manager[_ACTIVATE] & _ENABLED and manager[_STATUS] & _FULL)
 
 
@@ -91,13 +91,13 @@ class Mailbox:
 
     Args:
         station: Configured station address of the slave.
-        line: State that conversations with the slave share.
-        alone: Whether conversations with other slaves do not share the frames. Then the mailbox is
-            read together with its status the first time, and a small one each time, which saves a
-            frame.
+        line: The state that all conversations with the slave share.
+        alone: Whether no conversations with other slaves run at the same time. Then the mailbox is
+            read together with its status, which saves a frame: a small mailbox each time, a larger
+            one the first time only.
 
     Attributes:
-        skipped: Number of messages that were not the answer that was waited for.
+        skipped: Number of messages that came while waiting for an answer, but were not this answer.
         on_other: Called with protocol and body of each message of another protocol that comes
             instead of the answer.
     """
@@ -110,15 +110,15 @@ class Mailbox:
         self._line = line
         self._managers = b""  # registers of both sync managers, as last read
         self._out = self._in = _Area(0, 0)
-        self._is_free = False  # the half that we write is empty
-        self._has_mail = False  # the half that we read is full
+        self._is_free = False  # the half that the master writes is empty
+        self._has_mail = False  # the half that the master reads is full
         self._deadline = 0.0
 
     def wait_for_turn(self, turn: Turn) -> Talk[None]:
         """Waits until the conversations before `turn` have ended.
 
         Raises:
-            NoAnswerError: They take longer than `_TURN_S`.
+            NoAnswerError: They take longer than `_TURN_S` seconds.
         """
         self._deadline = time.monotonic() + _TURN_S
         while not turn.has_come:
@@ -126,7 +126,7 @@ class Mailbox:
             self._check_time("other requests to it take too long")
 
     def look(self) -> Talk[int | None]:
-        """Reads the AL status of the slave, and its sync managers; None if it does not answer."""
+        """Reads sync managers and AL status; returns the AL status, or None without an answer."""
         deadline = time.monotonic() + _LOOK_S
         while True:
             status, managers = yield [fprd(self._station, _AL_STATUS, 2), self._question]
@@ -138,10 +138,10 @@ class Mailbox:
             yield []
 
     def open(self, least: int) -> Talk[None]:
-        """Reads from the sync managers where the mailbox is.
+        """Reads address and size of the mailbox from the sync managers.
 
         Args:
-            least: Bytes that the mailbox must have in each direction.
+            least: Least number of bytes of the mailbox in each direction.
 
         Raises:
             NoAnswerError: The slave does not answer.
@@ -184,16 +184,19 @@ class Mailbox:
 
         Args:
             protocol: Protocol of the message and its answer.
-            body: What follows the mailbox header.
+            body: The message after the mailbox header.
             take: Decodes the body of a message; returns None if it is not the answer.
-            patience_s: Seconds that the slave has, if that is longer than `Line.answer_s`.
+            patience_s: Seconds that the slave has, if it is longer than `Line.answer_s`.
+
+        Returns:
+            The answer, as `take` has decoded it.
         """
         self._deadline = time.monotonic() + max(patience_s or 0, self._line.answer_s)
         yield from self._write(protocol, body)
         return (yield from self._answer(protocol, take))
 
     def more(self, protocol: Protocol, take: Callable[[bytes], T | None]) -> Talk[T]:
-        """Waits for a further part of an answer.
+        """Waits for a further part of an answer; returns it as decoded by `take`.
 
         Raises:
             NoAnswerError: The slave does not answer.
@@ -203,7 +206,7 @@ class Mailbox:
         return (yield from self._answer(protocol, take))
 
     def collect(self, most: int) -> Talk[list[tuple[int, bytes]]]:
-        """Reads messages that are there already, at most `most`; protocol and body of each.
+        """Reads messages that wait already, at most `most`; returns protocol and body of each.
 
         Raises:
             NoAnswerError: The slave does not answer any more.
@@ -235,14 +238,14 @@ class Mailbox:
                 return taken
             self.skipped += 1
             begin = mail[: HEADER_BYTES + min(length, _SHOWN)].hex(" ")
-            self._tell(f"a message of protocol {kind & 0x0F} that is not the answer: {begin}")
+            self._log(f"a message of protocol {kind & 0x0F} that is not the answer: {begin}")
             self._check_time("it sends other messages")
 
     # --- the mailbox ---------------------------------------------------------------------------
 
     def _write(self, protocol: Protocol, body: bytes) -> Talk[None]:
         mail = _HEADER.pack(len(body), 0, 0, protocol | next(self._line.counter) << 4) + body
-        # In full length: a sync manager hands the message over when its last byte is written.
+        # In full length: the slave gets the message when the last byte of the mailbox is written.
         mail = mail.ljust(self._out.size, b"\0")
         while not self._is_free:
             yield from self._look()
@@ -258,9 +261,9 @@ class Mailbox:
                 yield from self._look()
             if not self._is_free:
                 return  # the message has arrived; only the answer to the datagram got lost
-            self._tell("a message may have got lost, so it is sent again")
-            # Either the message has not arrived, or the slave has already taken it. So it is sent
-            # again: in the second case the slave drops it, since its counter is the same.
+            self._log("a message may have got lost, so it is sent again")
+            # Either the message has not arrived, or the slave has already taken it. In the second
+            # case, the slave drops the repetition, since its counter is the same.
             self._check_time("it does not take messages")
 
     def _read(self) -> Talk[bytes]:
@@ -268,19 +271,19 @@ class Mailbox:
         while True:
             mail = yield from self._fetch()
             if mail is None:
-                self._tell("a message of the slave got lost, so it is asked to repeat it")
+                self._log("a message of the slave got lost, so it is asked to repeat it")
                 yield from self._ask_again()
                 asked_again = True
-            # If the lost frame never reached the slave, the slave repeats the message before.
+            # If the lost frame has not reached the slave, the slave repeats the previous message.
             elif not (asked_again and mail == self._line.last):
                 self._line.last = mail
                 return mail
             self._check_time("its messages get lost")
 
     def _fetch(self) -> Talk[bytes | None]:
-        """Waits for the next message, and reads it; None if it may have been read and then lost."""
+        """Waits for the next message and reads it; returns None if the message may be lost."""
         fetch = fprd(self._station, self._in.start, self._in.size)
-        together = self._alone  # the first time: most slaves have answered by then
+        together = self._alone  # at least the first time: most slaves have answered by then
         while not self._has_mail:
             yield []
             if together:
@@ -304,7 +307,7 @@ class Mailbox:
     def _ask_again(self) -> Talk[None]:
         """Asks the slave to put the lost message into its mailbox again.
 
-        Toggles the repeat bit of sync manager 1, and waits until the slave has followed it.
+        Toggles the repeat bit of sync manager 1, and waits until the slave has acknowledged it.
         """
         limit = min(time.monotonic() + _REPEAT_S, self._deadline)
         managers = yield from self._look()
@@ -324,7 +327,7 @@ class Mailbox:
         return fprd(self._station, _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE)
 
     def _look(self) -> Talk[bytes]:
-        """Reads the registers of both sync managers, again and again until the slave answers."""
+        """Reads the registers of both sync managers; repeats that until the slave answers."""
         while True:
             (answer,) = yield [self._question]
             if answer.wkc == 1:
@@ -338,7 +341,7 @@ class Mailbox:
         self._is_free = not managers[_STATUS] & _FULL
         self._has_mail = bool(managers[_SM1 + _STATUS] & _FULL)
 
-    def _tell(self, text: str) -> None:
+    def _log(self, text: str) -> None:
         self._line.log.debug(f"slave with station address 0x{self._station:04X}: {text}")
 
     def _check_time(self, reason: str) -> None:
@@ -360,7 +363,7 @@ def _area(managers: bytes, number: int, kind: int, least: int) -> _Area:
 
 
 class UnknownProtocolError(StateError):
-    """The slave does not know the protocol of a message."""
+    """The slave does not support the protocol of a message."""
 
 
 def _refused(body: bytes) -> StateError:

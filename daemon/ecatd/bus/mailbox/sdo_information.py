@@ -1,4 +1,4 @@
-"""The SDO information service: a slave tells which objects it has (ETG.1000.6, "CoE").
+"""The SDO information service: descriptions of the objects of a slave (ETG.1000.6, "CoE").
 
 Each request is a part of a conversation with one slave, and needs an open `Coe`.
 """
@@ -18,7 +18,8 @@ _INFO = struct.Struct("<BxH")
 _INFO_MORE = 0x80
 _GET_LIST, _GET_OBJECT, _GET_ENTRY, _INFO_ERROR = 1, 3, 5, 7
 ALL_OBJECTS, OUTPUT_OBJECTS, INPUT_OBJECTS = 1, 2, 3
-"""Lists of objects of the SDO information service: all, and those that RxPDOs or TxPDOs can map."""
+"""Lists of objects of the SDO information service: all objects; those that RxPDOs can map; those
+that TxPDOs can map."""
 _ACCESS_CATEGORY_MAPPING = 0x07  # what an entry description should contain: no values
 _EVERYTHING = 0x7F
 _UNIT, _VALUES = 0x08, (0x10, 0x20, 0x40)  # default, minimum, maximum
@@ -30,8 +31,8 @@ class ObjectDescription(NamedTuple):
     Attributes:
         name: Its name.
         data_type: Its CoE data type index.
-        max_subindex: Its highest subindex; 0: a variable.
-        code: Its object code: 7 variable, 8 array, 9 record.
+        max_subindex: Its highest subindex; 0 for a variable.
+        code: Its object code: 7 for a variable, 8 for an array, 9 for a record.
     """
 
     name: str
@@ -45,9 +46,9 @@ class EntryDescription(NamedTuple):
 
     Attributes:
         name: Its name.
-        data_type: Its CoE data type index; 0: there is no such entry.
+        data_type: Its CoE data type index; 0 if there is no such entry.
         bit_length: Its length in bits.
-        access: Its access rights, as in `DictionaryEntry`, and so with the others.
+        access: Its access rights. This and the further fields are as in `DictionaryEntry`.
     """
 
     name: str
@@ -61,9 +62,12 @@ class EntryDescription(NamedTuple):
 
 
 def list_objects(coe: Coe, tries: int = TRIES_OF_LINE, kind: int = ALL_OBJECTS) -> Talk[list[int]]:
-    """Reads the indices of all objects, or those of another list.
+    """Reads the indices of the objects in a list. Raises as `describe_object`.
 
-    Raises as `describe_object`.
+    Args:
+        coe: CoE of the slave.
+        tries: Number of tries; 0 for `Line.tries`.
+        kind: The list, such as `ALL_OBJECTS`.
     """
 
     def ask() -> Talk[list[int]]:
@@ -79,13 +83,13 @@ def describe_object(coe: Coe, index: int, tries: int = TRIES_OF_LINE) -> Talk[Ob
 
     Args:
         coe: CoE of the slave.
-        index: Its index.
-        tries: How many times to ask; 0: as often as the line of the slave says.
+        index: Index of the object.
+        tries: Number of tries; 0 for `Line.tries`.
 
     Raises:
         SdoAbortError: There is no such object.
         NoAnswerError: The slave does not answer; perhaps it has no SDO information service.
-        StateError: Its answer was malformed, or a mailbox error: it has no such service.
+        StateError: Its answer was malformed, or a mailbox error, as it has no such service.
     """
     wanted = struct.pack("<H", index)
 
@@ -105,10 +109,10 @@ def describe_entry(
 
     Args:
         coe: CoE of the slave.
-        index: Its index.
-        subindex: Its subindex.
+        index: Index of the object.
+        subindex: Subindex of the entry.
         tries: As in `describe_object`.
-        values: Whether to ask for unit, default and limits, too.
+        values: Whether to request unit, default and limits, too.
     """
     address = struct.pack("<HB", index, subindex)
     wanted = address + bytes([_EVERYTHING if values else _ACCESS_CATEGORY_MAPPING])
@@ -132,14 +136,14 @@ def describe_entry(
 
 
 def _ask(coe: Coe, opcode: int, wanted: bytes, begin: bytes, least: int) -> Talk[bytes]:
-    """Asks for information, and returns the answer, joined from its fragments.
+    """Sends a request for information; returns the answer, joined from its fragments.
 
     Args:
         coe: CoE of the slave.
-        opcode: The service; its answer has the next higher opcode.
+        opcode: Opcode of the request; its answer has the next higher opcode.
         wanted: The data of the request.
-        begin: What the data of the answer begins with.
-        least: Bytes that the answer must have.
+        begin: The bytes with which the data of the answer must begin.
+        least: Least number of bytes of the answer.
     """
     body = b""
 

@@ -23,7 +23,7 @@ _OPERATION, _INCOMPLETE, _ERROR, _DRIVE = 0x07, 0x08, 0x10, 5
 SOE_LEAST = HEADER_BYTES + _HEADER.size + 2
 _MOST = 1 << 16
 _PATIENCE_S = 5.0
-"""Seconds for a write; some drives store values in their flash before they answer."""
+"""Seconds for a write. Some drives store values in their flash before they answer."""
 
 
 def read_idn(mailbox: Mailbox, drive: int, number: int) -> Talk[IdnValue]:
@@ -35,7 +35,7 @@ def read_idn(mailbox: Mailbox, drive: int, number: int) -> Talk[IdnValue]:
         number: The IDN.
 
     Raises:
-        StateError: The drive refuses, or its answer is malformed.
+        StateError: The drive refuses the request, or its answer is malformed.
         NoAnswerError: It does not answer.
     """
     basic = Element.NAME | Element.ATTRIBUTE
@@ -45,7 +45,7 @@ def read_idn(mailbox: Mailbox, drive: int, number: int) -> Talk[IdnValue]:
         data = yield from _read(mailbox, drive, number, Element.UNIT)
         _, _, unit, _ = split_elements(data, Element.UNIT)
     except StateError:
-        pass  # commands and lists of IDNs have none
+        pass  # commands and lists of IDNs have no unit
     data = yield from _read(mailbox, drive, number, Element.VALUE)
     if attribute.is_list:
         data = data[4:]
@@ -80,7 +80,7 @@ class _Answer:
         self._number = number
 
     def __call__(self, body: bytes) -> bool | None:
-        """True at the end of the answer, false before that, None for another message."""
+        """Returns whether the answer is complete; None if the message is not part of it."""
         if len(body) < _HEADER.size:
             raise StateError(f"the slave answered with a wrong frame: {len(body)} bytes of SoE")
         head, _, number = _HEADER.unpack_from(body)
@@ -91,7 +91,7 @@ class _Answer:
             code = int.from_bytes(rest[:2], "little")
             raise StateError(f"{idn_text(self._number)}: {soe_error_text(code)}")
         if not head & _INCOMPLETE and number != self._number:
-            return None  # late: it is about another IDN
+            return None  # it is a late answer, about another IDN
         self.data += rest
         if len(self.data) > _MOST:
             raise StateError(f"the drive sends more than {_MOST} bytes")

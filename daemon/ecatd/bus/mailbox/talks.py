@@ -1,10 +1,10 @@
 """Runs conversations with many slaves at the same time.
 
-A slave takes a message, works on it, and answers when it can, so one slave after the other would
-be slow. Here each slave has a conversation of its own: a generator that yields the next accesses to
-the memory of the slave. Each round collects the accesses of all conversations, and packs them into
-as few frames as possible. Accesses that belong together, such as writing a message and reading the
-sync managers after it, share one frame.
+A slave takes a message, works on it, and answers later, so asking one slave after the other would
+be slow. Here each slave has its own conversation: a generator that yields the next accesses to the
+memory of the slave. Each round collects the accesses of all conversations, and packs them into as
+few frames as possible. Accesses that belong together, such as a write of a message and a read of
+the sync managers after it, share a frame.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from ..frames.datagrams import Answer, Datagram, Datagrams
 T = TypeVar("T")
 
 Talk: TypeAlias = Generator[list[Datagram], list[Answer], T]
-"""A conversation with one slave. It yields the datagrams that go to the slave next, in order, and
-is sent their answers; its value is the result. An empty list means that it waits, for the slave or
-for its turn."""
+"""A conversation with one slave. It yields the next datagrams to the slave, in order, and receives
+their answers by `send`. An empty list means that it waits, for the slave or for its turn. Its
+return value is the result."""
 
 _PAUSE_S = 0.0002
 """Seconds between two rounds while all conversations wait."""
 
 _NAMED = 5
-"""How many slaves an error names one by one."""
+"""Most errors in one message."""
 
 _LOOKING = 2
-"""Rounds from one wait to the next of a conversation that looks for an answer in vain."""
+"""Rounds between two waits of a conversation that looks for an answer and finds none."""
 
 
 def talk_all(
@@ -40,12 +40,10 @@ def talk_all(
 ) -> Steps[tuple[dict[int, T], dict[int, EcatError]]]:
     """Runs all conversations at the same time, and yields whenever all of them wait.
 
-    It yields true if slaves have answered since the last time, so that those who ask for the next
-    step need not wait longer and longer.
+    It yields true if slaves have answered since the last time. Then the next step should come soon.
 
     Returns:
-        The results, and the errors of the conversations that failed, both by their number in
-        `talks`.
+        The results, and the errors of the failed conversations, both by their numbers in `talks`.
     """
     found: dict[int, T] = {}
     failed: dict[int, EcatError] = {}
@@ -69,19 +67,19 @@ def talk_all(
             datagrams = [datagram for item in asked.values() for datagram in item]
             rounds += 1
             if not datagrams:
-                yield rounds > _LOOKING  # an answer is read, and the next question follows it
+                yield rounds > _LOOKING  # with more rounds, an answer was read and a request sent
                 rounds = 0
             answers = iter(registers.exchange(datagrams, repeat=False))
             for number, item in asked.items():
                 step(number, list(itertools.islice(answers, len(item))))
     finally:
-        for talk in talks:  # those that have not ended must leave the queues of their slaves
+        for talk in talks:  # unfinished conversations must leave the queues of their slaves
             talk.close()
     return found, failed
 
 
 def talk_alone(registers: Datagrams, talk: Talk[T]) -> Steps[T]:
-    """Runs one conversation; raises what it raises."""
+    """Runs one conversation; returns its result, and raises its errors."""
     found, failed = yield from talk_all(registers, [talk])
     if failed:
         raise failed[0]
@@ -96,16 +94,16 @@ def converse(
     """Runs all conversations at the same time, to their ends; blocks.
 
     Args:
-        registers: The way to the slaves.
+        registers: Access to the registers of the slaves.
         talks: The conversations, each with another slave.
-        cancelled: Called again and again while waiting; when true, `StateError` is raised.
+        cancelled: Called repeatedly while waiting; when it returns true, `StateError` is raised.
 
     Returns:
         The result of each conversation.
 
     Raises:
-        EcatError: Conversations failed; the message gives their errors. The others have run to
-            their ends as well.
+        EcatError: Conversations failed; the message contains their errors. The others have ended
+            normally.
     """
     found, failed = finish(_unless(cancelled, talk_all(registers, talks)), _PAUSE_S)
     if failed:
