@@ -98,12 +98,12 @@ def test_what_slaves_are_told_and_answer(start_daemon: Callable[..., Daemon]) ->
     config = CONFIG + 'start = "debug"\nslaves = "debug"\n' + STARTUP
     daemon = start_daemon("troll", config=config)
     in_order(
-        daemon.log, ["INIT is asked for", "0x6065:00 = 1234 (PS)", "slaves 0-7: OP is reached"]
+        daemon.log, ["INIT is requested", "0x6065:00 = 1234 (PS)", "slaves 0-7: OP is reached"]
     )
     assert details(daemon.log) == ["slaves", "start"]
     before = len(daemon.log)
     daemon.ctl("state", "SAFEOP", "-p", "3")
-    wanted = ["slave 3 (EL2008): a client wants SAFEOP", "slave 3: SAFEOP is asked for"]
+    wanted = ["slave 3 (EL2008): a client wants SAFEOP", "slave 3: SAFEOP is requested"]
     wait_for(lambda: "slave 3: SAFEOP is reached" in daemon.log, daemon)
     in_order(daemon.log[before:], [*wanted, "slave 3: SAFEOP is reached"])
 

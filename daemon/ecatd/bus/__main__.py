@@ -1,12 +1,20 @@
 """The process of the bus server: `python -m ecatd.bus`, started by the service.
 
-Its settings (see `ecatd.service_link`) are `config`, `origins` (where each key of it is written,
-for messages), `interface` and `second_interface` (which may be those of a simulator instead of
-those of the configuration), `runtime_dir`, `namespace_of` (process number of a simulator whose
-network namespace to enter, or 0), `parent` and `log`, the levels of the log in force.
-It tells that it is ready when the bus is in OP, with a line about the bus, which the service logs
-once the gateway answers, too. With `describe` it writes the bus description to stdout instead
-(`ecatd.model.bus_file`), and ends.
+Its settings (see `ecatd.service_link`) are:
+
+- `config`: the configuration;
+- `origins`: where each key of the configuration is written, for messages;
+- `interface`, `second_interface`: the interfaces, which may be those of a simulator instead of
+  those of the configuration;
+- `runtime_dir`: the folder with the folder of the bus;
+- `namespace_of`: process ID of a simulator whose network namespace is entered, or 0;
+- `parent`: process ID of the service;
+- `log`: the levels of the log in force;
+- `describe`: whether the process only writes the bus description to stdout
+  (`ecatd.model.bus_file`), and ends.
+
+The process reports that it is ready when the bus is in OP, with a line about the bus. The service
+logs this line once the gateway answers, too.
 """
 
 from __future__ import annotations
@@ -32,7 +40,7 @@ if TYPE_CHECKING:
 
 
 async def _serve(settings: dict[str, Any], log: Log) -> None:
-    # Imported here: entering a namespace needs a process that has no threads yet.
+    # Not imported earlier, since entering a namespace needs a process without other threads.
     from .control import ControlSocket
     from .server import BusServer
 
@@ -73,7 +81,10 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
 
 
 async def _run_until(stopping: asyncio.Task[Any], *work: Coroutine[Any, Any, None]) -> None:
-    """Runs several things until one of them ends, or fails: a defect, or the service has ended."""
+    """Runs coroutines until `stopping` is done, or one of them ends or fails; raises its error.
+
+    One of them ends because of a defect, or because the service has ended.
+    """
     tasks = [asyncio.create_task(item) for item in work]
     await asyncio.wait((stopping, *tasks), return_when=asyncio.FIRST_COMPLETED)
     ended = [task for task in tasks if task.done()]
@@ -108,7 +119,7 @@ def _describe(settings: dict[str, Any], log: Log) -> None:
 
 
 def main() -> int:
-    """Runs the bus server; the exit code says why it ended."""
+    """Runs the bus server; returns the exit code, which says why it ended."""
     leave_signals_to_the_service()
     settings = read_settings()
     log = Log("ecatd", settings["log"], settings["config"]["bus"])

@@ -1,4 +1,4 @@
-"""The control socket: the gateway sends requests to the bus server, and gets events from it."""
+"""The control socket: over it the gateway sends requests to the bus server, and gets its events."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ class ControlSocket:
         self._clients: set[_Client] = set()
         self._tasks: set[asyncio.Task[None]] = set()
         self._socket: asyncio.Server | None = None
-        # Whoever connects again and again must not fill the log of the bus.
-        self._problems = Batch[str](self._tell_problems)
+        # A client that connects again and again must not fill the log of the bus.
+        self._problems = Batch[str](self._report_problems)
 
     async def open(self, server: BusServer) -> None:
-        """Starts to listen; only this user, root, and the user of the gateway may connect.
+        """Starts listening. Only this user, root, and the user of the gateway may connect.
 
         Raises:
-            UnreachableError: The folder of the bus was removed, for example.
+            UnreachableError: The socket cannot be made, for example as its folder was removed.
         """
         loop = asyncio.get_running_loop()
         # Another daemon of this bus may have removed the folder when it ended.
@@ -70,13 +70,13 @@ class ControlSocket:
             else:
                 client.send(event)
 
-    def _tell_problems(self, problems: list[str], left_out: int) -> None:
+    def _report_problems(self, problems: list[str], left_out: int) -> None:
         others = len(problems) - 1 + left_out
         more = f" (and {others} more like this)" if others else ""
         self._log.warning(f"control socket: {problems[-1]}{more}")
 
     async def close(self) -> None:
-        """Stops to listen and removes the socket."""
+        """Stops listening and removes the socket."""
         if self._socket is None:
             return  # never opened: a socket at this path belongs to another daemon
         self._socket.close()
@@ -94,9 +94,10 @@ class _Client(Connection):
     Args:
         server: Answers its requests.
         clients: All connected clients; this one adds itself.
-        tasks: All requests that are being carried out.
+        tasks: The tasks of all requests that are being carried out.
         log: The log for defects.
-        misbehaves: Called with what is wrong with this client, which has lost its connection.
+        misbehaves: Called when this client loses its connection because it sent something wrong;
+            gets a description of that.
     """
 
     def __init__(
@@ -145,7 +146,7 @@ class _Client(Connection):
         self._go_on()
 
     def pause_writing(self) -> None:
-        """See `asyncio.Protocol`: who does not read the answers gets no more of them."""
+        """See `asyncio.Protocol`. No more requests are taken until the client reads the answers."""
         self._is_read = False
         self.hold()
 
@@ -165,7 +166,7 @@ class _Client(Connection):
         except EcatError as error:
             reply = {"id": identity, "error": error.to_reply()}
         except Exception as error:
-            # The bus must outlive a defect in one answer; the caller hears of it.
+            # A defect in one answer must not stop the bus. The caller gets an error.
             self._log.error(f"defect while answering {message.get('op')!r}: {error!r}")
             reply = {
                 "id": identity,

@@ -18,16 +18,16 @@ _STOP_TIMEOUT = 1.0
 
 
 def describe(config: Config, interface: str, log: Log) -> Bus:
-    """Makes the description that a daemon with this configuration would share.
+    """Returns the description that a daemon with this configuration would share.
 
-    Takes the slaves to PREOP, reads and sets them up as for a run, and takes them back to INIT.
-    There is no shared memory and no exchange, so it does not disturb a daemon that runs a bus of
-    the same name on another interface. SIGTERM ends it early.
+    Brings the slaves to PREOP, reads and sets them up as for a run, and brings them back to INIT.
+    It makes no shared memory and does not start the exchange, so it does not disturb a daemon that
+    runs a bus of the same name on another interface. SIGTERM ends it early.
 
     Args:
         config: The configuration.
         interface: The interface, which may come from the simulator.
-        log: Where steps are told.
+        log: The log for the steps.
 
     Raises:
         EcatError: The bus cannot be read, or SIGTERM came.

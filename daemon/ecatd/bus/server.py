@@ -1,7 +1,7 @@
 """Starts, runs and stops a bus, and answers requests about it.
 
-`start/bring_up.py` brings the bus to OP, and `watch/monitor.py` watches it there. Stopping goes the
-same way back: safe outputs, SAFEOP, INIT, no more frames.
+`start/bring_up.py` brings the bus to OP, and `watch/monitor.py` watches it there. A stop takes the
+steps in the reverse order: safe outputs, SAFEOP, INIT, no more frames.
 """
 
 from __future__ import annotations
@@ -53,19 +53,19 @@ from .watch.monitor import Monitor
 _STOP_CYCLES = 3
 _STOP_TIMEOUT = 1.0
 _SAFE_TIMEOUT = 5.0
-"""Most seconds to wait until safe outputs are sent. SAFEOP follows in any case, where the slaves
-make their outputs safe themselves. A slow domain must not make this wait so long that the service
-kills the process (`service/supervisor.py`)."""
+"""Most seconds to wait until safe outputs are sent. SAFEOP follows in any case, and in SAFEOP the
+slaves make their outputs safe themselves. Even a slow domain must not delay the stop so long that
+the service kills the process (`service/supervisor.py`)."""
 
 _ATTEND_PERIOD = 1.0
 _ATTENDED_MIN = 3
-"""Cycles, at least, for which the engine goes on by itself."""
+"""Fewest cycles for which the engine goes on without a sign from the control side."""
 _SHOWN = 3
-"""Slaves that the status of the service names."""
+"""Most slaves that the status of the service names."""
 
 
 def _nothing() -> None:
-    """What a worker that works has done at once."""
+    """Does nothing. A worker that runs it soon does its work."""
 
 
 class BusServer:
@@ -73,12 +73,12 @@ class BusServer:
 
     Args:
         config: The configuration.
-        in_force: The same as the user has given it, with the origins of its values; what
-            `ReadConfig` answers.
+        in_force: The same configuration as the user has given it, with the origins of its values;
+            the reply to `ReadConfig`.
         interface: The interface, which may come from the simulator instead of the configuration.
         log: The log for events.
         publish: Called with every event, as a map, on the event loop's thread.
-        set_levels: Called with levels of the log that are asked for; the log has them already.
+        set_levels: Called when a request has changed the levels of the log; gets the new levels.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class BusServer:
         return self._up.summary
 
     async def start(self) -> None:
-        """Brings the bus to OP and publishes it.
+        """Brings the bus to OP and publishes its shared memory.
 
         Raises:
             EcatError: The start failed; `stop` cleans up.
@@ -156,11 +156,11 @@ class BusServer:
         return monitor
 
     async def reconfigure(self, config: Config, in_force: dict[str, Any]) -> None:
-        """Takes over what can change while the bus runs; see `model.config.reload`.
+        """Takes over the settings that can change while the bus runs; see `model.config.reload`.
 
         Raises:
             ConfigError: Limits do not fit other values of the configuration; nothing has changed.
-            StateError: They are about a slave that is not there; nothing has changed.
+            StateError: Limits are about a slave that does not exist; nothing has changed.
         """
         up = self._up
         assert up.shared is not None, "asked before the bus was brought up"
@@ -169,7 +169,7 @@ class BusServer:
         assert up.limits is not None
         if config.signal != self._config.signal:
             bus = await asyncio.to_thread(up.limits.check, config)
-            self._tell_held(await self._worker.run(partial(up.limits.use, bus)))
+            self._report_held(await self._worker.run(partial(up.limits.use, bus)))
         if config.mailbox != self._config.mailbox:
             await self._worker.run(partial(up.master.set_share, config.mailbox.share))
         up.engine.set_wkc_limit(config.outputs.wkc_limit)
@@ -182,12 +182,12 @@ class BusServer:
         self._log.set_audit_file(config.audit_file)
         self._events.publish({"event": "configuration", "time_ns": time.time_ns()})
 
-    def _tell_held(self, outputs: list[str]) -> None:
+    def _report_held(self, outputs: list[str]) -> None:
         if outputs:
             one = len(outputs) == 1
             self._log.of("outputs").warning(
                 f"{', '.join(outputs)} {'was beyond its' if one else 'were beyond their'} new "
-                f"limits; the value is the nearer limit now, until one within them is written"
+                f"limits; the value is the nearer limit now, until a value within them is written"
             )
 
     async def monitor(self) -> None:
@@ -195,10 +195,11 @@ class BusServer:
         await self._running.run()
 
     async def attend(self) -> None:
-        """Tells the engine again and again that this side works, until the server stops.
+        """Tells the engine regularly that the control side works, until the server stops.
 
         Raises:
-            StateError: It did not for so long that the engine has made the outputs safe.
+            StateError: The control side was silent for too long, so the engine has made the outputs
+                safe.
         """
         assert self._up.engine is not None, "asked before the bus was brought up"
         cycles = max(_ATTENDED_MIN, round(HANG_S * 1e6 / self._config.cycle_time_us))
@@ -207,12 +208,15 @@ class BusServer:
             if not self._up.engine.attend(cycles):
                 raise StateError(
                     f"the bus server stood still for {HANG_S:g} s, so the engine has made the "
-                    f"outputs safe: the processor was given to others, or this is a defect"
+                    f"outputs safe: other programs took the processor, or this is a defect"
                 )
             await asyncio.sleep(_ATTEND_PERIOD)
 
     async def report(self) -> dict[str, Any]:
-        """What the service asks every second; answers only if the worker does its work."""
+        """Returns the answer to the service's ping, which comes every second.
+
+        It answers only if the worker does its work.
+        """
         await self._worker.run(_nothing)
         rows = [self._state_row(item) for item in self._running.states]
         health = look_at(rows)
@@ -228,10 +232,10 @@ class BusServer:
         return self._monitor
 
     async def answer(self, request: Request) -> dict[str, Any]:
-        """Carries a request out.
+        """Carries out a request; returns the reply.
 
         Raises:
-            EcatError: It cannot be done, or the slave refuses.
+            EcatError: The request cannot be carried out, or the slave refuses it.
         """
         match request:
             case Describe():
@@ -300,7 +304,7 @@ class BusServer:
             self._slave_requests.check_free(None if request.slave is None else chosen[0])
         if request.by:
             whom = "all slaves" if request.slave is None else self.bus.find(request.slave).label
-            self._log.notice(f"{whom}: {request.state.upper()} is asked for by {request.by}")
+            self._log.notice(f"{whom}: {request.state.upper()} was requested by {request.by}")
         await self._running.change(chosen, AlState.parse(request.state))
         return self._state_rows()
 
@@ -323,7 +327,7 @@ class BusServer:
         return self._log_levels()
 
     async def stop(self) -> None:
-        """Takes the bus down in order, also after a start that failed half-way."""
+        """Takes the bus down in order, also after a start that has failed."""
         shared, engine = self._up.shared, self._up.engine
         if shared is not None:
             shared.set_state(shm.BusState.STOPPING)
@@ -337,7 +341,7 @@ class BusServer:
         if self._fault_files is not None:
             await self._fault_files.close()
         await asyncio.to_thread(self._worker.close)
-        self._aborted.clear()  # on the way down slaves are waited for
+        self._aborted.clear()  # taking the bus down has to wait for slaves
         await asyncio.to_thread(self._take_down)
 
     async def _make_safe(self, engine: Engine, shared: SharedMemory) -> None:
@@ -360,11 +364,11 @@ class BusServer:
         up = self._up
         try:
             if up.master is not None and self.bus.slaves:
-                # Slaves that are gone cannot be asked; their watchdog takes care of them.
+                # Slaves that are gone get no request; their watchdogs make their outputs safe.
                 here = {
                     n.position: n.al_state & 0x0F for n in up.master.al_states.read() if n.al_state
                 }
-                # After a start that was refused they are in PREOP: SAFEOP would be a way up.
+                # Only slaves in OP go to SAFEOP. Those of a refused start are in PREOP, below it.
                 in_op = [position for position, state in here.items() if state == AlState.OP]
                 with suppress(StateError):
                     up.leave(AlState.INIT, _STOP_TIMEOUT)

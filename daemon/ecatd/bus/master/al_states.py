@@ -44,9 +44,10 @@ class AlStates:
     Args:
         registers: Access to the registers of many slaves at once.
         stations: Configured station addresses by position.
-        label: Returns what messages call the slave at a position.
-        cancelled: Called while waiting for slaves; when true, waiting ends with `StateError`.
-        log: Where details are told.
+        label: Returns the name of the slave at a position for messages.
+        cancelled: Called while waiting for slaves; when it returns true, waiting ends with
+            `StateError`.
+        log: The log for details.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class AlStates:
         self._log = log
 
     def _write(self, state: int, positions: Iterable[int] | None) -> None:
-        """Writes AL control: of `positions`, or by one broadcast of all slaves if it is None."""
+        """Writes AL control: of the slaves at `positions`, or of all slaves by one broadcast."""
         data = struct.pack("<H", state)
         if positions is None:
             self._registers.exchange([bwr(_AL_CONTROL, data)])
@@ -76,8 +77,9 @@ class AlStates:
     def acknowledge(self, positions: Collection[int]) -> Steps[set[int]]:
         """Acknowledges errors (AL control bit 4), and gives the slaves time to clear them.
 
-        An ESC with device emulation copies AL control to AL status, with the acknowledge bit. That
-        looks like an error without a code. Such a slave is sent its state without the bit.
+        An ESC with device emulation copies AL control to AL status, including the acknowledge bit.
+        That looks like an error without a code. So a slave without a code gets a request for its
+        state without this bit.
 
         Returns:
             The positions of the slaves that had an error. They stay in their states.
@@ -110,7 +112,7 @@ class AlStates:
         for position, answer in enumerate(answers):
             # 0x0132 is reserved.
             state, code = struct.unpack("<H2xH", answer.data) if answer.wkc else (0, 0)
-            if state & _IDENTIFICATION:  # the code is none, but the identification of the slave
+            if state & _IDENTIFICATION:  # it is no code, but the identification of the slave
                 state, code = state & ~_IDENTIFICATION, 0
             states.append(SlaveState(position, state, code))
         return states
@@ -142,7 +144,7 @@ class AlStates:
             now = time.monotonic()
             if now >= ask_again:  # the frame with the request may have been lost
                 self._log.debug(
-                    f"{_slaves(sorted(waiting))}: {state.name} is asked for", slaves=waiting
+                    f"{_slaves(sorted(waiting))}: {state.name} is requested", slaves=waiting
                 )
                 self._write(state, whom)
                 ask_again = now + _ASK_AGAIN
@@ -153,14 +155,14 @@ class AlStates:
             wrong = [item for item in wrong if item not in refused]
             waiting = {item.position for item in wrong}
             if not waiting or now > deadline:
-                self._tell_reached(state, asked, refused + wrong, now - begin)
+                self._log_reached(state, asked, refused + wrong, now - begin)
                 return refused + wrong
             if self._cancelled():
                 raise StateError(f"stopped while slaves were going to {state.name}")
             whom = waiting
             yield
 
-    def _tell_reached(
+    def _log_reached(
         self, state: AlState, asked: list[int], missed: list[SlaveState], seconds: float
     ) -> None:
         late = {item.position for item in missed}
@@ -202,16 +204,16 @@ class AlStates:
         *,
         optional: Collection[int] = (),
     ) -> Steps[None]:
-        """The coroutine of `wait_for`, with the same arguments and errors."""
+        """The steps of `wait_for`, with the same arguments and errors."""
         missed = yield from self.request(state, timeout, positions)
         missed = [item for item in missed if item.position not in optional]
-        # If any slave refused, only those are named: others may just have been waiting for them.
+        # If slaves refused, only these are named: the others may have been waiting for them.
         refused = [item for item in missed if item.al_state & AL_ERROR_FLAG and item.al_code]
         if missed:
             raise StateError(self._missed(refused or missed, state))
 
     def _missed(self, wrong: list[SlaveState], state: AlState) -> str:
-        """Says which slaves do not reach a state; groups those with the same AL status."""
+        """Returns a text about slaves that miss a state, grouped by their AL status."""
         alike: dict[str, list[int]] = {}
         for item in wrong:
             alike.setdefault(item.describe(), []).append(item.position)

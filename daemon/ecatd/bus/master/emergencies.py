@@ -1,4 +1,4 @@
-"""Emergencies of slaves (ETG.1000.6), which they send between other answers."""
+"""Emergencies of slaves (ETG.1000.6), which slaves send between other answers."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ Emergency = tuple[Slave, int, int]
 
 
 def tell_emergencies(log: Log, emergencies: list[Emergency], left_out: int = 0) -> None:
-    """Logs emergencies, and equal ones of a slave in one line.
+    """Logs emergencies; equal emergencies of one slave share a line.
 
     Args:
         log: The log.
         emergencies: The emergencies.
-        left_out: How many more there were that are not in `emergencies`.
+        left_out: The number of further emergencies that are not in `emergencies`.
     """
     if left_out:
         log.warning(f"{left_out} emergencies are left out")

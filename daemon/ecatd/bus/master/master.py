@@ -29,8 +29,8 @@ from .al_states import AlStates
 
 _SYNC_MANAGERS, _ACTIVATE = 0x0800, (0x0806, 0x080E)
 
-_INSIST = 0.5
-"""Seconds for which reads and writes that are not answered are repeated."""
+_REPEAT_S = 0.5
+"""Seconds for which unanswered reads and writes are repeated."""
 
 _PAUSE = 0.001
 """Seconds between two repetitions."""
@@ -39,7 +39,11 @@ T = TypeVar("T")
 
 
 class SilentSlaveError(StateError):
-    """A slave does not answer; `position` says which one."""
+    """A slave does not answer.
+
+    Attributes:
+        position: Position of the slave.
+    """
 
     def __init__(self, message: str, position: int) -> None:
         super().__init__(message)
@@ -52,11 +56,11 @@ class Master:
     Args:
         interfaces: Names of its interfaces: one, or two with cable redundancy.
         cancelled: Called while waiting for slaves; when true, waiting ends with `StateError`.
-        run: 32 bits that tell the master's frames of this run from those of others.
+        run: 32 bits that distinguish the frames of this run from those of other masters.
         share: Share of the cycle's free time that the master's frames may take; see `Relay`.
         priority: SCHED_FIFO priority of the relay, below that of the engine; 0 for none.
-        frame_ring: Takes the frames of the relay.
-        log: Where details are told.
+        frame_ring: The ring that keeps the frames of the relay; None for none.
+        log: The log for details.
 
     Attributes:
         relay: The relay that carries all frames of the master; set by `scan`.
@@ -107,7 +111,7 @@ class Master:
         """Opens a new socket on an interface that went away and came back.
 
         Args:
-            port: 0 first interface, 1 second one.
+            port: 0 for the first interface, 1 for the second.
 
         Raises:
             UnreachableError: The interface is not there.
@@ -123,7 +127,7 @@ class Master:
 
         Args:
             timeout: Seconds that slaves have to reach INIT.
-            may_be_empty: Whether a bus without slaves, and without a carrier, is no error.
+            may_be_empty: Whether a bus without slaves, or without a carrier, is accepted.
 
         Returns:
             Why SOEM's numbers were not used, as a sentence; empty if they were used.
@@ -131,7 +135,7 @@ class Master:
         Raises:
             UnreachableError: No interface has a carrier, or no slave answers.
             NotPermittedError: The process may not use raw sockets.
-            StateError: There are too many slaves, they come and go meanwhile, an EEPROM cannot be
+            StateError: There are too many slaves, slaves come or go meanwhile, an EEPROM cannot be
                 read, or a slave does not reach INIT.
         """
         try:
@@ -168,8 +172,8 @@ class Master:
         """Gives the slaves other positions than those of the scan.
 
         Args:
-            places: By new position, the position of the scan; None for a slave that is absent. It
-                gets a station address of its own, for when it comes.
+            places: For each new position, the position of the scan, or None for an absent slave. An
+                absent slave gets its own station address, too, for the time when it comes.
 
         Raises:
             StateError: There are more slaves than a bus can have.
@@ -221,18 +225,18 @@ class Master:
         positions = range(len(self.stations))
         found = zip(positions, self.read_mailboxes(positions), strict=True)
         wanted = [(position, data) for position, data in found if data]
-        # SOEM has set them up, too, but takes devices of one kind to have equal EEPROMs. Settings
-        # can be changed only while a sync manager is off (ETG.1000.4).
+        # SOEM has set them up already, but it assumes that devices of one kind have equal EEPROMs.
+        # A sync manager must be off while its settings are changed (ETG.1000.4).
         self.write_registers(
             [(position, register, b"\0") for position, _ in wanted for register in _ACTIVATE]
         )
         self.write_registers([(position, _SYNC_MANAGERS, data) for position, data in wanted])
 
     def read_mailboxes(self, positions: Sequence[int]) -> list[bytes]:
-        """Reads from EEPROMs what the registers of sync managers 0 and 1 must be.
+        """Reads the settings of the mailboxes, which are sync managers 0 and 1, from EEPROMs.
 
         Returns:
-            16 bytes for each slave, or none if it has no mailbox.
+            For each slave, 16 bytes for the registers of both; empty if it has no mailbox.
 
         Raises:
             StateError: An EEPROM cannot be read.
@@ -245,13 +249,13 @@ class Master:
         ]
 
     def name(self, position: int) -> str:
-        """The name that SOEM has read for a slave, for messages; empty if SOEM has none."""
+        """Returns the name that SOEM has read for a slave, for messages; empty if it has none."""
         return self._names[position] if position < len(self._names) else ""
 
     def read_eeproms(
         self, decode: Callable[[Words], T], positions: Sequence[int] | None = None
     ) -> list[T]:
-        """Reads SII EEPROMs: of all slaves, or of those at `positions`; see `eeprom.read_eeproms`.
+        """Reads SII EEPROMs of all slaves, or of those at `positions`; see `eeprom.read_eeproms`.
 
         Raises:
             StateError: An EEPROM cannot be read, or `decode` finds it malformed.
@@ -284,7 +288,7 @@ class Master:
         datagrams = [
             fprd(self.stations[position], address, size) for position, address, size in wanted
         ]
-        return self._insist(datagrams, [item[:2] for item in wanted], "a read")
+        return self._repeat(datagrams, [item[:2] for item in wanted], "a read")
 
     def write_registers(self, wanted: Sequence[tuple[int, int, bytes]]) -> None:
         """Writes ESC memory of many slaves, in order; raises as `read_registers`.
@@ -297,22 +301,27 @@ class Master:
         datagrams = [
             fpwr(self.stations[position], address, data) for position, address, data in wanted
         ]
-        self._insist(datagrams, [item[:2] for item in wanted], "a write")
+        self._repeat(datagrams, [item[:2] for item in wanted], "a write")
 
-    def _insist(
+    def _repeat(
         self, datagrams: list[Datagram], where: list[tuple[int, int]], what: str
     ) -> list[bytes]:
-        """Exchanges datagrams, and repeats unanswered ones: a moment's trouble must not end a bus.
+        """Exchanges datagrams, and repeats those without an answer, for `_REPEAT_S` seconds.
+
+        So a short disturbance does not end the bus.
 
         Args:
             datagrams: Reads or writes.
             where: Position and register address of each, for the message.
             what: "a read" or "a write", for the message.
 
+        Returns:
+            The data of each answer, in the order of `datagrams`.
+
         Raises:
             SilentSlaveError: A slave still does not answer.
         """
-        deadline = time.monotonic() + _INSIST
+        deadline = time.monotonic() + _REPEAT_S
         answers = self.registers.exchange(datagrams)
         while silent := [number for number, answer in enumerate(answers) if answer.wkc == 0]:
             if time.monotonic() > deadline:
@@ -335,15 +344,15 @@ class Master:
         self.write_registers([(position, address, data)])
 
     def set_mailbox_timeout(self, position: int, seconds: float) -> None:
-        """Sets how long a slave may take to answer over its mailbox."""
+        """Sets the time that a slave has to answer over its mailbox, in seconds."""
         self._lines[position].answer_s = seconds
 
     def set_mailbox_tries(self, position: int, tries: int) -> None:
-        """Sets how often a slave is asked for an object that it does not answer."""
+        """Sets how many times a slave is asked for an object if it does not answer."""
         self._lines[position].tries = tries
 
     def coe(self, position: int, *, alone: bool = False) -> Coe:
-        """Returns CoE of a slave, for one conversation; `alone` as in `Mailbox`."""
+        """Returns the `Coe` of a slave for one conversation; `alone` as in `Mailbox`."""
         return Coe(position, self.stations[position], self._lines[position], alone=alone)
 
     def _label(self, position: int) -> str:

@@ -1,4 +1,4 @@
-"""Which devices are on the wire now, whatever the start has found."""
+"""Scans which devices are on the wire now, while the bus runs."""
 
 from __future__ import annotations
 
@@ -23,23 +23,25 @@ T = TypeVar("T")
 
 
 def scan_wire(bus: Bus, master: Master, config: Config, *, again: bool) -> list[dict[str, Any]]:
-    """Reads who is on the wire; call it on the worker.
+    """Finds the devices on the wire; call it on the worker.
 
-    The slaves of the bus go on meanwhile. Devices without an address of theirs take no part in it:
-    their EEPROMs are read, and those that have an identification are asked for it.
+    The exchange with the slaves of the bus goes on meanwhile. Devices without a station address of
+    the bus do not belong to it. For these, the EEPROMs are read, and the identifications of those
+    that have one.
 
     Args:
         bus: The bus description.
         master: The master.
-        config: The configuration, which says whom an identification finds.
-        again: Whether the EEPROMs of the slaves with an address of the bus are read, too. They have
-            kept their power, so they are those of the start; but somebody may have written them.
+        config: The configuration, which may identify slaves by their identifications.
+        again: Whether the EEPROMs of the slaves of the bus are read again, too. A device with a
+            station address of the bus has kept its power, so it is the device of the start; but its
+            EEPROM may have been written.
 
     Returns:
-        The devices in the order of the wire, as `ecatd.model.wire` has them.
+        A map for each device, in the order of the wire; see `ecatd.model.wire`.
 
     Raises:
-        WireChangedError: Devices come and go meanwhile.
+        WireChangedError: Devices come or go meanwhile.
     """
     wire = Wire(master.registers)
     stations = [*wire.look()]
@@ -71,7 +73,15 @@ def scan_wire(bus: Bus, master: Master, config: Config, *, again: bool) -> list[
 
 
 def _each(places: Sequence[int], read: Callable[[Sequence[Place]], list[T]]) -> dict[int, T]:
-    """Reads the EEPROMs of devices at once, or one after the other without those that fail."""
+    """Reads the EEPROMs of devices at once, or, if one fails, each alone without those that fail.
+
+    Args:
+        places: The places of the devices.
+        read: Reads the EEPROMs at some places.
+
+    Returns:
+        What `read` returned, by place.
+    """
     try:
         return dict(zip(places, read([*map(Place, places)]), strict=True))
     except StateError:
@@ -84,7 +94,7 @@ def _each(places: Sequence[int], read: Callable[[Sequence[Place]], list[T]]) -> 
 
 
 def _as_written(known: Slave, there: Slave) -> Slave:
-    """A slave of the bus with what its EEPROM says now."""
+    """Returns a slave of the bus with the identity that its EEPROM contains now."""
     same = (known.vendor, known.product) == (there.vendor, there.product)
     return replace(
         known,

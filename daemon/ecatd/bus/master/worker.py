@@ -1,4 +1,4 @@
-"""The worker: the one thread that does all work with slaves that has to wait for them."""
+"""The worker: the one thread that does all work that has to wait for slaves."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from ecatd.model.errors import StateError
 T = TypeVar("T")
 
 _PAUSE = 0.01
-"""Seconds between two steps of waiting work, so that others get their share of the wire."""
+"""Seconds between two steps of waiting work, so that other work gets its share of the wire."""
 
 _TURN = 0.005
-"""Seconds for which a request may occupy the worker while nobody else waits for it."""
+"""Seconds for which a request may occupy the worker while no other work waits for it."""
 _FIRST_PAUSE, _LAST_PAUSE = 0.00005, 0.001
-"""Seconds between two steps within a turn. They grow, so that quick slaves do not have to wait, and
-slow ones are not asked too often."""
+"""First and longest pause in seconds between two steps within a turn. The pauses grow, so that
+quick slaves need not wait, and slow ones are not asked too often."""
 
 _PR_SET_NAME = 15
 _PR_SET_TIMERSLACK = 29
@@ -41,7 +41,7 @@ class _Call(NamedTuple):
 
 
 class Worker:
-    """Runs calls of `Master` one after the other. Use it from the thread of the event loop."""
+    """Runs calls one after the other on a thread. Use it from the thread of the event loop."""
 
     def __init__(self) -> None:
         self._calls: SimpleQueue[_Call | None] = SimpleQueue()
@@ -59,11 +59,11 @@ class Worker:
         return result
 
     async def request(self, steps: Steps[T]) -> T:
-        """Runs the steps of a client's request, with short pauses; raises as `run`."""
+        """Runs the steps of a client's request, with short pauses at first; raises as `run`."""
         return await self._run(steps, _TURN, _FIRST_PAUSE)
 
     async def run_steps(self, steps: Steps[T]) -> T:
-        """Runs steps to their end; other calls pass whenever they wait. Raises as `run`."""
+        """Runs steps to their end; other calls are run whenever the steps wait. Raises as `run`."""
         return await self._run(steps, 0.0, _PAUSE)
 
     async def _run(self, steps: Steps[T], turn: float, pause: float) -> T:
@@ -87,7 +87,7 @@ class Worker:
         return result
 
     def _advance(self, steps: Steps[Any], turn: float) -> Any:
-        """Runs steps until they wait; goes on for at most `turn` seconds while nobody else waits.
+        """Runs steps until they wait; goes on for at most `turn` seconds if no other call waits.
 
         Returns:
             The result of the steps, or `_UNFINISHED`.
@@ -119,14 +119,14 @@ class Worker:
                     _tell(item, partial(_fail, item.result, error))
 
     def close(self) -> None:
-        """Waits for the running call to end, and cancels those that wait."""
+        """Waits for the running call to end, and cancels the waiting ones."""
         self._closed = True
         self._calls.put(None)
         self._thread.join()
 
 
 def _tell(item: _Call, how: Callable[[], object]) -> None:
-    with suppress(RuntimeError):  # its event loop has ended: nobody waits any more
+    with suppress(RuntimeError):  # its event loop has ended, so no code waits for the result
         item.loop.call_soon_threadsafe(how)
 
 
