@@ -126,7 +126,7 @@ def test_differences_count_the_slaves_of_the_wire(start: Start) -> None:
 def test_a_slave_that_comes_back_must_tell_it_again(bench: Bench) -> None:
     daemon = bench.daemon
     for value, condition, text in (
-        (7, "exchanged", "stands one with the identification 7, not 42"),
+        (7, "exchanged", "a device with the identification 7, not 42"),
         (0, "missing", "does not tell its identification, which must be 42"),
     ):
         bench.power(2, on=False)

@@ -1,11 +1,11 @@
 """Gives slaves that are absent at the start their places on the bus.
 
-Positions must not depend on who is there: clients and generated blocks name slaves by them. So an
-absent slave stands where the configuration expects it. Its process data come from a description of
-the complete bus, the file `description` of `[expected]`.
+Positions must not depend on which slaves are present: clients and generated blocks use them to name
+slaves. So an absent slave gets the position at which the configuration expects it. Its process data
+come from a description of the complete bus, the file `description` of `[expected]`.
 
-Optional slaves may be absent. So may others, if the policy tolerates that and the description has
-them; they are differences all the same.
+Optional slaves may be absent. Other slaves may be absent if the policy tolerates it and the
+description has them. They still count as differences.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class Arranged:
 
     Attributes:
         scanned: All slaves by position.
-        found: Position by place on the wire.
-        places: Position by the position in the configuration.
-        missing: Positions of slaves that are absent, and should not be.
+        found: Positions by place on the wire.
+        places: Positions by the position in the configuration.
+        missing: Positions of slaves that are absent, but not optional.
     """
 
     scanned: list[Scanned]
@@ -42,7 +42,7 @@ class Arranged:
 
 
 def may_be_empty(config: Config, description: Bus | None) -> bool:
-    """Whether a bus on which no slave answers can start: all of them may come later."""
+    """Whether the bus can start if no slave answers, because all slaves may come later."""
     later = _coming(
         config, _described(config, description), {item.position for item in config.slave}
     )
@@ -50,9 +50,10 @@ def may_be_empty(config: Config, description: Bus | None) -> bool:
 
 
 def _coming(config: Config, known: Mapping[int, Slave], gone: Collection[int]) -> list[SlaveConfig]:
-    """Missing slaves that are not optional, but that the bus can start without and use later.
+    """Returns missing slaves that are not optional, but without which the bus can start.
 
-    The cycle needs its reference clock from the start on. Without that, no clock is waited for.
+    They are used when they come. The cycle needs its reference clock from the start on. If that is
+    missing, no slave with a clock is among them.
 
     Args:
         config: The configuration.
@@ -79,18 +80,18 @@ def arrange(
     description: Bus | None,
     tell: Callable[[str], None],
 ) -> Arranged:
-    """Numbers the slaves as the configuration expects them, with those that are absent.
+    """Numbers the slaves, including those that are absent, as the configuration expects them.
 
-    Slaves on the wire keep their order. Optional slaves that are found by something else than their
-    place come after all others, so that positions do not depend on where they are plugged in.
+    Slaves on the wire keep their order. Optional slaves that are not identified by their place come
+    after all others, so that positions do not depend on where they are connected.
 
     Args:
         master: The master; its slaves get the new positions.
         scanned: The slaves that were found.
         config: The configuration.
-        comparison: The slaves that were found, compared with the configuration.
-        description: The complete bus; None if it is not known.
-        tell: Called with a warning about each absent slave of which too little is known.
+        comparison: The comparison of the found slaves with the configuration.
+        description: The description of the complete bus; None if there is none.
+        tell: Called with a warning about each absent slave that the description lacks.
 
     Raises:
         StateError: There are too many slaves.
@@ -127,7 +128,7 @@ def arrange(
         item.slave.address = master.stations[position]
     found = [item.slave.position for item in scanned]
     more = len(rows) - len(scanned)
-    places = {  # a place behind the bus, where no slave is, stays behind it
+    places = {  # a place after the end of the bus stays after its end
         wanted: found[place] if place < len(found) else place + more
         for wanted, place in comparison.places.items()
     }
@@ -137,7 +138,7 @@ def arrange(
 
 
 def _behind(wanted: SlaveConfig, comparison: Comparison) -> float:
-    """The place behind which an absent slave is expected, plus a half."""
+    """Returns the place after which an absent slave is expected, plus one half."""
     if wanted.position > POSITION_MAX:
         return math.inf
     before = [n for expected, n in comparison.places.items() if expected < wanted.position]
@@ -145,7 +146,7 @@ def _behind(wanted: SlaveConfig, comparison: Comparison) -> float:
 
 
 def _described(config: Config, bus: Bus | None) -> dict[int, Slave]:
-    """The slaves of the description in its order, by their position in the configuration."""
+    """Returns the slaves of the description, in its order, by position in the configuration."""
     if bus is None:
         return {}
     found = compare(config, bus.slaves)
@@ -154,7 +155,7 @@ def _described(config: Config, bus: Bus | None) -> dict[int, Slave]:
 
 
 def _stand_in(described: Slave, wanted: SlaveConfig) -> Slave:
-    """An absent slave, with what is known of it."""
+    """Returns an absent slave, made from the description and its table."""
     slave = replace(
         deepcopy(described), problems=[], profiles=[], dc_delay_ns=0, sync0_ns=0, sync1_ns=0
     )

@@ -1,7 +1,8 @@
-"""Reads from a slave with CoE which PDOs are assigned now, and the names of their entries.
+"""Reads the assigned PDOs of a slave with CoE, and the names of their entries.
 
-ETG.1000.6: 0x1C12 and 0x1C13 name the assigned PDOs, 0x1600… and 0x1A00… their entries. Names and
-data types come from the SII where it has them, else from the SDO information service.
+ETG.1000.6: objects 0x1C12 and 0x1C13 list the assigned PDOs, objects 0x1600… and 0x1A00… list their
+entries. Names and data types come from the SII if it has them, else from the SDO information
+service.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ T = TypeVar("T")
 INFORMATION = 0x02
 """Bit of the CoE details in the SII: the slave has the SDO information service."""
 ASSIGNMENT = 0x1C10
-"""The assignment of the PDOs of sync manager 0; that of sync manager n is n more."""
+"""Index of the PDO assignment of sync manager 0. That of sync manager n is n higher."""
 _PDOS_MAX, _ENTRIES_MAX = 64, 254
 
 
@@ -63,7 +64,7 @@ class Assignment:
         return self._coe.talk(self.pdos)
 
     def pdos(self) -> Talk[tuple[list[Pdo], list[Pdo]]]:
-        """`read_pdos` as a part of a conversation."""
+        """Reads as `read_pdos`, as a part of a conversation."""
         outputs = yield from self._pdos(USAGE_OUTPUTS)
         return outputs, (yield from self._pdos(USAGE_INPUTS))
 
@@ -112,7 +113,7 @@ class Assignment:
     def _described(
         self, wanted: Iterable[tuple[int, int]]
     ) -> Talk[dict[tuple[int, int], tuple[str, int]]]:
-        """Reads names and data types of entries; leaves out what the slave does not describe."""
+        """Reads names and data types of entries, except those that the slave does not describe."""
         found = {}
         for index, subindex in wanted:
             described = yield from self._describe(index, subindex)
@@ -141,8 +142,8 @@ class Assignment:
     def _ask(self, talk: Talk[T]) -> Talk[T | None]:
         """Runs a request to the SDO information service; returns None if it fails.
 
-        Names are not worth failing the start for. After a request without a good answer, the slave
-        is not asked any more.
+        Missing names must not fail the start. After a request without a valid answer, there are no
+        more such requests to the slave.
         """
         if not self._describes:
             return None
@@ -156,5 +157,5 @@ class Assignment:
 
 
 def _type_by_size(bits: int) -> int:
-    """Guesses a CoE data type from a size: unsigned, BOOLEAN for one bit, 0 for odd sizes."""
+    """Guesses a CoE data type from a size: unsigned, BOOLEAN for one bit, 0 for other sizes."""
     return {1: 0x0001, 8: 0x0005, 16: 0x0006, 32: 0x0007, 64: 0x001B}.get(bits, 0x0000)

@@ -1,8 +1,8 @@
 """Brings a bus up, from an interface to slaves in OP.
 
-The order of the steps matters; it is that of `BringUp.run`: reserve, scan, read, map, exchange
-with safe outputs, synchronise clocks, SAFEOP, OP. Each step stores its results as attributes, and
-uses those of the steps before it.
+The steps must be in the order of `BringUp.run`: reserve, scan, read, map, exchange with safe
+outputs, synchronise clocks, SAFEOP, OP. Each step stores its results as attributes, and uses those
+of the steps before it.
 """
 
 from __future__ import annotations
@@ -37,31 +37,32 @@ from .telling import leave
 from .to_op import MAILBOX_PAUSE_S, ToOp
 from .wire_time import WireTime
 
-_TRIES = 3  # starts, if slaves lose their power while they are read
+_TRIES = 3  # most tries, if slaves lose their power while they are read
 _MIB = 1 << 20
 
 
 class BringUp:
-    """The start of one bus. Its attributes hold what the steps so far have made.
+    """The start of one bus. Its attributes are the results of the steps so far.
 
     Args:
         config: The configuration.
         interface: The interface, which may come from the simulator instead of the configuration.
         log: The log for progress and warnings.
-        cancelled: Called while waiting for slaves; when true, the start ends with `StateError`.
+        cancelled: Called while waiting for slaves; when it returns true, the start ends with
+            `StateError`.
 
     Attributes:
         interfaces: Names of the interfaces: one, or two with cable redundancy.
         bus: The bus description; it has slaves after the step "read".
         shared: The shared memory: made by "reserve", filled by "exchange".
         master: The master, from "scan" on.
-        engine: The cyclic engine, from "exchange" on.
-        wire: How long the frames of a cycle are on the wire, from "map" on.
+        engine: The engine, from "exchange" on.
+        wire: The time that the frames of a cycle take on the wire, from "map" on.
         clocks: The distributed clocks, from "map" on, if the configuration enables them.
         limits: The limits of outputs, which may change, from "exchange" on.
-        config: The configuration; from "map" on, it is about the slaves where they were found.
-        frame_rings: The last frames: `cycle` those of the engine, `control` all others; none if the
-            configuration gives no memory.
+        config: The configuration; from "map" on, it has the positions at which slaves were found.
+        frame_rings: The last frames: those of the engine are in `cycle`, all others in `control`;
+            empty if the configuration gives no memory for them.
         summary: The bus in one line, once it is in OP.
     """
 
@@ -90,10 +91,10 @@ class BringUp:
         """Brings the bus to OP. It blocks, so call it on the worker.
 
         Raises:
-            EcatError: A step failed. What the steps before it have made stays in the attributes.
+            EcatError: A step failed. The results of the steps before it stay in the attributes.
         """
         files = self._read_files()
-        # Reserving comes next: nothing must be done to a bus that another daemon runs.
+        # This reserves the bus, before anything is sent: another daemon may run it.
         self.shared = shared = SharedMemory(self.config.bus)
         if size := self.config.capture.memory_mb * _MIB:
             self.frame_rings = {name: FrameRing(size // 2) for name in RINGS}
@@ -101,7 +102,7 @@ class BringUp:
         engine = self._exchange(shared, found, data)
         self.limits = Limits(found, shared, engine, files.profiles)
         ToOp(found, shared, data.clocks, self._cancelled, self._log).run()
-        engine.restart_counting()  # before OP, working counters could not be complete
+        engine.restart_counting()  # working counters were not complete before OP
         self.summary = self._summarise(found, data)
         return RunningBus(
             self.bus,
@@ -143,21 +144,21 @@ class BringUp:
         return self.bus
 
     def leave(self, state: AlState, timeout_s: float) -> None:
-        """Tells the slaves what they are told on the way down to a state; see `leave`."""
+        """Writes the slaves' parameters for the way down to a state; see `telling.leave`."""
         if self._found is not None:
             steps = leave(self._found.master, self._found.present, state, timeout_s)
             for text in finish(steps, MAILBOX_PAUSE_S):
                 self._log.warning(text)
 
     def _read_files(self) -> Files:
-        """Reads what the configuration names: mistakes show before anything is sent."""
+        """Reads the files that the configuration names, before anything is sent to the bus."""
         files = read_files(self.config)
         for warning in alike_slaves(self.config):
             self._log.warning(warning)
         return files
 
     def _describe(self, files: Files) -> tuple[FoundBus, ProcessData]:
-        """Scans, describes and maps the bus; begins again if slaves lose their power meanwhile."""
+        """Scans, reads and maps the bus; begins again if slaves lose their power meanwhile."""
         tries = 0
         while True:
             tries += 1
@@ -196,7 +197,7 @@ class BringUp:
         )
 
     def _exchange(self, shared: SharedMemory, found: FoundBus, data: ProcessData) -> Engine:
-        """Starts the cyclic exchange with all outputs safe."""
+        """Starts the exchange, with all outputs at their safe values."""
         shared.fill(self.bus, data.image, *leases(self.config))
         self.engine = engine = Engine(
             shared.address,

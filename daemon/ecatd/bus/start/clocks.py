@@ -1,16 +1,16 @@
 """The distributed clocks of a bus (ETG.1000.4): finds them, measures delays, keeps them in step.
 
-Order matters:
+These steps must be in order:
 
-1. In PREOP: `Clocks()`, which checks SYNC signals against their slaves, and `measure`.
+1. In PREOP: `Clocks()`, which checks that the slaves can make their SYNC signals, and `measure`.
 2. The engine starts. It distributes the time of the reference clock in every cycle.
 3. `wait_for_lock`, and then `sync_signals.start`.
 4. SAFEOP, where slaves expect their SYNC signals.
 5. `sync_signals.stop`, when the slaves are back in INIT.
 
-`rejoin` brings the clock of a slave back that was without power.
+`rejoin` brings the clock of a slave in step again after the slave was without power.
 
-Times of a clock are ns since 2000-01-01 00:00 UTC; a clock of 32 bits has their lower half.
+Times of a clock are ns since 2000-01-01 00:00 UTC; a clock of 32 bits has the lower 32 bits.
 """
 
 from __future__ import annotations
@@ -53,21 +53,21 @@ _UNIT_TIME = 0x0918
 
 _EPOCH_NS = 946_684_800_000_000_000  # 2000-01-01, since 1970-01-01
 IN_STEP_NS = 1000
-"""How close the clocks of slaves are to the reference clock before SYNC signals start."""
+"""Largest difference of a slave's clock from the reference clock when SYNC signals start."""
 _STEADY = 3  # reads in a row with all clocks in step
 _POLL = 0.01
 _TRIES = 3
-_ASKED = 8  # slaves that are asked for their time when the reference clock has lost its own
+_ASKED = 8  # slaves whose time is read when the reference clock has lost its time
 _RING_OPEN_NS = 100_000
 """The limit instead of `IN_STEP_NS` while the ring is broken. The time of the reference clock then
 does not reach all slaves; the others follow the engine's estimate of it."""
 
 
 def clock_bits(master: Master) -> dict[int, int]:
-    """Width of the distributed clock of each slave that is there: 64, 32, or 0 if it has none.
+    """Reads the width of the distributed clock of each slave that is there, by position.
 
-    The EEPROM may switch the clock of an ESC off. Register 0x0910 then does not answer, and only
-    the receive times of the ports are left.
+    The width is 64 or 32 bits, or 0 without a clock. The EEPROM may switch off the clock of an ESC.
+    Then register 0x0910 does not answer, and only the receive times of the ports are left.
     """
     features = master.read_registers([(position, _FEATURES, 2) for position in master.wire])
     stations = [master.stations[position] for position in master.wire]
@@ -85,8 +85,8 @@ class Clocks:
     Args:
         bus: The bus; `dc_bits` of its slaves are known.
         config: The configuration.
-        plan: The reference clock and those that follow it.
-        master: Reads and writes registers.
+        plan: The reference clock, and the clocks that follow it.
+        master: The master.
 
     Attributes:
         reference: The slave with the reference clock.
@@ -94,7 +94,7 @@ class Clocks:
         sync_signals: The SYNC signals.
 
     Raises:
-        ConfigError: A slave cannot have the SYNC signals that the configuration wants.
+        ConfigError: A slave cannot make the configured SYNC signals.
     """
 
     def __init__(self, bus: Bus, config: Config, plan: ClockPlan, master: Master) -> None:
@@ -104,13 +104,13 @@ class Clocks:
         self._clocks = [slave for slave in bus.slaves if slave.dc_bits]
         self._measured = set(master.wire)  # positions of the slaves whose delays are known
         self.reference, self.followers = plan.reference, plan.followers
-        # Those that are there, and get the real time, not only an estimate.
-        self._hearing = [s for s in self.followers if s.position in self._measured]
+        # Followers that are there, and get the time of the reference clock, not only an estimate.
+        self._in_reach = [s for s in self.followers if s.position in self._measured]
         self.sync_signals = SyncSignals(bus, config, master)
 
     @property
     def engine_clock(self) -> Clock:
-        """The reference clock as the engine needs it."""
+        """The settings of the reference clock for the engine."""
         dc, slave = self._config.dc, self.reference
         return Clock(
             slave.address, slave.position, round(dc.phase_us * 1000), round(dc.lock_us * 1000)
@@ -122,7 +122,7 @@ class Clocks:
         """Measures the propagation delays, and sets all clocks to the time of the reference clock.
 
         Raises:
-            StateError: The measurement makes no sense, or a slave does not answer.
+            StateError: The measured times contradict each other, or a slave does not answer.
         """
         with self._ring_open():
             times, now = self._latch()
@@ -131,12 +131,12 @@ class Clocks:
         units = self._read([(slave.position, _UNIT_TIME, slave.dc_bits // 8) for slave in here])
         writes = []
         for slave, then in zip(here, units, strict=True):
-            # The frame came to this clock later than to the reference clock, by the delay.
+            # The frame reached this clock later than the reference clock, by the delay.
             delay = round((times[slave.position] or 0.0) - origin)
             offset = (now + delay - then) % (1 << slave.dc_bits)
             # A clock before the reference clock does not follow it: its delay does not matter.
             writes.append((slave.position, OFFSET, struct.pack("<QI", offset, max(0, delay))))
-            # Resets the control loop of the clock, which may still have learnt from another master.
+            # Resets the control loop of the clock, which may still follow an earlier master.
             writes.append((slave.position, SPEED_START, struct.pack("<H", SPEED_START_DEFAULT)))
         self._master.write_registers(writes)
         delays = self._read([(slave.position, DELAY, 4) for slave in here])
@@ -144,12 +144,12 @@ class Clocks:
             slave.dc_delay_ns = delay
 
     def _measure_again(self, slaves: Collection[Slave], shared: SharedMemory) -> None:
-        """Measures the delays again if optional slaves are among those that have come back.
+        """Measures the delays again if there are optional slaves among those that have come back.
 
-        They lie on the way to the slaves behind them, so the delays of all slaves that are there
-        are measured. With a second interface nothing is measured, because the ring would have to be
-        opened for that. Known delays then stay, and a new slave gets the largest delay of the
-        slaves before it.
+        They are on the way to the slaves after them, so the delays of all slaves that are there are
+        measured. With a second interface nothing is measured, because the ring would have to be
+        opened for it. Then known delays stay, and a new slave gets the largest delay of the slaves
+        before it.
         """
         new = [slave for slave in slaves if slave.position not in self._measured]
         self._measured.update(slave.position for slave in new)
@@ -171,11 +171,11 @@ class Clocks:
 
     @contextmanager
     def _ring_open(self) -> Iterator[None]:
-        """Opens a closed ring for the block, so that frames come back the way they went.
+        """Opens a closed ring during the block, so that frames go back by the way they came.
 
-        Delays are measured from when a frame passes a slave on its way out and on its way back. In
-        a closed ring it leaves by the second interface and does not come back. So the last slave
-        closes the port that leads there (DL control, ETG.1000.4).
+        Delays are measured by the times at which a frame passes a slave on its way out and on its
+        way back. In a closed ring, the frame does not come back but goes on to the second
+        interface. So the last slave closes the port that leads there (DL control, ETG.1000.4).
         """
         ports = self._ports() if self._config.second_interface else []
         end = way_out(ports) if reached(ports) == len(ports) else None
@@ -193,20 +193,20 @@ class Clocks:
             self._master.register_write(position, _LOOP_CONTROL, control)
 
     def _latch(self) -> tuple[dict[int, float | None], int]:
-        """Sends the frame whose way is measured (a write to 0x0900).
+        """Sends the frame whose times of arrival are measured (a write to 0x0900).
 
         Returns:
-            The frame's time of arrival at each slave that is there, by position, as `arrivals`, and
-            the computer's time in ns since 2000.
+            The times of arrival at the slaves that are there, by position (see `arrivals`), and the
+            computer's time in ns since 2000.
 
         Raises:
-            StateError: Frames get lost, or the times make no sense.
+            StateError: Frames get lost, or the times contradict each other.
         """
         for tries_left in reversed(range(_TRIES)):
             (latch,) = self._master.registers.exchange([bwr(_PORT_TIMES, bytes(4))], repeat=False)
             now = time.time_ns() - _EPOCH_NS
             try:
-                if latch.wkc:  # else it was lost, and some slaves did not see it return
+                if latch.wkc:  # else the frame was lost, so some slaves did not see it come back
                     return self._arrivals(), now
             except StateError as error:
                 if tries_left == 0:
@@ -214,7 +214,7 @@ class Clocks:
         raise StateError("propagation delays cannot be measured: frames get lost")
 
     def _arrivals(self) -> dict[int, float | None]:
-        """Returns when the frame came to each slave; a broken ring counts as if it were closed."""
+        """Returns the frame's time of arrival at each slave; a broken ring counts as closed."""
         ports = self._ports()
         addresses = self._read_places([*range(len(ports))], _STATION_ADDRESS, 2)
         positions = {slave.address: slave.position for slave in self._bus.slaves}
@@ -223,15 +223,15 @@ class Clocks:
         if count == len(ports) or not self._config.second_interface:
             return dict(zip(wire, arrivals(ports), strict=True))
         near = self.reference.position in wire[:count]
-        self._hearing = [
+        self._in_reach = [
             s for s in self.followers if s.position in wire and (s.position in wire[:count]) == near
         ]
         return dict(zip(wire, arrivals_at_both_ends(ports, count), strict=True))
 
     def _ports(self) -> list[Ports]:
-        """Reads which ports of each slave have a link, and their receive times if it has any.
+        """Reads the ports with a link of each device, and their receive times if it has any.
 
-        In the order of the wire, also of slaves that are strangers.
+        The devices are in the order of the wire, including those that do not belong to the bus.
         """
         (all_,) = self._master.registers.exchange([brd(_DL_STATUS, 2)])
         places = range(all_.wkc)
@@ -245,7 +245,7 @@ class Clocks:
         return [Ports.with_status(status[place], times.get(place)) for place in places]
 
     def _read_places(self, places: Sequence[int], register: int, size: int) -> list[bytes]:
-        """Reads a register of slaves on the wire.
+        """Reads a register of the slaves at some places.
 
         Raises:
             StateError: A slave does not answer.
@@ -259,15 +259,16 @@ class Clocks:
         raise StateError("slaves come and go meanwhile")
 
     def _read(self, wanted: list[tuple[int, int, int]]) -> list[int]:
-        """Reads numbers in registers; `wanted` has position, address and bytes of each."""
+        """Reads numbers from registers; `wanted` has position, address and bytes of each."""
         return [number(data) for data in self._master.read_registers(wanted)]
 
     # --- lock ----------------------------------------------------------------------------------
 
     def differences(self) -> dict[int, int]:
-        """How far the followers are ahead of the reference clock, in ns (0x092C), by position.
+        """Reads the times in ns by which followers are ahead of the reference clock (0x092C).
 
-        Slaves that do not answer are left out.
+        Returns:
+            The times by position, without the slaves that do not answer.
         """
         stations = [slave.address for slave in self.followers]
         answers = self._master.registers.read_all(stations, DIFFERENCE, 4)
@@ -284,11 +285,11 @@ class Clocks:
 
         Args:
             shared: The shared memory, where the engine publishes the state of its lock.
-            cancelled: Called while waiting; when true, the wait ends with `StateError`.
+            cancelled: Called while waiting; when it returns true, the wait ends with `StateError`.
             lost: Positions of slaves that are not there any more.
 
         Returns:
-            Seconds that it took.
+            The time that it took, in seconds.
 
         Raises:
             StateError: It takes longer than `dc.timeout_s`; the message has the figures.
@@ -299,7 +300,7 @@ class Clocks:
             differences = self.differences()
             in_step = all(
                 abs(differences.get(slave.position, IN_STEP_NS + 1)) <= IN_STEP_NS
-                for slave in self._hearing
+                for slave in self._in_reach
                 if slave.position not in lost
             )
             steady = steady + 1 if locked and in_step else 0
@@ -316,7 +317,7 @@ class Clocks:
         health, dc = shared.health, self._config.dc
         text = f"distributed clocks are not in step after {dc.timeout_s:g} s: "
         if health.dc_time_ns == 0:
-            return f"{text}the reference clock, {self.reference.label}, tells no time"
+            return f"{text}the time of the reference clock, {self.reference.label}, cannot be read"
         text += (
             f"the cycle is {'' if locked else 'not locked, '}{health.dc_offset_ns / 1000:.1f} µs "
             f"from the reference clock, {self.reference.label}, whose rate differs from this "
@@ -345,12 +346,12 @@ class Clocks:
     def restart_reference(self, place: Place) -> None:
         """Sets the time of a reference clock that was without power.
 
-        Call it before the slave gets its address back, since the cycle follows the clock from then
-        on. The clock takes the time of the other clocks, so that their SYNC signals stay where
-        they were. If none of them has kept its time, it takes that of this computer.
+        Call it before the slave gets its station address back, since the cycle follows the clock
+        from then on. The clock is set to the time of the other clocks, so that their SYNC pulses
+        keep their times. If none of them has kept its time, it is set to that of this computer.
 
         Args:
-            place: Its position on the wire.
+            place: The place of the slave on the wire.
         """
         registers, reference = self._master.registers, self.reference
         others = [Station(slave.address) for slave in self.followers]
@@ -377,11 +378,11 @@ class Clocks:
     def rejoin(self, positions: Iterable[int], shared: SharedMemory) -> Steps[dict[int, str]]:
         """Brings restarted clocks in step again, and starts their SYNC signals.
 
-        Slaves that must be there are at their old places, so the delays measured at the start still
-        hold. With optional ones, they are measured again.
+        Slaves that are not optional are at their old places, so the delays from the start are still
+        right. If there are optional slaves among them, delays are measured again.
 
         Returns:
-            By position, why the clock of a slave does not come in step.
+            By position, why a clock does not come in step, or why SYNC signals do not start.
         """
         chosen = [slave for slave in self._clocks if slave.position in set(positions)]
         failed: dict[int, str] = {}
@@ -393,7 +394,7 @@ class Clocks:
                     f"{self.reference.label}"
                 )
             yield
-        # Only slaves with SYNC signals wait: the others may come in step while they are in OP.
+        # Only slaves with SYNC signals must wait: the others may come in step while they are in OP.
         waiting = {slave.position for slave in chosen if self.sync_signals.has(slave.position)}
         waiting -= set(failed)
         deadline = time.monotonic() + self._config.dc.timeout_s
@@ -405,7 +406,7 @@ class Clocks:
         return failed
 
     def _out_of_step(self, positions: set[int], shared: SharedMemory) -> set[int]:
-        """Those whose clocks are not in step; all of them while the cycle is not locked."""
+        """Returns the slaves whose clocks are not in step; all while the cycle is not locked."""
         if not positions or shared.health.dc_state != DcState.LOCKED:
             return positions
         limit = _RING_OPEN_NS if shared.health.ring == Ring.OPEN else IN_STEP_NS
@@ -413,7 +414,10 @@ class Clocks:
         return {p for p in positions if abs(differences.get(p, limit + 1)) > limit}
 
     def _set_time(self, slave: Slave) -> bool:
-        """Sets a clock by the reference clock, read in the same frame; False without an answer."""
+        """Sets a clock by the reference clock; returns False without an answer from both.
+
+        Both clocks are read in the same frame.
+        """
         registers = self._master.registers
         at, size = Station(slave.address), slave.dc_bits // 8
         registers.exchange([at.write(OFFSET, struct.pack("<QI", 0, slave.dc_delay_ns))])

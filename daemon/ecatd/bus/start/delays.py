@@ -1,12 +1,12 @@
-"""Propagation delays: how long after the first slave a frame comes to each of the others.
+"""Propagation delays: the times from a frame's arrival at the first slave to that at each slave.
 
-A write to register 0x0900 makes every slave store, by its local clock, when that frame came to
-each of its ports (ETG.1000.4, "DC - receive time port"). The difference between two ports of one
-slave is the time that the frame spent behind the earlier port. A part of it passed within the
-slaves there, which know it from their own times. The rest passed on cables and in forwarding, and
-is taken to be the same on the way out and on the way back.
+A write to register 0x0900 makes every slave store the local times at which this frame arrived at
+its ports (ETG.1000.4, "DC - receive time port"). The difference between two ports of a slave is
+the time that the frame spent beyond the earlier port. A part of it was spent within the slaves
+there, as their own times show. The rest was spent on cables and in forwarding. It is assumed to be
+equal on the way out and on the way back.
 
-Which slave is plugged in at which port is what `frames/topology.py` finds out.
+`frames/topology.py` finds the slave at each port.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from ecatd.model.errors import StateError
 from ..frames.topology import LONGEST_NS, Node, Ports, tree
 
 _ROUNDING_NS = 1000
-"""How far the times of different clocks may contradict each other."""
+"""Largest accepted contradiction between the times of different clocks."""
 
 
 def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
-    """Computes when the frame came to each slave, in ns after the first slave with receive times.
+    """Computes the frame's arrival at each slave, in ns after the first slave with receive times.
 
     Args:
-        slaves: All slaves in the order in which the frame comes to them.
+        slaves: All slaves in the order in which the frame reaches them.
 
     Returns:
-        A time for each slave; None for slaves without receive times. Where such slaves are on the
-        way, all cables there are taken to be equally long. If branches part before the first slave
-        with receive times, the cables between them cannot be measured, and count as 0.
+        A time for each slave, or None for slaves without receive times. All cables on the way past
+        such slaves are assumed to be equally long. If the wire branches before the first slave with
+        receive times, the cables between the branches cannot be measured, and count as 0.
 
     Raises:
         StateError: Links or times contradict each other.
@@ -42,7 +42,7 @@ def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
         walk.visit(0)
         for position, _, dwell in walk.met:
             found[position] = dwell
-    for position, node in enumerate(nodes):  # slaves behind a slave come after it in the list
+    for position, node in enumerate(nodes):  # slaves beyond a slave come after it in the list
         here = found[position]
         if here is None:
             continue
@@ -53,8 +53,8 @@ def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
             spent = node.between(passed, port)
             if spent > LONGEST_NS or spent < walk.dwell - _ROUNDING_NS:
                 raise StateError(
-                    f"the receive times do not fit: by slave {position}, a frame took {spent} ns "
-                    f"from its port {passed} to its port {port}; the slaves in between need "
+                    f"the receive times do not fit: a frame took {spent} ns from port {passed} of "
+                    f"slave {position} to its port {port}, but the slaves in between need "
                     f"{walk.dwell} ns: is a link unreliable, or are two masters at work?"
                 )
             one_way = max(0, spent - walk.dwell) / walk.hops
@@ -66,13 +66,13 @@ def arrivals(slaves: Sequence[Ports]) -> list[float | None]:
 
 
 def arrivals_at_both_ends(slaves: Sequence[Ports], count: int) -> list[float | None]:
-    """Computes `arrivals` for a ring that is broken behind `count` slaves, as if it were whole.
+    """Computes `arrivals` for a ring that is broken after `count` slaves, as if it were closed.
 
-    The slaves behind the break see another copy of the frame, from the other end. The length of
-    the broken cable is unknown: it is taken to be the average of the others.
+    The slaves after the break get another copy of the frame, from the other end. The length of the
+    broken cable is unknown, and assumed to be the average of the others.
 
     Raises:
-        StateError: As `arrivals`; also if the slaves behind the break are not in a line.
+        StateError: As `arrivals`; also if the slaves after the break are not in a line.
     """
     front, back = arrivals(slaves[:count]), arrivals(slaves[count:][::-1])[::-1]
     known = [position for position, time in enumerate(front + back) if time is not None]
@@ -85,11 +85,11 @@ def arrivals_at_both_ends(slaves: Sequence[Ports], count: int) -> list[float | N
 
 
 class _Walk:
-    """The frame's way from a port of a slave to the slaves plugged in there, and back.
+    """The frame's way from a port of a slave to the slaves connected there, and back.
 
     Attributes:
-        met: The nearest slaves with receive times: position, number of cables passed before it,
-            and time in ns spent within slaves met before it.
+        met: The nearest slaves with receive times. For each: its position, the number of cables
+            passed before it, and the time in ns spent before it within other slaves of `met`.
         hops: Number of cables passed on the whole way, out and back.
         dwell: Time in ns spent within slaves with receive times on the whole way.
     """
@@ -101,7 +101,7 @@ class _Walk:
         self.dwell = 0
 
     def visit(self, position: int) -> None:
-        """Follows the frame over a cable to a slave, through what is behind it, and back."""
+        """Follows the frame over a cable to a slave, through the slaves beyond it, and back."""
         node = self._nodes[position]
         self.hops += 1
         if node.times is not None:

@@ -1,11 +1,10 @@
 """Decides how to use slaves whose process data are in doubt.
 
-Doubtful are slaves with CoE whose mailbox does not answer or answers with nonsense, slaves with a
-damaged EEPROM, which may describe a part of the process data only, and slaves that are not those
-that the configuration expects. A doubtful slave must not keep
-the others from OP. If some of its process data are known, and it reaches SAFEOP with them, it is
-used. Otherwise it stays in PREOP and takes no part in the exchange: in OP it would look like a
-slave that has no process data.
+These are slaves with CoE whose mailbox does not answer or answers with nonsense, slaves with a
+damaged EEPROM, which may describe only a part of the process data, and slaves other than the
+expected ones. A doubtful slave must not keep the others from OP. If some of its process data are
+known, and it reaches SAFEOP with them, it is used. Otherwise it stays in PREOP and takes no part in
+the exchange: in OP it would look like a slave without process data.
 """
 
 from __future__ import annotations
@@ -24,16 +23,16 @@ from ..master.master import Master
 from .mapping import Scanned, configure
 
 _STAYS = "stays in PREOP and takes no part"
-_TOLD = 3  # problems of an EEPROM in one message
+_NAMED = 3  # most problems of an EEPROM in one message
 
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Why the process data of a slave are in doubt.
+    """The reason why the process data of a slave are in doubt.
 
     Attributes:
         word: `SILENT`, `DAMAGED` or `UNEXPECTED`.
-        text: The reason and what was done, for messages.
+        text: The reason and the consequence, for messages.
     """
 
     word: str
@@ -47,12 +46,12 @@ def settle(
     timeout_s: float,
     tell: Callable[[str], None],
 ) -> dict[int, Doubt]:
-    """Tries doubtful slaves in SAFEOP, and decides which of them are used. All are in PREOP.
+    """Tries doubtful slaves in SAFEOP, and decides which of them are used. All must be in PREOP.
 
     Args:
         master: The master.
         scanned: All slaves. Doubtful slaves that are not used lose their process data here.
-        unexpected: Why slaves are not the expected ones, by position; they are not used.
+        unexpected: By position, why a slave is not the expected one. These slaves are not used.
         timeout_s: Seconds that slaves have to reach a state.
         tell: Called with a warning about each other doubtful slave, and about each EEPROM with
             lesser mistakes.
@@ -102,7 +101,7 @@ def _doubt(item: Scanned, *, used: bool, why: str) -> Doubt:
         text = "is used with the process data of its EEPROM, and its objects cannot be reached"
         if not used:
             nothing = "its EEPROM describes no process data"
-            if item.settings.is_told:  # then it has other process data than those of its EEPROM
+            if item.settings.is_told:  # its configuration changes the process data of its EEPROM
                 nothing = "it cannot be told its configuration"
             text = f"{_STAYS}: {why or nothing}"
         did = "answered with nonsense" if item.nonsense else "did not answer"
@@ -118,9 +117,9 @@ def _doubt(item: Scanned, *, used: bool, why: str) -> Doubt:
 
 
 def _problems(slave: Slave) -> str:
-    """The first problems of an EEPROM, and how many more there are."""
-    text = "; ".join(slave.problems[:_TOLD])
-    more = len(slave.problems) - _TOLD
+    """Returns a text with the first problems of an EEPROM, and the number of further ones."""
+    text = "; ".join(slave.problems[:_NAMED])
+    more = len(slave.problems) - _NAMED
     return f"{text}; and {more} more (`ecatctl slaves --json` lists all)" if more > 0 else text
 
 
@@ -131,7 +130,7 @@ def _name(slave: Slave) -> str:
 
 
 def _try(master: Master, items: Sequence[Scanned], timeout_s: float) -> Steps[dict[int, str]]:
-    """Takes slaves to SAFEOP with their process data, and back to PREOP.
+    """Brings slaves to SAFEOP with their process data, and back to PREOP.
 
     Returns:
         By position, why a slave does not reach SAFEOP.

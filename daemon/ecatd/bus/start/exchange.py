@@ -1,4 +1,4 @@
-"""Starts the cyclic exchange, with all outputs at their safe values."""
+"""Starts the exchange, with all outputs at their safe values."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .process_data import ProcessData
 
 
 def leases(config: Config) -> tuple[int, int]:
-    """The shortest and the longest lease, in ns."""
+    """Returns the shortest and the longest lease, in ns."""
     longest = config.outputs.lease_max_ms * 1_000_000
     return min(config.outputs.lease_cycles * config.cycle_time_us * 1000, longest), longest
 
@@ -23,14 +23,14 @@ def leases(config: Config) -> tuple[int, int]:
 def start_exchange(
     engine: Engine, shared: SharedMemory, data: ProcessData, config: Config, log: Log
 ) -> None:
-    """Gives the engine all that it needs, and starts it.
+    """Configures the engine and starts it.
 
     Args:
         engine: The engine.
-        shared: The shared memory, filled.
-        data: What is exchanged.
+        shared: The shared memory, filled already.
+        data: The process data.
         config: The configuration.
-        log: Where settings that were refused are told.
+        log: The log for refused real-time settings.
     """
     for domain in data.image.domains:
         engine.add_domain(domain)
@@ -50,11 +50,11 @@ def start_exchange(
         )
     )
     shared.set_grants(grants)
-    _tell_grants(grants, log)
+    _warn_of_refusals(grants, log)
 
 
 def _guard(engine: Engine, shared: SharedMemory, applied: Applied) -> None:
-    """Gives the engine the safe values and copies, and how drives are stopped."""
+    """Gives the engine the safe values, the stops of drives, and the copies."""
     rows = enumerate(shared.signals[: shared.header.signal_count])
     numbers = {(row.slave, row.index, row.subindex, row.output): number for number, row in rows}
     for position, (value, hold) in applied.safe.images.items():
@@ -76,7 +76,7 @@ def _guard(engine: Engine, shared: SharedMemory, applied: Applied) -> None:
         )
 
 
-def _tell_grants(grants: list[Grant], log: Log) -> None:
+def _warn_of_refusals(grants: list[Grant], log: Log) -> None:
     for grant in grants:
         if grant.error:
             words = SETTINGS[grant.setting]

@@ -1,4 +1,4 @@
-"""Compares the slaves that were found with the expected ones, and gives them their positions."""
+"""Compares the found slaves with the expected ones, and gives them their positions."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from .mapping import Scanned
 def follow_expectation(
     found: FoundBus, scanned: Sequence[Scanned], description: Bus | None, log: Log
 ) -> dict[int, str]:
-    """Gives the slaves their positions; from then on, the configuration is about these.
+    """Gives the slaves their positions, and changes the configuration to these positions.
 
     Args:
-        found: Gets the slaves by position, those that are absent, and the differences.
+        found: Gets the slaves by position, including absent ones, and the differences.
         scanned: The slaves, numbered as on the wire.
-        description: The complete bus; None if it is not known.
-        log: Where differences are told.
+        description: The description of the complete bus; None if there is none.
+        log: The log for differences.
 
     Returns:
         By position, why a slave is not the expected one.
@@ -40,7 +40,7 @@ def follow_expectation(
     wire = [item.slave for item in scanned]
     found.expectation = Expectation(found.config, wire, comparison.differences, positions)
     found.config = found.config.moved(positions)
-    # Nor must the slaves that are still missing count in the working counters of the others.
+    # Missing slaves count as optional, so that the others have working counters of their own.
     found.awaited = arranged.missing
     found.config.slave = [
         replace(item, optional=item.optional or item.position in found.awaited)
@@ -53,7 +53,7 @@ def _compare(found: FoundBus, scanned: Sequence[Scanned], log: Log) -> Compariso
     comparison = compare(found.config, [item.slave for item in scanned])
     strict = [item for item in comparison.differences if item.strict]
     for item in comparison.differences:
-        if item not in strict[:1]:  # with which the start ends
+        if item not in strict[:1]:  # the first one is in the error below
             tell = log.error if item.strict else log.warning
             tell(f"bus not as expected: {item.text}", "expected_bus")
     if strict:

@@ -1,4 +1,4 @@
-"""The slaves of one try to start a bus, and what its steps have found out about them."""
+"""The slaves of one try to start a bus, with the results of its steps."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from .mapping import Scanned
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What the configuration expects, and how the bus of the start differs from it.
+    """The bus that the configuration expects, and its differences from the bus of the start.
 
     Attributes:
-        config: The configuration, about the slaves where it expects them.
+        config: The configuration, with the positions that it expects.
         wire: The slaves of the start in the order of the wire.
-        differences: The differences, about places on this wire.
-        positions: Where the expected slaves are on the bus, by position in the configuration.
+        differences: The differences, with places on this wire.
+        positions: Positions of the expected slaves on the bus, by position in the configuration.
     """
 
     config: Config
@@ -34,21 +34,21 @@ class Expectation:
 
 @dataclass(slots=True)
 class FoundBus:
-    """What is known of the slaves; the steps of the start add to it.
+    """The results of the steps of the start so far.
 
     Attributes:
         bus: The bus description; it has slaves once all of them have been read.
         master: The master.
-        config: The configuration; once the slaves are compared, it is about them where they were
-            found.
-        scanned: All slaves by position, also optional ones that are absent.
-        expectation: How the bus differs from the expected one; set when the slaves are compared.
-        doubtful: Slaves whose process data are in doubt, by position, and why.
+        config: The configuration. Once the slaves have been compared, it has the positions at which
+            they were found.
+        scanned: All slaves by position, including optional slaves that are absent.
+        expectation: The expected bus, and the differences; set when the slaves are compared.
+        doubtful: Slaves whose process data are in doubt, by position, and the reasons.
         mailboxes: See `set_up.read_mailboxes`.
         ends: See `matching.branch_ends`.
         lost: Positions of slaves that have lost their power or cable since they were read.
-        awaited: Positions of slaves that are not optional, but were missing when they were looked
-            for, and are used when they come.
+        awaited: Positions of slaves that are not optional, but were missing, and are used when they
+            come.
     """
 
     bus: Bus
@@ -64,7 +64,7 @@ class FoundBus:
 
     @property
     def absent(self) -> set[int]:
-        """Positions of the optional slaves that are not there."""
+        """Positions of the optional slaves that are absent."""
         return {
             item.slave.position
             for item in self.scanned
@@ -73,7 +73,7 @@ class FoundBus:
 
     @property
     def missing(self) -> set[int]:
-        """Positions of the other slaves that are not there."""
+        """Positions of the other slaves that are absent."""
         return (self.lost | self.awaited) - self.absent
 
     @property
@@ -90,26 +90,26 @@ class FoundBus:
         return [n for n in self.doubtful if not (slaves[n].outputs or slaves[n].inputs)]
 
     def must_be_there(self, position: int) -> bool:
-        """Whether the bus must not start without a slave."""
+        """Whether the bus must not start without the slave at a position."""
         settings = self.config.settings_of(position)
         return not settings.optional and self.config.policy_of(settings) == STRICT
 
     def labels(self, positions: Iterable[int]) -> str:
-        """How messages name slaves, also before they have been read."""
+        """Returns the labels of slaves for messages, also before the slaves have been read."""
         scanned = self.scanned
         return ", ".join(
             scanned[n].slave.label if n < len(scanned) else f"slave {n}" for n in positions
         )
 
     def finder(self) -> Finder:
-        """Finds the slaves again when they have lost their station address."""
+        """Returns a finder for slaves that have lost their station address."""
         master, slaves = self.master, self.bus.slaves
         tables = [self.config.settings_of(slave.position) for slave in slaves]
         return Finder(master.registers, slaves, tables, self.ends, self._anywhere, self._identified)
 
     @property
     def _anywhere(self) -> dict[Mark, list[int]]:
-        """Positions of the optional slaves that are found by the mark of the first one."""
+        """Positions of optional slaves, by the mark that identifies the first slave of a group."""
         return {
             wanted.mark: [wanted.position, *(n.position for n in self.config.followers(wanted))]
             for wanted in self.config.slave
@@ -118,7 +118,7 @@ class FoundBus:
 
     @property
     def _identified(self) -> dict[int, tuple[int, int]]:
-        """See `Finder`."""
+        """The argument `identified` of `Finder`."""
         return {
             wanted.position: (
                 wanted.identification,

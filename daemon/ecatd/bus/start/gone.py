@@ -8,9 +8,9 @@ _TRIES = 3  # a frame may get lost
 
 
 def find_gone(master: Master) -> list[int]:
-    """Positions of slaves that the scan has found, and that no longer answer.
+    """Returns the positions of slaves that the scan has found, but that do not answer any more.
 
-    A slave that was without power has no station address, so it does not answer either.
+    A slave that was without power has lost its station address, so it is among them.
     """
     gone = set(master.wire)
     for _ in range(_TRIES):

@@ -1,14 +1,14 @@
 """Identifies slaves that have lost their station address, by their place and identity.
 
-The addresses of all places on the wire are read first. `matching` finds out which slaves of the
-scan the devices without a known address are. An address is written only to an identified slave,
-and the frame that writes it also shows whether the wire has changed meanwhile.
+The addresses of all places on the wire are read first. `matching` assigns the devices without a
+known address to slaves of the scan. An address is written only to an identified slave, and the
+frame that writes it also shows whether the wire has changed meanwhile.
 
-Groups of optional slaves whose first one has a mark in the configuration (a station alias or an
-identification) may be plugged in anywhere. They are identified first, and the places of the others
-are counted without them.
+The configuration may identify the first slave of a group of optional slaves by a mark (a station
+alias or an identification). Such a group may be connected anywhere. It is identified first, and the
+places of the other slaves are counted without it.
 
-A slave that the configuration finds by its identification must tell the same one again.
+A slave that the configuration finds by its identification must have the same one again.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ class Finder:
     """Looks for the slaves of a bus along the wire. Use it on the worker.
 
     Args:
-        registers: The way to the slaves.
+        registers: Access to the registers of the slaves.
         slaves: The slaves of the scan.
-        tables: Their `[[slave]]` tables; those that have none have an empty one.
+        tables: Their `[[slave]]` tables; an empty table for a slave that has none.
         ends: See `matching.branch_ends`.
-        anywhere: Groups that may be plugged in anywhere: by the mark of the first one, the
-            positions of the slaves, as they follow each other. They come after all others.
-        identified: By position, the identification that a slave must tell, and the address in its
-            ESC where that is; 0: it is asked for it.
+        anywhere: Groups that may be connected anywhere: the positions of the slaves, in order, by
+            the mark of the first slave. These positions come after all others.
+        identified: By position, the identification that a slave must have, and its address in the
+            ESC, or 0 if the slave gives it on request.
     """
 
     def __init__(
@@ -53,10 +53,10 @@ class Finder:
         self._anywhere = anywhere
         self._identified = identified
         self._revisions = [slave.revision for slave in slaves]
-        self._there: dict[int, Slave] = {}  # devices without an address of ours, by place
+        self._there: dict[int, Slave] = {}  # devices without an address of the bus, by place
 
     def look(self) -> Found:
-        """Identifies all devices that have no address of ours.
+        """Identifies all devices that have no station address of the bus.
 
         Raises:
             WireChangedError: The wire changes meanwhile.
@@ -73,7 +73,7 @@ class Finder:
         devices = self._find_anywhere(found, there)
         groups = [position for group in self._anywhere.values() for position in group]
         settled = {self._slaves[position].slave.address for position in groups}
-        # What is left are the slaves with a fixed order.
+        # The remaining slaves have a fixed order.
         places = [n for n, at in enumerate(wire) if n in devices or at in known - settled]
         fixed = match(
             self._slaves[: len(self._slaves) - len(groups)],
@@ -82,7 +82,7 @@ class Finder:
             self._ends,
         )
         for position, n in fixed.places.items():
-            self._check_told(found, position, there[places[n]])
+            self._accept(found, position, there[places[n]])
         found.exchanged |= fixed.exchanged
         found.unclear |= fixed.unclear
         found.strangers = [places[n] for n in fixed.strangers]
@@ -95,7 +95,7 @@ class Finder:
         return found
 
     def _ask(self, strangers: Mapping[int, Slave]) -> None:
-        """Asks devices that may be missing slaves for their identifications.
+        """Reads the identifications of devices that may be missing slaves.
 
         Raises:
             WireChangedError: The wire has changed meanwhile.
@@ -113,8 +113,8 @@ class Finder:
         for place, identification in self._wire.ask(ways).items():
             strangers[place].identification = identification
 
-    def _check_told(self, found: Found, position: int, there: Slave) -> None:
-        """Takes a slave that was found by its place, if it tells the right identification."""
+    def _accept(self, found: Found, position: int, there: Slave) -> None:
+        """Accepts a slave that was found by its place, if it has the right identification."""
         told = there.identification
         wanted, _ = self._identified.get(position, (told, 0))
         label = self._slaves[position].slave.label
@@ -122,14 +122,14 @@ class Finder:
             found.places[position] = there.position
         elif told:
             found.exchanged[position] = (
-                f"in the place of {label} stands one with the identification {told}, not {wanted}: "
-                "it is left alone; put the right one in, or set its selector"
+                f"a device with the identification {told}, not {wanted}, is in the place of "
+                f"{label}: it is left alone; put the right one in, or set its selector"
             )
         else:
-            found.unclear[position] = _tells_nothing(label, wanted)
+            found.unclear[position] = _no_identification(label, wanted)
 
     def _find_anywhere(self, found: Found, strangers: Mapping[int, Slave]) -> dict[int, Slave]:
-        """Finds groups by their marks; returns the strangers that are left."""
+        """Finds groups by their marks; returns the remaining strangers."""
         others = dict(strangers)
         for mark, group in self._anywhere.items():
             first = self._slaves[group[0]].slave
@@ -147,20 +147,20 @@ class Finder:
     def _find_group(
         self, found: Found, others: dict[int, Slave], place: int, group: Sequence[int]
     ) -> None:
-        """Identifies the slaves of a group, of which the first one is at a place."""
+        """Identifies the slaves of a group whose first slave is at a place."""
         for at, position in enumerate(group, start=place):
             if at not in others:
-                continue  # it still has its address, or there is none
+                continue  # the slave still has its address, or there is no device
             if text := self._slaves[position].why_not(others.pop(at)):
                 found.exchanged[position] = text
             else:
                 found.places[position] = at
 
     def _name_strangers(self, found: Found, there: Mapping[int, Slave]) -> None:
-        """Says why devices in places where no slave is missing are not one of the groups that are.
+        """Adds messages about strangers that may be meant as the first slave of a missing group.
 
-        A device of the same kind has another mark. Of other devices, what stands behind it may be
-        a part of the same tool, so only the first one is named, and only where there is no such.
+        A device of the same kind has another mark. If there is no such device, the first stranger
+        is named, but not those after it: they may be parts of the same tool.
         """
         strangers, missing = list(found.strangers), []
         for mark, group in self._anywhere.items():
@@ -177,7 +177,7 @@ class Finder:
             by_selector = mark.kind == "identification"
             has = there[place].identification if by_selector else there[place].alias
             if by_selector and not has:
-                found.unclear[first.position] = _tells_nothing(first.label, mark.value)
+                found.unclear[first.position] = _no_identification(first.label, mark.value)
                 continue
             found.exchanged[first.position] = (
                 f"a device like {first.label} is there, but has the {mark.kind} {has}, not "
@@ -193,9 +193,9 @@ class Finder:
             )
 
     def check(self, position: int) -> str:
-        """Checks that the device with a slave's address is that slave; says why not, else "".
+        """Checks that the device with a slave's address is that slave; returns why not, or "".
 
-        It has kept its power, so it is not asked for its identification.
+        The device has kept its power, so its identification is not read again.
 
         Raises:
             StateError: Its EEPROM cannot be read.
@@ -205,7 +205,7 @@ class Finder:
         return item.why_not(found)
 
     def give_address(self, position: int, place: int) -> None:
-        """Writes the station address of an identified slave.
+        """Writes the station address of a slave that `look` has identified at a place.
 
         Raises:
             WireChangedError: The wire has changed since `look`; the write was undone.
@@ -215,8 +215,8 @@ class Finder:
         self._revisions[position] = self._there[place].revision
 
 
-def _tells_nothing(label: str, wanted: int) -> str:
+def _no_identification(label: str, wanted: int) -> str:
     return (
-        f"{label} does not tell its identification, which must be {wanted}: it is asked again and "
-        "again; look at its selector"
+        f"{label} does not tell its identification, which must be {wanted}: ecatd keeps asking; "
+        "look at its selector"
     )

@@ -1,4 +1,4 @@
-"""Other limits of outputs while the bus runs, from the configuration to the engine."""
+"""Changes the limits of outputs while the bus runs, from the configuration to the engine."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .found import FoundBus
 from .reading import with_eeprom_pdos
 
 _NAMED = 8
-"""Outputs that are named of those beyond their new limits."""
+"""Most outputs beyond their new limits that are named."""
 
 
 class Limits:
@@ -28,7 +28,7 @@ class Limits:
         found: The bus as it was brought up.
         shared: Its shared memory.
         engine: Its engine.
-        profiles: Device profiles as they were at the start: what they say needs a restart.
+        profiles: The device profiles of the start. Changed profiles are only used after a restart.
     """
 
     def __init__(
@@ -43,18 +43,18 @@ class Limits:
         self._doubtful, self._idle = frozenset(found.doubtful), frozenset(found.idle)
 
     def check(self, config: Config) -> Bus:
-        """Takes the steps of a start that need nothing but the bus, with other limits.
+        """Applies a configuration with other limits to a copy of the bus, with the start's checks.
 
         Args:
             config: The configuration, with the positions that it expects.
 
         Returns:
-            The bus as it would be.
+            The copy of the bus, with the new limits.
 
         Raises:
             ConfigError: A safe value or a start-up parameter is beyond its limits, or a table does
                 not fit the bus.
-            StateError: A slave is not there.
+            StateError: A slave does not exist.
         """
         wanted = without_meanings(deepcopy(self._bus))
         found = compare(config, wanted.slaves)
@@ -70,10 +70,11 @@ class Limits:
         return wanted
 
     def use(self, wanted: Bus) -> list[str]:
-        """Takes over the limits of a bus that `check` has made; waits for the engine.
+        """Takes over the limits of a bus that `check` has returned; waits for the engine.
 
         Returns:
-            Outputs whose values were beyond the limits, and are at the nearer one now.
+            Texts that name the outputs whose values were beyond the limits. These outputs are at
+            the nearer limit now.
         """
         for entry, new in zip(_outputs(self._bus), _outputs(wanted), strict=True):
             entry.minimum, entry.maximum = new.minimum, new.maximum

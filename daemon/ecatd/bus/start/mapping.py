@@ -1,8 +1,8 @@
-"""Finds out the PDOs of each slave, and sets up its ESC for them.
+"""Reads the PDOs of each slave, and sets up its ESC for them.
 
-Slaves with CoE are asked for their PDO assignment (`assignment.py`). Slaves without CoE have fixed
-PDOs, described by their SII (categories 50 and 51). `doubtful.py` decides how to use slaves that do
-not answer, or whose EEPROM is damaged.
+Slaves with CoE have a PDO assignment that can be read (`assignment.py`). Slaves without CoE have
+fixed PDOs, described by their SII (categories 50 and 51). `doubtful.py` decides how to use slaves
+that do not answer, or whose EEPROM is damaged.
 """
 
 from __future__ import annotations
@@ -45,19 +45,18 @@ _FMMU_READ, _FMMU_WRITE = 1, 2
 
 @dataclass(slots=True)
 class Scanned:
-    """A slave and the SII facts that setting it up needs.
+    """A slave, with all that is needed to set it up.
 
     Attributes:
         slave: The slave.
         sii: Its SII.
         settings: Its table in the configuration.
-        refused: Messages about optional start-up parameters that it has refused.
+        refused: Messages about optional start-up parameters that it has refused, and about PDOs.
         emergencies: Error code and error register of each emergency that came during the scan.
-        silence: If its mailbox did not answer, or with malformed messages: what was asked, and why
-            that failed. Its process data are then those of its SII.
+        silence: The request that failed and the reason, if the mailbox did not answer, or answered
+            with malformed messages; else empty. The process data are then those of the SII.
         nonsense: Whether it has answered with malformed messages.
-        known: Whether it was there once, so that its SII is known; false for an optional slave that
-            has been absent since the start.
+        known: Whether its SII is known; false for a slave that has been absent since the start.
     """
 
     slave: Slave
@@ -71,7 +70,7 @@ class Scanned:
 
     @property
     def unplaced(self) -> str:
-        """Says why its sync managers cannot hold its process data; empty if they can."""
+        """The reason why its sync managers cannot hold its process data; empty if they can."""
         managers = self.sii.sync_managers
         for pdo in (*self.slave.outputs, *self.slave.inputs):
             if pdo.sync_manager >= len(managers):
@@ -91,7 +90,7 @@ class Scanned:
 
 
 def identify_slaves(master: Master) -> list[Scanned]:
-    """Reads from the EEPROM of every slave what it is.
+    """Reads the EEPROM of every slave, with its identity.
 
     Raises:
         StateError: An EEPROM cannot be read.
@@ -105,9 +104,9 @@ def identify_slaves(master: Master) -> list[Scanned]:
 def read_modules(
     master: Master, scanned: Sequence[Scanned], cancelled: Callable[[], bool] = lambda: False
 ) -> None:
-    """Asks the slaves with CoE, which must be in PREOP, which modules are in their slots.
+    """Reads the modules in the slots of the slaves with CoE, which must be in PREOP.
 
-    A slave that does not answer is asked again, with patience, when it is told its modules.
+    If a slave does not answer, they are read again when its configuration is written.
     """
     asked = [item for item in scanned if item.slave.coe]
     coe = [master.coe(item.slave.position) for item in asked]
@@ -131,14 +130,14 @@ def configure_slaves(
     unexpected: Collection[int] = (),
     cancelled: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Tells the slaves, which must be in PREOP, their configuration, and reads their PDOs.
+    """Writes the configuration of the slaves, which must be in PREOP, and reads their PDOs.
 
     Args:
         master: The master.
-        scanned: All slaves; what is read is added to them.
+        scanned: All slaves; the results are added to them.
         config: The configuration.
-        unexpected: Positions of slaves that the configuration is not about. They get nothing.
-        cancelled: Called while waiting; when true, `StateError` is raised.
+        unexpected: Positions of slaves that are not the expected ones. Nothing is written to them.
+        cancelled: Called while waiting; when it returns true, `StateError` is raised.
 
     Raises:
         StateError: A slave refuses its configuration, or `cancelled` returned true.
@@ -175,12 +174,12 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
     except (NoAnswerError, StateError) as error:
         item.silence = str(error)
         item.nonsense = isinstance(error, StateError)
-        if not item.settings.is_told:  # else it has other PDOs than those of its EEPROM
+        if not item.settings.is_told:  # else its PDOs may differ from those of its EEPROM
             _take_from_sii(item.slave, item.sii)
 
 
 def take_pdos_from_sii(item: Scanned) -> None:
-    """Gives a slave without CoE the PDOs of its SII, or those of them that are configured."""
+    """Sets the PDOs of a slave without CoE: those of its SII, or the configured ones of them."""
     _take_from_sii(item.slave, item.sii)
     choose_from_sii(item.slave, item.sii, item.settings)
 
@@ -217,10 +216,11 @@ def without_lrw(master: Master, scanned: Sequence[Scanned]) -> set[int]:
 
 
 def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:
-    """Sets the sync managers, FMMUs and watchdogs of all slaves up; they must be in PREOP.
+    """Sets up sync managers, FMMUs and watchdogs of slaves, which must be in PREOP.
 
     Raises:
-        StateError: A slave does not answer, or has no sync manager for its process data.
+        StateError: A slave does not answer, or has too few sync managers or FMMUs for its process
+            data.
     """
     counts = master.read_registers([(item.slave.position, _FMMU_COUNT, 1) for item in scanned])
     writes: list[tuple[int, int, bytes]] = []
@@ -248,7 +248,7 @@ def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:
             raise StateError(
                 f"{slave.label} needs {len(fmmus)} FMMUs for its process data, but has {available}"
             )
-        # All FMMUs are written, so that none of an earlier master answers at our addresses.
+        # All FMMUs are written, so that none from an earlier master answers at these addresses.
         for number in range(min(available, _FMMUS_MAX)):
             content = fmmus[number].registers() if number < len(fmmus) else bytes(16)
             writes.append((slave.position, _FMMU + 16 * number, content))
@@ -270,7 +270,7 @@ class _Fmmu:
 
 
 def _map(fmmus: list[_Fmmu], new: _Fmmu) -> None:
-    """Adds an FMMU, or extends the last one if the new one continues it: some ESCs have few."""
+    """Adds an FMMU, or extends the last one if possible, since some ESCs have few FMMUs."""
     last = fmmus[-1] if fmmus else None
     if (
         last is not None

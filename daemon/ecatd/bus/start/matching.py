@@ -1,13 +1,13 @@
 """Matches devices on the wire to the slaves of the scan, by order, identity and topology.
 
-A slave that was without power has lost its station address. While slaves are missing, the places
-on the wire differ from the positions of the scan. Places without a known address, between two
-slaves that have one, are a gap. The devices in a gap must be the expected slaves, in the same
-order: those that the `[[slave]]` tables accept, as at the start, and without a table those of the
-scan, with the same vendor, product and revision.
+A slave that was without power has lost its station address. While slaves are missing, the places on
+the wire differ from the positions of the scan. Places without a known address, between two slaves
+that have one, are a gap. The devices in a gap must be the missing slaves, in the same order. A
+`[[slave]]` table accepts the same devices as at the start. Without a table, the device must have
+the vendor, product and revision of the scan.
 
-If a gap has fewer devices than slaves are missing there, the topology helps: a slave is reachable
-only through the slave that it is plugged into. On a line, the first of the missing slaves are
+If a gap has fewer devices than slaves are missing there, the topology helps: a slave is reached
+only through the slave to which it is connected. So on a line, the first of the missing slaves are
 back; at a junction, whole branches are missing.
 """
 
@@ -26,12 +26,12 @@ class Found:
     """The result of a look along the wire. Keys are positions of the scan.
 
     Attributes:
-        places: Places of identified slaves that have no address of ours.
+        places: Places of identified slaves that have no station address of the bus.
         exchanged: Messages about slaves that were replaced by another device.
-        unclear: Messages about slaves of which it is not clear whether they are back.
+        unclear: Messages about slaves that may be back, but cannot be identified.
         strangers: Places of devices where no slave is missing.
-        other_revision: Those of `places` that have another revision than the one that stood there
-            last: what is known of that one need not be true of them.
+        other_revision: Positions in `places` where the device has another revision than the one
+            before, so that the known facts about that one may be wrong for it.
     """
 
     places: dict[int, int] = field(default_factory=dict)
@@ -43,12 +43,12 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Sought:
-    """A slave and the devices that are accepted as it when it comes back.
+    """A slave, and the devices that are accepted in its place when it comes back.
 
     Attributes:
         slave: The slave.
-        rule: What the device must be.
-        listed: Whether that is what its `[[slave]]` table says.
+        rule: The identity that a device must have.
+        listed: Whether this identity is from its `[[slave]]` table.
     """
 
     slave: Slave
@@ -57,7 +57,7 @@ class Sought:
 
     @classmethod
     def of(cls, slave: Slave, table: SlaveConfig) -> Sought:
-        """Without an identity in its table, it must be the same kind of device as before."""
+        """Makes the rule from the table. Without an identity there, it is the slave's identity."""
         if table.product is not None:
             return cls(slave, table, listed=True)
         identity = {name: getattr(slave, name) for name in ("vendor", "product", "revision")}
@@ -69,15 +69,15 @@ class Sought:
         return same and not identity_difference(self.rule, found)[0]
 
     def fits(self, found: Slave) -> bool:
-        """Whether a device is the slave, as far as its EEPROM says."""
+        """Whether a device can be the slave, by its EEPROM."""
         return self.is_kind(found) and self.rule.alias in (None, found.alias)
 
     def why_not(self, found: Slave) -> str:
-        """Says why a device in its place is not the slave; empty if it is."""
+        """Returns why a device in the slave's place is not the slave; empty if it is."""
         if self.fits(found):
             return ""
         kind, what = identity_difference(self.rule, found)
-        stands = "another device (%s)" if kind == "other device" else "one with %s"
+        there = "another device (%s)" if kind == "other device" else "a device with %s,"
         remedy = "restart ecatd to use it"
         if self.listed:
             remedy = "correct its [[slave]] table and restart ecatd"
@@ -85,23 +85,23 @@ class Sought:
             what = f"the station alias {found.alias}, not {self.rule.alias}"
             remedy = "give it this alias"
         return (
-            f"in the place of {self.slave.label} stands {stands % what}: it is left alone; put the "
+            f"{there % what} is in the place of {self.slave.label}: it is left alone; put the "
             f"right one in, or {remedy}"
         )
 
 
 def branch_ends(links: Sequence[int], *, ring: bool) -> list[int]:
-    """For each slave, computes the end of its branch: one more than the last position behind it.
+    """Computes the end of each slave's branch: the last position reached through it, plus 1.
 
     Args:
         links: Number of ports with a link of each slave; one of them leads to the master.
-        ring: Whether slaves are reached from both sides, so that none depends on another.
+        ring: Whether slaves are reached from both sides, so that no slave depends on another.
     """
     alone = [position + 1 for position in range(len(links))]
     if ring:
         return alone
     ends = [len(links)] * len(links)
-    way: list[int] = []  # slaves that the frame is behind now, the nearest last
+    way: list[int] = []  # slaves through which the frame has come, the nearest last
     left = [max(count - 1, 0) for count in links]
     for position in range(len(links)):
         while way and left[way[-1]] == 0:
@@ -120,12 +120,12 @@ def match(
     devices: Mapping[int, Slave],
     ends: Sequence[int],
 ) -> Found:
-    """Finds out which slave is at which place.
+    """Finds the slaves at places without a known address.
 
     Args:
         slaves: The slaves of the scan.
         wire: Station addresses along the wire, by place.
-        devices: The devices without an address of ours, by place.
+        devices: The devices without a station address of the bus, by place.
         ends: See `branch_ends`.
     """
     found = Found()
@@ -133,7 +133,7 @@ def match(
     order = [known[address] for address in wire if address in known]
     if order != sorted(set(order)):
         text = (
-            "the slaves stand in another order than at the start: put them back, or restart ecatd "
+            "the slaves are in another order than at the start: put them back, or restart ecatd "
             "with a configuration that expects this order"
         )
         found.unclear = {n: text for n in known.values() if n not in order}
@@ -162,8 +162,8 @@ def _match_gap(
         return
     if len(gap) > len(missing):
         text = (
-            f"{len(gap)} devices stand where {len(missing)} slaves are missing: none of them is "
-            f"used until only the right ones are there"
+            f"{len(gap)} devices are where {len(missing)} slaves are missing: none of them is used "
+            f"until only the right ones are there"
         )
         found.unclear |= {item.slave.position: text for item in missing}
         return
@@ -171,7 +171,7 @@ def _match_gap(
     if chosen is None:
         first, last = missing[0].slave.position, missing[-1].slave.position
         text = (
-            f"{len(gap)} of the slaves {first}-{last} are back, but it cannot be told which: they "
+            f"{len(gap)} of the slaves {first}-{last} are back, but it is not clear which: they "
             f"are used when all are back, or ecatd is restarted"
         )
         found.unclear |= {item.slave.position: text for item in missing}
@@ -188,8 +188,8 @@ def _only_way(
 ) -> list[Sought] | None:
     """Assigns the devices in a gap to missing slaves; None if it is impossible or ambiguous.
 
-    Identities must match first. If no assignment matches, the topology alone may still tell in
-    which slaves' places the devices are.
+    It looks for an assignment with matching identities first. If there is none, it looks for one by
+    the topology alone: then the devices are in the places of these slaves.
     """
     for alike in (True, False):
         ways = _count_ways(missing, there, ends, alike=alike)
@@ -216,7 +216,7 @@ def _count_ways(
     """Counts the ways to assign devices to missing slaves; 2 stands for two or more.
 
     Entry [m][t] is for the missing slaves from number m on, and the devices from number t on. If a
-    slave is missing, all slaves reached through it are missing as well.
+    slave stays missing, all slaves reached through it stay missing as well.
     """
     count = len(missing)
     ways = [[0] * (len(there) + 1) for _ in range(count + 1)]

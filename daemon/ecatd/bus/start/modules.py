@@ -1,7 +1,7 @@
-"""Reads the modules of a modular device (ETG.5001), and tells it which ones to expect.
+"""Reads the modules of a modular device (ETG.5001), and writes the list of expected modules.
 
-Such a device makes its PDOs and objects of the modules in its slots. Before SAFEOP it compares the
-modules that the master expects (0xF030) with those that it has detected (0xF050).
+The PDOs and objects of such a device depend on the modules in its slots. Before SAFEOP it compares
+the modules that the master expects (0xF030) with those that it has detected (0xF050).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Modules:
         self._lists = ValueLists(coe, slave.label, sii)
 
     def detected(self) -> Talk[list[Module]]:
-        """Reads which modules are in the slots, slot 1 first; none for a device without slots.
+        """Reads the modules in the slots, slot 1 first; none for a device without slots.
 
         Raises:
             NoAnswerError: The slave does not answer.
@@ -50,10 +50,10 @@ class Modules:
         return [Module(ident) for ident in idents]
 
     def tell(self, wanted: Sequence[Module]) -> Talk[None]:
-        """Tells the slave which modules to expect, after a look at those that are there.
+        """Checks the modules in the slots, and writes the list of expected modules to the slave.
 
         Raises:
-            RefusedError: It has other modules, or refuses the list.
+            RefusedError: The slave has other modules, or refuses the list.
             NoAnswerError: The slave does not answer.
             StateError: Its answers are malformed.
         """
@@ -81,7 +81,12 @@ class Modules:
             )
 
     def _write(self, idents: Sequence[int], count: int) -> Talk[None]:
-        """Writes the list; a slave with a fixed number of slots refuses to change the number."""
+        """Writes the list. A slave with a fixed number of slots refuses to change the number.
+
+        Args:
+            idents: Idents of the modules, with 0 for each of the remaining slots.
+            count: Number of idents without these slots.
+        """
         counted = True
         try:
             yield from self._coe.download(CONFIGURED, 0, b"\0")
@@ -96,6 +101,6 @@ class Modules:
 
 
 def _stripped(idents: Sequence[int]) -> list[int]:
-    """A list without the empty slots at its end."""
+    """Returns a list without the empty slots at its end."""
     last = max((slot for slot, ident in enumerate(idents, 1) if ident), default=0)
     return list(idents[:last])

@@ -1,10 +1,10 @@
-"""Writes which PDOs a slave shall exchange, and what they map (ETG.1000.6).
+"""Writes the PDO assignment and the PDO mappings of a slave (ETG.1000.6).
 
-PDOs are written only where they differ from what the slave has, since some slaves refuse to write
-what they cannot change. First they are compared with what the slave offers, as far as its EEPROM
-and its dictionary say. Before an assignment or a mapping is written, its count is set to 0. If the
-slave then refuses something, it gets back what it had: otherwise it would go on without some of
-its PDOs, and nobody would see why.
+They are written only where they differ from those of the slave, since some slaves refuse writes to
+objects that they cannot change. Before that, they are compared with the PDOs in the EEPROM and with
+the dictionary, as far as these describe them. The count of an assignment or mapping is set to 0
+before it is written. If the slave then refuses something, its previous PDOs are restored:
+otherwise it would go on without some of its PDOs, for no visible reason.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from .assignment import ASSIGNMENT, INFORMATION, Assignment
 from .refused import RefusedError, write
 
 _INPUTS = 0x1A00
-"""The first TxPDO; PDOs below it are RxPDOs."""
+"""Index of the first TxPDO; lower indices are RxPDOs."""
 _MISSING = (abort_codes.NO_OBJECT, abort_codes.NO_SUBINDEX)
 _OFFERED_MOST = 24
-"""Objects that a message names at most."""
+"""Most objects that a message names."""
 
 Mapping = list[tuple[int, int, int]]
 """Index, subindex and bits of each entry of a PDO."""
 
 
 class PdoWriter:
-    """Writes assignment and mappings of one slave with CoE, as its configuration says.
+    """Writes assignment and mappings of one slave with CoE, as configured.
 
     Args:
         slave: The slave.
         sii: Its SII.
         coe: CoE of the slave, for one conversation.
         settings: Its table in the configuration.
-        tell_detail: Called with each thing that the slave is told.
+        log_detail: Called with a description of each write.
     """
 
     def __init__(
@@ -52,20 +52,20 @@ class PdoWriter:
         sii: Sii,
         coe: Coe,
         settings: SlaveConfig,
-        tell_detail: Callable[[str], None],
+        log_detail: Callable[[str], None],
     ) -> None:
         self._slave = slave
         self._sii = sii
         self._coe = coe
         self._settings = settings
-        self._tell_detail = tell_detail
+        self._log_detail = log_detail
         self._assignment = Assignment(slave, sii, coe)
 
     def write(self) -> Talk[None]:
         """Writes the PDOs, and reads them back; a part of a conversation.
 
         Raises:
-            RefusedError: The slave does not have them, or refuses them.
+            RefusedError: The slave does not have these PDOs, or refuses them.
             NoAnswerError: It does not answer.
             StateError: Its answers are malformed.
         """
@@ -101,7 +101,11 @@ class PdoWriter:
     # --- what is wanted ------------------------------------------------------------------------
 
     def _wanted(self, before: dict[int, Pdo]) -> dict[int, list[int]]:
-        """The indices of the PDOs that each sync manager shall carry, by its number."""
+        """Returns the configured assignment: the indices of the PDOs, by sync manager.
+
+        Raises:
+            RefusedError: The slave has no sync manager for a PDO.
+        """
         channels = {usage: self._sii.channels(usage) for usage in (USAGE_OUTPUTS, USAGE_INPUTS)}
         wanted: dict[int, list[int]] = {
             number: [] for numbers in channels.values() for number in numbers
@@ -124,7 +128,11 @@ class PdoWriter:
         return wanted
 
     def _changed_mappings(self, before: dict[int, Pdo]) -> Talk[dict[int, Mapping]]:
-        """The mappings of the slave that differ from those configured, by index of the PDO."""
+        """Reads the mappings of the slave that differ from the configured ones, by PDO index.
+
+        Raises:
+            RefusedError: The slave cannot change such a mapping.
+        """
         changed = {}
         for pdo in self._settings.pdo:
             if pdo.index in before:
@@ -165,7 +173,7 @@ class PdoWriter:
                     ) from abort
                 continue
             except (NoAnswerError, StateError):
-                return  # it does not describe its objects after all
+                return  # its SDO information service does not work
             if 0 < described.bit_length < bits:
                 raise RefusedError(
                     f"{self._slave.label}: {entry} has {described.bit_length} bits, and PDO "
@@ -173,7 +181,7 @@ class PdoWriter:
                 )
 
     def _exists(self, index: int, subindex: int) -> Talk[bool]:
-        """Whether an object exists that the slave does not describe: some describe only a part."""
+        """Whether an object exists that the slave does not describe; some describe only a part."""
         try:
             yield from self._coe.upload(index, subindex)
         except SdoAbortError as abort:
@@ -181,7 +189,7 @@ class PdoWriter:
         return True
 
     def _mappable(self, pdo: int) -> Talk[str]:
-        """The objects that a PDO can map as the slave says, for the end of a message."""
+        """Returns the objects that the slave can map into a PDO, for the end of a message."""
         kind = INPUT_OBJECTS if pdo >= _INPUTS else OUTPUT_OBJECTS
         found: list[int] = []
         if self._sii.coe & INFORMATION:
@@ -193,7 +201,7 @@ class PdoWriter:
         return f"; it can map {_indices(found[:_OFFERED_MOST])}{more}"
 
     def _offer(self, index: int) -> str:
-        """The PDOs of the same direction that its EEPROM describes, for messages."""
+        """Returns the PDOs of the same direction in the slave's EEPROM, for messages."""
         pdos = self._sii.inputs if index >= _INPUTS else self._sii.outputs
         offered = ", ".join(f"0x{pdo.index:04X}" for pdo in pdos)
         return f" (its EEPROM offers {offered})" if offered else ""
@@ -232,11 +240,15 @@ class PdoWriter:
         yield from self._write(index, 0, "B", len(mapping), f"{pdo} with {len(mapping)} entries")
 
     def _write(self, index: int, subindex: int, form: str, value: int, what: str) -> Talk[None]:
-        self._tell_detail(what)
+        self._log_detail(what)
         return write(self._slave, self._coe, (index, subindex), form, value, what)
 
     def _verify(self, wanted: dict[int, list[int]]) -> Talk[None]:
-        """Reads the PDOs back: some slaves accept what they do not use."""
+        """Reads the PDOs back, since some slaves accept writes without using them.
+
+        Raises:
+            RefusedError: The slave has other PDOs, or other mappings.
+        """
         outputs, inputs = yield from self._assignment.pdos()
         own = {pdo.index: pdo for pdo in self._settings.pdo}
         for number, indices in wanted.items():
@@ -255,10 +267,10 @@ class PdoWriter:
 
 
 def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
-    """Sets the PDOs of a slave without CoE to those of its SII that the configuration names.
+    """Sets the PDOs of a slave without CoE to those of its SII that are configured.
 
     Raises:
-        ConfigError: The SII does not have them.
+        ConfigError: The SII has no such PDO.
     """
     if settings.pdos is None:
         return
@@ -281,9 +293,9 @@ def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
 
 
 def warn_of_none(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
-    """Warnings about a slave that exchanges nothing in a direction in which it has PDOs.
+    """Returns warnings about a slave without process data in a direction in which it has PDOs.
 
-    So it is after somebody has begun to write its PDOs, and has not come to an end.
+    This happens when a program has begun to write its PDO assignment, and has not finished.
     """
     if settings.pdos is not None or settings.pdo:
         return []

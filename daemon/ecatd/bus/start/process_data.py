@@ -21,12 +21,12 @@ from .wire_time import WireTime, wire_time
 
 @dataclass(frozen=True, slots=True)
 class ProcessData:
-    """What is exchanged with the slaves, and when.
+    """The process data that are exchanged with the slaves, and their timing.
 
     Attributes:
-        applied: What the configuration says about this bus.
+        applied: The configuration, applied to this bus.
         image: The process image.
-        wire: How long the frames of a cycle are on the wire.
+        wire: The time that the frames of a cycle take on the wire.
         clocks: The distributed clocks, if the configuration enables them.
     """
 
@@ -37,7 +37,7 @@ class ProcessData:
 
 
 def set_up_process_data(found: FoundBus, profiles: Profiles, log: Log) -> ProcessData:
-    """Maps the slaves, which are in PREOP, into a process image; measures their clocks.
+    """Maps the slaves into a process image, and measures their clocks. They must be in PREOP.
 
     Raises:
         ConfigError: The configuration does not fit this bus.
@@ -63,7 +63,7 @@ def set_up_process_data(found: FoundBus, profiles: Profiles, log: Log) -> Proces
     configure(master, found.present, image)
     for warning in check_watchdogs(master, bus, found.present, config):
         log.warning(warning)
-    _tell_unused_clocks(config, log)
+    _warn_of_unused_clocks(config, log)
     clocks = None
     if applied.clocks is not None:
         clocks = Clocks(bus, config, applied.clocks, master)
@@ -71,7 +71,7 @@ def set_up_process_data(found: FoundBus, profiles: Profiles, log: Log) -> Proces
     return ProcessData(applied, image, wire, clocks)
 
 
-def _tell_unused_clocks(config: Config, log: Log) -> None:
+def _warn_of_unused_clocks(config: Config, log: Log) -> None:
     if config.dc.slave and not config.dc.enabled:
         log.warning("dc.enabled is false, so the slaves in [[dc.slave]] get no SYNC signals")
     if config.dc.reference >= 0 and not config.dc.enabled:

@@ -32,11 +32,11 @@ from .set_up import count_links, read_mailboxes
 
 @dataclass(frozen=True, slots=True)
 class Files:
-    """What the files say that the configuration names.
+    """The contents of the files that the configuration names.
 
     Attributes:
-        profiles: Device profiles.
-        description: The complete bus; None if it is not known.
+        profiles: The device profiles.
+        description: The description of the complete bus; None if there is none.
     """
 
     profiles: Profiles
@@ -47,13 +47,13 @@ def read_files(config: Config) -> Files:
     """Reads the files that the configuration names.
 
     Raises:
-        ConfigError: One of them cannot be read.
+        ConfigError: A file cannot be read.
     """
     return Files(load_profiles(config, profile_folders()), load_description(config))
 
 
 def scan(found: FoundBus, interface: str, files: Files, log: Log) -> None:
-    """Finds the slaves and takes them to PREOP; raises as `Master.scan`."""
+    """Finds the slaves and brings them to PREOP; raises as `Master.scan`."""
     master, config = found.master, found.config
     empty = may_be_empty(config, files.description)
     why = master.scan(config.state_timeout_s, may_be_empty=empty)
@@ -64,10 +64,10 @@ def scan(found: FoundBus, interface: str, files: Files, log: Log) -> None:
 
 
 def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log) -> None:
-    """Reads SII and PDOs of every slave, compares, and tells each slave its configuration.
+    """Reads SII and PDOs of all slaves, compares them, and writes the configuration of each slave.
 
     Raises:
-        StateError: The bus is not the expected one, or slaves cannot be read or told.
+        StateError: The bus is not the expected one, or slaves cannot be read or configured.
         ConfigError: The configuration does not fit the slaves.
     """
     master = found.master
@@ -106,7 +106,7 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
 
 
 def _identify(found: FoundBus, scanned: Sequence[Scanned]) -> None:
-    """Asks the slaves for their identifications."""
+    """Reads the identifications of the slaves."""
     ways = ways_to_ask(found.config, ((item.slave, item.sii) for item in scanned))
     stations = found.master.stations
     asked = {stations[position]: register for position, register in ways.items()}
@@ -116,9 +116,9 @@ def _identify(found: FoundBus, scanned: Sequence[Scanned]) -> None:
 
 
 def _make_raw(found: FoundBus, profiles: Profiles) -> None:
-    """Makes the physical values of start-up parameters raw, before any of them is written.
+    """Converts physical values of start-up parameters to raw values, before any is written.
 
-    The PDOs of the EEPROM say which device profiles fit: those in use are not known yet.
+    Device profiles are chosen by all PDOs of the EEPROM, since the assigned PDOs are not known yet.
 
     Raises:
         ConfigError: A value has no meaning, or does not fit.
@@ -134,13 +134,13 @@ def _make_raw(found: FoundBus, profiles: Profiles) -> None:
 
 
 def with_eeprom_pdos(slave: Slave, sii: Sii) -> Slave:
-    """The slave with all PDOs of its EEPROM, which say which device profiles fit."""
+    """Returns the slave with all PDOs of its EEPROM, by which its device profiles are chosen."""
     outputs, inputs = [*slave.outputs, *sii.outputs], [*slave.inputs, *sii.inputs]
     return replace(slave, outputs=outputs, inputs=inputs)
 
 
 def _branch_ends(master: Master, *, ring: bool) -> list[int]:
-    """See `branch_ends`. Where slaves are absent, nobody knows who is reached through whom."""
+    """Returns the `branch_ends` of the bus. If slaves are absent, the branches are unknown."""
     count = len(master.stations)
     if master.wire != [*range(count)]:
         return [position + 1 for position in range(count)]

@@ -1,4 +1,4 @@
-"""Writes what a slave is told, and says what it refuses."""
+"""Writes numbers to objects of a slave, with errors for refused writes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..mailbox.talks import Talk
 
 
 class RefusedError(StateError):
-    """A slave refuses its configuration: trying again is useless."""
+    """A slave refuses its configuration, so another try is useless."""
 
 
 def write(
@@ -26,7 +26,7 @@ def write(
         address: Index and subindex.
         form: Format of the number, as in `struct`.
         value: The number.
-        what: What the slave is told with it, for messages.
+        what: The meaning of the number, for messages.
 
     Raises:
         RefusedError: The slave refuses it.
@@ -40,5 +40,5 @@ def write(
 
 
 def reason(abort: SdoAbortError) -> str:
-    """Code and text of an abort, without the object, which the message has already."""
+    """Returns code and text of an abort without its object, which the message has already."""
     return str(SdoAbortError(abort.code))

@@ -1,8 +1,8 @@
-"""Measures how long a frame takes through all slaves and back, with the clock of the first slave.
+"""Measures the time of a frame through all slaves and back, with the clock of the first slave.
 
-A write to register 0x0900 makes a slave store when that frame came to each of its ports
-(ETG.1000.4, "DC - receive time port"). The first slave sees the frame come in, and come back from
-all slaves behind it.
+A write to register 0x0900 makes a slave store the times at which this frame arrived at its ports
+(ETG.1000.4, "DC - receive time port"). So the first slave has the time at which the frame came in,
+and the time at which it came back from all other slaves.
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ _PORT_TIMES = 0x0900
 _TRIES = 3
 _PORTS = range(1, 4)
 _OWN_NS = 1000
-"""What the first slave itself adds, in its processing unit and PHY, on the way in and out."""
+"""Delay within the first slave itself, in its processing unit and PHY, on the way in and out."""
 
 _LONGEST_NS = 1_000_000
-"""Longer than any frame takes. A port that the frame did not pass has an old time."""
+"""Longer than any frame takes. A port that the frame did not pass has the time of an older frame,
+which shows by this limit."""
 
 
 def measure_round_trip(master: Master) -> int | None:
-    """Returns the time in ns.
+    """Returns the time of a frame through all slaves and back, in ns.
 
-    It is None if there is no slave, if the first one has no receive times, or if frames get lost.
+    Returns None if there is no slave, the first slave has no receive times, or frames get lost.
 
     Raises:
         StateError: The first slave does not answer.
@@ -38,7 +39,7 @@ def measure_round_trip(master: Master) -> int | None:
     for _ in range(_TRIES):
         (latch,) = master.registers.exchange([bwr(_PORT_TIMES, bytes(4))], repeat=False)
         if latch.wkc == 0:
-            continue  # it was lost on the way; slaves without a clock need not count it
+            continue  # lost: at least the first slave, which has a clock, counts the frame
         status = int.from_bytes(read(first, _DL_STATUS, 2), "little")
         data = read(first, _PORT_TIMES, 16)
         times = [int.from_bytes(data[4 * port : 4 * port + 4], "little") for port in range(4)]

@@ -1,4 +1,4 @@
-"""A bus that the start has brought to OP: what the watch over it gets."""
+"""A bus that the start has brought to OP, for the modules that watch it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .set_up import SetUp
 
 @dataclass(slots=True)
 class RunningBus:
-    """A bus that is in OP, and everything that it consists of.
+    """A bus that is in OP, with all its parts.
 
     Attributes:
         bus: Its description.
@@ -27,17 +27,18 @@ class RunningBus:
         run: The number of this run, in the source address of its frames.
         shared: The shared memory.
         master: The master.
-        engine: The cyclic engine.
-        clocks: The distributed clocks, where they are used.
+        engine: The engine.
+        clocks: The distributed clocks; None if they are not used.
         absent: Positions of the optional slaves that were absent at the start.
-        awaited: Positions of the other slaves that were missing at the start, and have a place.
-        doubtful: Slaves whose process data are in doubt, by position, and why.
+        awaited: Positions of the other slaves that were missing at the start, and are used when
+            they come.
+        doubtful: Slaves whose process data are in doubt, by position, and the reasons.
         idle: Positions of the doubtful slaves that stay in PREOP and are not exchanged.
         set_up: Sets up slaves that have restarted.
         finder: Finds slaves that have lost their station address.
-        expectation: How the bus differed from the expected one at the start.
-        polls: Seconds between two looks at the mailbox of each slave, by position; 0: nobody looks.
-        recovery: Configuration: which slaves are recovered automatically.
+        expectation: The expected bus, and the differences at the start.
+        polls: Seconds between two looks at the mailbox of each slave, by position; 0 for no looks.
+        recovery: The configuration of recovery.
         state_timeout_s: Seconds that slaves have to reach a state.
     """
 

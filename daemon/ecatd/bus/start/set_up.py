@@ -1,7 +1,7 @@
-"""Takes slaves from INIT to OP: steps that the start uses for all slaves, and recovery for some.
+"""Brings slaves from INIT to OP: steps that the start uses for all slaves, and recovery for some.
 
-Recovery's steps leave slaves in OP alone. A slave that fails is left out of the next steps, and the
-others go on. If a slave goes away in the middle of a step, recovery begins again without it.
+The steps of recovery do not touch slaves in OP. A slave that fails is left out of the next steps,
+and the others go on. If a slave goes away during a step, recovery begins again without it.
 """
 
 from __future__ import annotations
@@ -39,28 +39,33 @@ _EEPROM_ASSIGNMENT, _TO_DEVICE = 0x0500, b"\x01"
 _DL_STATUS = 0x0110
 
 _FIRST_CYCLES = 3
-"""Number of cycles with valid outputs before OP is requested."""
+"""Least number of cycles with valid outputs before OP is requested."""
 
 
 def read_mailboxes(master: Master) -> list[bytes]:
-    """Reads how the sync managers of all mailboxes are set up: registers 0x0800 to 0x080F.
+    """Reads the settings of the sync managers of all mailboxes: registers 0x0800 to 0x080F.
 
-    Slaves must be in PREOP. Returns 16 bytes for each slave by position, or none if it has no
-    mailbox, or is absent.
+    Slaves must be in PREOP.
+
+    Returns:
+        For each slave, 16 bytes; empty if it has no mailbox, or is absent.
     """
     wanted = [(position, _SYNC_MANAGERS, _MAILBOXES_SIZE) for position in master.wire]
     found = [b""] * len(master.stations)
     for position, data in zip(master.wire, master.read_registers(wanted), strict=True):
         managers = [struct.unpack("<HHBBBB", data[at : at + 8]) for at in (0, 8)]
         enabled = any(manager[4] & 1 for manager in managers)
-        # Without the status (0x0805), which is the slave's.
+        # Without the status (0x0805), which belongs to the slave.
         kept = [struct.pack("<HHBBBB", *m[:3], 0, m[4], 0) for m in managers]
         found[position] = b"".join(kept) if enabled else b""
     return found
 
 
 def count_links(master: Master) -> list[int]:
-    """Counts the ports with a link of each slave along the wire (DL status, ETG.1000.4)."""
+    """Reads the number of ports with a link of each slave, in the order of the wire.
+
+    It is in the DL status (ETG.1000.4).
+    """
     wanted = [(position, _DL_STATUS, 2) for position in master.wire]
     status = [int.from_bytes(data, "little") for data in master.read_registers(wanted)]
     # Two bits a port: loop closed, communication established.
@@ -70,10 +75,10 @@ def count_links(master: Master) -> list[int]:
 def wait_for_outputs(
     shared: SharedMemory, bus: Bus, patience_s: float, cancelled: Callable[[], bool] = lambda: False
 ) -> Steps[None]:
-    """Waits until outputs have been sent a few times: slaves need valid ones before OP.
+    """Waits until outputs have been sent a few times: slaves need valid outputs before OP.
 
     Raises:
-        StateError: The engine does not run.
+        StateError: The engine does not run, or `cancelled` returned true.
     """
     cycles = _FIRST_CYCLES + bus.output_cycles - 1
     first = shared.header.cycle
@@ -87,13 +92,13 @@ def wait_for_outputs(
 
 
 class SetUp:
-    """Sets up slaves that have restarted, while the bus goes on. Use it on the worker.
+    """Sets up slaves that have restarted, while the bus runs. Use it on the worker.
 
     Args:
         master: The master.
         shared: The shared memory.
         bus: The bus.
-        scanned: What the start has found out about its slaves.
+        scanned: The slaves, with the results of the start.
         image: The process image.
         mailboxes: See `read_mailboxes`.
         clocks: The distributed clocks, if they are used.
@@ -123,14 +128,14 @@ class SetUp:
         self._doubtful = doubtful
         self._config = config
         self._timeout_s = config.state_timeout_s
-        self._untold: set[int] = set()  # are to be told their configuration before SAFEOP
+        self._unconfigured: set[int] = set()  # slaves that need their configuration before SAFEOP
         self._new = {n for n, item in enumerate(scanned) if not item.known}
 
     def is_new(self, position: int) -> None:
-        """Notes that another device has taken the place of a slave, as its table allows."""
+        """Notes that another device has taken the place of a slave, as its table permits."""
         self._new.add(position)
 
-    def _learn(self, positions: Iterable[int]) -> dict[int, Missed]:
+    def _read_new(self, positions: Iterable[int]) -> dict[int, Missed]:
         """Reads the SII of slaves that are there for the first time.
 
         Returns:
@@ -175,11 +180,12 @@ class SetUp:
         }
 
     def leave(self, positions: Iterable[int], state: AlState) -> Steps[list[str]]:
-        """Tells slaves what they are told before they go down to a state; see `leave`."""
+        """Writes the parameters of slaves before they go down to a state; see `telling.leave`."""
         items = [self._scanned[position] for position in sorted(positions)]
-        if state not in (AlState.SAFEOP, AlState.OP):  # SP may change what PS sets
+        # A parameter of SP may change an object that a parameter of PS has set.
+        if state not in (AlState.SAFEOP, AlState.OP):
             down = [item for item in items if item.settings.parameters("SP")]
-            self._untold.update(item.slave.position for item in down)
+            self._unconfigured.update(item.slave.position for item in down)
         return (yield from leave(self._master, items, state, self._timeout_s))
 
     def run(
@@ -189,28 +195,31 @@ class SetUp:
         *,
         begin: AlState = AlState.INIT,
     ) -> Steps[dict[int, Missed]]:
-        """Takes slaves that have their address to a state; returns those that do not reach it.
+        """Brings slaves that have their station address to a state.
 
         Args:
             positions: The slaves.
-            state: PREOP, SAFEOP or OP; or BOOT, for slaves that have it.
+            state: PREOP, SAFEOP or OP; or BOOT, for slaves that support it.
             begin: INIT; or PREOP, for slaves that are in PREOP with a working mailbox and must
-                keep what was written to them there. Those that have not been told their
-                configuration since they began anew are told it.
+                keep the values that were written to them there. Such a slave gets its configuration
+                only if it has not had it since it was last in INIT.
+
+        Returns:
+            The slaves that do not reach the state, by position.
 
         Raises:
             StateError: A slave does not answer any more.
         """
         here = set(positions)
-        missed = self._learn(here)
+        missed = self._read_new(here)
         here -= missed.keys()
         first = AlState.BOOT if state == AlState.BOOT else AlState.PREOP
         if begin == AlState.INIT:
-            missed |= yield from self._begin_anew(here, first)
+            missed |= yield from self._restart(here, first)
         if state == first:
             return missed
         here -= missed.keys()
-        missed |= yield from self._configure_again(here & self._untold)
+        missed |= yield from self._configure_again(here & self._unconfigured)
         here -= missed.keys()
         missed |= yield from self._compare(here)
         here -= missed.keys()
@@ -232,7 +241,7 @@ class SetUp:
         return missed
 
     def tell_before_op(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
-        """Tells slaves in SAFEOP what they are told before OP; returns those that cannot go on."""
+        """Writes the parameters of SO to slaves in SAFEOP; returns those that cannot go on."""
         items = [self._scanned[position] for position in sorted(positions)]
         _, missed = yield from write_parameters(self._master, items, "SO")
         return missed
@@ -251,14 +260,14 @@ class SetUp:
                 self._new.discard(position)
         return missed
 
-    def _begin_anew(self, positions: Iterable[int], state: AlState) -> Steps[dict[int, Missed]]:
-        """Takes slaves over INIT to PREOP or BOOT, and sets the mailboxes for it up.
+    def _restart(self, positions: Iterable[int], state: AlState) -> Steps[dict[int, Missed]]:
+        """Brings slaves over INIT to PREOP or BOOT, and sets up their mailboxes for it.
 
         Returns:
-            The slaves that do not reach it.
+            The slaves that do not reach the state, by position.
         """
         here = set(positions)
-        self._untold |= here
+        self._unconfigured |= here
         missed = yield from self.ask(here, AlState.INIT)
         here -= missed.keys()
         self._prepare(here, state)
@@ -266,7 +275,7 @@ class SetUp:
         return missed
 
     def _prepare(self, positions: Iterable[int], state: AlState) -> None:
-        """Sets up what slaves need for PREOP or BOOT: mailboxes, and access to their EEPROM."""
+        """Sets up mailboxes for PREOP or BOOT, and gives slaves the access to their EEPROMs."""
         off, writes = [], []
         for position in positions:
             if self._scanned[position].slave.sync0_ns:
@@ -282,11 +291,11 @@ class SetUp:
         self._master.write_registers(writes)
 
     def _configure_again(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
-        """Tells slaves in PREOP their configuration as at the start; a restart loses it."""
+        """Writes the configuration of slaves in PREOP again: they lose it when they restart."""
         items = [self._scanned[position] for position in sorted(positions)]
         items = [item for item in items if item.slave.coe and item.settings.is_told]
         _, missed = yield from tell(self._master, items, SlaveConfiguration.tell)
-        self._untold -= set(positions) - missed.keys()
+        self._unconfigured -= set(positions) - missed.keys()
         return missed
 
     def _compare(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
@@ -328,13 +337,13 @@ def _for_boot(mailboxes: bytes, box: SiiMailbox) -> bytes:
 def _difference(
     slave: Slave, outputs: Sequence[Pdo], inputs: Sequence[Pdo], *, described: bool
 ) -> str:
-    """Says how the PDOs differ from those before, and what to do; empty if they do not.
+    """Returns how the PDOs differ from the earlier ones, and what to do; empty if they are equal.
 
     Args:
-        slave: The slave with its PDOs before.
+        slave: The slave, with its earlier PDOs.
         outputs: Its RxPDOs now.
         inputs: Its TxPDOs now.
-        described: Whether those before are those of the file with the description of the bus.
+        described: Whether the earlier PDOs are from the file with the description of the bus.
     """
     then = "in the description of the bus" if described else "at the start"
     for name, assigned, before, now in (

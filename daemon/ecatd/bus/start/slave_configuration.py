@@ -1,14 +1,15 @@
-"""Tells a slave its configuration: start-up parameters, and which PDOs it shall exchange.
+"""Writes the configuration of a slave: start-up parameters, modules, and its PDOs.
 
 This is done whenever the slave starts or comes back, in this order (ETG.1000.6):
 
 - in PREOP: the parameters of transition IP, the modules in its slots, then the PDOs, which may
-  depend on these, then the parameters of PS;
+  depend on both, then the parameters of PS;
 - in SAFEOP, before OP: the parameters of SO.
 
-On the way down it is told the parameters of OS in OP, and those of SP in SAFEOP (`telling.leave`).
+On the way down, the parameters of OS are written in OP, and those of SP in SAFEOP
+(`telling.leave`).
 
-How PDOs are written: `pdo_writer.py`.
+`pdo_writer.py` writes the PDOs.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from .refused import RefusedError, reason
 
 
 class SlaveConfiguration:
-    """Tells one slave with CoE its configuration.
+    """Writes the configuration of one slave with CoE.
 
     Args:
         slave: The slave.
@@ -43,13 +44,13 @@ class SlaveConfiguration:
         self._log = coe.line.log.of("start")
 
     def tell(self) -> Talk[list[str]]:
-        """Tells the slave, which is in PREOP, all that it is told there.
+        """Writes the whole configuration for PREOP to the slave, which must be in PREOP.
 
         Returns:
-            Messages about parameters that it has refused, although it can be used.
+            Messages about refused parameters that are optional.
 
         Raises:
-            RefusedError: It refuses its configuration.
+            RefusedError: The slave refuses its configuration.
             NoAnswerError: It does not answer.
             StateError: Its answers are malformed.
         """
@@ -62,12 +63,12 @@ class SlaveConfiguration:
             yield from self._placed("module", modules.tell(self._settings.modules))
         if self._settings.pdos is not None or self._settings.pdo:
             key = "pdo" if self._settings.pdos is None else "pdos"
-            pdos = PdoWriter(self._slave, self._sii, self._coe, self._settings, self._tell_detail)
+            pdos = PdoWriter(self._slave, self._sii, self._coe, self._settings, self._log_detail)
             yield from self._placed(key, pdos.write())
         return refused + (yield from self._parameters("PS"))
 
     def _placed(self, key: str, talk: Talk[None]) -> Talk[None]:
-        """Adds file, line and key to what the slave refuses."""
+        """Runs `talk`, and adds file, line and key to the message of a `RefusedError`."""
         try:
             yield from talk
         except RefusedError as error:
@@ -77,8 +78,8 @@ class SlaveConfiguration:
         """Writes the parameters of one transition; returns and raises as `tell`."""
         return self._coe.talk(lambda: self._parameters(transition))
 
-    def _tell_detail(self, what: str) -> None:
-        self._log.debug(f"{self._slave.label} is told {what}", slaves=[self._slave.position])
+    def _log_detail(self, what: str) -> None:
+        self._log.debug(f"{self._slave.label} gets {what}", slaves=[self._slave.position])
 
     # --- start-up parameters -------------------------------------------------------------------
 
@@ -86,7 +87,7 @@ class SlaveConfiguration:
         refused = []
         for parameter in self._settings.parameters(transition):
             index, subindex = parameter.address
-            self._tell_detail(f"start-up parameter {_text(parameter)} ({transition})")
+            self._log_detail(f"start-up parameter {_text(parameter)} ({transition})")
             try:
                 yield from self._coe.download(
                     index, subindex, parameter.data, complete=parameter.complete
@@ -97,7 +98,7 @@ class SlaveConfiguration:
                     f"parameter {_text(parameter)}: {reason(abort)}"
                 )
                 if transition in TRANSITIONS_DOWN:
-                    refused.append(f"{text}; it goes down all the same")
+                    refused.append(f"{text}; its state is changed nevertheless")
                 elif parameter.optional:
                     refused.append(f"{text}; it is optional, so the slave is used")
                 else:

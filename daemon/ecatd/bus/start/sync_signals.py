@@ -41,10 +41,10 @@ class _SlaveSignals:
     """The SYNC signals of a slave.
 
     Attributes:
-        slave: The slave, with their times.
-        config: Their table in the configuration.
-        activation: The word for the registers 0x0980 and 0x0981; 0 while an optional slave has not
-            been there yet.
+        slave: The slave, with the times of the signals.
+        config: The table of the signals in the configuration.
+        activation: The word for the registers 0x0980 and 0x0981; 0 for an optional slave that has
+            not been there yet.
     """
 
     slave: Slave
@@ -58,10 +58,10 @@ class SyncSignals:
     Args:
         bus: The bus.
         config: The configuration.
-        master: Reads and writes registers.
+        master: The master.
 
     Raises:
-        ConfigError: This bus cannot do what the configuration wants.
+        ConfigError: A slave cannot make the configured SYNC signals.
     """
 
     def __init__(self, bus: Bus, config: Config, master: Master) -> None:
@@ -78,7 +78,11 @@ class SyncSignals:
         return any(signals.slave.position == position for signals in self._signals)
 
     def _ask(self, signals: _SlaveSignals) -> None:
-        """Checks the signals against what the slave can do, and notes how it wants them."""
+        """Checks that the slave can make the signals, and reads their activation from its EEPROM.
+
+        Raises:
+            ConfigError: The slave cannot make these signals.
+        """
         self._check_pulse_length(signals.slave, signals.config.table)
         signals.activation = self._activation(signals.slave)
 
@@ -92,7 +96,7 @@ class SyncSignals:
             )
 
     def _activation(self, slave: Slave) -> int:
-        """Returns AssignActivate: from the EEPROM, if it has a mode with these signals."""
+        """Returns AssignActivate, from the EEPROM if that has a mode with these signals."""
         wanted = _RUN | _SYNC0 | (_SYNC1 if slave.sync1_ns else 0)
         (modes,) = self._master.read_eeproms(read_dc_modes, [slave.position])
         known = (item.assign_activate for item in modes)
@@ -101,7 +105,7 @@ class SyncSignals:
     def start(
         self, shared: SharedMemory, positions: Container[int] | None = None
     ) -> Steps[dict[int, str]]:
-        """Starts the SYNC signals of slaves that have some, and waits for their first pulse.
+        """Starts the SYNC signals of those slaves that have some, and waits for their first pulses.
 
         Args:
             shared: The shared memory, with the cycle and the time of the reference clock.
@@ -136,9 +140,9 @@ class SyncSignals:
         return failed
 
     def _cycle_zero(self, shared: SharedMemory) -> int:
-        """Computes when cycle 0 began, by the reference clock, to align signals with cycles.
+        """Computes the start of cycle 0 by the reference clock, to align signals with cycles.
 
-        A lost or late frame gives a wrong result, so this takes the most frequent one of several.
+        A lost or late frame gives a wrong result, so this returns the most frequent one of several.
         """
         period, phase = self._bus.cycle_time_us * 1000, round(self._config.dc.phase_us * 1000)
 
@@ -155,7 +159,7 @@ class SyncSignals:
         return Counter(zero() for _ in range(_CYCLES_ASKED)).most_common(1)[0][0]
 
     def _start(self, signals: _SlaveSignals, shared: SharedMemory, zero: int) -> None:
-        """Sets the signals of a slave up; tries again if their start has passed meanwhile."""
+        """Sets up the signals of a slave; tries again if their start time has passed meanwhile."""
         master, slave = self._master, signals.slave
         position = slave.position
         cycles = struct.pack("<II", slave.sync0_ns, slave.sync1_ns)
@@ -163,10 +167,10 @@ class SyncSignals:
         turn = self._bus.domains[slave.domain].phase * self._bus.cycle_time_us * 1000
         whole, base = whole_period(slave), zero + turn + slave.sync_shift_ns
         for tries in range(1, _TRIES + 1):
-            master.register_write(position, SYNC_CONTROL, bytes(2))  # off, and ours
+            master.register_write(position, SYNC_CONTROL, bytes(2))  # off, controlled by the master
             own = self._system_time(slave)
             reference = shared.health.dc_time_ns
-            now = reference + signed(own - reference)  # the upper half may be another one
+            now = reference + signed(own - reference)  # their upper halves may differ
             first = base - (base - now - tries * LEAD_NS) // whole * whole
             start = (own + first - now) % (1 << slave.dc_bits)
             master.register_write(position, _CYCLES, cycles)
@@ -187,11 +191,11 @@ class SyncSignals:
         return bool(number(status) & 0x03)
 
     def stop(self) -> None:
-        """Stops all SYNC signals. Slaves that use them should be in INIT by then."""
+        """Stops all SYNC signals. Slaves that use them should be in INIT already."""
         slaves = [Station(signals.slave.address) for signals in self._signals]
         self._master.registers.exchange([slave.write(SYNC_CONTROL, bytes(2)) for slave in slaves])
 
 
 def _patience(slave: Slave) -> float:
-    """Seconds in which the first pulse must come."""
+    """Returns the seconds within which the first pulse must come."""
     return (_TRIES * LEAD_NS + 2 * whole_period(slave)) * 1e-9 + 1.0

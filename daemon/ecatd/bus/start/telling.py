@@ -1,4 +1,4 @@
-"""Tells many slaves at once what belongs to a transition of their AL states."""
+"""Writes the configuration of many slaves at the same time, for transitions of their AL states."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ class Missed:
 
     Attributes:
         text: The reason, for messages.
-        changed: Whether its process data differ from those at the start: trying again is useless.
+        changed: Whether another try is useless, since the slave's process data differ from those
+            at the start, or it refuses its configuration.
     """
 
     text: str
@@ -34,7 +35,8 @@ def write_parameters(
     """Writes the start-up parameters of one transition.
 
     Returns:
-        Messages about optional parameters that were refused, and why slaves cannot go on.
+        Messages about refused parameters that are optional, and, by position, why slaves cannot go
+        on.
     """
     items = [item for item in items if item.settings.parameters(transition)]
     return (yield from tell(master, items, lambda told: told.write_parameters(transition)))
@@ -45,7 +47,13 @@ def tell(
     items: Sequence[Scanned],
     talk: Callable[[SlaveConfiguration], Talk[list[str]]],
 ) -> Steps[tuple[list[str], dict[int, Missed]]]:
-    """Tells slaves a part of their configuration; returns as `write_parameters`."""
+    """Writes a part of the configuration of slaves; returns as `write_parameters`.
+
+    Args:
+        master: The master.
+        items: The slaves.
+        talk: Returns the conversation with one slave.
+    """
     talks = [
         talk(
             SlaveConfiguration(item.slave, item.sii, master.coe(item.slave.position), item.settings)
@@ -66,9 +74,10 @@ def leave(
 ) -> Steps[list[str]]:
     """Writes the start-up parameters of the transitions on the way down to a state.
 
-    Those of OS are written to slaves in OP, those of SP to slaves in SAFEOP, also to those that
-    are there with an error. A slave that has some of SP is brought to SAFEOP here, since it may be
-    asked to leave OP for PREOP at once. A slave that does not answer is not asked a second time.
+    The parameters of OS are written to slaves in OP, those of SP to slaves in SAFEOP, also if they
+    are there with an error. A slave with parameters of SP is brought from OP to SAFEOP here, since
+    the state that is requested next may be PREOP. A slave that has not answered gets no second
+    request.
 
     Args:
         master: The master.
@@ -77,7 +86,8 @@ def leave(
         timeout_s: Seconds that slaves have to reach SAFEOP.
 
     Returns:
-        Messages about what was refused, or could not be written. Nothing of it is a reason to stay.
+        Messages about parameters that were refused or could not be written. The slaves may leave
+        their states nevertheless.
     """
     told = [
         item for item in items if item.settings.parameters("OS") or item.settings.parameters("SP")

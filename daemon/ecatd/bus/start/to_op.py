@@ -1,7 +1,7 @@
-"""Takes the slaves from PREOP to OP while the engine exchanges safe outputs.
+"""Brings the slaves from PREOP to OP while the engine exchanges safe outputs.
 
-A slave that loses its power on this way counts as one that is lost later: the bus goes on without
-it, and recovery brings it back when it comes, unless the policy says that it must be there.
+If a slave loses its power meanwhile, the start goes on without it, and recovery brings it back when
+it comes. Under the policy "strict", the start fails.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _CLOCK_PAUSE = 0.01
 
 
 class ToOp:
-    """The way of the slaves of one start to OP.
+    """Brings the slaves of one start to OP.
 
     Args:
         found: The slaves.
         shared: The shared memory; the engine runs.
-        clocks: The distributed clocks, where they are used.
-        cancelled: Called while waiting; when true, the start ends with `StateError`.
-        log: Where it is told.
+        clocks: The distributed clocks; None if they are not used.
+        cancelled: Called while waiting; when it returns true, the start ends with `StateError`.
+        log: The log for progress and warnings.
     """
 
     def __init__(
@@ -51,24 +51,24 @@ class ToOp:
         self._clocks = clocks
         self._cancelled = cancelled
         self._log = log
-        self._told: set[int] = set()  # slaves that have their parameters of SO
+        self._told: set[int] = set()  # slaves to which the parameters of SO were written
 
     def run(self) -> None:
-        """Takes them there.
+        """Brings the slaves to OP.
 
         Raises:
             StateError: Slaves do not reach it.
         """
-        self._insist(self._synchronise)
-        self._insist(lambda: self._reach(AlState.SAFEOP))
-        self._insist(self._tell_before_op)
+        self._repeat(self._synchronise)
+        self._repeat(lambda: self._bring_to(AlState.SAFEOP))
+        self._repeat(self._tell_before_op)
         # Slaves need valid outputs before OP.
         timeout_s = self._found.config.state_timeout_s
         finish(wait_for_outputs(self._shared, self._found.bus, timeout_s, self._cancelled))
-        self._insist(lambda: self._reach(AlState.OP))
+        self._repeat(lambda: self._bring_to(AlState.OP))
 
-    def _insist(self, step: Callable[[], None]) -> None:
-        """Carries a step out; again without the slaves that have lost their power meanwhile."""
+    def _repeat(self, step: Callable[[], None]) -> None:
+        """Carries out a step. If slaves lose their power meanwhile, repeats it without them."""
         while True:
             try:
                 step()
@@ -76,15 +76,15 @@ class ToOp:
                 gone = [n for n in find_gone(self._found.master) if n not in self._found.lost]
                 if not gone or self._cancelled():
                     raise
-                self._lose(gone, error)
+                self._drop(gone, error)
             else:
                 return
 
-    def _lose(self, gone: list[int], error: StateError) -> None:
-        """Goes on without slaves.
+    def _drop(self, gone: list[int], error: StateError) -> None:
+        """Continues the start without the slaves that have gone.
 
         Raises:
-            StateError: One of them must be there.
+            StateError: The bus must not start without one of them.
         """
         found = self._found
         must = [n for n in gone if found.must_be_there(n)]
@@ -117,10 +117,10 @@ class ToOp:
         for position, why in failed.items():
             raise StateError(f"{self._found.bus.slaves[position].label}: {why}")
 
-    def _reach(self, state: AlState) -> None:
-        """Takes all slaves to a state, except those that stay in PREOP.
+    def _bring_to(self, state: AlState) -> None:
+        """Brings all slaves to a state, except those that stay in PREOP.
 
-        A doubtful slave that does not reach the state is no error: recovery takes care of it.
+        If a doubtful slave does not reach it, this is no error: recovery tries again later.
         """
         found = self._found
         out = {*found.idle, *found.absent, *found.missing}
@@ -129,8 +129,10 @@ class ToOp:
         found.master.al_states.wait_for(state, timeout_s, used, optional=found.doubtful)
 
     def _tell_before_op(self) -> None:
-        """Writes the start-up parameters of SO."""
-        # A doubtful slave must not keep the others from OP, and may be in PREOP.
+        """Writes the start-up parameters of SO to all slaves but the doubtful ones.
+
+        A doubtful slave must not keep the others from OP, and may be in PREOP.
+        """
         found = self._found
         done = self._told | found.doubtful.keys()
         waiting = [item for item in found.present if item.slave.position not in done]

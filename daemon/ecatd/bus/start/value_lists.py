@@ -1,4 +1,4 @@
-"""Reads objects that are lists of values: an entry 0 with their number, then the values."""
+"""Reads objects that are lists of values: subindex 0 has their number, the values follow."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class ValueLists:
 
     Args:
         coe: CoE of the slave.
-        label: The slave as messages name it.
-        sii: Its SII.
+        label: Label of the slave, for messages.
+        sii: SII of the slave.
     """
 
     def __init__(self, coe: Coe, label: str, sii: Sii) -> None:
@@ -26,10 +26,10 @@ class ValueLists:
         self._at_once = bool(sii.coe & _COMPLETE_ACCESS)
 
     def read(self, index: int, size: int, most: int) -> Talk[list[int]]:
-        """Reads an object that is a list of values; an object that does not exist is empty.
+        """Reads an object that is a list of values. A missing object counts as an empty list.
 
         Args:
-            index: Its index.
+            index: Index of the object.
             size: Bytes of a value.
             most: Most values that are accepted.
 
@@ -47,9 +47,9 @@ class ValueLists:
         return values or []
 
     def _whole(self, index: int, size: int, most: int) -> Talk[list[int] | None]:
-        """Reads the list by complete access; returns None if the slave does not support that well.
+        """Reads the list by complete access; returns None if this does not work with the slave.
 
-        The number of values is followed by a byte of padding (ETG.1000.6, 5.6.2).
+        A byte of padding follows the number of values (ETG.1000.6, 5.6.2).
         """
         try:
             data = yield from self._coe.upload(index, 0, complete=True, tries=1)
@@ -67,8 +67,8 @@ class ValueLists:
             return None
         if len(count) < 1 or count[0] > most:
             raise StateError(
-                f"{self._label}: 0x{index:04X}:00 says {count.hex()} entries, at most {most} make "
-                "sense"
+                f"{self._label}: 0x{index:04X}:00 announces {count.hex()} entries, but at most "
+                f"{most} are possible"
             )
         values = []
         for subindex in range(1, count[0] + 1):

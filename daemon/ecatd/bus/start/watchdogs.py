@@ -1,9 +1,9 @@
 """Sets the watchdogs of the slaves, and checks them (ETG.1000.4, registers 0x0400 to 0x0420).
 
-A slave leaves OP if it gets no outputs for longer than its process data watchdog allows: sync
-manager control bit 6 switches it on for a sync manager, and register 0x0420 holds the time. In a
-domain slower than its watchdog, a slave would leave OP every time. Without a watchdog, outputs keep
-their values if the master dies.
+A slave leaves OP if it gets no outputs for longer than the time of its process data watchdog. Bit 6
+of the control register switches the watchdog on for a sync manager, and register 0x0420 has the
+time. In a domain with a longer period than this time, a slave would leave OP in every cycle.
+Without a watchdog, outputs keep their values if the master fails.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..master.master import Master
 from .mapping import Scanned
 from .watchdog_registers import DIVIDER, PDI_TIME, TIME, WATCHED, ticks
 
-_TICK_NS = 40  # of the divider, which counts from 2
+_TICK_NS = 40  # a tick of the watchdog is divider + 2 of these
 
 
 def check_watchdogs(
@@ -28,12 +28,12 @@ def check_watchdogs(
     """Checks the watchdogs of configured slaves against the configuration and the cycles.
 
     Returns:
-        Warnings: one lost exchange is too many for a slave, or its watchdog is off.
+        Warnings about slaves whose watchdog expires after one lost exchange, or is off.
 
     Raises:
-        ConfigError: A watchdog expires between two exchanges, or is off in a slave whose identity
-            the configuration knows, without being switched off there.
-        StateError: A slave does not take the configured time.
+        ConfigError: A watchdog expires between two exchanges. Or it is off in a slave whose
+            identity is in the configuration, but was not switched off there.
+        StateError: A slave does not accept the configured time.
     """
     registers = [
         (item.slave.position, at, 2) for item in scanned for at in (DIVIDER, PDI_TIME, TIME)

@@ -1,11 +1,12 @@
-"""How long the frames of one cycle are on the wire, and whether that fits into the cycle.
+"""Computes the time that the frames of a cycle take on the wire, and whether they fit into it.
 
 EtherCAT runs at 100 Mbit/s (ETG.1000.2), even if the master's interface is faster: 80 ns per byte.
-Preamble, check sum and gap of each frame count, too (IEEE 802.3). The longest cycle decides.
+Preamble, check sum and gap of each frame count, too (IEEE 802.3). The cycle with the longest time
+must fit.
 
-Dividers and phases tell which domains are due in the same cycle. Two domains meet in some cycle if
-their phases differ by a multiple of the greatest common divisor of their dividers. Several meet if
-any two of them do (Chinese remainder theorem).
+Dividers and phases determine which domains are due in the same cycle. Two domains meet in some
+cycle if their phases differ by a multiple of the greatest common divisor of their dividers. Several
+domains meet in a cycle if every two of them meet in some cycle (Chinese remainder theorem).
 """
 
 from __future__ import annotations
@@ -32,12 +33,13 @@ from ..engine.layout import DomainImage, Image
 _NS_PER_BYTE = 80
 _PREAMBLE, _CHECK_SUM, _GAP = 8, 4, 12
 _SLAVE_DELAY_NS = 1000
-"""Delay of a slave with MII ports, out and back: its processing unit, and its PHYs four times."""
+"""Delay of a slave with MII ports, out and back: its processing unit once, its PHYs four times."""
 
 _PATIENCE = 9, 10
-"""Share of the cycle in which the engine waits for its frames."""
+"""Share of the cycle for which the engine waits for its frames: nine tenths."""
 
 _WARNING = 8, 10
+"""Share of the cycle above which there is a warning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +50,10 @@ class WireTime:
         cycle_us: The base cycle in microseconds.
         frames: Number of frames.
         datagrams: Number of datagrams of domains.
-        data_bytes: Process data in them.
+        data_bytes: Bytes of process data in them.
         wire_bytes: All bytes, with headers, padding, preambles, check sums and gaps.
-        delay_ns: Way of a bit through all slaves and back, in nanoseconds.
-        crowd: Numbers of the domains in it that other phases could move to different cycles.
+        delay_ns: Time of a bit through all slaves and back, in nanoseconds.
+        crowd: Numbers of the domains in this cycle that other phases could move to other cycles.
     """
 
     cycle_us: int
@@ -69,23 +71,23 @@ class WireTime:
 
     @property
     def round_trip_us(self) -> float:
-        """From the first bit sent to the last bit received, in microseconds."""
+        """Time from the first bit sent to the last bit received, in microseconds."""
         return (self.wire_bytes * _NS_PER_BYTE + self.delay_ns) / 1000
 
     def shortest_cycle_us(self, share: tuple[int, int] = _PATIENCE) -> int:
-        """Returns the shortest base cycle in µs of which the round trip takes at most `share`."""
+        """Returns the shortest base cycle in µs in which the round trip takes at most `share`."""
         part, whole = share
         round_trip_ns = self.wire_bytes * _NS_PER_BYTE + self.delay_ns
         return -(-round_trip_ns * whole // (part * 1000))
 
     def check(self) -> str:
-        """Whether the frames fit into the cycle.
+        """Checks that the frames fit into the cycle.
 
         Returns:
-            A warning where there is little room left, else an empty text.
+            A warning if there is little time left, else an empty text.
 
         Raises:
-            StateError: They do not fit; the message has the arithmetic and the remedies.
+            StateError: They do not fit; the message has the numbers and the remedies.
         """
         sums = (
             f"{self.data_bytes} bytes of process data, {self.frames} "
@@ -132,7 +134,7 @@ def wire_time(
         cycle_us: The base cycle in microseconds.
         slaves: Number of slaves on the wire.
         clock: Whether each cycle distributes the time of a reference clock.
-        delay_ns: Way of a bit through all slaves and back, if it was measured; in nanoseconds.
+        delay_ns: Time of a bit through all slaves and back in nanoseconds, if it was measured.
 
     Raises:
         StateError: The engine has no room for so many frames or datagrams.
@@ -169,18 +171,18 @@ def _meetings(domains: Sequence[DomainImage]) -> list[list[DomainImage]]:
 
 
 def _meet(one: DomainImage, other: DomainImage) -> bool:
-    """Whether there are cycles in which both are due."""
+    """Whether there are cycles in which both domains are due."""
     return (one.phase - other.phase) % gcd(one.divider, other.divider) == 0
 
 
 def _crowd(domains: Sequence[DomainImage]) -> tuple[int, ...]:
-    """Of domains due in one cycle, returns the numbers of those that other phases would part."""
+    """Returns the numbers of those domains of a cycle that other phases could separate."""
     pairs = combinations(domains, 2)
     apart = {d.number for pair in pairs if gcd(*(d.divider for d in pair)) > 1 for d in pair}
     return tuple(sorted(apart))
 
 
 def _on_wire(lengths: Sequence[int]) -> int:
-    """Bytes that a frame with these datagrams takes on the wire, with preamble and gap."""
+    """Returns the bytes of a frame with these datagrams on the wire, with preamble and gap."""
     payload = sum(lengths) + len(lengths) * DATAGRAM_FRAMING
     return _PREAMBLE + max(FIRST_DATAGRAM + payload, ETHERNET_MIN) + _CHECK_SUM + _GAP
