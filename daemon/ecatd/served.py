@@ -8,7 +8,7 @@ from contextlib import suppress
 from . import shm
 from .file_locks import held
 from .model.errors import StateError
-from .units import service
+from .systemd_services import service
 
 
 def check_free(bus: str) -> None:

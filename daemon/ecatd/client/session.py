@@ -22,7 +22,7 @@ from ecatd.model.errors import (
 from ecatd.model.queries import to_query
 from ecatd.model.requests.request import Request
 from ecatd.paths import read_host, search_dirs, zenoh_socket
-from ecatd.units import how_to_start
+from ecatd.systemd_services import how_to_start
 from ecatd.zenoh_keys import AS, bus_key, bus_of, full_name, session_config
 
 from .identity import find_identity, is_encrypted, whose

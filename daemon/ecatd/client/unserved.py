@@ -10,7 +10,7 @@ from ecatd.failure_record import find_record
 from ecatd.model.errors import EcatError, UnreachableError
 from ecatd.paths import search_dirs, served_buses
 from ecatd.shared_memory.reader import opened
-from ecatd.units import how_to_start, other_version, why_no_gateway, why_not_running
+from ecatd.systemd_services import how_to_start, other_version, why_no_gateway, why_not_running
 
 
 def has_shared_memory(bus: str) -> bool:

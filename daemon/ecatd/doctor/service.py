@@ -11,7 +11,7 @@ from contextlib import suppress
 from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError
 from ecatd.paths import search_dirs, zenoh_socket
 from ecatd.stats import read
-from ecatd.units import gateway, other_version, why_no_gateway, why_not_running
+from ecatd.systemd_services import gateway, other_version, why_no_gateway, why_not_running
 
 from .findings import Finding, Level
 

@@ -13,7 +13,7 @@ from ecatd.model.config import Config, load_config
 from ecatd.model.errors import EcatError
 from ecatd.paths import MACHINE, control_socket, search_dirs
 from ecatd.stats import read
-from ecatd.units import other_version
+from ecatd.systemd_services import other_version
 from ecatd.version import VERSION
 
 from .findings import Finding, Level

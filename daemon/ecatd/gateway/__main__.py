@@ -34,7 +34,7 @@ from ecatd.process import (
 )
 from ecatd.service_link import answer_pings, read_settings, tell
 from ecatd.stats import read
-from ecatd.units import other_version
+from ecatd.systemd_services import other_version
 
 if TYPE_CHECKING:
     from .gateway import Gateway

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ecatd.model.bus_name import BUS_NAME
-from ecatd.units import service
+from ecatd.systemd_services import service
 
 from .places import ADMINISTRATION, CONFIGURATION, LOCAL, SOCKETS, UNITS, Place
 

@@ -25,7 +25,7 @@ from ecatd.model.errors import (
     StateError,
     UnreachableError,
 )
-from ecatd.units import how_to_start
+from ecatd.systemd_services import how_to_start
 
 _TRIES = 1000  # until a page is copied in which the engine did not write
 
