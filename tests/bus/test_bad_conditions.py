@@ -145,7 +145,7 @@ def bench(start_daemon: Callable[..., Daemon]) -> Iterator[Bench]:
     made.close()
 
 
-def test_interface_switched_off_and_on(bench: Bench) -> None:
+def test_r10_interface_switched_off_and_on(bench: Bench) -> None:
     bench.inside("switch", MASTER, "down")
     bench.wait_for_log(f"{MASTER}: was switched off: no frames until somebody does")
     bench.wait_for_log(f"frames cannot be sent on {MASTER}: ")
@@ -164,7 +164,7 @@ def test_interface_switched_off_and_on(bench: Bench) -> None:
     bench.wait_for_log("back in OP after")
 
 
-def test_carrier_lost_and_back(bench: Bench) -> None:
+def test_r10_carrier_lost_and_back(bench: Bench) -> None:
     bench.inside("switch", SIMULATOR, "down")
     bench.wait_for_log(f"{MASTER}: no carrier: check the cable")
     bench.wait_for_log("no slave answers")
@@ -182,7 +182,7 @@ def test_carrier_lost_and_back(bench: Bench) -> None:
     bench.wait_for_op()
 
 
-def test_interface_gone_and_back(bench: Bench) -> None:
+def test_r10_interface_gone_and_back(bench: Bench) -> None:
     bench.inside("delete", MASTER)
     bench.wait_for_log(f"{MASTER}: is gone: waiting for an interface of this name")
     bench.wait_for_event("link", interface=MASTER, state="gone")
@@ -196,7 +196,7 @@ def test_interface_gone_and_back(bench: Bench) -> None:
     assert bench.daemon.ctl("sdo-read", "0", "0x1018", "1").stdout.startswith("0x0000009A")
 
 
-def test_slaves_missing_and_back(bench: Bench) -> None:
+def test_r05_slaves_missing_and_back(bench: Bench) -> None:
     bench.ctl("break-link", "5")
     bench.wait_for_log(
         "slave count changed: 8, now 5: no answer from slave 5 (EL3008) on: 3 slaves"
@@ -257,7 +257,7 @@ def test_emergencies_of_a_running_slave_are_events(bench: Bench) -> None:
     assert bench.daemon.ctl_json("sdo-read", "0", "0x1000")["value"]
 
 
-def test_another_master_on_the_wire(bench: Bench) -> None:
+def test_r14_another_master_on_the_wire(bench: Bench) -> None:
     """One that does nothing but to send, with indices of the engine and addresses of its own."""
     lrd = "0a85000000702000 0000" + "00" * 34
     frame = "ffffffffffff 041122334455 88a4 2c10" + lrd
@@ -292,7 +292,7 @@ def test_frames_of_an_earlier_run_are_not_taken(bench: Bench) -> None:
     bench.wait_for_op()
 
 
-def test_a_second_master_that_uses_the_slaves(bench: Bench) -> None:
+def test_r14_a_second_master_that_uses_the_slaves(bench: Bench) -> None:
     """It takes the slaves out of OP and maps them its own way; nothing of that may end us."""
     bench.start_inside("soem", MASTER, "2").wait()
     bench.wait_for_log("a master with SOEM")
@@ -310,7 +310,7 @@ def other_master(bench: Bench, source: str) -> str:
     return next(line for line in bench.daemon.log.splitlines() if begin in line)
 
 
-def test_a_second_master_that_only_scans(bench: Bench) -> None:
+def test_r14_a_second_master_that_only_scans(bench: Bench) -> None:
     """To scan is to reset all slaves; what was done is named, and undone."""
     bench.start_inside("soem_scan", MASTER).wait()
     told = other_master(bench, "03:01:01:01:01:01, a master with SOEM")
@@ -398,7 +398,7 @@ def take_real_time_away() -> None:
         libc.prctl(PR_CAPBSET_DROP, capability, 0, 0, 0)
 
 
-def test_no_permission_for_real_time(start_daemon: Callable[..., Daemon]) -> None:
+def test_r43_no_permission_for_real_time(start_daemon: Callable[..., Daemon]) -> None:
     config = "[gateway]\nlisten = []\n[realtime]\ncpu = 1023\n"
     daemon = start_daemon("troll", config=config, preexec=take_real_time_away)
     for what, remedy in (
@@ -414,7 +414,7 @@ def test_no_permission_for_real_time(start_daemon: Callable[..., Daemon]) -> Non
     bench.close()
 
 
-def test_a_cycle_that_is_held_up_is_counted(bench: Bench) -> None:
+def test_r20_a_cycle_that_is_held_up_is_counted(bench: Bench) -> None:
     before = bench.health().missed
     os.kill(bench.server, signal.SIGSTOP)
     time.sleep(0.05)  # less than the watchdog of the slaves

@@ -93,7 +93,7 @@ def test_the_lease_is_that_of_what_is_owned(daemon: Daemon) -> None:
         assert lease(daemon) == 0.007  # less is not granted
 
 
-def test_a_killed_owner_is_gone_and_has_released_nothing(daemon: Daemon) -> None:
+def test_r15_a_killed_owner_is_gone_and_has_released_nothing(daemon: Daemon) -> None:
     """However the engine meets the client that takes its slot; see ecat_slot_begin()."""
     with daemon.client() as eye:
         lamp = eye.signal(EL2008, 0x7000, 1)
@@ -106,7 +106,7 @@ def test_a_killed_owner_is_gone_and_has_released_nothing(daemon: Daemon) -> None
                 assert eye.output(lamp).reason is Reason.GONE
 
 
-def test_who_takes_a_slot_slowly_is_no_release(daemon: Daemon) -> None:
+def test_r16_who_takes_a_slot_slowly_is_no_release(daemon: Daemon) -> None:
     with daemon.client() as eye, Handle(daemon.bus) as client:
         lamp = eye.signal(EL2008, 0x7000, 1)
         assert client.claim(EL2008, 50.0) == 0

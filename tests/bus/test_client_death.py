@@ -53,7 +53,7 @@ def build(folder: Path, *sources: Path) -> Path:
 
 
 @pytest.mark.timeout(600 + DEATHS)
-def test_outputs_of_clients_that_die_are_safe_in_time(
+def test_r15_outputs_of_clients_that_die_are_safe_in_time(
     start_daemon: Callable[..., Daemon], tmp_path: Path
 ) -> None:
     sources = [HERE / "death" / f"{name}.c" for name in ("dying", "victim", "watch")]

@@ -113,7 +113,7 @@ def test_slaves_have_names(start: Start) -> None:
         assert client.signal("infeed/0x7000:01").slave == 1
 
 
-def test_a_wrong_bus_does_not_start(start: Start) -> None:
+def test_r07_a_wrong_bus_does_not_start(start: Start) -> None:
     daemon = start(["EK1100", "EL2004", "EL2008", "EL3008"], ready=False)
     status, log = daemon.wait_end()
     assert status == 7

@@ -204,7 +204,7 @@ def outputs_now(daemon: Daemon) -> tuple[list[float], shm.Outputs]:
 
 
 @pytest.mark.parametrize("end", ["kill", "stop", "terminate"])
-def test_outputs_of_a_client_that_ends_or_hangs_are_safe(troll: Daemon, end: str) -> None:
+def test_r15_outputs_of_a_client_that_ends_or_hangs_are_safe(troll: Daemon, end: str) -> None:
     number = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP, "terminate": signal.SIGTERM}[end]
     with own_outputs(troll) as owner:
         for _ in range(1000):
@@ -307,7 +307,7 @@ def al_states(daemon: Daemon) -> list[int]:
         return [slave.al_state for slave in client.slaves()]
 
 
-def test_slaves_come_back_from_a_watchdog(start_daemon: Callable[..., Daemon]) -> None:
+def test_r02_slaves_come_back_from_a_watchdog(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll")
     stall(daemon)
     wait_for(lambda: "back in OP after" in daemon.log, daemon)
@@ -343,7 +343,7 @@ def test_the_gateway_may_die_and_comes_back(start_daemon: Callable[..., Daemon])
     assert daemon.ctl_json("stats")["state"] == "running"
 
 
-def test_the_daemon_ends_when_its_bus_server_dies(start_daemon: Callable[..., Daemon]) -> None:
+def test_r17_the_daemon_ends_when_its_bus_server_dies(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll")
     os.kill(daemon.child_pid("ecatd.bus"), signal.SIGKILL)
     status, log = daemon.wait_end()
@@ -352,12 +352,12 @@ def test_the_daemon_ends_when_its_bus_server_dies(start_daemon: Callable[..., Da
     assert "the gateway" not in log  # which ends with the bus server
 
 
-def test_both_files_have_the_documented_modes(troll: Daemon) -> None:
+def test_r31_both_files_have_the_documented_modes(troll: Daemon) -> None:
     modes = {path.name: oct(path.stat().st_mode & 0o777) for path in SHM.glob(f"ecat.{troll.bus}*")}
     assert modes == {f"ecat.{troll.bus}": "0o640", f"ecat.{troll.bus}.out": "0o660"}
 
 
-def test_stopping_takes_the_slaves_to_init(tmp_path: Path) -> None:
+def test_r23_stopping_takes_the_slaves_to_init(tmp_path: Path) -> None:
     """Seen by another master, on the interface that the daemon has left."""
     code = (
         "import pathlib, signal, socket, subprocess, sys\n"

@@ -34,7 +34,7 @@ def restart(start_daemon: Callable[..., Daemon], daemon: Daemon) -> Daemon:
     return again
 
 
-def test_a_writer_goes_on_after_a_new_claim(start_daemon: Callable[..., Daemon]) -> None:
+def test_r30_a_writer_goes_on_after_a_new_claim(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll")
     with Handle(daemon.bus) as handle:
         before = handle.instance
@@ -205,7 +205,7 @@ def power_cut(daemon: Daemon) -> None:
 
 
 @pytest.mark.timeout(600 + 4 * RESTARTS)
-def test_clients_survive_a_daemon_that_is_killed_at_any_point(tmp_path: Path) -> None:
+def test_r30_clients_survive_a_daemon_that_is_killed_at_any_point(tmp_path: Path) -> None:
     random.seed(int(os.environ.get("ECAT_SEED", "1")))
     daemon = Daemon(tmp_path, "line:4").wait_ready()
     bus = daemon.bus

@@ -29,7 +29,7 @@ def warning(daemon: Daemon, slave: str) -> str:
     return line
 
 
-def test_which_slaves_take_part(damaged: Daemon) -> None:
+def test_r32_which_slaves_take_part(damaged: Daemon) -> None:
     rows = damaged.slave_rows("slaves")
     assert [(row["state"], row["recovery"]) for row in rows] == [
         ("OP", ""),

@@ -211,7 +211,7 @@ def test_domains_with_phases_take_turns(phased: Daemon) -> None:
     assert "     4+3  3/3 " in phased.ctl("stats").stdout
 
 
-def test_phases_outlast_missed_cycles(phased: Daemon) -> None:
+def test_r20_phases_outlast_missed_cycles(phased: Daemon) -> None:
     divider = TURNS[-1][0]
     with phased.client() as client, shared(phased) as table:
         server = phased.child_pid("ecatd.bus")
@@ -257,7 +257,7 @@ def test_exchanges_and_those_left_out_are_counted(mixed: Daemon) -> None:
             assert last - first <= latest // divider - earliest // divider
 
 
-def test_every_byte_of_every_slave_arrives(mixed: Daemon) -> None:
+def test_r11_every_byte_of_every_slave_arrives(mixed: Daemon) -> None:
     everybody = range(40)
     with mixed.client() as client:
         for slave in everybody:
@@ -330,7 +330,7 @@ def test_outputs_of_one_domain_are_safe_when_their_client_ends(mixed: Daemon) ->
             pytest.fail("the outputs stay")
 
 
-def test_an_image_larger_than_a_frame(start_daemon: Callable[..., Daemon]) -> None:
+def test_r12_an_image_larger_than_a_frame(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("line:30", config="cycle_time_us = 2000\n[gateway]\nlisten = []\n")
     frames = daemon.ctl_json("info")["wire_frames"]
     assert frames == 2  # 1920 bytes

@@ -137,7 +137,7 @@ def wait_for_tries(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("name", list(FAULTS))
-def test_a_fault_and_its_end_are_told_once(bench: Bench, name: str) -> None:
+def test_r44_a_fault_and_its_end_are_told_once(bench: Bench, name: str) -> None:
     fault, since = FAULTS[name], len(bench.daemon.log)
     begun, told = Counter(fault.begin), Counter(fault.begin + fault.after)
     with Simulator(str(bench.simulator)) as simulator:
@@ -160,7 +160,7 @@ def test_a_fault_and_its_end_are_told_once(bench: Bench, name: str) -> None:
     assert len(lines) == 1, bench.daemon.log
 
 
-def test_a_hundred_lost_frames_are_counted_and_told(bench: Bench) -> None:
+def test_r02_a_hundred_lost_frames_are_counted_and_told(bench: Bench) -> None:
     """The inputs are marked from the first one on, and all slaves are in OP again afterwards."""
     before, since = bench.health(), len(bench.events)
     with Simulator(str(bench.simulator)) as simulator:

@@ -148,7 +148,7 @@ def faults(b, kind, count, **more):
 
 
 @in_namespace
-def test_lost_frames_are_counted_and_the_inputs_stay():
+def test_r01_r02_lost_frames_are_counted_and_the_inputs_stay():
     with bench(3) as b:
         b.start()
         with owner(b) as client:
@@ -165,7 +165,7 @@ def test_lost_frames_are_counted_and_the_inputs_stay():
 
 
 @in_namespace
-def test_late_frames_are_never_taken_for_new_ones():
+def test_r03_late_frames_are_never_taken_for_new_ones():
     """A counter goes round through the slaves: it must not go back, whatever frames do."""
     with bench(2, cycle_us=1000) as b:
         b.start()
@@ -190,7 +190,7 @@ def test_late_frames_are_never_taken_for_new_ones():
 
 
 @in_namespace
-def test_a_wrong_working_counter_spoils_one_domain_in_one_cycle():
+def test_r04_a_wrong_working_counter_spoils_one_domain_in_one_cycle():
     with bench(2) as b:
         b.start()
         with owner(b) as client:
@@ -211,7 +211,7 @@ def raw_socket():
 
 
 @in_namespace
-def test_frames_of_an_earlier_run_are_told_from_ours():
+def test_r03_frames_of_an_earlier_run_are_told_from_ours():
     """All 128 indices, in the form of our frames, but with the name of another run."""
     with bench(2) as b:
         b.start()

@@ -111,7 +111,7 @@ def manager(tmp_path: Path) -> Iterator[Manager]:
     found.close()
 
 
-def test_the_pause_grows_until_somebody_stops_the_service(manager: Manager) -> None:
+def test_r46_the_pause_grows_until_somebody_stops_the_service(manager: Manager) -> None:
     manager.fail_at_once()  # `systemctl start` returns, and says so
     for next_s in (4, 8, 16, 30, 30):
         assert manager.fail_and_wait() == 3, "SIGHUP ends the wait"
@@ -128,14 +128,14 @@ def test_the_pause_grows_until_somebody_stops_the_service(manager: Manager) -> N
     assert manager.next_s == 4
 
 
-def test_a_start_that_succeeds_ends_the_counting(manager: Manager) -> None:
+def test_r46_a_start_that_succeeds_ends_the_counting(manager: Manager) -> None:
     manager.fail_at_once()
     assert manager.fail_and_wait() == 3
     assert manager.run("--simulate", "troll", until="READY=1", number=signal.SIGTERM) == 0
     manager.fail_at_once()
 
 
-def test_ecatctl_says_why_and_when_the_next_try_is(manager: Manager) -> None:
+def test_r46_ecatctl_says_why_and_when_the_next_try_is(manager: Manager) -> None:
     manager.fail_at_once()
     assert manager.fail_and_wait() == 3
     file = manager.folder / f"run/{BUS}/failed_starts"

@@ -35,7 +35,7 @@ def described(model: Model) -> Bus:
     return bus_file.load(model.folder / "resources" / "bus.json")
 
 
-def test_another_bus(model: Model, troll: Daemon, tmp_path: Path) -> None:
+def test_r45_another_bus(model: Model, troll: Daemon, tmp_path: Path) -> None:
     bus = described(model)
     bus.slaves[2].name, bus.slaves[2].product = "EL1008", 0x03F03052
     other = Model(generate_fmu(bus, "Other", tmp_path, model.fmi).fmu)

@@ -94,7 +94,7 @@ def test_a_gateway_ends_whose_service_was_killed_while_it_started(
     assert gateway.returncode == 0
 
 
-def test_the_network_reads_and_does_not_write(daemon: Daemon, network: zenoh.Session) -> None:
+def test_r36_the_network_reads_and_does_not_write(daemon: Daemon, network: zenoh.Session) -> None:
     remote = Remote(daemon.bus, f"tcp/127.0.0.1:{PORT}", 60.0)
     assert [slave.name for slave in remote.describe().slaves][1:3] == ["EK1100", "EL1018"]
     assert remote.sdo_read(0, 0x1018, 1).data == b"\x9a\0\0\0"
@@ -201,7 +201,9 @@ def test_a_bus_server_that_does_not_answer(
     assert "never retrieved" not in daemon.log
 
 
-def test_a_gateway_that_ends_before_it_has_its_answers(start_daemon: Callable[..., Daemon]) -> None:
+def test_r37_a_gateway_that_ends_before_it_has_its_answers(
+    start_daemon: Callable[..., Daemon],
+) -> None:
     """The bus server finds the connection broken while it answers, and thinks nothing of it."""
     daemon = start_daemon("troll")
     path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
@@ -225,7 +227,7 @@ def memory(pid: int) -> int:
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
-def test_a_gateway_that_asks_and_does_not_read(daemon: Daemon) -> None:
+def test_r34_a_gateway_that_asks_and_does_not_read(daemon: Daemon) -> None:
     """It gets no more answers, the bus server does not grow, and others are served."""
     path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
     server = daemon.child_pid("ecatd.bus")
@@ -247,7 +249,7 @@ def test_a_gateway_that_asks_and_does_not_read(daemon: Daemon) -> None:
         assert answers > 100 * len(request)  # it is served again when it reads
 
 
-def test_too_many_gateways(daemon: Daemon) -> None:
+def test_r34_too_many_gateways(daemon: Daemon) -> None:
     path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
     with contextlib.ExitStack() as stack:
         there = [stack.enter_context(socket.socket(socket.AF_UNIX)) for _ in range(20)]
@@ -278,7 +280,7 @@ def test_values_and_events_are_published(daemon: Daemon, network: zenoh.Session)
     daemon.ctl("state", "OP", "-p", "3")
 
 
-def test_a_change_that_arrives_twice_is_carried_out_once(daemon: Daemon) -> None:
+def test_r38_a_change_that_arrives_twice_is_carried_out_once(daemon: Daemon) -> None:
     session = local(daemon)
     key = bus_key(daemon.bus, "rw", "sdo", "0", "0x6060", "0x00")
     payload = pack({"id": "same", "data": b"\x09"})
@@ -349,7 +351,7 @@ def test_a_port_in_use_costs_only_the_network(
     assert len(second.slave_rows("slaves")) == 1
 
 
-def test_only_what_is_configured_listens(daemon: Daemon) -> None:
+def test_r40_only_what_is_configured_listens(daemon: Daemon) -> None:
     """No multicast scouting, nothing on other addresses: seen in the kernel's own list."""
     from pathlib import Path
 

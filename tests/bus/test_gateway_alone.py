@@ -102,7 +102,9 @@ def test_it_serves_and_says_so_to_the_service_manager(daemon: Daemon, tmp_path: 
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_it_dies_or_hangs_and_the_bus_goes_on(daemon: Daemon, tmp_path: Path, number: int) -> None:
+def test_r18_it_dies_or_hangs_and_the_bus_goes_on(
+    daemon: Daemon, tmp_path: Path, number: int
+) -> None:
     server = daemon.child_pid("ecatd.bus")
     with gateway_of(daemon, tmp_path) as first:
         if number == signal.SIGSTOP:

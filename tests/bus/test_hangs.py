@@ -57,7 +57,7 @@ def wait_end(machine: Machine, thread: int) -> tuple[int, str]:
 
 
 @pytest.mark.long
-def test_a_gateway_that_hangs_is_replaced_and_the_bus_goes_on(machine: Machine) -> None:
+def test_r18_a_gateway_that_hangs_is_replaced_and_the_bus_goes_on(machine: Machine) -> None:
     before = machine.pid(GATEWAY)
     machine.send(GATEWAY, signal.SIGSTOP)
 
@@ -75,7 +75,7 @@ def test_a_gateway_that_hangs_is_replaced_and_the_bus_goes_on(machine: Machine) 
 
 
 @pytest.mark.long
-def test_a_bus_server_that_is_stopped_ends_the_daemon(machine: Machine) -> None:
+def test_r19_a_bus_server_that_is_stopped_ends_the_daemon(machine: Machine) -> None:
     machine.send(BUS, signal.SIGSTOP)
     status, log = machine.daemon.wait_end()
     assert status == 7
@@ -85,7 +85,9 @@ def test_a_bus_server_that_is_stopped_ends_the_daemon(machine: Machine) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("thread", ["main", "worker"])
-def test_the_engine_brakes_the_drive_if_nobody_controls_it(machine: Machine, thread: str) -> None:
+def test_r19_the_engine_brakes_the_drive_if_nobody_controls_it(
+    machine: Machine, thread: str
+) -> None:
     server = machine.pid(BUS)
     stopped = server if thread == "main" else thread_of(server, "ecat-worker")
     stop_thread(stopped)
@@ -96,7 +98,7 @@ def test_the_engine_brakes_the_drive_if_nobody_controls_it(machine: Machine, thr
 
 
 @pytest.mark.long
-def test_an_engine_that_stands_still_is_noticed(machine: Machine) -> None:
+def test_r19_an_engine_that_stands_still_is_noticed(machine: Machine) -> None:
     stopped = thread_of(machine.pid(BUS), "ecat-cyclic")
     stop_thread(stopped)
     status, log = wait_end(machine, stopped)

@@ -95,7 +95,7 @@ def attack(
     return daemon, reached
 
 
-def test_random_pages(start_daemon: Callable[..., Daemon], hostile: Path) -> None:
+def test_r29_random_pages(start_daemon: Callable[..., Daemon], hostile: Path) -> None:
     daemon, reached = attack(start_daemon, hostile, "pages", PAGES)
     assert reached["lost_claims"] > 0
     who = rf"'intruder' \(pid {reached['intruder']}\)"
@@ -105,7 +105,7 @@ def test_random_pages(start_daemon: Callable[..., Daemon], hostile: Path) -> Non
     assert daemon.stop() == 0
 
 
-def test_lies(start_daemon: Callable[..., Daemon], hostile: Path) -> None:
+def test_r29_lies(start_daemon: Callable[..., Daemon], hostile: Path) -> None:
     daemon, reached = attack(start_daemon, hostile, "lies", PAGES // 4)
     assert reached["refused"] > 0
     assert reached["malformed"] > 0

@@ -57,7 +57,7 @@ def told(daemon: Daemon, path: Path, damage: str) -> None:
 
 
 @pytest.mark.parametrize("size", [0, 10, 4096, 8200])
-def test_a_file_that_is_cut_short_is_mended(daemon: Daemon, size: int) -> None:
+def test_r29_a_file_that_is_cut_short_is_mended(daemon: Daemon, size: int) -> None:
     out = out_of(daemon)
     whole = out.stat().st_size
     with daemon.client() as reader, out.open("r+b") as file:
@@ -105,7 +105,7 @@ def test_clients_in_a_file_that_was_cut_short_begin_anew(
         assert asker.poll(request, None, 0, None, None) not in (0, EBUSY)
 
 
-def test_a_header_that_is_written_over_is_mended(daemon: Daemon) -> None:
+def test_r29_a_header_that_is_written_over_is_mended(daemon: Daemon) -> None:
     out = out_of(daemon)
     right = out.read_bytes()[:48]
     with daemon.client() as reader:

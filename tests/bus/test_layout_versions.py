@@ -237,7 +237,7 @@ def test_a_client_works_with_a_later_daemon(
         assert client.sdo_upload(0, 0x1018, 1).result() == (0x9A).to_bytes(4, "little")
 
 
-def test_a_later_client_refuses_an_earlier_daemon(troll: Daemon, later_ecatd: str) -> None:
+def test_r28_a_later_client_refuses_an_earlier_daemon(troll: Daemon, later_ecatd: str) -> None:
     env = {**troll.env, "PYTHONPATH": later_ecatd}
     for command in ("shm", "claims", "stats", "dc"):
         result = run_module("ecatd.cli", command, env=env)

@@ -35,7 +35,7 @@ def test_the_death_of_the_main_process_brakes_the_drive(machine: Machine) -> Non
     assert not list(SHM.glob(f"ecat.{machine.daemon.bus}*"))
 
 
-def test_only_the_death_of_the_bus_server_is_left_to_the_watchdog(machine: Machine) -> None:
+def test_r17_only_the_death_of_the_bus_server_is_left_to_the_watchdog(machine: Machine) -> None:
     machine.send(BUS, signal.SIGKILL)
     assert machine.speed_when_op_ends() > SPEED / 2
     status, log = machine.daemon.wait_end()
@@ -44,7 +44,7 @@ def test_only_the_death_of_the_bus_server_is_left_to_the_watchdog(machine: Machi
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGQUIT])
-def test_the_gateway_ends_and_the_bus_goes_on(machine: Machine, number: int) -> None:
+def test_r18_the_gateway_ends_and_the_bus_goes_on(machine: Machine, number: int) -> None:
     before = machine.pid(GATEWAY)
     machine.send(GATEWAY, number)
 
@@ -59,7 +59,7 @@ def test_the_gateway_ends_and_the_bus_goes_on(machine: Machine, number: int) -> 
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGQUIT])
-def test_signals_that_end_the_daemon(machine: Machine, number: int) -> None:
+def test_r23_signals_that_end_the_daemon(machine: Machine, number: int) -> None:
     machine.send(MAIN, number)
     assert machine.speed_when_op_ends() < SPEED / 50
     status, log = machine.daemon.wait_end()

@@ -134,7 +134,7 @@ everywhere = pytest.mark.parametrize(
 
 
 @everywhere
-def test_a_slave_that_was_without_power(start: Start, clocks: bool, ring: bool) -> None:
+def test_r06_a_slave_that_was_without_power(start: Start, clocks: bool, ring: bool) -> None:
     bench = start(clocks=clocks, ring=ring)
     in_op(bench)
     last = SLAVES - 1
@@ -164,7 +164,7 @@ def test_slaves_in_the_middle_that_were_without_power(
 
 
 @both
-def test_the_whole_line_was_without_power(start: Start, clocks: bool) -> None:
+def test_r06_the_whole_line_was_without_power(start: Start, clocks: bool) -> None:
     bench = start(clocks=clocks)
     in_op(bench)
     before = cycle(bench)
@@ -176,7 +176,7 @@ def test_the_whole_line_was_without_power(start: Start, clocks: bool) -> None:
 
 
 @both
-def test_a_cable_that_was_pulled_for_seconds(start: Start, clocks: bool) -> None:
+def test_r05_a_cable_that_was_pulled_for_seconds(start: Start, clocks: bool) -> None:
     bench = start(clocks=clocks)
     in_op(bench)
     with undisturbed(bench, range(3)):
@@ -210,7 +210,7 @@ def test_a_slave_that_fell_further(start: Start, state: str) -> None:
 
 
 @pytest.mark.parametrize("code", ["0x0011", "0x001D", "0x001E", "0x8001"])
-def test_a_slave_with_a_reason_of_its_own(start: Start, code: str) -> None:
+def test_r08_a_slave_with_a_reason_of_its_own(start: Start, code: str) -> None:
     bench = start()
     in_op(bench)
     with undisturbed(bench, range(3)):
@@ -225,7 +225,7 @@ def test_a_slave_with_a_reason_of_its_own(start: Start, code: str) -> None:
     in_op(bench)
 
 
-def test_another_device_is_left_alone(start: Start) -> None:
+def test_r07_another_device_is_left_alone(start: Start) -> None:
     bench = start()
     in_op(bench)
     with undisturbed(bench, range(4)):

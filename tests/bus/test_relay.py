@@ -36,7 +36,9 @@ COUNT = 100
 MAILBOX = ("mailbox_frames", "mailbox_lost", "mailbox_ns")
 
 
-def test_requests_of_many_clients_cost_no_cyclic_frame(start_daemon: Callable[..., Daemon]) -> None:
+def test_r24_requests_of_many_clients_cost_no_cyclic_frame(
+    start_daemon: Callable[..., Daemon],
+) -> None:
     # A cycle so long that a frame is lost only if the simulator does not run for 18 milliseconds.
     daemon = start_daemon("troll", "--cycle-time-us", "20000")
     answers: list[tuple[int, bytes]] = []
@@ -149,7 +151,7 @@ def master_with_share(share: float) -> Any:
 
 
 @pytest.mark.parametrize("share", [0.02, 0.1])
-def test_the_share_is_respected(share: float) -> None:
+def test_r24_the_share_is_respected(share: float) -> None:
     part = run("troll", master_with_share, share)
     assert 0 < part < 1.1 * share  # what the last frames owe has not been paid yet
 

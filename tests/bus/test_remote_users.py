@@ -91,7 +91,7 @@ def site(tmp_path_factory: pytest.TempPathFactory, start_shared: Callable[..., D
     return Site(tmp_path_factory.mktemp("site"), start_shared)
 
 
-def test_a_user_reads_and_changes_what_the_configuration_says(site: Site) -> None:
+def test_r36_a_user_reads_and_changes_what_the_configuration_says(site: Site) -> None:
     with site.as_user("anna") as anna:
         assert anna.rights() == {
             "user": "anna",
@@ -132,7 +132,7 @@ def test_a_user_without_rights_only_reads(site: Site) -> None:
     names(site.daemon.log, "refused", "'bob'")
 
 
-def test_nobody_asks_in_the_name_of_another_user(site: Site) -> None:
+def test_r36_nobody_asks_in_the_name_of_another_user(site: Site) -> None:
     payload = pack({"id": "0123", "data": b"\x09"})
     mine, yours = (
         bus_key(site.daemon.bus, "as", name, "rw", "sdo", "0", "0x6060", "00")
@@ -167,7 +167,7 @@ def test_users_cannot_forge_what_the_daemon_says(site: Site) -> None:
     assert all(bytes(sample.payload) != b"forged" for sample in told)
 
 
-def test_who_is_not_let_in(site: Site, tmp_path: Path) -> None:
+def test_r36_who_is_not_let_in(site: Site, tmp_path: Path) -> None:
     # A certificate of the right authority, of a user whom the configuration does not know.
     with site.as_user("carl") as carl:
         with pytest.raises(NotPermittedError, match=naming("'carl'", "[[gateway.user]]")):
@@ -215,7 +215,7 @@ def expired_identity(authority: Path, folder: Path) -> Path:
     return old
 
 
-def test_an_expired_certificate_is_not_let_in(site: Site, tmp_path: Path) -> None:
+def test_r36_an_expired_certificate_is_not_let_in(site: Site, tmp_path: Path) -> None:
     old = expired_identity(site.folder, tmp_path)
     with pytest.raises(UnreachableError):
         Remote(site.daemon.bus, site.endpoint, 1.0, old)

@@ -221,7 +221,7 @@ def test_a_drive_that_stays_in_quick_stop_has_its_time(start_daemon: Callable[..
 
 
 @pytest.mark.parametrize("value", ["quick_stop", "disable"])
-def test_the_daemon_stops_the_drive_before_slaves_leave_op(
+def test_r23_the_daemon_stops_the_drive_before_slaves_leave_op(
     start_daemon: Callable[..., Daemon], value: str
 ) -> None:
     daemon = start_daemon("troll", config=stop_rule(value))

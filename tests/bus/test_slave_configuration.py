@@ -110,7 +110,7 @@ def check(daemon: Daemon) -> None:
     assert value(daemon, AXIS, "0x1A00", 2) == 0x60640020
 
 
-def test_slaves_are_told_at_the_start_and_when_they_come_back(start: Start) -> None:
+def test_r06_slaves_are_told_at_the_start_and_when_they_come_back(start: Start) -> None:
     bench = start(CONFIG)
     daemon = bench.daemon
     check(daemon)

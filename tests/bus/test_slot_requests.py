@@ -83,7 +83,7 @@ time.sleep(60)
 
 
 @pytest.mark.parametrize("end", ["kill", "leave"])
-def test_what_a_dead_client_asked_for_is_dropped(
+def test_r37_what_a_dead_client_asked_for_is_dropped(
     start_daemon: Callable[..., Daemon], end: str
 ) -> None:
     daemon = start_daemon("troll")
@@ -131,7 +131,7 @@ def test_a_slave_without_mailbox_now_is_told_at_once(troll: Daemon) -> None:
     troll.ctl("state", "OP", "-p", "0")
 
 
-def test_emergencies_between_answers_are_told(start_daemon: Callable[..., Daemon]) -> None:
+def test_r13_emergencies_between_answers_are_told(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll")
     simulator(daemon, "emergency", str(DRIVE), "0x3220", "--register", "0x04")
     with daemon.client() as client:
@@ -140,7 +140,7 @@ def test_emergencies_between_answers_are_told(start_daemon: Callable[..., Daemon
     wait_for(lambda: any(re.search(told, line) for line in daemon.log.splitlines()), daemon)
 
 
-def test_a_slave_that_does_not_answer_holds_up_nobody_else(
+def test_r24_a_slave_that_does_not_answer_holds_up_nobody_else(
     start_daemon: Callable[..., Daemon],
 ) -> None:
     daemon = start_daemon("troll")
@@ -204,7 +204,7 @@ def test_clients_take_turns(troll: Daemon) -> None:
             assert client.sdo_upload(DRIVE, 0x1018, 1).result() == b"\x9a\0\0\0"
 
 
-def test_values_out_of_their_range_are_told_and_not_sent(
+def test_r35_values_out_of_their_range_are_told_and_not_sent(
     start_daemon: Callable[..., Daemon],
 ) -> None:
     declared = (

@@ -17,7 +17,7 @@ CLIENT = Path(__file__).parents[2] / "client_c"
 TESTS = ("test_client_objects", "test_return", "test_shared_memory")
 
 
-def test_no_call_touches_memory_that_it_must_not(tmp_path: Path, compiler: str) -> None:
+def test_r16_no_call_touches_memory_that_it_must_not(tmp_path: Path, compiler: str) -> None:
     """AddressSanitizer and UndefinedBehaviorSanitizer; also what Python keeps after a close."""
     package = tmp_path / "ecatd"
     for folder in ecatd.__path__:

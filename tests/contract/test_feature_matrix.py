@@ -46,6 +46,8 @@ def test_all_cases_have_a_row() -> None:
 @pytest.mark.parametrize("row", rows("reliability.md", "Cases"))
 def test_every_case_is_shown(row: list[str]) -> None:
     check(row[-1], {})
+    for test in re.findall(r"test_\w+", row[-1]):
+        assert row[0].lower() in test.split("_"), f"{test} does not name its case, {row[0]}"
 
 
 @pytest.mark.parametrize("row", rows("features.md", "Master classes", "Faults"))

@@ -251,7 +251,7 @@ def pause(daemon: Daemon) -> None:
 
 @pytest.mark.parametrize("rig", [ODD_NAMES, "line:4"])
 @pytest.mark.parametrize("missing", [WAIT, CONTINUE])
-def test_a_wrong_bus_that_appears_is_an_error(
+def test_r45_a_wrong_bus_that_appears_is_an_error(
     model: Start, name: str, serve: Callable[..., Daemon], rig: str, missing: int
 ) -> None:
     running = model(name, missing, CONTINUE)

@@ -137,7 +137,7 @@ def test_a_real_entry_is_rounded_to_an_integer_as_it_is_written(shared: SharedMe
         ("size", 1 << 40),
     ],
 )
-def test_a_damaged_header_is_refused(shared: SharedMemory, field: str, value: int) -> None:
+def test_r28_a_damaged_header_is_refused(shared: SharedMemory, field: str, value: int) -> None:
     setattr(shared.header, field, value)
     with pytest.raises(StateError, match="is damaged"):
         Client(name_of(shared))
@@ -161,7 +161,7 @@ def test_a_damaged_header_is_refused(shared: SharedMemory, field: str, value: in
         ("domain", "name", b"x" * 32),
     ],
 )
-def test_a_damaged_table_is_refused(
+def test_r28_a_damaged_table_is_refused(
     shared: SharedMemory, table: str, field: str, value: float | bytes
 ) -> None:
     offset = getattr(shared.header, f"{table}s_offset")
@@ -171,7 +171,7 @@ def test_a_damaged_table_is_refused(
         Client(name_of(shared))
 
 
-def test_another_layout_is_named(shared: SharedMemory) -> None:
+def test_r28_another_layout_is_named(shared: SharedMemory) -> None:
     shared.header.layout = (7 << 16) | 1
     with pytest.raises(StateError, match=naming("layout", "7.1", "1.0")):
         Client(name_of(shared))
@@ -182,7 +182,7 @@ def test_another_layout_is_named(shared: SharedMemory) -> None:
         Client(name_of(shared))
 
 
-def test_a_second_daemon_and_a_leftover(shared: SharedMemory) -> None:
+def test_r28_a_second_daemon_and_a_leftover(shared: SharedMemory) -> None:
     bus = make_bus()
     bus.name = name_of(shared)
     with pytest.raises(StateError, match=naming(f"'{bus.name}'", "another ecatd")):

@@ -188,7 +188,7 @@ def test_an_image_larger_than_the_memory_is_no_traceback(shared: SharedMemory) -
     assert shown.stderr == ""
 
 
-def test_a_page_that_was_left_in_the_middle_is_told(shared: SharedMemory) -> None:
+def test_r26_a_page_that_was_left_in_the_middle_is_told(shared: SharedMemory) -> None:
     page(shared).seq = 5
     (problem,) = contents(name_of(shared))["problems"]
     names(problem, "domains[0]", "page", "writer")

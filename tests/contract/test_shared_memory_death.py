@@ -63,7 +63,7 @@ print(number, len(left))
 """
 
 
-def test_a_start_that_is_killed_at_any_point_is_healed() -> None:
+def test_r26_a_start_that_is_killed_at_any_point_is_healed() -> None:
     path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
     run = subprocess.run(
         [sys.executable, "-c", KILLED_AT_EVERY_LINE],

@@ -46,7 +46,7 @@ int main(void) {
     ("compiler", "standard", "suffix"),
     [("gcc", "-std=c89", ".c"), ("gcc", "-std=c11", ".c"), ("g++", "-std=c++17", ".cpp")],
 )
-def test_c_and_cpp_see_what_python_sees(
+def test_r27_c_and_cpp_see_what_python_sees(
     tmp_path: Path, compiler: str, standard: str, suffix: str
 ) -> None:
     source = tmp_path / f"layout{suffix}"
@@ -60,7 +60,7 @@ def test_c_and_cpp_see_what_python_sees(
     assert compiled.splitlines() == [" ".join(line.split(" ")[:7]) for line in described]
 
 
-def test_python_makes_the_same_structs() -> None:
+def test_r27_python_makes_the_same_structs() -> None:
     structs = [line.of for line in shm.DEFINITION if line.kind == "struct"]
     assert len(structs) == len(set(structs)) > 15
     for name in structs:
@@ -70,7 +70,7 @@ def test_python_makes_the_same_structs() -> None:
             assert (place.offset, place.size) == (field.value, field.size)
 
 
-def test_fields_leave_no_holes() -> None:
+def test_r27_fields_leave_no_holes() -> None:
     for struct in (line for line in shm.DEFINITION if line.kind == "struct"):
         end = 0
         for field in shm.fields_of(struct.of):

@@ -121,7 +121,7 @@ def run(*arguments: str, env: dict[str, str] | None = None) -> subprocess.Comple
     return subprocess.run(command, capture_output=True, text=True, check=False, env=env)
 
 
-def test_the_configuration_says_what_is_looked_at(tmp_path: Path) -> None:
+def test_r43_the_configuration_says_what_is_looked_at(tmp_path: Path) -> None:
     file = tmp_path / "press.toml"
     file.write_text('interface = "absent7"\n[realtime]\ncpu = 1000\n')
     done = run("--config", str(file), "--json")

@@ -50,7 +50,7 @@ def refused(
     return one_line_error(result.stderr, program)
 
 
-def test_no_such_interface(env: dict[str, str]) -> None:
+def test_r10_no_such_interface(env: dict[str, str]) -> None:
     text = refused(3, "--interface", "eth77", env=env)
     names(text, "interface", "'eth77'", "lo")
 
@@ -62,7 +62,7 @@ def test_no_room_for_shared_memory(env: dict[str, str]) -> None:
     names(text, "/dev/shm", "full", "KiB")
 
 
-def test_interface_without_permission(env: dict[str, str]) -> None:
+def test_r43_interface_without_permission(env: dict[str, str]) -> None:
     # In a user namespace of its own, this process has no rights over the system's interfaces.
     text = refused(
         6, "--interface", "lo", env=env, wrapper=("unshare", "--user", "--map-user=1000")
@@ -90,7 +90,7 @@ def test_user_namespaces_forbidden(env: dict[str, str], tmp_path: Path) -> None:
     assert "sysctl" in text
 
 
-def test_no_slaves_on_the_bus(env: dict[str, str]) -> None:
+def test_r10_no_slaves_on_the_bus(env: dict[str, str]) -> None:
     text = refused(3, "--simulate", "empty", "--bus", "tempty", env=env)
     names(text, "no EtherCAT slave", "'ecat-master'")
 
@@ -127,7 +127,7 @@ sys.exit(daemon.wait())
 @pytest.mark.parametrize(
     ("plugged", "outcome", "status"), [("cable", "ready", 0), ("", "ended", 3)]
 )
-def test_a_start_waits_for_the_carrier(
+def test_r10_a_start_waits_for_the_carrier(
     plugged: str, outcome: str, status: int, tmp_path: Path
 ) -> None:
     """A port that was off has no carrier until both ends have agreed on a speed."""
@@ -174,7 +174,7 @@ def test_the_interface_is_left_as_it_was(tmp_path: Path) -> None:
     assert result.stdout == "True\n", result.stderr
 
 
-def test_a_slave_that_does_not_reach_op(env: dict[str, str]) -> None:
+def test_r09_a_slave_that_does_not_reach_op(env: dict[str, str]) -> None:
     text = refused(7, "--simulate", str(RIGS / "no_op.py"), "--bus", "tnoop", env=env)
     names(text, "slave 1 (EL2008)", "OP", "SAFEOP+ERROR", "AL status 0x001D")
 

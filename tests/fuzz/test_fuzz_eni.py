@@ -23,7 +23,7 @@ FILES = inputs(3_000)
 VALUES = ["0", "1", "-1", "254", "65535", "#xFFFFFFFF", "", "PS", "0003", "00" * 40, "Inputs"]
 
 
-def test_mutated_files_become_configurations_or_are_refused(tmp_path: Path) -> None:
+def test_r33_mutated_files_become_configurations_or_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "x.xml"
     accepted = refused = 0
     half = FILES // 2

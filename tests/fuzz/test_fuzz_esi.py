@@ -24,7 +24,7 @@ VALUES += ["ARRAY [0..99999] OF BYTE", "DT2001ARR", "RW", "1e999", "nan", "\u260
 
 
 @pytest.mark.parametrize("shard", range(SHARDS))
-def test_mutated_files_become_devices_or_are_refused(shard: int, tmp_path: Path) -> None:
+def test_r33_mutated_files_become_devices_or_are_refused(shard: int, tmp_path: Path) -> None:
     path = tmp_path / "x.xml"
     count = FILES // SHARDS // 2
     accepted = refused = 0

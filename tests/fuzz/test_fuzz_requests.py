@@ -80,7 +80,7 @@ GROWTH_KIB = 4096
 """What allocators keep, whatever the number of requests."""
 
 
-def test_mutated_messages_are_requests_or_refused() -> None:
+def test_r34_mutated_messages_are_requests_or_refused() -> None:
     accepted = refused = 0
     for data in mutants(SEEDS, inputs(50_000), 1):
         try:
@@ -117,7 +117,7 @@ def framed(count: int) -> Iterator[bytes]:
 
 
 @pytest.mark.bus
-def test_the_control_socket_survives_anything(daemon: Daemon) -> None:
+def test_r34_the_control_socket_survives_anything(daemon: Daemon) -> None:
     path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
     pid = daemon.child_pid("ecatd.bus")
     before = 0
@@ -140,7 +140,7 @@ def test_the_control_socket_survives_anything(daemon: Daemon) -> None:
 
 
 @pytest.mark.bus
-def test_each_request_over_zenoh_gets_an_answer(daemon: Daemon) -> None:
+def test_r34_each_request_over_zenoh_gets_an_answer(daemon: Daemon) -> None:
     path = f"{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}/gateway/zenoh"
     pids = [daemon.child_pid(name) for name in ("ecatd.bus", "ecatd.gateway")]
     before: list[int] = []

@@ -88,7 +88,7 @@ def reader(image: bytes) -> Callable[[int, int], bytes]:
 
 
 @pytest.mark.parametrize("shard", range(SHARDS))
-def test_mutated_images_are_read_or_refused(shard: int) -> None:
+def test_r32_mutated_images_are_read_or_refused(shard: int) -> None:
     refused = accepted = 0
     for image in mutants(seeds(), IMAGES // SHARDS, shard):
         sii = read_sii(reader(image))
@@ -123,7 +123,7 @@ def datagram(command: int, ado: int, data: bytes) -> bytes:
     return b"\xff" * 12 + b"\x88\xa4" + struct.pack("<H", 0x1000 | len(body)) + body
 
 
-def test_mutated_images_boot() -> None:
+def test_r32_mutated_images_boot() -> None:
     """The master reads what is in the EEPROM, whatever it is, and asks for all states."""
     for image in mutants(seeds(), BOOTED, SHARDS):
         segment = Segment()

@@ -52,7 +52,7 @@ def errors(folder: Path, model: str, *switches: str) -> int:
 
 
 @pytest.mark.parametrize("model", MODELS, ids="-".join)
-def test_the_invariants_hold_in_all_states(model: tuple[str, ...], tmp_path: Path) -> None:
+def test_r25_the_invariants_hold_in_all_states(model: tuple[str, ...], tmp_path: Path) -> None:
     assert errors(tmp_path, *model) == 0
 
 

@@ -94,7 +94,7 @@ def share(kind: str, size: int) -> int:
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_image_is_of_one_cycle(
+def test_r25_every_image_is_of_one_cycle(
     driver: Callable[[str], list[str]], kind: str, size: int
 ) -> None:
     count = share(kind, size)
@@ -105,7 +105,7 @@ def test_every_image_is_of_one_cycle(
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("kind", KINDS)
-def test_all_outputs_are_of_one_commit(
+def test_r25_all_outputs_are_of_one_commit(
     driver: Callable[[str], list[str]], kind: str, size: int
 ) -> None:
     count = max(4000, share(kind, size) // 50)

@@ -13,7 +13,7 @@ MEMORY = "mount -t tmpfs -o size=64m none /dev/shm && exec "
 
 @pytest.mark.bus
 @pytest.mark.long
-def test_a_minute_of_faults() -> None:
+def test_r02_r22_r44_a_minute_of_faults() -> None:
     """As root with shared memory of its own, which can be filled up."""
     command = [sys.executable, str(SOAK), os.environ.get("ECAT_SOAK_S", "60")]
     command.append(os.environ.get("ECAT_SEED", "1"))

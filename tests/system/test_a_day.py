@@ -150,7 +150,7 @@ def test_others_leave_the_interface_alone(machine: Machine) -> None:
     assert machine.text("stat -c %G:%a /dev/cpu_dma_latency") == "ecat:660"
 
 
-def test_the_bus_starts(machine: Machine, drive: str) -> None:
+def test_r42_the_bus_starts(machine: Machine, drive: str) -> None:
     name = interface(machine, 0)
     assert machine.text(f"basename $(readlink /sys/class/net/{name}/device/driver)") == "e1000e"
     machine.write("/etc/ecatd/ecat0.toml", CONFIGURATION.format(interface=name))
@@ -166,7 +166,7 @@ def test_the_bus_starts(machine: Machine, drive: str) -> None:
         assert {slave.state for slave in simulator.status().slaves} == {"OP"}
 
 
-def test_who_may_use_the_bus(machine: Machine) -> None:
+def test_r31_who_may_use_the_bus(machine: Machine) -> None:
     machine("useradd -m -G ecat mechanic && useradd -m stranger")
     assert "OP" in machine.text("runuser -u mechanic -- ecatctl sdo-read 0 0x6060 && echo OP")
     told = machine("runuser -u stranger -- ecatctl sdo-read 0 0x6060", status=6).text
@@ -198,7 +198,7 @@ def test_the_journal_has_fields_and_explanations(machine: Machine) -> None:
     "module",
     ["main", *(pytest.param(name, marks=whole_day) for name in (*PROCESSES[1:], "client"))],
 )
-def test_a_process_is_killed(machine: Machine, drive: str, module: str) -> None:
+def test_r17_a_process_is_killed(machine: Machine, drive: str, module: str) -> None:
     with Simulator(drive) as simulator:
         turn(machine, simulator)
         before = {name: process(machine, name) for name in ("main", "ecatd.bus")}
@@ -226,7 +226,7 @@ def test_a_process_is_killed(machine: Machine, drive: str, module: str) -> None:
 
 @whole_day
 @pytest.mark.parametrize("module", PROCESSES)
-def test_a_process_hangs(machine: Machine, drive: str, module: str) -> None:
+def test_r18_a_process_hangs(machine: Machine, drive: str, module: str) -> None:
     with Simulator(drive) as simulator:
         turn(machine, simulator)
         stopped = process(machine, module)
@@ -288,7 +288,7 @@ def test_the_doctor_sees_and_mends_the_card(machine: Machine) -> None:
 
 
 @whole_day
-def test_the_time_of_day_jumps(machine: Machine) -> None:
+def test_r21_the_time_of_day_jumps(machine: Machine) -> None:
     before = process(machine, "ecatd.bus")
     machine("date -s '+1 hour' && sleep 2 && date -s '-2 hours' && sleep 2 && date -s '+1 hour'")
     wait_until_well(machine)
@@ -299,7 +299,7 @@ def test_the_time_of_day_jumps(machine: Machine) -> None:
 # --- Wires and cards -----------------------------------------------------------------------------
 
 
-def test_the_cable_is_pulled(machine: Machine) -> None:
+def test_r10_the_cable_is_pulled(machine: Machine) -> None:
     machine.monitor("set_link", name="card0", up=False)
     machine.until("ecatctl check | grep -E 'no carrier|link|cable|down'; test $? = 0", 120)
     assert machine("ecatctl check", status=None).status in (1, 2)
@@ -308,7 +308,7 @@ def test_the_cable_is_pulled(machine: Machine) -> None:
 
 
 @whole_day
-def test_the_card_is_pulled_and_put_back(machine: Machine) -> None:
+def test_r10_the_card_is_pulled_and_put_back(machine: Machine) -> None:
     name = interface(machine, 0)
     machine.monitor("device_del", id="card0")
     machine.until(f"! test -e /sys/class/net/{name}")
@@ -321,7 +321,7 @@ def test_the_card_is_pulled_and_put_back(machine: Machine) -> None:
 
 
 @whole_day
-def test_two_buses(machine: Machine) -> None:
+def test_r42_two_buses(machine: Machine) -> None:
     name = interface(machine, 1)
     with segment("line:3", 1):
         machine(f"ecatctl --bus press service install --interface {name}")
@@ -339,7 +339,7 @@ def test_two_buses(machine: Machine) -> None:
 
 
 @whole_day
-def test_the_machine_starts_again_with_a_late_interface(machine: Machine) -> None:
+def test_r10_the_machine_starts_again_with_a_late_interface(machine: Machine) -> None:
     machine.monitor("device_del", id="card0")
     machine.until("! ecatctl check", 120)
     machine.reboot()

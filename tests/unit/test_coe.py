@@ -249,7 +249,7 @@ def test_unit_default_and_limits_are_read_from_slaves_that_give_them(
     assert DictionaryObject.from_map(precise.to_map()) == precise
 
 
-def test_emergencies_in_between_are_put_aside() -> None:
+def test_r13_emergencies_in_between_are_put_aside() -> None:
     devices = [Archive(), Archive()]
 
     def with_emergencies(coe: Coe) -> Talk[list[bytes]]:

@@ -206,7 +206,7 @@ def test_conversations_with_a_slave_take_turns() -> None:
         assert found == [{b"\7\0"}, {b"\x09"}] * 2 + [{b"\7\0"}]
 
 
-def test_too_many_requests_are_told_so_and_take_no_place_from_others() -> None:
+def test_r24_too_many_requests_are_told_so_and_take_no_place_from_others() -> None:
     with bench(3) as made:
         made.devices[0].mailbox_fault = MailboxFault("stuck")
 

@@ -108,7 +108,7 @@ def test_connectors_are_valid_and_unique_whatever_the_vendor_wrote(
 
 
 @given(TEXTS)
-def test_classes_are_valid_whatever_the_vendor_wrote(text: str) -> None:
+def test_r39_classes_are_valid_whatever_the_vendor_wrote(text: str) -> None:
     name = class_name(text, "Slave00030924")
     assert re.fullmatch(r"[A-Z][A-Za-z0-9]*(_[0-9][A-Za-z0-9]*)*", name)
     assert len(name) <= MAX_LENGTH + len("Slave")

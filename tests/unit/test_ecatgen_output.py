@@ -33,7 +33,7 @@ def put(out: Path, *, check: bool = False, force: bool = False, **names: str) ->
     return install(out, {"Plant": tree}, "Plant", check=check, force=force)
 
 
-def test_the_same_bus_gives_the_same_bytes(tmp_path: Path) -> None:
+def test_r45_the_same_bus_gives_the_same_bytes(tmp_path: Path) -> None:
     one = generate(sample_buses.troll(), "TrollPlant", tmp_path / "one")
     generate(sample_buses.troll(), "TrollPlant", tmp_path / "two")
     first = contents(tmp_path / "one")
@@ -196,7 +196,7 @@ def test_many_conflicts_are_counted(tmp_path: Path) -> None:
     assert "f08" not in message
 
 
-def test_links_are_not_followed(tmp_path: Path) -> None:
+def test_r39_links_are_not_followed(tmp_path: Path) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     (elsewhere / "precious").write_text("1")

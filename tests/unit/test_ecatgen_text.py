@@ -15,7 +15,7 @@ def plain(text: str) -> bool:
 
 
 @given(st.text())
-def test_modelica_strings_end_where_they_should(text: str) -> None:
+def test_r39_modelica_strings_end_where_they_should(text: str) -> None:
     literal = modelica_string(text)
     assert re.fullmatch(r'"(?:[^"\\]|\\["\\])*"', literal)
     assert not re.search(r"[\x00-\x1f]", literal)
@@ -25,7 +25,7 @@ def test_modelica_strings_end_where_they_should(text: str) -> None:
 
 
 @given(st.text())
-def test_html_has_no_elements_and_no_quotes(text: str) -> None:
+def test_r39_html_has_no_elements_and_no_quotes(text: str) -> None:
     body = modelica_html(text)
     assert not re.search(r'[<>"]', body)
     if plain(text):
@@ -41,7 +41,7 @@ def test_c_strings_are_ascii(text: str) -> None:
 
 
 @given(st.text())
-def test_c_comments_stay_open(text: str) -> None:
+def test_r39_c_comments_stay_open(text: str) -> None:
     comment = c_comment(text)
     assert comment.isascii()
     assert "*/" not in comment

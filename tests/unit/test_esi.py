@@ -253,7 +253,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("old", "new", "message"), WRONG)
-def test_wrong_files_are_named_with_their_lines(
+def test_r33_wrong_files_are_named_with_their_lines(
     tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     assert old in SAMPLE
@@ -304,7 +304,7 @@ def test_a_missing_file(tmp_path: Path) -> None:
         list_devices(tmp_path / "no.xml")
 
 
-def test_a_file_that_is_too_large(tmp_path: Path) -> None:
+def test_r33_a_file_that_is_too_large(tmp_path: Path) -> None:
     path = tmp_path / "x.xml"
     with path.open("wb") as hole:
         hole.truncate((128 << 20) + 1)

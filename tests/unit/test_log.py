@@ -86,7 +86,7 @@ def test_each_part_has_its_level(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("more", [1, 500])
-def test_a_storm_of_details_is_counted(
+def test_r47_a_storm_of_details_is_counted(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, more: int
 ) -> None:
     """However fast they come: each is either written or counted. Other parts are not concerned."""
@@ -129,7 +129,7 @@ def logged() -> set[str]:
     }
 
 
-def test_every_event_is_explained() -> None:
+def test_r44_every_event_is_explained() -> None:
     page = (ROOT / "docs" / "troubleshooting.md").read_text()
     table = page.partition("| `event` | facts |")[2].partition("\n\n")[0]
     over_zenoh = {name for row in OVER_ZENOH.findall(table) for name in re.findall(r"[a-z_]+", row)}

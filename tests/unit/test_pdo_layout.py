@@ -43,7 +43,7 @@ def test_a_sync_manager_without_bits_has_no_bytes() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 15), st.lists(st.integers(0, 40), max_size=4))))
-def test_nothing_overlaps_and_no_byte_is_shared(rows: list[tuple[int, list[int]]]) -> None:
+def test_r11_nothing_overlaps_and_no_byte_is_shared(rows: list[tuple[int, list[int]]]) -> None:
     pdos = [pdo(number, *bits) for number, bits in rows]
     areas = {area.number: area for area in sync_manager_bytes(pdos)}
     bit = 0

@@ -62,7 +62,7 @@ def test_a_slave_that_lacked_something_is_asked_soon_and_then_slowly(code: int) 
     assert watch.condition() == Condition.WAITING
 
 
-def test_the_watchdog_is_asked_twice_and_then_set_up() -> None:
+def test_r08_the_watchdog_is_asked_twice_and_then_set_up() -> None:
     kinds = [kind for _, kind in Watch().during(11, SAFEOP_ERROR, 0x001B) if kind != "slow"]
     assert kinds == ["ask", "ask", "set_up"]
 
@@ -82,7 +82,7 @@ def test_the_acknowledged_state_goes_on_where_it_was() -> None:
 
 
 @pytest.mark.parametrize("code", OWN)
-def test_a_reason_of_its_own_is_told_once_and_not_touched(code: int) -> None:
+def test_r08_a_reason_of_its_own_is_told_once_and_not_touched(code: int) -> None:
     watch = Watch()
     plan = watch.see(SAFEOP_ERROR, code)
     assert not plan.ask
@@ -241,7 +241,7 @@ def test_how_long_it_took_is_told_once() -> None:
     assert watch.see(AlState.OP).recovered == {}
 
 
-def test_one_that_falls_again_and_again_is_asked_slowly() -> None:
+def test_r08_one_that_falls_again_and_again_is_asked_slowly() -> None:
     watch = Watch()
     tries = []
     for _ in range(240):

@@ -87,7 +87,7 @@ def test_requests_survive(request_: Any) -> None:
         ({"op": "sdo_read", "op2": 1}, "'op2' | slave | index | subindex | complete"),
     ],
 )
-def test_wrong_requests_are_refused(data: Any, what: str) -> None:
+def test_r35_wrong_requests_are_refused(data: Any, what: str) -> None:
     with pytest.raises(UsageError, match=naming(*what.split(" | "))):
         parse_request(data)
 
@@ -107,7 +107,7 @@ OPS = st.sampled_from(["sdo_read", "sdo_write", "set_state", "states", "describe
 
 
 @given(st.dictionaries(FIELDS, ANYTHING | OPS))
-def test_anything_is_a_request_or_a_usage_error(data: dict[str, Any]) -> None:
+def test_r35_anything_is_a_request_or_a_usage_error(data: dict[str, Any]) -> None:
     try:
         request = parse_request(data)
     except UsageError:

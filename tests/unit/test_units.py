@@ -48,7 +48,7 @@ def test_the_pause_after_a_failed_start_is_that_of_the_unit() -> None:
     assert f"RestartSec={RESTART_S}" in settings("ecatd@.service")
 
 
-def test_the_gateway_has_a_user_of_its_own_and_no_rights() -> None:
+def test_r41_the_gateway_has_a_user_of_its_own_and_no_rights() -> None:
     bus, gateway = set(lines("ecatd@.service")), set(lines("ecatd-gateway@.service"))
     (user,) = (line for line in gateway if line.startswith("User="))
     assert user not in bus
@@ -91,7 +91,7 @@ def test_systemd_understands_every_line(tmp_path: Path) -> None:
 
 @needs_systemd
 @pytest.mark.parametrize("unit", list(EXPOSURE))
-def test_exposure(tmp_path: Path, unit: str) -> None:
+def test_r41_exposure(tmp_path: Path, unit: str) -> None:
     copy = shutil.copy(UNITS / unit, tmp_path)
     command = ["systemd-analyze", "security", "--offline=yes", "--no-pager", copy]
     told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
