@@ -348,7 +348,7 @@ def test_r17_the_daemon_ends_when_its_bus_server_dies(start_daemon: Callable[...
     os.kill(daemon.child_pid("ecatd.bus"), signal.SIGKILL)
     status, log = daemon.wait_end()
     assert status == 70
-    names(one_line_error(log, "ecatd"), "bus server", "signal 9", "ecatd is started again")
+    names(one_line_error(log, "ecatd"), "bus server", "signal 9", "ecatd again")
     assert "the gateway" not in log  # which ends with the bus server
 
 

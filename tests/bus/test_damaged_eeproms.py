@@ -60,7 +60,7 @@ def test_the_log_says_what_is_wrong_and_what_is_done(damaged: Daemon) -> None:
     first, _, second = misplaced.partition("0x1A02")
     names(first, "TxPDO 0x1A01", "sync manager 1")
     names(second, "sync manager 9")
-    assert "nobody has written this EEPROM" in warning(damaged, f"slave {ERASED} (vendor 0xFFFF")
+    assert "this EEPROM was never written" in warning(damaged, f"slave {ERASED} (vendor 0xFFFF")
     mute = warning(damaged, f"slave {MUTE} (Mute): ")
     names(mute, "PREOP", "0x1A00", "sync manager 3", "describes 2", "write")
     assert not [n for n in (IN, OUT) if f"warning: slave {n}" in damaged.log]

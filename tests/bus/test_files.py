@@ -156,7 +156,7 @@ def test_a_read_ends_with_its_command(bus: Daemon, tmp_path: Path) -> None:
         wait_for(lambda: "reading file 'big.bin' begins" in bus.log, bus)
         process.send_signal(signal.SIGINT)
         assert process.wait() == 130
-    names(bus.log, "reading file 'big.bin' is cancelled")
+    names(bus.log, "reading file 'big.bin' was cancelled")
 
 
 def test_the_diagnosis_history_has_the_emergencies(bus: Daemon, tmp_path: Path) -> None:

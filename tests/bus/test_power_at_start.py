@@ -87,7 +87,7 @@ def test_an_optional_slave_comes_later(start: Start) -> None:
 def test_a_tolerated_slave_keeps_nobody_from_op(start: Start) -> None:
     daemon = start('policy = "tolerant"').wait_ready()
     names(daemon.log, "not as expected", "axis is missing")
-    assert states(daemon) == ["OP", "OP"]
+    assert states(daemon) == ["OP", "OP", "no answer"]
 
 
 def test_a_slave_that_must_be_there_is_named(start: Start) -> None:

@@ -95,7 +95,7 @@ def test_a_wrong_configuration_changes_nothing(start_daemon: Callable[..., Daemo
     assert in_force(daemon)["outputs.lease_max_ms"] == 60000
     other = CONFIG.replace("60000", "50000")
     log = reload(daemon, f"profiles = ['nowhere']\n{other}", "stays as it was")
-    names(log, "profiles", "nowhere", "no folder")
+    names(log, "profiles", "nowhere", "not a folder")
     assert in_force(daemon)["outputs.lease_max_ms"] == 60000
     slower = f"state_timeout_s = 20.0\n{CONFIG}"
     names(reload(daemon, slower, "configuration read again"), "nothing can change")
@@ -128,7 +128,7 @@ def test_limits_change_while_a_client_owns_the_output(start_daemon: Callable[...
     daemon = start_daemon("troll", config=CONFIG + TORQUE)
     with daemon.client() as client:
         torque = client.signal(0, 0x6071)
-        client.claim(0, lease=30)
+        claim = client.claim(0, lease=30)
         torque.value = 18
         sends(daemon, client, torque, 180)
 
@@ -144,7 +144,7 @@ def test_limits_change_while_a_client_owns_the_output(start_daemon: Callable[...
             client.wait()
             client.sample()
             assert torque.raw == 100
-        wait_for(lambda: "declared range, -20 to 10 %; the value before" in daemon.log, daemon)
+        wait_for(lambda: "declared range, -20 to 10 %" in daemon.log, daemon)
         torque.value = 5
         sends(daemon, client, torque, 50)
 
@@ -152,7 +152,7 @@ def test_limits_change_while_a_client_owns_the_output(start_daemon: Callable[...
         reload(daemon, wider, "signal[0 0x6071:00].maximum")
         torque.value = 30
         sends(daemon, client, torque, 200)
-        client.release()
+        claim.release()
         with daemon.client() as other:
             output = other.signal(0, 0x6071)
             other.claim(0, lease=30)

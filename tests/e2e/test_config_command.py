@@ -204,9 +204,9 @@ def test_slaves_in_doubt_are_told_as_by_the_start(
     checked = daemon.ctl("config", "check", str(file), check=False)
     assert checked.returncode == 7
     unwritten, silent, damaged = checked.stdout.splitlines()
-    names(unwritten, "other device", "slave 3", "EL2008", "0xFFFFFFFF", "EEPROM anew")
+    names(unwritten, "other device", "slave 3", "EL2008", "0xFFFFFFFF", "EEPROM again")
     names(silent, "warning", "slave 1 (CiA402)", "mailbox did not answer", "takes no part")
-    names(damaged, "warning", "slave 2", "EEPROM is damaged", "takes no part", "EEPROM anew")
+    names(damaged, "warning", "slave 2", "EEPROM is damaged", "takes no part", "EEPROM again")
     assert daemon.stop() == 0
     tolerant = file.read_text().replace('"strict"', '"tolerant"')
     log = machine(kinds, tolerant, faults=DOUBTFUL).log
@@ -295,8 +295,8 @@ def test_all_that_does_not_fit_the_bus_is_listed(
 
 STARTS_WRONG = {
     "expected.description": "[expected]\ndescription = 'nowhere.json'\n",
-    "slave[0].startup[0]": "[[slave]]\nposition = 1\n[[slave.startup]]\nobject = '0x2000:00'\n"
-    "hex = '00'\n",
+    "slave[0].startup[0] (slave 1)": "[[slave]]\nposition = 1\n[[slave.startup]]\n"
+    "object = '0x2000:00'\nhex = '00'\n",
     "domain[1].divider": "[[domain]]\n[[domain]]\ndivider = 200\nslaves = [2]\n",
 }
 """What once only a start found, by the key in its message."""

@@ -166,7 +166,7 @@ def test_shared_memory_that_was_left_behind(start_daemon: Callable[..., Daemon])
     daemon.kill_all()
     left = daemon.ctl("shm", check=False)
     assert (left.returncode, left.stderr) == (3, "")
-    assert left.stdout.startswith(f"bus {daemon.bus}: NO DAEMON, what it left behind; cycle ")
+    assert left.stdout.startswith(f"bus {daemon.bus}: NO DAEMON, only its leftovers; cycle ")
     assert f"rm -f {SHM}/ecat.{daemon.bus} {SHM}/ecat.{daemon.bus}.out" in left.stdout
     assert json.loads(daemon.ctl("shm", "--json", check=False).stdout)["alive"] is False
     claims = daemon.ctl("claims", check=False)

@@ -49,6 +49,13 @@ def may_be_empty(config: Config, description: Bus | None) -> bool:
     return bool(config.slave) and all(item.optional or item in later for item in config.slave)
 
 
+def waits_for_slaves(config: Config) -> bool:
+    """Whether all expected slaves may come later, as far as the configuration decides about it."""
+    return bool(config.slave) and all(
+        item.optional or config.policy_of(item) == TOLERANT for item in config.slave
+    )
+
+
 def _coming(config: Config, known: Mapping[int, Slave], gone: Collection[int]) -> list[SlaveConfig]:
     """Returns missing slaves that are not optional, but without which the bus can start.
 

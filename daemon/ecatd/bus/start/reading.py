@@ -10,7 +10,7 @@ from ecatd.model.al import AlState
 from ecatd.model.applied import check_slaves, load_description
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
-from ecatd.model.errors import StateError
+from ecatd.model.errors import StateError, UnreachableError
 from ecatd.model.meanings import raw_parameters
 from ecatd.model.profiles import Profiles, load_profiles
 from ecatd.model.sii import Sii
@@ -19,7 +19,7 @@ from ecatd.paths import profile_folders
 from ..frames.identification import ask_identifications, ways_to_ask
 from ..master.emergencies import tell_emergencies
 from ..master.master import Master
-from .absent import may_be_empty
+from .absent import may_be_empty, waits_for_slaves
 from .clocks import clock_bits
 from .doubtful import settle
 from .expectation import follow_expectation
@@ -56,7 +56,15 @@ def scan(found: FoundBus, interface: str, files: Files, log: Log) -> None:
     """Finds the slaves and brings them to PREOP; raises as `Master.scan`."""
     master, config = found.master, found.config
     empty = may_be_empty(config, files.description)
-    why = master.scan(config.state_timeout_s, may_be_empty=empty)
+    try:
+        why = master.scan(config.state_timeout_s, may_be_empty=empty)
+    except UnreachableError as error:
+        if files.description is None and waits_for_slaves(config):
+            raise UnreachableError(
+                f"{error}. A tolerant bus starts without its slaves and uses them when they come, "
+                "if it has their `description` in [expected]"
+            ) from error
+        raise
     count = len(master.stations)
     text = f"{count} slave{'s' * (count != 1)} found on {interface}"
     log.info(f"{text} (numbered by ecatd: {why})" if why else text)
