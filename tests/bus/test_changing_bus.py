@@ -277,8 +277,11 @@ def test_slaves_that_are_dark_at_a_tolerant_start_come_later(
     names(line, "warning", "slaves are missing")
     names(daemon.log, f"{first} slaves (and {4 - first} missing)", "1 difference")
     assert states(daemon) == ["OP"] * first + ["no answer"] * (4 - first)
-    conditions = [row["recovery"] for row in daemon.ctl_json("state")["slaves"]]
-    assert conditions == [""] * first + ["missing"] * (4 - first)
+    conditions = [""] * first + ["missing"] * (4 - first)
+    wait_for(
+        lambda: [row["recovery"] for row in daemon.ctl_json("state")["slaves"]] == conditions,
+        daemon,
+    )
     assert "slave count changed" not in daemon.log
     with simulator_of(daemon) as rig, daemon.client() as client:
         if first:  # the others do not wait
