@@ -133,6 +133,7 @@ def test_an_extra_slave_is_named_once_and_a_restart_is_not_advised(start: Start)
         assert events(daemon) == [[difference["text"]], []]
 
 
+@pytest.mark.long
 def test_a_cable_that_breaks_is_no_difference_of_its_own(start: Start) -> None:
     daemon = start(config())
     with simulator_of(daemon) as rig:
@@ -146,6 +147,7 @@ def test_a_cable_that_breaks_is_no_difference_of_its_own(start: Start) -> None:
     assert events(daemon) == []
 
 
+@pytest.mark.long
 def test_an_extra_slave_of_a_tolerant_bus(start: Start) -> None:
     daemon = start(config("tolerant"), EXTRA)
     with simulator_of(daemon) as rig:
@@ -154,6 +156,7 @@ def test_an_extra_slave_of_a_tolerant_bus(start: Start) -> None:
     names(told(daemon)[0], "warning", "slave 4 (EL2004)", "extra", 'policy = "tolerant"')
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("text", ["[gateway]\nlisten = []\n", config().replace("false", "true", 1)])
 def test_a_slave_that_a_restart_would_use(start: Start, text: str) -> None:
     daemon = start(text, EXTRA)
@@ -185,6 +188,7 @@ def test_an_exchanged_slave_is_named_with_both_identities(start: Start) -> None:
     assert told(daemon) == [], "recovery has told it"
 
 
+@pytest.mark.long
 def test_slaves_that_have_changed_places_are_told(start: Start) -> None:
     daemon = start(config())
     with simulator_of(daemon) as rig:
@@ -199,6 +203,7 @@ def test_slaves_that_have_changed_places_are_told(start: Start) -> None:
     names(line, "EL2008", "EL3008", "changed places", "refused")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("more", "keys", "spare"),
     [
@@ -227,6 +232,7 @@ def test_a_spare_that_its_table_accepts_is_used_without_a_restart(
     assert differences(daemon) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("more", "keys", "spare", "tokens"),
     [
@@ -251,6 +257,7 @@ def test_a_spare_that_its_table_refuses_is_left_alone(
     assert told(daemon) == []
 
 
+@pytest.mark.long
 def test_a_newer_spare_must_have_the_same_process_data(start: Start, tmp_path: Path) -> None:
     daemon = start(config(more="revision_min = 0x00100000\n"))
     with simulator_of(daemon) as rig:
@@ -264,6 +271,7 @@ def test_a_newer_spare_must_have_the_same_process_data(start: Start, tmp_path: P
 # --- slaves that are dark at the start -----------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("first", [0, 2])
 def test_slaves_that_are_dark_at_a_tolerant_start_come_later(
     start: Start, tmp_path: Path, first: int
@@ -297,6 +305,7 @@ def test_slaves_that_are_dark_at_a_tolerant_start_come_later(
     assert told(daemon) == [line]
 
 
+@pytest.mark.long
 def test_without_a_description_nothing_is_known_of_a_dark_bus(
     start_daemon: Start, tmp_path: Path
 ) -> None:

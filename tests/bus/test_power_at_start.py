@@ -90,6 +90,7 @@ def test_a_tolerated_slave_keeps_nobody_from_op(start: Start) -> None:
     assert states(daemon) == ["OP", "OP", "no answer"]
 
 
+@pytest.mark.long
 def test_a_slave_that_must_be_there_is_named(start: Start) -> None:
     status, log = start("").wait_end()
     assert status == 7
@@ -100,6 +101,7 @@ BEFORE_OP = 400 * f'{PARAMETER}transition = "SO"\n'
 """Told in SAFEOP, before OP."""
 
 
+@pytest.mark.long
 def test_an_optional_slave_that_is_lost_on_the_way_to_op_comes_later(start: Start) -> None:
     daemon = start("optional = true", BEFORE_OP).wait_ready()
     names(daemon.log, "slave 2 (axis, CiA402) answered at first", "goes on without it")
@@ -114,6 +116,7 @@ def test_an_optional_slave_that_is_lost_on_the_way_to_op_comes_later(start: Star
     assert daemon.ctl_json("sdo-read", "axis", "0x6065")["value"] == 4321
 
 
+@pytest.mark.long
 def test_a_tolerated_slave_that_is_lost_on_the_way_to_op_is_recovered(start: Start) -> None:
     daemon = start('policy = "tolerant"', "", AT_ONCE).wait_ready()
     names(daemon.log, "slave 2 (axis, CiA402) answered at first", "2 slaves (and 1 missing)")
@@ -123,6 +126,7 @@ def test_a_tolerated_slave_that_is_lost_on_the_way_to_op_is_recovered(start: Sta
     wait_for(lambda: states(daemon) == ["OP"] * 3, daemon)
 
 
+@pytest.mark.long
 def test_a_strict_slave_that_is_lost_on_the_way_to_op_is_named(start: Start) -> None:
     status, log = start("", "", AT_ONCE).wait_end()
     assert status == 7
