@@ -69,7 +69,7 @@ def test_r18_a_gateway_that_hangs_is_replaced_and_the_bus_goes_on(machine: Machi
             return False
 
     wait_for(there_is_another, machine.daemon)
-    names(machine.daemon.log, "gateway", "not answered", "started again", "bus goes on")
+    names(machine.daemon.log, "gateway", "not answered", "starts it again", "bus goes on")
     wait_for(lambda: machine.daemon.ctl("check", check=False).returncode == 0, machine.daemon)
     assert machine.turns
 
@@ -79,7 +79,7 @@ def test_r19_a_bus_server_that_is_stopped_ends_the_daemon(machine: Machine) -> N
     machine.send(BUS, signal.SIGSTOP)
     status, log = machine.daemon.wait_end()
     assert status == 7
-    names(log, "bus server", "not answered", "is killed", "started again")
+    names(log, "bus server", "not answered", "is killed", "starts ecatd again")
     assert "Traceback" not in log
 
 
@@ -94,7 +94,7 @@ def test_r19_the_engine_brakes_the_drive_if_nobody_controls_it(
     assert machine.speed_when_op_ends() < SPEED / 50
     status, log = wait_end(machine, stopped)
     assert status == 7
-    names(log, "bus server", "not answered", "is killed", "started again")
+    names(log, "bus server", "not answered", "is killed", "starts ecatd again")
 
 
 @pytest.mark.long
@@ -103,7 +103,7 @@ def test_r19_an_engine_that_stands_still_is_noticed(machine: Machine) -> None:
     stop_thread(stopped)
     status, log = wait_end(machine, stopped)
     assert status == 7
-    names(log, "engine", "stood still", "started again")
+    names(log, "engine", "stood still", "starts ecatd again")
 
 
 def test_systemd_is_told_how_the_slaves_are(tmp_path: Path) -> None:

@@ -143,7 +143,9 @@ def test_who_writes_into_the_slot_of_another_is_named(start_daemon: Callable[...
             (told,) = [line for line in daemon.log.splitlines() if "library writes" in line]
             assert re.search(rf"^ecatd: warning: slot 0, of '.*' \(pid {os.getpid()}\),", told)
             for pid in (os.getpid(), intruder.pid):
-                assert re.search(rf"is open for writing in .*\(pid {pid}\).*: see what they", told)
+                assert re.search(
+                    rf"is open for writing in .*\(pid {pid}\).*: check what they", told
+                )
         owner.sample()
         assert owner.output("0/0x7000:01").owned
 

@@ -230,6 +230,6 @@ def test_r35_values_out_of_their_range_are_told_and_not_sent(
         wait_for(lambda: "out of its declared range" in daemon.log, daemon)
     assert re.search(
         r"'\S+' \(pid \d+\) wrote 0x6071:00 \(torque\) of slave 0 \(.*\) out of its declared "
-        r"range, -20 to 20 %; the value before is kept",
+        r"range, -20 to 20 %; the output keeps the value before",
         daemon.log,
     )

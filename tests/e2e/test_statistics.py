@@ -210,7 +210,7 @@ def test_without_a_gateway_statistics_are_there(start_daemon: Callable[..., Daem
         assert "interface   first, up (its name is unknown without an answer)\n" in text
         assert "wire time   unknown without an answer\n" in text
         assert f"no answer   {said}" in text
-        assert "; all this is from shared memory\n" in text
+        assert "; the values here are from shared memory\n" in text
         assert "SCHED_FIFO" in text
         facts = daemon.ctl_json("info")
         assert facts["interface"] is None

@@ -19,7 +19,7 @@ ROOT = HERE.parents[1]
 CYCLIC = ROOT / "daemon" / "cyclic"
 SOURCES = (
     *("clock", "control", "copies", "engine", "frame_ring", "frames", "outputs", "publish"),
-    *("relay", "setup", "slots", "thread", "wake", "wire"),
+    *("relay", "setup", "slots", "thread", "wake", "ports"),
 )
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
 CYCLES = inputs(6_000)

@@ -9,7 +9,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
 
 from ecatd.model.abort_codes import WRITE_ONLY, abort_text
-from ecatd.model.datatypes import DataType, bit_length, is_real, is_signed, value_range
+from ecatd.model.datatypes import (
+    STRINGS,
+    DataType,
+    bit_length,
+    is_real,
+    is_signed,
+    value_range,
+)
 from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.errors import ConfigError
 from ecatd.model.pdo import Entry, Pdo
@@ -170,7 +177,18 @@ def _members(entry: DictionaryEntry, upload: Upload) -> list[str]:
         row.append(_value(entry, upload.data))
     elif upload.abort and not (upload.abort == WRITE_ONLY and not entry.access & Access.READ):
         row.append(f"abort = 0x{upload.abort:08X}")
-    return row
+    return [*row, *_facts(entry, upload)]
+
+
+def _facts(entry: DictionaryEntry, upload: Upload) -> Iterator[str]:
+    """Writes limits and default of a number, as far as the slave gives them."""
+    if entry.data_type in STRINGS or not bit_length(entry.data_type):
+        return
+    for key, data in (("min", entry.minimum), ("max", entry.maximum), ("default", entry.default)):
+        text = "" if data is None else _value(entry, data)
+        # Without a default, the simulated entry has its value as default.
+        if text.startswith("value = ") and not (key == "default" and data == upload.data):
+            yield text.replace("value", key, 1)
 
 
 def _value(entry: DictionaryEntry, data: bytes) -> str:

@@ -98,5 +98,6 @@ class InformationServer:
 
 
 def _value(entry: Variable, value: Value | None) -> bytes:
-    """Encodes a value, padded to the length of its entry so that the next part can be found."""
-    return b"" if value is None else entry.pack(value).ljust((entry.bits + 7) // 8, b"\0")
+    """Encodes a value in the length of its entry, so that the next part can be found."""
+    size = (entry.bits + 7) // 8
+    return b"" if value is None else entry.pack(value).ljust(size, b"\0")[:size]
