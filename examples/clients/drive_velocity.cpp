@@ -1,18 +1,18 @@
 // Switches a CiA 402 drive on, turns it at a velocity for some seconds, and brings it to rest.
 //
-//     drive_velocity [BUS [POSITION [VELOCITY [SECONDS]]]]
+//     drive_velocity [BUS [POSITION [VELOCITY [SECONDS [LEASE_MS]]]]]
 //
-// VELOCITY is in the units of object 0x60FF. Prints target and actual velocity four times a second.
+// VELOCITY is in the units of object 0x60FF. If this program gets no processor for LEASE_MS (100), the daemon
+// takes its outputs. Prints target and actual velocity four times a second.
 // Ctrl-C, an error of the drive and the end of this program all end in the safe values of the outputs;
 // how the daemon brings the drive to rest then is a matter of its configuration.
 #include <ecat/ecat.hpp>
 
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <string>
-
-using namespace std::chrono_literals;
 
 namespace {
 
@@ -40,14 +40,14 @@ std::uint16_t control_word(State state, bool enable) {
 
 class Drive {
  public:
-  Drive(ecat::Client& bus, int position)
+  Drive(ecat::Client& bus, int position, std::chrono::milliseconds lease)
       : bus_(bus),
         control_(bus.output<std::uint16_t>(position, 0x6040)),
         target_(bus.output<std::int32_t>(position, 0x60FF)),
         mode_(bus.output<std::int8_t>(position, 0x6060)),
         status_(bus.input<std::uint16_t>(position, 0x6041)),
         actual_(bus.input<std::int32_t>(position, 0x606C)),
-        claim_(bus.claim(position, 100ms)) {}
+        claim_(bus.claim(position, lease)) {}
 
   // One cycle: waits for it, reads, and sends the next target.
   void step(std::int32_t velocity, bool enable) {
@@ -79,8 +79,9 @@ double profile(double time, double seconds) {
   return time < 1 ? time : 1;
 }
 
-int run(ecat::Client& bus, int position, double velocity, double seconds) {
-  Drive drive(bus, position);
+int run(ecat::Client& bus, int position, double velocity, double seconds,
+        std::chrono::milliseconds lease) {
+  Drive drive(bus, position, lease);
   const double cycle = bus.cycle_time().count();
   double waited = 0, time = 0, printed = 0;
   std::printf("%8s %12s %12s\n", "time/s", "target", "actual");
@@ -115,7 +116,8 @@ int main(int argc, char** argv) {
   try {
     ecat::Client bus(argument(1, "ecat0"));
     return run(bus, bus.find(argument(2, "0")), std::atof(argument(3, "20000")),
-               std::atof(argument(4, "4")));
+               std::atof(argument(4, "4")),
+               std::chrono::milliseconds(std::atoi(argument(5, "100"))));
   } catch (const ecat::Error& error) {
     std::fprintf(stderr, "drive_velocity: %s\n", error.what());
     return 1;

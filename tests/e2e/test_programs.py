@@ -202,7 +202,7 @@ def test_the_light_goes_on_with_the_next_daemon(
 
 
 def test_the_drive_turns(programs: Path, troll: Daemon) -> None:
-    lines = run(programs / "drive_velocity", troll.bus, "0", "20000", "3").splitlines()[1:]
+    lines = run(programs / "drive_velocity", troll.bus, "0", "20000", "3", "30000").splitlines()[1:]
     rows = [[float(cell) for cell in line.split()] for line in lines]
     assert max(row[2] for row in rows) == pytest.approx(20000, rel=0.02)
     hold = [row for row in rows if 1.2 < row[0] < 1.9]
