@@ -3,7 +3,7 @@
  * It finds the buses in reach, reads the vendor ID of slave 0 of the first one (object 0x1018:01), and
  * prints three values or events as they come. Libraries: zenoh-pico 1.9 and msgpack-c.
  *
- *   cc over_zenoh.c -o over_zenoh $(pkg-config --cflags --libs zenohpico msgpack-c)
+ *   cc -DZENOH_LINUX over_zenoh.c -o over_zenoh $(pkg-config --cflags --libs zenohpico msgpack)
  */
 #include <msgpack.h>
 #include <stdio.h>
@@ -81,7 +81,7 @@ static void find(const z_loaned_session_t *session, char first[KEY_SIZE]) {
 }
 
 /* Prints what is published: values of the process data, and events. */
-static void listen(const z_loaned_session_t *session, const char *key) {
+static void watch(const z_loaned_session_t *session, const char *key) {
   z_owned_closure_sample_t closure;
   z_owned_fifo_handler_sample_t samples;
   z_owned_subscriber_t subscriber;
@@ -118,7 +118,7 @@ int main(int argc, char **argv) {
     snprintf(key, sizeof key, "%s/ro/sdo/0/0x1018/1", bus);
     ask(z_loan(session), key, "data");
     snprintf(key, sizeof key, "%s/ro/**", bus);
-    listen(z_loan(session), key);
+    watch(z_loan(session), key);
   }
   z_drop(z_move(session));
   return bus[0] ? 0 : 4;

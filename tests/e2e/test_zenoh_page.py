@@ -43,7 +43,7 @@ def test_the_python_program(listening: tuple[Daemon, int], tmp_path: Path) -> No
     assert all(line.startswith("/ro/") for line in values)
 
 
-NEEDED = ("zenohpico", "msgpack-c")
+NEEDED = ("zenohpico", "msgpack")
 
 
 @pytest.mark.skipif(
@@ -57,7 +57,7 @@ def test_the_c_program(listening: tuple[Daemon, int], tmp_path: Path) -> None:
         ["pkg-config", "--cflags", "--libs", *NEEDED], capture_output=True, text=True, check=True
     ).stdout.split()
     program = tmp_path / "over_zenoh"
-    warnings = ("-Wall", "-Wextra", "-Werror", "-std=c11")
+    warnings = ("-Wall", "-Wextra", "-Werror", "-std=gnu11", "-DZENOH_LINUX")
     subprocess.run(["cc", *warnings, SOURCE, "-o", program, *flags], check=True)
     command = [program, f"tcp/127.0.0.1:{port}"]
     result = subprocess.run(command, capture_output=True, text=True, check=True)
