@@ -90,6 +90,7 @@ def test_tasks_share_a_client(troll: Daemon) -> None:
     run(program())
 
 
+@pytest.mark.long
 def test_who_waits_keeps_the_outputs(troll: Daemon) -> None:
     async def program() -> None:
         with troll.client() as bus, troll.client() as other, bus.claim(EL2008, lease=2):

@@ -244,6 +244,7 @@ def test_many_read_and_one_writes(model: Model, troll: Daemon) -> None:
         reader.step()
 
 
+@pytest.mark.long
 def test_a_paused_simulation_loses_its_outputs(model: Model, troll: Daemon) -> None:
     for mode in (ERROR, CONTINUE):
         with model.play(bus=troll.bus, whenFailed=mode, lease=2.0) as player:

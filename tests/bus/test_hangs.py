@@ -106,6 +106,7 @@ def test_r19_an_engine_that_stands_still_is_noticed(machine: Machine) -> None:
     names(log, "engine", "stood still", "starts ecatd again")
 
 
+@pytest.mark.long
 def test_systemd_is_told_how_the_slaves_are(tmp_path: Path) -> None:
     daemon = Daemon(tmp_path, "line:4").wait_ready()
     try:

@@ -130,6 +130,7 @@ class Plant:
         return False
 
 
+@pytest.mark.long
 def test_a_group_comes_and_goes_while_the_others_run(start: Start) -> None:
     daemon = start(GROUP, RIG + AWAY)
     simulator = daemon.child_pid("ecatsim")

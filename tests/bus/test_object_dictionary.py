@@ -73,6 +73,7 @@ def test_what_is_not_there_is_named(bus: Daemon) -> None:
         names(one_line_error(wrong.stderr, "ecatctl"), *tokens)
 
 
+@pytest.mark.long
 def test_descriptions_are_kept(bus: Daemon, simulator: Simulator) -> None:
     before = bus.ctl_json("sdos", INPUTS, "0x8010")
     simulator.faults.mailbox(int(INPUTS), "stuck")

@@ -175,6 +175,7 @@ def master_by_chance():
     return [found, struck]
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_run():
     first, second = run("line:2", master_by_chance), run("line:2", master_by_chance)
     assert first[0] == second[0]

@@ -55,6 +55,7 @@ def test_boot_is_reached_and_left_from_and_to_op(daemon: Daemon) -> None:
     assert states(daemon) == 5 * ["OP"]
 
 
+@pytest.mark.long
 def test_a_slave_that_refuses_boot_is_in_op_again(daemon: Daemon) -> None:
     text = refused(daemon, "BOOT", "-p", str(PRETENDER))
     names(text, "slave 3 (EL3008)", "BOOT", "INIT+ERROR", "AL status 0x0013")

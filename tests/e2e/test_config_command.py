@@ -191,6 +191,7 @@ content = "ones"
 """
 
 
+@pytest.mark.long
 def test_slaves_in_doubt_are_told_as_by_the_start(
     machine: Callable[..., Daemon], tmp_path: Path
 ) -> None:
