@@ -142,8 +142,14 @@ def test_objects_that_a_slave_would_refuse_are_found_beforehand(
         found = daemon.ctl("config", "check", str(file), *more, check=False)
         assert found.returncode == 7
         limit, missing = [line for line in found.stdout.splitlines() if "other objects" in line]
-        names(limit, "slave 1 (axis, AX2)", "0x2000:03", "-10", "100", "101")
-        names(missing, "slave 1 (axis, AX2)", "no object", "0x2009:00")
+        names(limit, f"{file}:", "slave 1 (axis, AX2)", "0x2000:03", "-10", "100", "101")
+        names(missing, "slave[0].startup[1]", "slave 1 (axis, AX2)", "no object", "0x2009:00")
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.mailbox(1, "stuck")
+        other = '[[slave.startup]]\nobject = "0x2001:03"\nhex = "05 00"\n'  # not asked for before
+        file.write_text(daemon.config_file.read_text() + other)
+        (warned,) = daemon.ctl_json("config", "check", str(file))["warnings"]
+    names(warned, "slave 1 (axis, AX2)", "not checked", "--esi")
 
 
 PROFILE = """

@@ -25,6 +25,9 @@ from ecatd.paths import profile_folders
 from .bus_source import check_options, get_bus, warn_of_silent
 from .output import print_json
 
+_INPUTS = 0x1A00
+"""The first TxPDO."""
+
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
     from ecatd.esi import EsiDevice
@@ -71,10 +74,19 @@ def check(options: argparse.Namespace) -> int:
         differences += _forbidden(moved, bus, devices)
         objects |= _esi_objects(moved, devices)
     differences += [
-        Difference("other objects", (n,), (n,), f"{bus.slaves[n].label} {text}", strict=False)
+        Difference("other objects", (n,), (n,), f"{where}: {bus.slaves[n].label} {text}", False)
         for n, known in objects.items()
         if n in places.values()
-        for text in object_problems(moved.settings_of(n), known)
+        for where, text in (
+            (item.table.where(), text)
+            for item, text in object_problems(moved.settings_of(n), known)
+        )
+    ]
+    warnings += [
+        f"{bus.slaves[n].label} does not tell which objects it has, so its start-up parameters and "
+        "[[slave.pdo]] are not checked; --esi takes its objects from an ESI file"
+        for n, known in objects.items()
+        if not {*object_indices(moved.settings_of(n))} <= known.keys()
     ]
     if options.json:
         rows = [
@@ -227,7 +239,7 @@ def _advice(settings: SlaveConfig, slave: Slave) -> str:
 
 def _pdo_difference(settings: SlaveConfig, slave: Slave) -> str:
     now = {pdo.index: pdo for pdo in (*slave.outputs, *slave.inputs)}
-    if settings.pdos is not None and sorted(now) != sorted(settings.pdos):
+    if settings.pdos is not None and _in_order(list(now)) != _in_order(settings.pdos):
         return f"the PDOs {_indices(list(now))}, not {_indices(settings.pdos)}"
     for pdo in settings.pdo:
         if pdo.index not in now:
@@ -280,6 +292,11 @@ def _esi_objects(wanted: Config, devices: dict[int, EsiDevice]) -> dict[int, Obj
             if complete or index in known
         }
     return found
+
+
+def _in_order(indices: list[int]) -> list[int]:
+    """Those of outputs before those of inputs; within these the order counts."""
+    return sorted(indices, key=lambda index: index >= _INPUTS)
 
 
 def _indices(indices: list[int]) -> str:

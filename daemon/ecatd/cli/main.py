@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from contextlib import suppress
 from typing import NoReturn
 
 from ecatd.lazy_command import LazyCommand
@@ -224,8 +225,13 @@ def _main() -> int:
         sys.stdout.flush()  # so that a failed write is reported here, not by a traceback at the end
     except EcatError as error:
         if options.json:
-            _print_error(error)
-        print(f"ecatctl: {error}", file=sys.stderr)
+            try:
+                _print_error(error)
+                sys.stdout.flush()
+            except OSError:  # the status says what has failed
+                _write_no_more()
+        with suppress(OSError):
+            print(f"ecatctl: {error}", file=sys.stderr, flush=True)
         return error.exit_code
     except BrokenPipeError:
         _write_no_more()

@@ -59,9 +59,14 @@ def is_physical(signal: Signal) -> bool:
 
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Lets SIGTERM end the command as Ctrl-C does."""
-    before = posix_signal.signal(posix_signal.SIGTERM, posix_signal.default_int_handler)
+    """Lets SIGTERM, and SIGHUP of a terminal that is closed, end the command as Ctrl-C does."""
+    numbers = (posix_signal.SIGTERM, posix_signal.SIGHUP)
+    before = {number: posix_signal.getsignal(number) for number in numbers}
+    for number, handler in before.items():
+        if handler != posix_signal.SIG_IGN:  # `nohup` ignores SIGHUP
+            posix_signal.signal(number, posix_signal.default_int_handler)
     try:
         yield
     finally:
-        posix_signal.signal(posix_signal.SIGTERM, before)
+        for number, handler in before.items():
+            posix_signal.signal(number, handler)

@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from ..config import SlaveConfig, StartupConfig
-from ..datatypes import bit_length, decode, type_name
-from ..dictionary import Access, DictionaryEntry, DictionaryObject, access_text
+from ..config.placed import Placed
+from ..datatypes import STRINGS, bit_length, decode, parse_type, type_name
+from ..dictionary import Access, DictionaryEntry, DictionaryObject, ObjectCode, access_text
 
 _WRITABLE = {"IP": 0x08, "PS": 0x08, "SP": 0x10, "SO": 0x10, "OS": 0x20}
 """The right that a parameter needs: it is written in the state before the transition."""
@@ -29,7 +30,7 @@ def object_indices(settings: SlaveConfig) -> list[int]:
     return sorted(named - {_GAP})
 
 
-def object_problems(settings: SlaveConfig, objects: Objects) -> Iterator[str]:
+def object_problems(settings: SlaveConfig, objects: Objects) -> Iterator[tuple[Placed, str]]:
     """Finds start-up parameters and mapped entries that the slave would refuse.
 
     Args:
@@ -37,23 +38,25 @@ def object_problems(settings: SlaveConfig, objects: Objects) -> Iterator[str]:
         objects: Those of `object_indices`, as far as they are known.
 
     Yields:
-        Sentences without a subject, such as `has no object 0x2005:00, to which ...`.
+        A table, and a sentence without a subject: `has no object 0x2005:00, to which ...`.
     """
     for parameter in settings.startup:
         index, subindex = parameter.address
         if parameter.optional or index not in objects:
             continue
         what = f"0x{index:04X}:{subindex:02X}"
-        if parameter.complete and objects[index]:  # the data have several entries
+        known = objects[index]
+        if parameter.complete and known:  # the data have several entries
+            if known.code == ObjectCode.VAR:
+                yield parameter, f"has a single value in {what}: write it without complete access"
             continue
         entry, missing = _find(objects, index, subindex)
         if entry is None:
-            yield (
-                f"has no {missing} {what}, to which a start-up parameter belongs: correct its "
-                "[[slave.startup]]"
-            )
+            text = f"has no {missing} {what}, to which a start-up parameter belongs: correct object"
+            yield parameter, text
         else:
-            yield from _parameter_problems(what, parameter, entry)
+            for text in _parameter_problems(what, parameter, entry):
+                yield parameter, text
     for pdo in settings.pdo:
         inputs = pdo.index >= _INPUTS
         for item in pdo.entries:
@@ -64,20 +67,13 @@ def object_problems(settings: SlaveConfig, objects: Objects) -> Iterator[str]:
             entry, missing = _find(objects, index, subindex)
             where = f"PDO 0x{pdo.index:04X}"
             if entry is None:
-                yield (
-                    f"has no {missing} {what}, which {where} maps: correct entries in its "
-                    "[[slave.pdo]]"
-                )
+                yield pdo, f"has no {missing} {what}, which {where} maps: correct entries"
             elif entry.bit_length and entry.bit_length != item.bits:
-                yield (
-                    f"has {entry.bit_length} bits in {what}, but {where} maps {item.bits}: correct "
-                    "bits in its [[slave.pdo]]"
-                )
+                text = f"has {entry.bit_length} bits in {what}, but {where} maps {item.bits}"
+                yield pdo, f"{text}: correct bits"
             elif not entry.access & (Access.TX_PDO if inputs else Access.RX_PDO):
-                yield (
-                    f"does not map {what} into {'inputs' if inputs else 'outputs'}, as {where} "
-                    "does: remove it from its [[slave.pdo]]"
-                )
+                text = f"does not map {what} into {'inputs' if inputs else 'outputs'}"
+                yield pdo, f"{text}, as {where} does: remove the entry"
 
 
 def _find(objects: Objects, index: int, subindex: int) -> tuple[DictionaryEntry | None, str]:
@@ -91,32 +87,48 @@ def _find(objects: Objects, index: int, subindex: int) -> tuple[DictionaryEntry 
 def _parameter_problems(
     what: str, parameter: StartupConfig, entry: DictionaryEntry
 ) -> Iterator[str]:
+    if not entry.access & Access.WRITE:
+        yield f"allows only to read {what}: remove the table"
+        return
     if not entry.access & _WRITABLE[parameter.transition]:
         yield (
             f"does not take {what} at the transition {parameter.transition}, because its access is "
-            f"{access_text(entry.access)}: choose another transition in its [[slave.startup]], or "
-            "remove the table"
+            f"{access_text(entry.access)}: choose another transition"
         )
-    size = (bit_length(entry.data_type) + 7) // 8
+    kind, bits = entry.data_type, bit_length(entry.data_type)
+    key = "type" if parameter.hex is None else "hex"
+    if kind in STRINGS:
+        most = entry.bit_length // 8
+        if parameter.unit is None and 0 < most < len(parameter.data):
+            yield f"has room for {most} bytes in {what}, not {len(parameter.data)}: correct value"
+        return
+    size = (bits + 7) // 8
     typed = (parameter.entry.bit_length + 7) // 8 if parameter.unit else len(parameter.data)
     if size and typed != size:
-        yield (
-            f"has {type_name(entry.data_type)} in {what}, which is {size} bytes, not {typed}: "
-            "correct type in its [[slave.startup]]"
-        )
+        yield f"has {type_name(kind)} in {what}, which is {size} bytes, not {typed}: correct {key}"
     elif size and not parameter.unit:
-        yield from _limit_problems(what, entry, parameter.data)
+        yield from _value_problems(what, parameter, entry)
 
 
-def _limit_problems(what: str, entry: DictionaryEntry, data: bytes) -> Iterator[str]:
+def _value_problems(what: str, parameter: StartupConfig, entry: DictionaryEntry) -> Iterator[str]:
+    data, kind = parameter.data, entry.data_type
+    number = int.from_bytes(data, "little")
+    if number >> bit_length(kind):
+        yield f"has {type_name(kind)} in {what}, which cannot be {number}: correct value"
+        return
     value, low, high = (
-        decode(entry.data_type, item) if item is not None and len(item) == len(data) else None
+        decode(kind, item) if item is not None and len(item) == len(data) else None
         for item in (data, entry.minimum, entry.maximum)
     )
-    if not all(isinstance(item, int | float) for item in (value, low, high)):
+    if value is None or isinstance(value, str):
+        return
+    written = value if parameter.type is None else decode(parse_type(parameter.type), data)
+    if written != value:
+        yield f"takes {written} in {what} for {value}, since it has {type_name(kind)}: correct type"
         return
     # Some slaves give 0 for both limits if they have none.
-    if low < high and not low <= value <= high:  # type: ignore[operator]
-        yield (
-            f"allows {low} to {high} in {what}, not {value}: correct value in its [[slave.startup]]"
-        )
+    limits = (None, None) if low is not None and low == high else (low, high)
+    text = f"{'any' if low is None else low} to {'any' if high is None else high}"
+    for limit, sign in zip(limits, (-1, 1), strict=True):
+        if limit is not None and (float(value) - float(limit)) * sign > 0:
+            yield f"allows {text} in {what}, not {value}: correct value"
