@@ -453,7 +453,7 @@ def test_sigterm_while_slaves_do_not_answer(start_daemon: Callable[..., Daemon])
     os.kill(simulator, signal.SIGSTOP)
     try:
         daemon.process.terminate()
-        while Path(f"/proc/{server}/cmdline").exists():
+        while Path(f"/proc/{server}").exists():
             assert daemon.process.poll() is None
     finally:
         os.kill(simulator, signal.SIGCONT)
