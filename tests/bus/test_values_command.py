@@ -73,7 +73,8 @@ def test_wrong_arguments(
     names(one_line_error(wrong.stderr, "ecatctl"), *tokens)
 
 
-def test_outputs_are_held_and_given_back(bus: Daemon) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_outputs_are_held_and_given_back(bus: Daemon, number: int) -> None:
     command = [sys.executable, "-m", "ecatd.cli", "write", f"{OUTPUT}=1", "--yes"]
     with subprocess.Popen(command, env=bus.env, stdout=subprocess.PIPE, text=True) as process:
         try:
@@ -81,7 +82,7 @@ def test_outputs_are_held_and_given_back(bus: Daemon) -> None:
             second = bus.ctl("write", f"{OUTPUT}=0", "--yes", check=False)
             assert second.returncode == 7
             names(one_line_error(second.stderr, "ecatctl"), "slave 3 (EL2008)")
-            process.send_signal(signal.SIGTERM)
+            process.send_signal(number)
             text, _ = process.communicate()
         finally:
             process.kill()

@@ -302,3 +302,17 @@ def test_an_output_that_cannot_be_written(troll: Daemon, command: list[str]) -> 
     assert result.returncode == 7
     assert result.stderr.count("\n") == 1
     names(one_line_error(result.stderr, "ecatctl"), "output", "No space left on device")
+
+
+def test_an_error_as_json_that_cannot_be_written_keeps_its_status(troll: Daemon) -> None:
+    with Path("/dev/full").open("w") as full:
+        result = subprocess.run(
+            [sys.executable, "-m", "ecatd.cli", "sdo-read", "0", "0x5555", "--json"],
+            env=troll.env,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert result.returncode == 5
+    names(one_line_error(result.stderr, "ecatctl"), "0x06020000")
