@@ -8,13 +8,13 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.abort_codes import NO_OBJECT
 from ecatd.model.applied import alike_slaves, load_description, misfits, missing_folder
 from ecatd.model.applied.objects import Objects, object_indices, object_problems
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, SlaveConfig, load_config
+from ecatd.model.config.pdos import INPUT_PDOS
 from ecatd.model.doubts import REMEDIES, SILENT
-from ecatd.model.errors import ConfigError, NoAnswerError, SdoAbortError, StateError
+from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.expected_bus import Difference, compare
 from ecatd.model.health import silent_slaves
 from ecatd.model.problems import Collected
@@ -23,15 +23,11 @@ from ecatd.model.wire import found_slaves
 from ecatd.paths import profile_folders
 
 from .bus_source import check_options, get_bus, warn_of_silent
+from .named_objects import esi_objects, live_objects
 from .output import print_json
 
-_INPUTS = 0x1A00
-"""The first TxPDO."""
-
 if TYPE_CHECKING:
-    from ecatd.client.remote import Remote
     from ecatd.esi import EsiDevice
-    from ecatd.model.dictionary import DictionaryObject
 
 
 def check(options: argparse.Namespace) -> int:
@@ -72,7 +68,7 @@ def check(options: argparse.Namespace) -> int:
     if options.esi is not None:
         devices = described(bus, options.esi)
         differences += _forbidden(moved, bus, devices)
-        objects |= _esi_objects(moved, devices)
+        objects |= esi_objects(moved, devices)
     differences += [
         Difference("other objects", (n,), (n,), f"{where}: {bus.slaves[n].label} {text}", False)
         for n, known in objects.items()
@@ -136,35 +132,8 @@ def _bus(
         bus, rows = remote.describe(), remote.states()
         wire = found_slaves(bus, remote.rescan()["devices"])
         unexpected = compare(remote.configuration()[0], bus.slaves).unexpected
-        objects = _live_objects(remote, wanted, bus, rows)
+        objects = live_objects(remote, wanted, bus, rows)
     return bus, wire, {n for n in unexpected if not _exchanges(bus.slaves[n])}, rows, objects
-
-
-def _live_objects(
-    remote: Remote, wanted: Config, bus: Bus, states: list[dict[str, Any]]
-) -> dict[int, Objects]:
-    """Asks the slaves for the objects that the configuration names, by position."""
-    silent = {row["position"] for row in states if not row["al_state"]}
-    found = compare(wanted, bus.slaves, silent)
-    asked = {}
-    for settings in wanted.moved(found.places).slave:
-        n = settings.position
-        if n < len(bus.slaves) and bus.slaves[n].coe and n not in silent | {*found.unexpected}:
-            asked[n] = _ask_objects(remote, settings)
-    return asked
-
-
-def _ask_objects(remote: Remote, settings: SlaveConfig) -> Objects:
-    objects: dict[int, DictionaryObject | None] = {}
-    for index in object_indices(settings):
-        try:
-            objects[index] = remote.describe_object(settings.position, index)
-        except SdoAbortError as error:
-            if error.code == NO_OBJECT:
-                objects[index] = None
-        except (NoAnswerError, StateError):  # it does not describe its objects
-            break
-    return objects
 
 
 def _exchanges(slave: Slave) -> bool:
@@ -272,31 +241,9 @@ def _forbidden(wanted: Config, bus: Bus, devices: dict[int, EsiDevice]) -> list[
     return found
 
 
-def _esi_objects(wanted: Config, devices: dict[int, EsiDevice]) -> dict[int, Objects]:
-    """The objects that the configuration names, by position, of devices with a dictionary."""
-    from ecatd.esi.modules import plug
-
-    from .dictionary import objects_of
-
-    found: dict[int, Objects] = {}
-    for n, device in devices.items():
-        settings = wanted.settings_of(n)
-        plugged = (
-            plug(device, [item.ident for item in settings.modules]) if device.slots else device
-        )
-        known = {item.index: item for item in objects_of(plugged)}
-        complete = known and (settings.module or not device.slots)
-        found[n] = {
-            index: known.get(index)
-            for index in object_indices(settings)
-            if complete or index in known
-        }
-    return found
-
-
 def _in_order(indices: list[int]) -> list[int]:
     """Those of outputs before those of inputs; within these the order counts."""
-    return sorted(indices, key=lambda index: index >= _INPUTS)
+    return sorted(indices, key=lambda index: index in INPUT_PDOS)
 
 
 def _indices(indices: list[int]) -> str:

@@ -67,17 +67,7 @@ def _unserved(bus: str) -> EcatError:
 class Session:
     """A session with the gateway of one bus.
 
-    Args:
-        bus: Name of the bus; HOST/BUS behind a router, and where the daemon has a `gateway.host`.
-        connect: Zenoh endpoint such as `tls/host:7447`; by default the daemon of this machine.
-        timeout: Seconds to wait for an answer.
-        identity: File with the certificate of a user, for an encrypted endpoint; by default the one
-            that `find_identity` finds.
-
-    Raises:
-        UnreachableError: No daemon is there.
-        NotPermittedError: This user may not use it.
-        UsageError: The file is no identity.
+    Arguments and errors are those of `Remote`.
 
     Attributes:
         bus: Name of the bus, as given.

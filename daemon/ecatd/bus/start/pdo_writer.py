@@ -15,6 +15,7 @@ from contextlib import suppress
 from ecatd.model import abort_codes
 from ecatd.model.bus import Slave
 from ecatd.model.config import PdoConfig, SlaveConfig
+from ecatd.model.config.pdos import INPUT_PDOS
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.model.pdo import Pdo
 from ecatd.model.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
@@ -25,8 +26,6 @@ from ..mailbox.talks import Talk
 from .assignment import ASSIGNMENT, INFORMATION, Assignment
 from .refused import RefusedError, write
 
-_INPUTS = 0x1A00
-"""Index of the first TxPDO; lower indices are RxPDOs."""
 _MISSING = (abort_codes.NO_OBJECT, abort_codes.NO_SUBINDEX)
 _OFFERED_MOST = 24
 """Most objects that a message names."""
@@ -114,7 +113,7 @@ class PdoWriter:
         places |= {index: pdo.sync_manager for index, pdo in before.items()}
         indices = list(before) if self._settings.pdos is None else self._settings.pdos
         for index in indices:
-            usage = USAGE_INPUTS if index >= _INPUTS else USAGE_OUTPUTS
+            usage = USAGE_INPUTS if index >= INPUT_PDOS.start else USAGE_OUTPUTS
             number = places.get(index, UNASSIGNED)
             if number not in channels[usage]:
                 if not channels[usage]:
@@ -190,7 +189,7 @@ class PdoWriter:
 
     def _mappable(self, pdo: int) -> Talk[str]:
         """Returns the objects that the slave can map into a PDO, for the end of a message."""
-        kind = INPUT_OBJECTS if pdo >= _INPUTS else OUTPUT_OBJECTS
+        kind = INPUT_OBJECTS if pdo >= INPUT_PDOS.start else OUTPUT_OBJECTS
         found: list[int] = []
         if self._sii.coe & INFORMATION:
             with suppress(SdoAbortError, NoAnswerError, StateError):
@@ -202,7 +201,7 @@ class PdoWriter:
 
     def _offer(self, index: int) -> str:
         """Returns the PDOs of the same direction in the slave's EEPROM, for messages."""
-        pdos = self._sii.inputs if index >= _INPUTS else self._sii.outputs
+        pdos = self._sii.inputs if index >= INPUT_PDOS.start else self._sii.outputs
         offered = ", ".join(f"0x{pdo.index:04X}" for pdo in pdos)
         return f" (its EEPROM offers {offered})" if offered else ""
 
@@ -286,10 +285,10 @@ def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
     chosen = [found[index] for index in settings.pdos]
     for pdo in chosen:
         if pdo.sync_manager == UNASSIGNED:
-            usage = USAGE_INPUTS if pdo.index >= _INPUTS else USAGE_OUTPUTS
+            usage = USAGE_INPUTS if pdo.index >= INPUT_PDOS.start else USAGE_OUTPUTS
             pdo.sync_manager = sii.channels(usage)[0]
-    slave.outputs = [pdo for pdo in chosen if pdo.index < _INPUTS]
-    slave.inputs = [pdo for pdo in chosen if pdo.index >= _INPUTS]
+    slave.outputs = [pdo for pdo in chosen if pdo.index < INPUT_PDOS.start]
+    slave.inputs = [pdo for pdo in chosen if pdo.index >= INPUT_PDOS.start]
 
 
 def warn_of_none(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:

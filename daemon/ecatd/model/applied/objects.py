@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from ..config import SlaveConfig, StartupConfig
+from ..config.pdos import INPUT_PDOS
 from ..config.placed import Placed
 from ..datatypes import STRINGS, bit_length, decode, parse_type, type_name
 from ..dictionary import Access, DictionaryEntry, DictionaryObject, ObjectCode, access_text
 
 _WRITABLE = {"IP": 0x08, "PS": 0x08, "SP": 0x10, "SO": 0x10, "OS": 0x20}
 """The right that a parameter needs: it is written in the state before the transition."""
-_INPUTS = 0x1A00
-"""The first TxPDO."""
 _GAP = 0
 """Index of entries that stand for unused bits."""
 
@@ -58,7 +57,7 @@ def object_problems(settings: SlaveConfig, objects: Objects) -> Iterator[tuple[P
             for text in _parameter_problems(what, parameter, entry):
                 yield parameter, text
     for pdo in settings.pdo:
-        inputs = pdo.index >= _INPUTS
+        inputs = pdo.index in INPUT_PDOS
         for item in pdo.entries:
             index, subindex = item.address
             if index not in objects:

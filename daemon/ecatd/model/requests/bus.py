@@ -6,7 +6,7 @@ from .request import Request
 
 
 class Describe(Request):
-    """Asks for the bus description, which is long and does not change while the daemon runs."""
+    """Asks for the bus description, which is long. Only a reload changes it, in its limits."""
 
     op = "describe"
     key = "ro/slaves"
