@@ -6,8 +6,11 @@ A process of its own, since only one without threads can enter a namespace.
 import fcntl
 import socket
 import struct
+import subprocess
 import sys
 import time
+import urllib.request
+from pathlib import Path
 
 from ecatd import network_namespace as namespace
 from ecatsim.net import netlink
@@ -116,7 +119,69 @@ def kickcat_scan(interface):
     bus.init(0.0)
 
 
+def echo(address, *sizes):
+    """Sends datagrams to the echo service, each until it comes back."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        udp.settimeout(1)
+        udp.connect((address, 7))
+        for size in map(int, sizes):
+            data, tries = bytes(n & 0xFF for n in range(size)), 60
+            udp.send(data)
+            while (back := _received(udp)) != data:
+                tries -= back is None
+                assert tries, f"{size} bytes do not come back"
+                if back is None:
+                    udp.send(data)
+
+
+def _received(udp):
+    try:
+        return udp.recv(2048)
+    except OSError:  # nothing comes, or nobody is there yet
+        return None
+
+
+def _network(pid):
+    return Path(f"/proc/{pid}/ns/net").readlink()
+
+
+def fetch(interface, address, size):
+    """Moves an interface into a network of its own, and fetches a file from a web server there."""
+    serve = f"""
+import subprocess, sys
+sys.stdin.readline()
+for command in ("addr add {address}/24 dev {interface}", "link set {interface} up"):
+    subprocess.run(["ip", *command.split()], check=True)
+from http.server import *
+class Handler(BaseHTTPRequestHandler):
+    def do_GET(self):
+        self.send_response(200)
+        self.end_headers()
+        self.wfile.write(b"x" * {size})
+HTTPServer(("{address}", 80), Handler).handle_request()
+"""
+    command = ["unshare", "--net", sys.executable, "-c", serve]
+    with subprocess.Popen(command, stdin=subprocess.PIPE) as server:
+        try:
+            while _network(server.pid) == _network("self"):
+                time.sleep(0.01)
+            move = ["ip", "link", "set", interface, "netns", str(server.pid)]
+            subprocess.run(move, check=True)
+            server.stdin.write(b"\n")
+            server.stdin.flush()
+            deadline = time.monotonic() + 60
+            while True:
+                try:
+                    with urllib.request.urlopen(f"http://{address}/", timeout=30) as answer:
+                        assert answer.read() == b"x" * int(size)
+                        break
+                except OSError:  # it does not listen yet
+                    assert time.monotonic() < deadline
+        finally:
+            server.kill()
+
+
 if __name__ == "__main__":
     namespace.join(int(sys.argv[1]))
-    commands = (switch, delete, make, send, replay, soem, soem_scan, kickcat_scan)
+    commands = (switch, delete, make, send, replay, echo, fetch, soem, soem_scan, kickcat_scan)
     {command.__name__: command for command in commands}[sys.argv[2]](*sys.argv[3:])

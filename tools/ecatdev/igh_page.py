@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 _ROOT = Path(__file__).parents[2]
 _FILES_RIG = _ROOT / "tests" / "rigs" / "files.py"
+_EOE_RIG = _ROOT / "tests" / "rigs" / "ethernet.py"
 _LINES_MOST, _WIDTH_MOST = 12, 110
 
 _INTRO = """\
@@ -49,7 +50,6 @@ class Row(NamedTuple):
     rig: str = "troll"
 
 
-_NO_EOE = "not there: no slave with EoE to try it on"
 ROWS = (
     Row("master", "info", "also which real time the daemon was granted", "info"),
     Row("slaves", "slaves", "", "slaves"),
@@ -111,10 +111,13 @@ ROWS = (
     ),
     Row("soe_read", "soe-read", "with name and unit", "soe-read 1", str(_FILES_RIG)),
     Row("soe_write", "soe-write", "", "soe-write 1 S-0-0001 2500", str(_FILES_RIG)),
-    Row("eoe", "", _NO_EOE),
-    Row("eoe_addif", "", _NO_EOE),
-    Row("eoe_delif", "", _NO_EOE),
-    Row("ip", "", _NO_EOE),
+    Row("eoe", "eoe", "frames of each slave; one interface for all of them", "eoe", str(_EOE_RIG)),
+    Row("eoe_addif", "", "`[eoe]` in the configuration names the interface"),
+    Row("eoe_delif", "", "the interface ends with ecatd"),
+    Row(
+        *("ip", "eoe-write", "`[slave.eoe]` in the configuration gives them at each start"),
+        *("eoe-write 1 --address 192.168.7.2/24", str(_EOE_RIG)),
+    ),
 )
 """All commands, in the order of IgH's tool."""
 
@@ -137,7 +140,9 @@ def _daemon(rig: str, folder: Path) -> Iterator[dict[str, str]]:
     """Runs a daemon on a rig, and yields the environment of its clients."""
     environment = {**os.environ, "ECATD_RUNTIME_DIR": str(folder / "run"), "ECATD_BUS": "ecatp"}
     config = folder / "ecat.toml"
-    config.write_text("[gateway]\nlisten = []\n")
+    config.write_text(
+        '[gateway]\nlisten = []\n[eoe]\ninterface = "eoe0"\naddress = "192.168.7.1/24"\n'
+    )
     command = [sys.executable, "-m", "ecatd.service", "--simulate", rig]
     command += ["--bus", "ecatp", "--config", str(config)]
     with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as daemon:

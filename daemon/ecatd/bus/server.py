@@ -31,6 +31,7 @@ from ecatd.model.requests.bus import (
     ReadStates,
     SetState,
 )
+from ecatd.model.requests.ethernet import ReadEthernet
 from ecatd.model.requests.frames import ReadFrames
 from ecatd.model.requests.log import ReadLogLevels, SetLogLevel
 from ecatd.model.requests.request import Request
@@ -39,6 +40,7 @@ from ecatd.version import VERSION
 
 from .engine.engine import Engine
 from .engine.shared_memory import SharedMemory
+from .ethernet.traffic import EthernetTraffic
 from .master.al_states import SlaveState
 from .master.worker import Worker
 from .requests.conversations import Conversations
@@ -104,6 +106,7 @@ class BusServer:
         self._monitor: Monitor | None = None
         self._fault_files: FaultFiles | None = None
         self._slave_requests: SlaveRequests | None = None
+        self._ethernet: EthernetTraffic | None = None
         self._started = 0.0
 
     @property
@@ -128,6 +131,10 @@ class BusServer:
         self._slave_requests = SlaveRequests(
             *(self.bus, self._up.master, self._config, self._worker),
             *(conversations, self._monitor, self._log),
+        )
+        self._ethernet = EthernetTraffic(
+            *(self._config.eoe, self.bus, self._up.master, self._worker),
+            *(self._monitor.emergencies.note, self._log),
         )
         self._monitor.start(asyncio.get_running_loop())
 
@@ -191,8 +198,9 @@ class BusServer:
             )
 
     async def monitor(self) -> None:
-        """Watches the bus until the server stops."""
-        await self._running.run()
+        """Watches the bus, and carries Ethernet frames, until the server stops."""
+        assert self._ethernet is not None, "asked before the bus was brought up"
+        await asyncio.gather(self._running.run(), self._ethernet.run())
 
     async def attend(self) -> None:
         """Tells the engine regularly that the control side works, until the server stops.
@@ -257,6 +265,9 @@ class BusServer:
                 return self._events.since(request.since)
             case ReadFrames():
                 return read_frames(self._up.frame_rings, self._up.interfaces, request)
+        assert self._ethernet is not None, "asked before the bus was brought up"
+        if isinstance(request, ReadEthernet):
+            return self._ethernet.describe()
         assert self._slave_requests is not None, "asked before the bus was brought up"
         return await self._slave_requests.answer(request)
 

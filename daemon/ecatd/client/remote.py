@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from ecatd.model.errors import NotPermittedError
 from ecatd.model.requests.bus import ReadEvents, ReadInfo, ReadStates, Rescan, SetState
 from ecatd.model.requests.eeproms import ReadSii, WriteSii
+from ecatd.model.requests.ethernet import ReadEthernet, ReadIp, WriteIp
 from ecatd.model.requests.files import StartFoe
 from ecatd.model.requests.frames import ReadFrames
 from ecatd.model.requests.idns import ReadIdn, WriteIdn
@@ -292,6 +293,46 @@ class Remote:
         from ecatd.model.idns import IdnValue
 
         return IdnValue.from_map(self.request(WriteIdn(slave, idn, data, drive, who())))
+
+    def ethernet(self) -> dict[str, Any]:
+        """The interface to slaves with EoE, and the frames of each of them."""
+        return self.request(ReadEthernet())
+
+    def read_ip(self, slave: int | str) -> dict[str, Any]:
+        """Reads the IP parameters of a slave: mac, address, mask, gateway, dns, name; None each.
+
+        Raises:
+            StateError: There is no such slave, it has no EoE, or it refuses the request.
+        """
+        return self.request(ReadIp(slave))
+
+    def write_ip(
+        self,
+        slave: int | str,
+        *,
+        mac: str | None = None,
+        address: str | None = None,
+        gateway: str | None = None,
+        dns: str | None = None,
+        name: str | None = None,
+    ) -> dict[str, Any]:
+        """Writes the given IP parameters of a slave; the others stay. Raises as `read_ip`.
+
+        Args:
+            slave: Position or name.
+            mac: MAC address, as `02:00:00:00:00:01`.
+            address: IP address with the size of the network, as `192.168.7.2/24`.
+            gateway: Default gateway.
+            dns: DNS server.
+            name: DNS name.
+
+        Returns:
+            What the slave has now, as `read_ip`, and what it had, as `before`.
+
+        Raises:
+            UsageError: A parameter is malformed.
+        """
+        return self.request(WriteIp(slave, mac, address, gateway, dns, name, who()))
 
     def sii(self, slave: int | str) -> bytes:
         """Reads the whole EEPROM of a slave, which is given by its position or name.

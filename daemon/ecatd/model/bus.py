@@ -55,6 +55,7 @@ class Slave:
         alias: Configured station alias.
         address: Configured station address that the master assigned.
         coe: Whether the slave answers CoE requests.
+        eoe: Whether it takes Ethernet frames (EoE).
         problems: The errors in its EEPROM, and how the master handles them.
         profiles: Device profiles that its entries have their meanings from, each with its source.
         given_name: Its name in this machine, from the configuration; empty for none.
@@ -87,6 +88,7 @@ class Slave:
     alias: int = 0
     address: int = 0
     coe: bool = False
+    eoe: bool = False
     problems: list[str] = field(default_factory=list)
     profiles: list[str] = field(default_factory=list)
     given_name: str = ""

@@ -50,8 +50,8 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands buses slaves graph pdos read watch write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis events errors sii-read sii-write alias foe-read foe-write soe-read soe-write rescan reboot identify reg-read reg-write log-level config startup scan cstruct xml generate library capture doctor remote service client-flags
-set -g _shtab_ecatctl_opts_with_value --as --backup --bus --config --connect --count --days --devices --dir --drive --duration --esi --every --fmi --for --from --histogram --host --hz --identity --interface --last --latency --machine --out --output --password --raw --root --seconds --since --size --slave --templates --timeout --type --user --watch -n -o -p
+set -g _shtab_ecatctl_commands buses slaves graph pdos read watch write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis events errors sii-read sii-write alias foe-read foe-write soe-read soe-write eoe eoe-read eoe-write rescan reboot identify reg-read reg-write log-level config startup scan cstruct xml generate library capture doctor remote service client-flags
+set -g _shtab_ecatctl_opts_with_value --address --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --last --latency --mac --machine --name --out --output --password --raw --root --seconds --since --size --slave --templates --timeout --type --user --watch -n -o -p
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -378,6 +378,32 @@ complete -c ecatctl -n '_shtab_ecatctl_using soe-write' -l identity -x -d 'certi
 complete -c ecatctl -n '_shtab_ecatctl_using soe-write' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using soe-write' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using soe-write' -l drive -x -d 'which drive of the slave (default: 0)'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a eoe -d 'Show the interface to slaves with Ethernet (EoE), and count their frames.'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe' -l connect -x -d 'Zenoh endpoint of a daemon, for example tls/host:7448'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a eoe-read -d 'Read the IP parameters of a slave (EoE).'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-read' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-read' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-read' -l connect -x -d 'Zenoh endpoint of a daemon, for example tls/host:7448'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-read' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-read' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-read' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a eoe-write -d 'Write IP parameters of a slave (EoE).'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-write' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-write' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-write' -l connect -x -d 'Zenoh endpoint of a daemon, for example tls/host:7448'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-write' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-write' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-write' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-write' -l address -x -d 'IP address and size of the network, as 192.168.7.2/24'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-write' -l gateway -x -d 'default gateway, as 192.168.7.1'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-write' -l dns -x -d 'DNS server'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-write' -l name -x -d 'DNS name'
+complete -c ecatctl -n '_shtab_ecatctl_using eoe-write' -l mac -x -d 'MAC address, as 02:00:00:00:00:01'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a rescan -d 'Compare the devices on the wire with those of the start.'
 complete -c ecatctl -n '_shtab_ecatctl_using rescan' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using rescan' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

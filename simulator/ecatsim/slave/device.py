@@ -20,6 +20,7 @@ from dataclasses import replace
 
 from ecatd.model.al import AlState
 from ecatd.model.diagnosis import Kind
+from ecatd.model.eoe import IpParameters
 from ecatd.model.errors import UsageError
 from ecatd.model.pdo import Pdo
 
@@ -27,6 +28,7 @@ from ..esc import Event, Segment
 from . import emergency, standard_objects
 from .device_type import DeviceType
 from .diagnosis import DiagnosisHistory
+from .ethernet import EchoHost, TapHost
 from .mailbox import MailboxFault
 from .modules import ModuleSlots
 from .objects import Dictionary, Variable
@@ -61,6 +63,7 @@ class Device(DeviceType):
         self.tx_pdos = _copies(self.tx_pdos)
         self.files = dict(self.files)
         self.idns = [{number: copy(idn) for number, idn in each.items()} for each in self.idns]
+        self.ethernet = TapHost(self.eoe_interface) if self.eoe_interface else EchoHost()
         self.position = -1
         self.dictionary = Dictionary()
         self.machine = StateMachine(
@@ -88,7 +91,7 @@ class Device(DeviceType):
         self._services = (
             Services(
                 *(self.mailbox, self.bootstrap, self.dictionary, lambda: self.machine.state),
-                *(self, self.idns),
+                *(self, self.idns, self.ethernet),
             )
             if self.mailbox
             else None
@@ -202,6 +205,7 @@ class Device(DeviceType):
         self._process_data.rebuild()
         if self._services:
             self._services.close()
+        self.ethernet.set_ip(IpParameters())
         self._sync.stop()
         self._awaited = Event(0)
         if self._on_bus:

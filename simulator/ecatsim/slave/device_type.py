@@ -78,6 +78,8 @@ class DeviceType:
         firmware_valid: Whether there is firmware; without it only BOOT can be reached.
         files: Files for FoE, by name.
         idns: IDNs for SoE, by their numbers, of each drive in the device.
+        eoe_interface: Network interface (TAP) behind its EoE, which the simulator makes; empty: it
+            answers ping and the echo service itself.
         period: Seconds between two calls of `step`.
     """
 
@@ -127,6 +129,7 @@ class DeviceType:
     firmware_valid: bool = True
     files: dict[str, bytes] = {}  # noqa: RUF012  each device has a copy
     idns: Sequence[dict[int, Idn]] = ()
+    eoe_interface: str = ""
     period: float = 0.001
 
     def _settings(self) -> Sequence[SyncManager]:

@@ -1,4 +1,4 @@
-"""The mailbox services of a device: CoE and SoE from PREOP on, FoE from PREOP on and in BOOT."""
+"""The mailbox services of a device: CoE, EoE and SoE from PREOP on, FoE also in BOOT."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from ecatd.model.al import AlState
 
 from ..esc import Event, Segment
 from .coe import CoeServer
+from .eoe import EoeServer, EthernetHost
 from .foe import FileHost, FoeServer
 from .mailbox import MailboxServer, Protocol
 from .objects import Dictionary
@@ -15,7 +16,7 @@ from .sii import Mailbox
 from .soe import Idn, SoeServer
 
 _OUT, _IN = 0, 1  # sync managers of the mailboxes that the master writes and reads
-_COE, _FOE, _SOE = 0x04, 0x08, 0x10  # bits of the supported protocols, SII word 0x1C
+_EOE, _COE, _FOE, _SOE = 0x02, 0x04, 0x08, 0x10  # bits of the supported protocols, SII word 0x1C
 _COMPLETE_ACCESS = 0x20
 
 
@@ -29,6 +30,7 @@ class Services:
         state: Returns the AL state.
         host: The device whose files FoE serves.
         drives: The IDNs of each of its drives, for SoE.
+        ethernet: What is behind its EoE.
 
     Attributes:
         server: The server for the mailbox protocol.
@@ -42,6 +44,7 @@ class Services:
         state: Callable[[], AlState],
         host: FileHost,
         drives: Sequence[dict[int, Idn]],
+        ethernet: EthernetHost,
     ) -> None:
         self._mailbox = mailbox
         self._bootstrap = bootstrap
@@ -56,12 +59,18 @@ class Services:
         self._bus: tuple[Segment, int] | None = None
         self._is_open = False
         self._waiting = False  # whether there may be a mail of the master in the mailbox
+        self._ethernet = ethernet
         self.server = MailboxServer({}, self._put)
+        self._eoe = EoeServer(ethernet, lambda body: self.server.send(Protocol.EOE, body))
 
     def attach(self, segment: Segment | None, position: int) -> None:
         """Connects to a slave of a segment, closed as in INIT; None disconnects."""
         self._bus = (segment, position) if segment else None
         self.close()
+        if segment:
+            self._ethernet.open()
+        else:
+            self._ethernet.close()
 
     def open(self, state: AlState) -> None:
         """Starts to serve, in PREOP or BOOT."""
@@ -72,6 +81,9 @@ class Services:
         self._foe.start(box.receive_size, box.send_size, boot=boot)
         if self._mailbox.protocols & _FOE:
             self.server.handlers[Protocol.FOE] = self._foe.handle
+        self._eoe.start(box.send_size)
+        if self._mailbox.protocols & _EOE and not boot:
+            self.server.handlers[Protocol.EOE] = self._eoe.handle
         self._soe.start(box.send_size)
         if self._mailbox.protocols & _SOE and not boot:
             self.server.handlers[Protocol.SOE] = self._soe.handle
@@ -103,6 +115,8 @@ class Services:
         """Takes a waiting mail and offers answers that are due."""
         if not self._is_open:
             return
+        if Protocol.EOE in self.server.handlers:
+            self._eoe.run()
         self.server.tick(now)
         if self._waiting and self.server.accepts and self._bus:
             self._waiting = False

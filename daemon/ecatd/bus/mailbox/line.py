@@ -35,6 +35,8 @@ class Line:
         answer_s: Seconds that the slave has to take a message and answer it.
         tries: Number of tries of a request that changes nothing.
         log: The log for details.
+        on_fragment: Called with each fragment of an Ethernet frame (EoE) that the slave sends, in
+            the thread of the conversation. It is lost if nobody has set this.
     """
 
     def __init__(self, log: Log | None = None) -> None:
@@ -45,6 +47,7 @@ class Line:
         self.counter = itertools.cycle(range(1, 8))
         self.marks = itertools.cycle(range(0x80, 0x100))
         self.unanswered = False
+        self.on_fragment: Callable[[bytes], object] = lambda _body: None
         self._turns: deque[Turn] = deque()
         self._lock = threading.Lock()
 

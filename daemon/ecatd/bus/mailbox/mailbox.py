@@ -12,6 +12,7 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple, TypeVar
 
+from ecatd.model.eoe import EoeType, type_of
 from ecatd.model.errors import NoAnswerError, StateError
 
 from ..engine.framing import DATAGRAM_MAX
@@ -69,6 +70,7 @@ class Protocol(IntEnum):
     """Protocols of a mailbox (ETG.1000.4, mailbox header)."""
 
     ERROR = 0
+    EOE = 2
     COE = 3
     FOE = 4
     SOE = 5
@@ -208,17 +210,43 @@ class Mailbox:
     def collect(self, most: int) -> Talk[list[tuple[int, bytes]]]:
         """Reads messages that wait already, at most `most`; returns protocol and body of each.
 
+        Fragments of Ethernet frames are not among them; see `Line.on_fragment`.
+
         Raises:
             NoAnswerError: The slave does not answer any more.
         """
         self._deadline = time.monotonic() + self._line.answer_s
         found: list[tuple[int, bytes]] = []
-        while self._has_mail and len(found) < most:
+        for _ in range(most):
+            if not self._has_mail:
+                break
             mail = yield from self._read()
             length, _, _, kind = _HEADER.unpack_from(mail)
-            found.append((kind & 0x0F, mail[_HEADER.size : _HEADER.size + length]))
+            body = mail[_HEADER.size : _HEADER.size + length]
+            if not self._take_fragment(kind & 0x0F, body):
+                found.append((kind & 0x0F, body))
             yield from self._look()
         return found
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the half that the master writes was empty when the slave was last asked."""
+        return self._is_free
+
+    @property
+    def has_mail(self) -> bool:
+        """Whether a message of the slave waited when the slave was last asked."""
+        return self._has_mail
+
+    def _take_fragment(self, protocol: int, body: bytes) -> bool:
+        """Hands a fragment of an Ethernet frame on; returns whether the message is one.
+
+        A slave sends them at any time, also between a request and its answer.
+        """
+        if protocol != Protocol.EOE or type_of(body) != EoeType.FRAGMENT:
+            return False
+        self._line.on_fragment(body)
+        return True
 
     def _answer(self, protocol: Protocol, take: Callable[[bytes], T | None]) -> Talk[T]:
         while True:
@@ -232,6 +260,9 @@ class Mailbox:
             body = mail[_HEADER.size : _HEADER.size + length]
             if kind & 0x0F == Protocol.ERROR:
                 raise _refused(body)
+            if self._take_fragment(kind & 0x0F, body):
+                self._check_time("it sends Ethernet frames")
+                continue
             if kind & 0x0F != protocol:
                 self.on_other(kind & 0x0F, body)
             elif (taken := take(body)) is not None:

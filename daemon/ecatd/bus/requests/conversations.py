@@ -16,6 +16,7 @@ from ecatd.model.bus import Slave
 from ecatd.model.errors import BusyError, NoAnswerError, StateError
 
 from ..mailbox.coe import Coe
+from ..mailbox.eoe import EOE_LEAST
 from ..mailbox.foe import FOE_LEAST
 from ..mailbox.line import Line
 from ..mailbox.mailbox import Mailbox, UnknownProtocolError
@@ -35,6 +36,7 @@ _PATIENCE = 10.0
 _STATE = 0x0F
 _WITHOUT_COE = {AlState.INIT: "its objects", AlState.BOOT: "its objects"}
 _WITHOUT_FOE = {AlState.INIT: "its files"}
+_WITHOUT_EOE = {AlState.INIT: "its IP parameters", AlState.BOOT: "its IP parameters"}
 _WITHOUT_SOE = {AlState.INIT: "its IDNs", AlState.BOOT: "its IDNs"}
 
 
@@ -91,6 +93,10 @@ class Conversations:
     async def soe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
         """Has a conversation about IDNs of a drive, as `foe`."""
         return await self._other(slave, part, SOE_LEAST, _WITHOUT_SOE, "IDNs (SoE)")
+
+    async def eoe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
+        """Has a conversation about the IP parameters of a slave, as `foe`."""
+        return await self._other(slave, part, EOE_LEAST, _WITHOUT_EOE, "Ethernet (EoE)")
 
     async def _other(
         self,

@@ -10,6 +10,7 @@ from ecatd.model.config import Config
 from ecatd.model.errors import UsageError
 from ecatd.model.requests.bus import Rescan
 from ecatd.model.requests.eeproms import ReadSii, WriteSii
+from ecatd.model.requests.ethernet import ReadIp, WriteIp
 from ecatd.model.requests.files import CancelFoe, PutFoe, ReadFoe, StartFoe, TakeFoe
 from ecatd.model.requests.idns import ReadIdn, WriteIdn
 from ecatd.model.requests.objects import DescribeObject, ListObjects, SdoRead, SdoWrite
@@ -21,6 +22,7 @@ from ..master.worker import Worker
 from .conversations import Conversations
 from .dictionaries import Dictionaries
 from .eeproms import Eeproms
+from .ethernet import Ethernet
 from .files import Files, States
 from .idns import Idns
 from .objects import Objects
@@ -56,6 +58,7 @@ class SlaveRequests:
         self._dictionaries = Dictionaries(bus, conversations)
         self._registers = Registers(bus, master, worker, log)
         self._eeproms = Eeproms(bus, master, worker, log)
+        self._ethernet = Ethernet(bus, conversations, log)
         self._idns = Idns(bus, conversations, log)
         self._wire = Wire(bus, master, config, worker)
         self._files = Files(bus, conversations, states, log)
@@ -105,6 +108,10 @@ class SlaveRequests:
                 return await self._idns.read(request)
             case WriteIdn():
                 return await self._idns.write(request)
+            case ReadIp():
+                return await self._ethernet.read(request)
+            case WriteIp():
+                return await self._ethernet.write(request)
             case Rescan():
                 return await self._wire.scan()
             case StartFoe():

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ecatd.model.bus import Slave
 from ecatd.model.config import Config, SlaveConfig
@@ -34,7 +34,7 @@ from .refused import RefusedError
 from .slave_configuration import SlaveConfiguration
 from .watchdog_registers import WATCHED, watchdog_writes
 
-_PROTOCOL_COE = 0x04
+_PROTOCOL_EOE, _PROTOCOL_COE = 0x02, 0x04
 _FEATURES, _NO_LRW = 0x0008, 0x0200
 _SYNC_MANAGER = 0x0800
 _FMMU = 0x0600
@@ -67,6 +67,11 @@ class Scanned:
     silence: str = ""
     nonsense: bool = False
     known: bool = True
+
+    @property
+    def gets_ip(self) -> bool:
+        """Whether it gets IP parameters for Ethernet over EtherCAT."""
+        return self.slave.eoe and self.settings.eoe is not None
 
     @property
     def unplaced(self) -> str:
@@ -145,6 +150,9 @@ def configure_slaves(
     expected = [item for item in scanned if item.slave.position not in unexpected]
     for item in expected:
         item.settings = config.settings_of(item.slave.position)
+        if (eoe := item.settings.eoe) is not None:
+            eoe = eoe.with_mac(config.bus, item.slave.position)
+            item.settings = replace(item.settings, eoe=eoe)
         item.slave.given_name = item.settings.name
         for module, wanted in zip(item.slave.modules, item.settings.modules, strict=False):
             module.name = wanted.name
@@ -155,18 +163,20 @@ def configure_slaves(
             continue
         if not item.slave.coe:
             take_pdos_from_sii(item)
-    with_coe = [item for item in expected if item.slave.coe and item.known]
-    coe = [master.coe(item.slave.position) for item in with_coe]
-    converse(master.registers, list(map(_configure_and_read, with_coe, coe)), cancelled)
-    for item, way in zip(with_coe, coe, strict=True):
+    asked = [item for item in expected if item.known and (item.slave.coe or item.gets_ip)]
+    coe = [master.coe(item.slave.position) for item in asked]
+    converse(master.registers, list(map(_configure_and_read, asked, coe)), cancelled)
+    for item, way in zip(asked, coe, strict=True):
         item.emergencies += way.emergencies
 
 
 def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
     try:
-        if item.settings.is_told:
+        if item.settings.is_told or item.gets_ip:
             talk = SlaveConfiguration(item.slave, item.sii, coe, item.settings).tell()
             item.refused = yield from talk
+        if not item.slave.coe:
+            return
         yield from Assignment(item.slave, item.sii, coe).read()
         item.refused = [*item.refused, *warn_of_none(item.slave, item.sii, item.settings)]
     except RefusedError:
@@ -200,6 +210,7 @@ def _identify_slave(master: Master, position: int, sii: Sii) -> Scanned:
         alias=sii.alias,
         address=master.stations[position],
         coe=bool(sii.mailbox_protocols & _PROTOCOL_COE),
+        eoe=bool(sii.mailbox_protocols & _PROTOCOL_EOE),
         problems=[str(problem) for problem in sii.problems],
     )
     return Scanned(slave, sii, SlaveConfig(position))

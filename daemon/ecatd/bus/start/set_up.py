@@ -293,7 +293,9 @@ class SetUp:
     def _configure_again(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
         """Writes the configuration of slaves in PREOP again: they lose it when they restart."""
         items = [self._scanned[position] for position in sorted(positions)]
-        items = [item for item in items if item.slave.coe and item.settings.is_told]
+        items = [
+            item for item in items if item.gets_ip or (item.slave.coe and item.settings.is_told)
+        ]
         _, missed = yield from tell(self._master, items, SlaveConfiguration.tell)
         self._unconfigured -= set(positions) - missed.keys()
         return missed

@@ -3,7 +3,7 @@
 This is done whenever the slave starts or comes back, in this order (ETG.1000.6):
 
 - in PREOP: the parameters of transition IP, the modules in its slots, then the PDOs, which may
-  depend on both, then the parameters of PS;
+  depend on both, then the parameters of PS and the IP parameters;
 - in SAFEOP, before OP: the parameters of SO.
 
 On the way down, the parameters of OS are written in OP, and those of SP in SAFEOP
@@ -16,10 +16,12 @@ from __future__ import annotations
 
 from ecatd.model.bus import Slave
 from ecatd.model.config import TRANSITIONS_DOWN, SlaveConfig, StartupConfig
-from ecatd.model.errors import SdoAbortError
+from ecatd.model.config.eoe import SlaveEoeConfig
+from ecatd.model.errors import SdoAbortError, StateError
 from ecatd.model.sii import Sii
 
 from ..mailbox.coe import Coe
+from ..mailbox.eoe import set_ip
 from ..mailbox.talks import Talk
 from .modules import Modules
 from .pdo_writer import PdoWriter
@@ -61,11 +63,25 @@ class SlaveConfiguration:
         if self._settings.module:
             modules = Modules(self._slave, self._sii, self._coe)
             yield from self._placed("module", modules.tell(self._settings.modules))
-        if self._settings.pdos is not None or self._settings.pdo:
+        if self._slave.coe and (self._settings.pdos is not None or self._settings.pdo):
             key = "pdo" if self._settings.pdos is None else "pdos"
             pdos = PdoWriter(self._slave, self._sii, self._coe, self._settings, self._log_detail)
             yield from self._placed(key, pdos.write())
-        return refused + (yield from self._parameters("PS"))
+        refused += yield from self._parameters("PS")
+        if self._slave.eoe and self._settings.eoe is not None:
+            yield from self._give_ip(self._settings.eoe)
+        return refused
+
+    def _give_ip(self, eoe: SlaveEoeConfig) -> Talk[None]:
+        parameters = eoe.parameters
+        self._log_detail(f"IP parameters: {parameters.interface or parameters.mac}")
+        try:
+            yield from set_ip(self._coe.mailbox, parameters)
+        except StateError as error:
+            raise RefusedError(
+                f"{eoe.table.where()}: {self._slave.label} refuses its IP parameters: {error}; "
+                f"correct or remove [slave.eoe]"
+            ) from error
 
     def _placed(self, key: str, talk: Talk[None]) -> Talk[None]:
         """Runs `talk`, and adds file, line and key to the message of a `RefusedError`."""

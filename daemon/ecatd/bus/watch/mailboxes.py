@@ -1,4 +1,7 @@
-"""Polls the mailboxes of the slaves for messages that nobody has asked for: emergencies."""
+"""Polls the mailboxes of the slaves for messages that nobody has asked for.
+
+They are emergencies, and Ethernet frames, which `bus/ethernet` takes.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +47,7 @@ class MailboxWatch:
         self._slaves = {
             slave.position: slave
             for slave in running.bus.slaves
-            if slave.coe and running.polls[slave.position]
+            if (slave.coe or slave.eoe) and running.polls[slave.position]
         }
         self._due = dict.fromkeys(self._slaves, 0.0)
         self._master = running.master
@@ -71,7 +74,7 @@ class MailboxWatch:
                 self.emergencies.note(emergency)
             now = time.monotonic()
             self._due |= {slave.position: now + self._polls[slave.position] for slave in slaves}
-        await asyncio.Event().wait()  # no slave has CoE, or nobody shall look
+        await asyncio.Event().wait()  # no slave has CoE or EoE, or nobody shall look
 
     def _collect(self, slaves: Sequence[Slave]) -> Steps[list[Emergency]]:
         """Reads the messages of those slaves with which nobody has a conversation now."""

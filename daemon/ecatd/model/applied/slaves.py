@@ -20,7 +20,7 @@ def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None
         problems: Takes each slave that is not there, or cannot take its settings.
 
     Raises:
-        ConfigError: A slave has no CoE for its settings.
+        ConfigError: A slave has no CoE or no EoE for its settings.
         StateError: A slave is not there. It may come later.
     """
     count = len(bus.slaves)
@@ -34,9 +34,18 @@ def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None
                     f"the table, or check the cable and the power of the slaves"
                 )
     for settings in config.slave:
-        if settings.position < count and not bus.slaves[settings.position].coe:
+        if settings.position >= count:
+            continue
+        slave = bus.slaves[settings.position]
+        if not slave.coe:
             with problems:
-                _check_without_coe(settings, bus.slaves[settings.position])
+                _check_without_coe(settings, slave)
+        if settings.eoe is not None and not slave.eoe:
+            with problems:
+                settings.eoe.table.fail(
+                    None,
+                    f"{slave.label} has no EoE, so it has no IP parameters: remove the table",
+                )
 
 
 def _check_without_coe(settings: SlaveConfig, slave: Slave) -> None:

@@ -10,6 +10,7 @@ from ..log_levels import DEFAULTS
 from .clocks import DcConfig, DcSlaveConfig
 from .copies import ABSENT, CopyConfig
 from .domains import DomainConfig
+from .eoe import EoeConfig
 from .gateway import GatewayConfig
 from .outputs import OutputsConfig, SafeConfig
 from .placed import Placed
@@ -110,6 +111,7 @@ class Config(Placed):
         signal: Names, units, scales and limits of entries of the process data.
         copy: Outputs that an input of another slave decides.
         capture: The last frames.
+        eoe: The network interface to slaves with Ethernet over EtherCAT.
         gateway: Access over Zenoh.
     """
 
@@ -132,6 +134,7 @@ class Config(Placed):
     signal: list[SignalConfig] = field(default_factory=list)
     copy: list[CopyConfig] = field(default_factory=list)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
+    eoe: EoeConfig = field(default_factory=EoeConfig)
     gateway: GatewayConfig = field(default_factory=GatewayConfig)
 
     def settings_of(self, position: int) -> SlaveConfig:

@@ -21,12 +21,12 @@ from .config import (
 )
 from .copies import read_copies
 from .domains import read_domains
+from .eoe import read_eoe
 from .gateway import read_gateway
+from .interface import read_interface
 from .outputs import read_outputs
 from .signals import read_signals
 from .slave_settings import read_expected, read_slaves
-
-_INTERFACE_BYTES = 15
 
 
 def read_config(
@@ -62,13 +62,6 @@ def load_config(file: Path) -> Config:
 
 def _bus(table: Table, key: Key) -> str:
     return table.explain(key, lambda: check_bus_name(table.text(key)))
-
-
-def _interface(table: Table, key: Key) -> str:
-    name = table.text(key)
-    if len(name.encode("utf-8", "replace")) > _INTERFACE_BYTES:
-        table.fail(key, f"an interface name has at most {_INTERFACE_BYTES} characters")
-    return name
 
 
 def _folder(table: Table, key: Key) -> str:
@@ -118,8 +111,8 @@ _CAPTURE: Rules = {
 }
 _TOP: Rules = {
     "bus": _bus,
-    "interface": _interface,
-    "second_interface": _interface,
+    "interface": read_interface,
+    "second_interface": read_interface,
     "cycle_time_us": integer(100, 1_000_000),
     "state_timeout_s": number(0.1, 300),
     "audit_file": _audit_file,
@@ -136,6 +129,7 @@ _TOP: Rules = {
     "signal": read_signals,
     "copy": read_copies,
     "capture": _capture,
+    "eoe": read_eoe,
     "gateway": read_gateway,
 }
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from ..bus import Module
 from ..toml_file import Key, Rules, Table, array, choice, integer, number, printable, show
+from .eoe import SlaveEoeConfig, read_slave_eoe
 from .pdos import PdoConfig, check_pdos, read_pdo_index, read_pdos
 from .placed import Placed
 from .signals import NAME_BYTES
@@ -118,6 +119,7 @@ class SlaveConfig(Placed):
         pdos: Indices of the PDOs that are assigned; None: those that the slave has assigned.
         pdo: PDOs with other entries than those of the slave.
         startup: Start-up parameters in the order in which they are written.
+        eoe: Its IP parameters for Ethernet over EtherCAT; None: it keeps those that it has.
     """
 
     position: int
@@ -143,6 +145,7 @@ class SlaveConfig(Placed):
     pdos: list[int] | None = None
     pdo: list[PdoConfig] = field(default_factory=list)
     startup: list[StartupConfig] = field(default_factory=list)
+    eoe: SlaveEoeConfig | None = None
 
     @property
     def mark(self) -> Mark | None:
@@ -161,7 +164,7 @@ class SlaveConfig(Placed):
 
     @property
     def is_told(self) -> bool:
-        """Whether the slave is told anything over its mailbox before SAFEOP."""
+        """Whether anything is written to objects of the slave before SAFEOP."""
         return self.pdos is not None or bool(self.module or self.pdo or self.startup)
 
     @property
@@ -358,4 +361,5 @@ _SLAVE: Rules = {
     "pdos": array(read_pdo_index),
     "pdo": read_pdos,
     "startup": array(read_parameter),
+    "eoe": read_slave_eoe,
 }

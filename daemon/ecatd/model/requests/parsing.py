@@ -13,6 +13,7 @@ from ..al import AlState
 from ..errors import UsageError
 from .bus import Describe, ReadConfig, ReadEvents, ReadInfo, ReadStates, Rescan, SetState
 from .eeproms import ReadSii, WriteSii
+from .ethernet import ReadEthernet, ReadIp, WriteIp
 from .files import FILE_MAX, TRANSFER_MAX, CancelFoe, PutFoe, ReadFoe, StartFoe, TakeFoe
 from .frames import RINGS, ReadFrames
 from .idns import ReadIdn, WriteIdn
@@ -47,6 +48,9 @@ _ALL: tuple[type[Request], ...] = (
     CancelFoe,
     ReadIdn,
     WriteIdn,
+    ReadEthernet,
+    ReadIp,
+    WriteIp,
     ReadEvents,
     ReadFrames,
 )

@@ -1,0 +1,87 @@
+"""Requests about Ethernet over EtherCAT (EoE)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from ecatd.log import Log
+from ecatd.model.bus import Bus
+from ecatd.model.config.eoe import SlaveEoeConfig
+from ecatd.model.eoe import IpParameters, parse_address, parse_interface, parse_mac, parse_name
+from ecatd.model.errors import StateError
+from ecatd.model.requests.ethernet import ReadIp, WriteIp
+
+from ..mailbox.eoe import get_ip, set_ip
+from ..mailbox.mailbox import Mailbox
+from ..mailbox.talks import Talk
+from .conversations import Conversations
+
+
+class Ethernet:
+    """The IP parameters of all slaves.
+
+    Args:
+        bus: The bus description.
+        conversations: The conversations with the slaves.
+        log: The log for changes.
+    """
+
+    def __init__(self, bus: Bus, conversations: Conversations, log: Log) -> None:
+        self._bus = bus
+        self._conversations = conversations
+        self._log = log
+
+    async def read(self, request: ReadIp) -> dict[str, Any]:
+        """The reply has the fields of `IpParameters.to_map`.
+
+        Raises:
+            StateError: There is no such slave, it has no EoE, or it refuses the request.
+        """
+        slave = self._bus.find(request.slave)
+        return (await self._conversations.eoe(slave, get_ip)).to_map()
+
+    async def write(self, request: WriteIp) -> dict[str, Any]:
+        """The reply has the fields of that of `read`, and those from before as `before`.
+
+        Raises:
+            StateError: As `read`.
+            UsageError: A parameter is malformed.
+        """
+        slave = self._bus.find(request.slave)
+        wanted = _parameters(request)
+
+        def talk(mailbox: Mailbox) -> Talk[tuple[IpParameters, IpParameters]]:
+            try:
+                before = yield from get_ip(mailbox)
+            except StateError:
+                before = IpParameters()  # some slaves take parameters, and do not tell them
+            after = replace(before, **wanted)
+            if after.mac is None:
+                own = SlaveEoeConfig().with_mac(self._bus.name, slave.position)
+                after = replace(after, mac=own.mac)
+            yield from set_ip(mailbox, after)
+            return before, after
+
+        before, after = await self._conversations.eoe(slave, talk)
+        self._log.notice(
+            f"{slave.label}: IP parameters changed from {before.text} to {after.text} by "
+            f"{request.by}"
+        )
+        return {**after.to_map(), "before": before.to_map()}
+
+
+def _parameters(request: WriteIp) -> dict[str, Any]:
+    """The parameters that a request gives."""
+    found: dict[str, Any] = {}
+    if request.address is not None:
+        found["address"], found["mask"] = parse_interface(request.address)
+    for key, parse in (
+        ("mac", parse_mac),
+        ("gateway", parse_address),
+        ("dns", parse_address),
+        ("name", parse_name),
+    ):
+        if (text := getattr(request, key)) is not None:
+            found[key] = parse(text)
+    return found
