@@ -33,6 +33,10 @@ state_timeout_s = 60.0
 [gateway]
 listen = []
 
+[eoe]
+interface = "eoe0"
+address = "192.168.7.1/24"
+
 [[outputs.safe]]
 slave = 0
 value = "quick_stop"
@@ -162,6 +166,7 @@ def test_r42_the_bus_starts(machine: Machine, drive: str) -> None:
         name: machine.text(f"ps -o user:32= -p {process(machine, name)}") for name in PROCESSES
     }
     assert users == {"main": "ecatd", "ecatd.bus": "ecatd", "ecatd.gateway": "ecatd-gateway"}
+    assert "192.168.7.1/24" in machine.text("ip -4 -brief address show eoe0")
     with Simulator(drive) as simulator:
         assert {slave.state for slave in simulator.status().slaves} == {"OP"}
 
