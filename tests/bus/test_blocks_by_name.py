@@ -128,6 +128,7 @@ def test_wherever_the_slave_is(
         assert velocities(daemon) == expected
 
 
+@pytest.mark.long
 def test_where_no_slave_has_the_name(
     plant: Path, program: Path, start_daemon: Callable[..., Daemon]
 ) -> None:

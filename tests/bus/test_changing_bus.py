@@ -102,6 +102,7 @@ def events(daemon: Daemon) -> list[list[str]]:
 # --- a device is added ---------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_an_extra_slave_is_named_once_and_a_restart_is_not_advised(start: Start) -> None:
     daemon = start(config(), EXTRA)
     assert differences(daemon) == []

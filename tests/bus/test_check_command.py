@@ -97,6 +97,7 @@ def test_the_exchange_stands_still(daemon: Daemon) -> None:
             os.kill(server, signal.SIGCONT)
 
 
+@pytest.mark.long
 def test_no_slave_answers(daemon: Daemon) -> None:
     """Commands print what they know, and say by their exit status that nobody answers."""
     with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:

@@ -292,6 +292,7 @@ def test_watchdogs_are_set_and_checked(start: Start) -> None:
         assert registers()[1][3] & 0x40
 
 
+@pytest.mark.long
 def test_outputs_without_a_watchdog_are_a_decision(start: Start) -> None:
     kinds = ["EK1100", "EL2008", "EL4004"]
     daemon = start(kinds, "", WATCHDOGS.replace("WATCHDOG", "0"))

@@ -140,6 +140,7 @@ def test_tshark_understands_the_messages(machine: Callable[..., Machine], tmp_pa
     assert "192.168.7.3 255.255.255.0 192.168.7.77 web-1" in parameters
 
 
+@pytest.mark.long
 def test_a_web_server_behind_a_slave(machine: Callable[..., Machine]) -> None:
     bench = machine(RIG.replace('order = "Large"', 'order = "Large"\neoe_interface = "web0"'))
     bench.inside("fetch", "web0", "192.168.7.3", "200000")
@@ -190,6 +191,7 @@ def test_a_slave_gets_its_parameters_again_after_a_loss_of_power(
     bench.inside("echo", "192.168.7.3", "100")
 
 
+@pytest.mark.long
 def test_a_slave_that_takes_no_frames_is_named_and_holds_up_nobody(
     machine: Callable[..., Machine],
 ) -> None:

@@ -111,6 +111,7 @@ def manager(tmp_path: Path) -> Iterator[Manager]:
     found.close()
 
 
+@pytest.mark.long
 def test_r46_the_pause_grows_until_somebody_stops_the_service(manager: Manager) -> None:
     manager.fail_at_once()  # `systemctl start` returns, and says so
     for next_s in (4, 8, 16, 30, 30):

@@ -170,6 +170,7 @@ def test_a_group_comes_and_goes_while_the_others_run(start: Start) -> None:
     assert daemon.stop() == 0
 
 
+@pytest.mark.long
 def test_a_group_of_which_a_slave_is_missing_is_not_well(start: Start) -> None:
     daemon = start(GROUP)
     assert daemon.ctl("check").returncode == 0

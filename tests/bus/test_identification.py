@@ -142,6 +142,7 @@ def test_a_slave_that_comes_back_must_tell_it_again(bench: Bench) -> None:
     assert daemon.ctl_json("sdo-read", "spindle", "0x6065")["value"] == 4711
 
 
+@pytest.mark.long
 def test_an_optional_slave_with_another_mark_is_told_once(start: Start, tmp_path: Path) -> None:
     wanted = CONFIG.replace('name = "spindle"', 'name = "spindle"\noptional = true')
     daemon = start(COUPLER, drive(42), config="[gateway]\nlisten = []\n")

@@ -156,6 +156,7 @@ def test_trouble_changes_nothing_of_what_is_found(found: list[Any], trouble: lis
     assert emergencies == [told] + [[]] * (SLAVES - 1)
 
 
+@pytest.mark.long
 def test_a_slave_that_answers_nonsense_is_named(found: list[Any]) -> None:
     slaves, _, silence = run(HERE, master_that_scans, "garbage")
     assert silence[1].startswith("slave 1, 0x1C12:0")

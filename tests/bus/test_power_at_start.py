@@ -74,6 +74,7 @@ def states(daemon: Daemon) -> list[str]:
     return [row["text"] for row in daemon.ctl_json("state")["slaves"]]
 
 
+@pytest.mark.long
 def test_an_optional_slave_comes_later(start: Start) -> None:
     daemon = start("optional = true").wait_ready()
     names(daemon.log, "slave 2 (axis, CiA402) answered at first", "power")
@@ -84,6 +85,7 @@ def test_an_optional_slave_comes_later(start: Start) -> None:
     wait_for(lambda: states(daemon) == ["OP"] * 3, daemon)
 
 
+@pytest.mark.long
 def test_a_tolerated_slave_keeps_nobody_from_op(start: Start) -> None:
     daemon = start('policy = "tolerant"').wait_ready()
     names(daemon.log, "not as expected", "axis is missing")

@@ -363,6 +363,7 @@ def test_certificates_are_not_overwritten(site: Site) -> None:
     assert modes["daemon.key"] == 0o640
 
 
+@pytest.mark.long
 def test_a_program_that_runs_wild_is_slowed_down(site: Site) -> None:
     """Dora may ask for two changes a second: two come at once, four wait, and more are refused."""
     key = bus_key(site.daemon.bus, "as", "dora", "rw", "log", "dc")

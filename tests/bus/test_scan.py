@@ -95,6 +95,7 @@ def test_slaves_that_soem_has_not_seen_are_numbered() -> None:
     assert answers == [[1, 2, 3, 4, 5, 6, 7, 8], [AlState.PREOP] * 8]
 
 
+@pytest.mark.long
 def test_r12_more_slaves_than_soem_has_room_for(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("terminals:260")
     assert (

@@ -58,6 +58,7 @@ def test_parameters_are_verified(machine: Callable[[str], Daemon]) -> None:
     names(daemon.ctl("startup", "verify", "EK1100").stdout, "no", "slave 0 (EK1100)")
 
 
+@pytest.mark.long
 def test_what_cannot_be_verified_is_no_success(
     machine: Callable[[str], Daemon], tmp_path: Path
 ) -> None:
@@ -128,6 +129,7 @@ def test_what_differs_from_the_defaults_is_captured(
     assert daemon.ctl("startup", "verify").stdout.count("as configured") == 2
 
 
+@pytest.mark.long
 def test_objects_that_a_slave_would_refuse_are_found_beforehand(
     machine: Callable[[str], Daemon], tmp_path: Path
 ) -> None:

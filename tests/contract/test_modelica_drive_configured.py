@@ -70,6 +70,7 @@ def test_the_example_for_the_test_stand(start_daemon: Callable[..., Daemon], cal
     assert daemon.ctl_json("sdo-read", "wheel", "0x6083", "0")["value"] == 2_000_000
 
 
+@pytest.mark.long
 def test_a_drive_that_forgets_its_parameters(
     start_daemon: Callable[..., Daemon], calls: Calls, tmp_path: Path
 ) -> None:

@@ -154,6 +154,7 @@ def test_a_file_is_checked_against_the_bus(machine: Callable[..., Daemon], tmp_p
     assert offline.partition("[dc]")[0] == text.partition("[dc]")[0]
 
 
+@pytest.mark.long
 def test_slaves_that_do_not_answer_are_told(machine: Callable[..., Daemon], tmp_path: Path) -> None:
     daemon = machine(["EK1100", "EL1008", "EL2008"], "[gateway]\nlisten = []\n")
     file, again = str(tmp_path / "machine.toml"), str(tmp_path / "again.toml")
@@ -255,6 +256,7 @@ slave = "stop"
 """
 
 
+@pytest.mark.long
 def test_all_that_does_not_fit_the_bus_is_listed(
     machine: Callable[..., Daemon], tmp_path: Path
 ) -> None:
@@ -303,6 +305,7 @@ STARTS_WRONG = {
 """What once only a start found, by the key in its message."""
 
 
+@pytest.mark.long
 def test_the_check_finds_what_the_start_finds(
     machine: Callable[..., Daemon], tmp_path: Path
 ) -> None:

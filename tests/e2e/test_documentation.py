@@ -127,6 +127,7 @@ def test_the_rig_and_device_files(tmp_path: Path) -> None:
     assert (result.returncode, result.stdout) == (0, "3 True fa00\n"), result.stderr
 
 
+@pytest.mark.long
 def test_the_page_about_commissioning(
     start_daemon: Callable[..., Daemon], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

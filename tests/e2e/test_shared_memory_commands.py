@@ -84,6 +84,7 @@ def test_claims_name_who_owns_what(troll: Daemon) -> None:
         assert max(map(len, text.splitlines())) <= 80
 
 
+@pytest.mark.long
 def test_clients_that_hang_or_die_are_told(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll")
     with owner(daemon, lease=2.0) as process:

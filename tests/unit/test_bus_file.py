@@ -231,6 +231,7 @@ def test_damaged_files(data: bytes, at: int, cut: int) -> None:
     taken(damaged)
 
 
+@pytest.mark.long
 @given(buses)
 def test_every_bus_survives(bus: Bus) -> None:
     assert bus_file.parse(bus_file.dump(bus), "x") == bus

@@ -332,6 +332,7 @@ def test_the_configuration_of_any_bus_expects_it(bus: Bus) -> None:
     assert write_config(config.moved(comparison.places), bus, "1.0") == text
 
 
+@pytest.mark.long
 def test_a_long_bus_takes_no_time_where_it_is_as_expected() -> None:
     products = [1 + n % 7 for n in range(5000)]
     assert not compare(expect(*products), bus(*products)).differences
