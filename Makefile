@@ -83,7 +83,8 @@ PARALLEL := --numprocesses $(shell echo $$(( ($$(nproc) * 3 + 1) / 2 ))) --dist 
 # TRIES=1: not even one is run again.
 # $(call run_tests,NAME,COMMAND,OPTIONS): NAME keeps what one target has found apart from the others.
 TRIES := 2
-pytest = $(BIN)/python tests/guard.py $(BIN)/python -m pytest -o cache_dir=.pytest_cache/$(1)
+# Where the environment forbids bytecode, each process would compile all tests anew.
+pytest = env -u PYTHONDONTWRITEBYTECODE $(BIN)/python tests/guard.py $(BIN)/python -m pytest -o cache_dir=.pytest_cache/$(1)
 define run_tests
 rm -f .pytest_cache/$(1)/v/cache/lastfailed; $(2) $(call pytest,$(1)) $(PARALLEL) $(3) || { [ $$? = 1 ] && \
   [ "$(TRIES)" != 1 ] && \
