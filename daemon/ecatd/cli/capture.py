@@ -16,6 +16,7 @@ from ecatd.pcapng import Frame, header, packet, read_records
 
 from .arguments import seconds
 from .output import print_json
+from .terminal import check_stdout
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -122,6 +123,7 @@ def capture(remote: Remote, options: argparse.Namespace) -> None:
 @contextmanager
 def _opened(path: str) -> Iterator[BinaryIO]:
     if path == "-":
+        check_stdout()
         if sys.stdout.isatty():
             raise UsageError("a terminal cannot show frames: pipe them to `wireshark -k -i -`")
         yield sys.stdout.buffer
