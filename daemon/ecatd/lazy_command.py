@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
@@ -19,6 +20,8 @@ class LazyCommand(argparse.ArgumentParser):
 
     def __init__(self, *, command: str, module: str, **settings: Any) -> None:
         super().__init__(**settings)
+        # As in Python 3.14: before, argparse takes -0x10, -1e3 and -1,2 for options.
+        self._negative_number_matcher = re.compile(r"-\.?\d")
         self._command = command
         self._module = module
         self._is_declared = False

@@ -1,9 +1,12 @@
 """`ecatctl capture`: frames of both directions and of all threads, as tshark reads them."""
 
 import itertools
+import json
 import os
 import shutil
+import signal
 import subprocess
+import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -64,6 +67,24 @@ def test_frames_as_they_come(troll: Daemon, tmp_path: Path) -> None:
     if not found["bytes_missing"]:
         steps = {(two - one) % 0x80 for one, two in itertools.pairwise(cyclic)}
         assert steps == {1}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_leaves_a_whole_file(
+    troll: Daemon, tmp_path: Path, number: signal.Signals
+) -> None:
+    file = tmp_path / "ended.pcapng"
+    command = [sys.executable, "-m", "ecatd.cli", "capture", "--follow", "-o", str(file), "--json"]
+    with subprocess.Popen(command, env=troll.env, stdout=subprocess.PIPE, text=True) as process:
+        wait_for(lambda: file.exists() and file.stat().st_size > 0, troll)
+        before = file.stat().st_size
+        wait_for(lambda: file.stat().st_size > before, troll)
+        troll.ctl("sdo-read", "0", "0x1018", "1")
+        process.send_signal(number)
+        told = json.loads(process.communicate()[0])
+    assert process.returncode == 0
+    assert len(tshark(file)) == told["frames"]
+    assert tshark(file, "-Y", MAILBOX)  # also what came just before the signal
 
 
 def test_wrong_use_is_refused(troll: Daemon, tmp_path: Path) -> None:

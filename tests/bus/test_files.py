@@ -196,7 +196,11 @@ def test_idns_are_read_and_written(bus: Daemon) -> None:
     (row,) = bus.ctl_json("soe-read", "1", "S-0-0047")["idns"]
     assert (row["value"], row["unit"], row["data"]) == (12.5, "mm", "48e80100")
     names(bus.log, "S-0-0047", "18 fc ff ff", "48 e8 01 00", "pid")
+    for text, value in (("-12.5", -12.5), ("-1e1", -10.0)):
+        (row,) = bus.ctl_json("soe-write", "1", "S-0-0047", text)["idns"]
+        assert row["value"] == value
     for arguments, status, tokens in (
+        ("soe-write 1 S-0-0047 -0x10", 2, ("'-0x10'",)),  # it has decimals
         ("soe-read 1 S-0-0099", 7, ("slave 1", "S-0-0099", "0x1001")),
         ("soe-write 1 S-0-0001 9000", 7, ("slave 1", "0x7007")),
         ("soe-write 1 P-0-0100 1", 7, ("slave 1", "0x7005")),

@@ -180,3 +180,20 @@ def test_values_are_written_as_bytes_from_files_and_with_units(bus: Daemon, tmp_
         wrong = bus.ctl("sdo-write", *where, text, check=False)
         assert wrong.returncode == status, wrong
         names(one_line_error(wrong.stderr, "ecatctl"), *tokens)
+
+
+def test_negative_numbers_need_no_extra_syntax(bus: Daemon) -> None:
+    """The slave itself says which of its objects are signed."""
+    for where, text, data, kind in (
+        ("0x11", "-5", "fbff", "INTEGER16"),
+        ("0x11", "-0x10", "f0ff", "INTEGER16"),
+        ("0x12", "-2", "feffffff", "INTEGER32"),
+        ("0x12", "0x10000", "00000100", "INTEGER32"),
+        ("0x11", "0", "0000", "INTEGER16"),
+    ):
+        written = bus.ctl_json("sdo-write", INPUTS, "0x8000", where, text)
+        assert (written["data"], written["type"]) == (data, kind)
+        assert bus.ctl_json("sdo-read", INPUTS, "0x8000", where)["data"] == data
+    wrong = bus.ctl("sdo-write", INPUTS, "0x8000", "0x11", "-32769", check=False)
+    assert wrong.returncode == 2
+    names(one_line_error(wrong.stderr, "ecatctl"), "INTEGER16", "-32768", "32767")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import re
@@ -17,12 +18,16 @@ from test_simulator_topology import FIRST, SECOND, run
 from ecatd import stats
 from ecatd.bus.frames.datagrams import brd, fprd
 from ecatd.bus.mailbox.talks import converse
+from ecatd.bus.master import master as master_module
 from ecatd.bus.master.master import Master
+from ecatd.bus.master.worker import Worker
+from ecatd.bus.requests.registers import Registers
 from ecatd.bus.start.bring_up import BringUp
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.config import read_config
 from ecatd.model.errors import NoAnswerError, StateError
+from ecatd.model.requests.registers import ReadRegister
 from ecatsim.control import Simulator
 
 if TYPE_CHECKING:
@@ -32,6 +37,7 @@ pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 IDENTITY = 0x1018
 VENDORS = {0: 0x9A, 4: 2, 5: 2, 6: 2, 7: 2}  # slaves of `troll` with CoE
+GONE = 5
 COUNT = 100
 MAILBOX = ("mailbox_frames", "mailbox_lost", "mailbox_ns")
 
@@ -173,6 +179,32 @@ def master_beside_long_exchanges(share: float) -> Any:
 def test_the_share_is_one_of_the_free_time() -> None:
     free, part = run("troll", master_beside_long_exchanges, 0.05)
     assert 0 < part < 1.1 * 0.05 * free
+
+
+def master_with_a_slave_that_is_gone() -> Any:
+    master_module._REPEAT_S = 3600  # the slave is asked without end
+
+    async def ask(up: BringUp) -> Any:
+        assert up.master is not None
+        worker = Worker()
+        registers = Registers(up.bus, up.master, worker, Log("test"))
+        try:
+            waiting = asyncio.create_task(registers.read(ReadRegister(GONE, 0x0130, 2)))
+            await asyncio.sleep(0)
+            found = await registers.read(ReadRegister(0, 0x0130, 2))
+            done = waiting.done()
+            waiting.cancel()
+            return [found["data"].hex(), done]
+        finally:
+            worker.close()
+
+    with Simulator() as simulator, bus() as up:
+        simulator.faults.power_off(GONE)
+        return asyncio.run(ask(up))
+
+
+def test_a_slave_that_is_gone_holds_up_no_other() -> None:
+    assert run("troll", master_with_a_slave_that_is_gone) == ["0800", False]
 
 
 def left_over() -> list[Any]:

@@ -1,6 +1,9 @@
 """`ecatctl errors`, `graph`, `reg-read`, `reg-write`, `sii-read`, on a bus with branches."""
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -9,6 +12,7 @@ from xml.etree import ElementTree
 import pytest
 
 from conftest import Daemon, names, one_line_error, wait_for
+from ecatd.client.remote import Remote
 from ecatsim.control import Simulator
 from ecatsim.devices.beckhoff import EL3102
 
@@ -185,6 +189,62 @@ def test_an_eeprom_is_written(bus: Daemon, tmp_path: Path) -> None:
     bus.ctl("sii-write", "9", str(backup), "--backup", str(tmp_path / "x"), "--yes")
     assert bus.ctl_json("sii-read", "9")["sii"]["order"] == "EL3102"
     assert all(row["text"] == "OP" for row in bus.slave_rows("state"))
+
+
+def test_one_client_at_a_time_writes_an_eeprom(
+    bus: Daemon, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ECATD_RUNTIME_DIR", bus.env["ECATD_RUNTIME_DIR"])
+    with Remote(bus.bus) as remote:
+        image = remote.sii(9)
+        file, backup = tmp_path / "eeprom.bin", tmp_path / "before.bin"
+        file.write_bytes(image.replace(b"EL3102", b"EL3199"))
+        remote.write_sii(9, 0x3F0, bytes(4), more=True)
+        for command in (["alias", "9", "7"], ["sii-write", "9", str(file), "--backup", backup]):
+            refused = bus.ctl(*map(str, command), "--yes", "--json", check=False)
+            assert refused.returncode == 7
+            error = json.loads(refused.stdout)["error"]
+            assert error["name"] == "busy"
+            names(error["message"], "slave 9 (EL3102)", f"pid {os.getpid()}")
+        assert not backup.exists()
+        assert bus.ctl_json("alias", "8", "0", "--yes")["alias"] == 0  # another slave
+        remote.write_sii(9, 0x3F0, image[0x7E0:0x7E4])
+        assert bus.ctl_json("alias", "9", "7", "--yes")["before"] == 0
+        remote.write_sii(9, 0, image[:16])
+        assert remote.sii(9) == image
+
+
+def test_commands_that_write_an_eeprom_together_do_not_mix_their_words(
+    bus: Daemon, tmp_path: Path
+) -> None:
+    before = tmp_path / "before.bin"
+    bus.ctl("sii-read", "9", "-o", str(before))
+    files = [tmp_path / f"{number}.bin" for number in range(2)]
+    for number, file in enumerate(files):
+        image = bytearray(before.read_bytes())
+        for at in range(0x400, len(image), 0x80):
+            image[at] ^= 1 + number
+        file.write_bytes(image)
+    started = [
+        subprocess.Popen(
+            [sys.executable, "-m", "ecatd.cli", "sii-write", "9", str(file), "--yes"],
+            env=bus.env,
+            cwd=tmp_path / str(number),
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for number, file in enumerate(files)
+        if not (tmp_path / str(number)).mkdir()
+    ]
+    while any(process.poll() is None for process in started):
+        bus.ctl("sii-read", "9")  # a reader disturbs no writer
+    said = [process.communicate()[1] for process in started]
+    assert {process.returncode for process in started} <= {0, 7}, said
+    after = tmp_path / "after.bin"
+    bus.ctl("sii-read", "9", "-o", str(after))
+    done = [file for file, process in zip(files, started, strict=True) if process.returncode == 0]
+    assert after.read_bytes() in [file.read_bytes() for file in done], said
+    bus.ctl("sii-write", "9", str(before), "--backup", str(tmp_path / "x"), "--yes")
 
 
 def test_wrong_eeproms_are_not_written(bus: Daemon, tmp_path: Path) -> None:

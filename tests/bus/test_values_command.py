@@ -2,10 +2,11 @@
 
 import csv
 import json
+import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -168,6 +169,48 @@ def test_recordings_in_other_formats_have_the_same_values(bus: Daemon, tmp_path:
     assert cycles == sorted(cycles)
     assert all(set(content["values"]) == set(names_) for _, content, _ in rows)
     assert [at for _, _, at in rows] == sorted(at for _, _, at in rows)
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system with room for 200 KiB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mounted = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(folder)]
+    if subprocess.run(mounted, check=False, capture_output=True).returncode:
+        pytest.skip("only root mounts a file system")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "mcap", "parquet"])
+def test_a_recording_is_whole_on_a_full_disk(bus: Daemon, small_disk: Path, suffix: str) -> None:
+    from mcap.reader import make_reader
+    from pyarrow import parquet
+
+    file = small_disk / f"run.{suffix}"
+    full = bus.ctl("record", "-o", str(file), "4/*Value", check=False)
+    assert full.returncode == 7
+    message = one_line_error(full.stderr, "ecatctl")
+    match suffix:
+        case "csv":
+            with file.open(newline="") as opened:
+                head, *rows = csv.reader(opened)
+            assert {len(row) for row in rows} == {len(head)}
+            count = len(rows)
+        case "mcap":
+            with file.open("rb") as opened_bytes:
+                count = len([*make_reader(opened_bytes).iter_messages()])
+        case _:
+            count = parquet.read_table(file).num_rows
+    assert count > 0
+    names(message, str(file), f"{count} cycles")
+    (small_disk / "rest").write_bytes(bytes(os.statvfs(small_disk).f_bavail << 12))
+    file = small_disk / f"other.{suffix}"
+    full = bus.ctl("record", "-o", str(file), "4/*Value", check=False)
+    assert full.returncode == 7
+    names(one_line_error(full.stderr, "ecatctl"), str(file), "nothing")
+    assert not file.exists()
 
 
 @pytest.mark.long

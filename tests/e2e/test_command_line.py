@@ -304,6 +304,34 @@ def test_an_output_that_cannot_be_written(troll: Daemon, command: list[str]) -> 
     names(one_line_error(result.stderr, "ecatctl"), "output", "No space left on device")
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        "watch",
+        "watch --json",
+        "read --watch",
+        "stats --watch --json",
+        "claims --watch",
+        "events --follow --since 1s",
+        "errors --watch",
+        "errors --watch --json",
+        "capture --follow -o -",
+    ],
+)
+def test_a_command_without_end_needs_its_stdout(troll: Daemon, command: str) -> None:
+    shell = f"{sys.executable} -m ecatd.cli {command} >&-"
+    done = subprocess.run(
+        ["sh", "-c", shell], env=troll.env, stderr=subprocess.PIPE, text=True, check=False
+    )
+    assert done.returncode == 7
+    names(one_line_error(done.stderr, "ecatctl"), "stdout")
+
+
+def test_a_command_without_stderr_does_its_work(troll: Daemon) -> None:
+    shell = f"{sys.executable} -m ecatd.cli sdo-dump 4 -o /dev/null 2>&-"
+    assert subprocess.run(["sh", "-c", shell], env=troll.env, check=False).returncode == 0
+
+
 def test_an_error_as_json_that_cannot_be_written_keeps_its_status(troll: Daemon) -> None:
     with Path("/dev/full").open("w") as full:
         result = subprocess.run(

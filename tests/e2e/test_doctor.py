@@ -13,12 +13,13 @@ from typing import Any
 import pytest
 
 from conftest import Daemon, names
+from ecatd.doctor.costs import COSTS
 
 pytestmark = pytest.mark.bus
 
 CTL = f"{sys.executable} -m ecatd.cli doctor"
 needs_ethtool = pytest.mark.skipif(not shutil.which("ethtool"), reason="ethtool is not installed")
-NAMES = ["area", "name", "level", "text", "remedy", "fixable"]
+NAMES = ["area", "name", "level", "text", "remedy", "cost", "fixable"]
 
 
 def namespace(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -137,6 +138,32 @@ def test_r43_the_configuration_says_what_is_looked_at(tmp_path: Path) -> None:
     done = run("--config", str(tmp_path / "none.toml"))
     assert done.returncode == 2
     assert "none.toml" in done.stderr
+
+
+def test_what_a_setting_costs_is_that_of_the_page(tmp_path: Path) -> None:
+    page = Path(__file__).parents[2] / "docs" / "performance" / "settings.json"
+    rows = {case["settings"]: case for case in json.loads(page.read_text())["cases"]}
+    for cost in COSTS.values():
+        found = [rows[name][cost.load] for name in (cost.row, cost.better)]
+        exchanges = [round(row["exchange_p99"] / 1000, 1) for row in found]
+        missed = [round(1000 * row["missed_cycles"] / row["cycles"], 2) for row in found]
+        assert (exchanges, missed) == ([*cost.exchange_us], [*cost.missed]), cost
+    file = tmp_path / "slow.toml"
+    file.write_text(
+        'interface = "lo"\n[realtime]\npriority = 0\ndma_latency_us = -1\npoll_us = 0\ncpu = 0\n'
+    )
+    told = findings(run("--config", str(file), "--json").stdout)
+    for key in ("priority", "dma_latency_us", "poll_us"):
+        item = told["configuration", f"realtime.{key}"]
+        assert (item["level"], item["cost"]) == ("hint", str(COSTS[key]))
+        names(item["cost"], *COSTS[key].exchange_us)
+    names(told["configuration", "realtime.priority"]["cost"], "7.27")
+    cpu = told["processors", "CPU of the engine"]
+    assert cpu["cost"] == (str(COSTS["cpu"]) if cpu["level"] == "hint" else "")
+    assert str(COSTS["poll_us"]) in run("--config", str(file)).stdout
+    file.write_text('interface = "lo"\n[realtime]\nbusy_receive = true\npoll_us = 0\n')
+    told = findings(run("--config", str(file), "--json").stdout)
+    assert ("configuration", "realtime.poll_us") not in told
 
 
 def test_the_wake_up_test_writes_a_report(tmp_path: Path) -> None:

@@ -28,12 +28,13 @@ from ecatd.bus.watch.rate_limiter import Batch
 from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType
-from ecatd.model.errors import BusyError, NoAnswerError, SdoAbortError
+from ecatd.model.errors import BusyError, NoAnswerError, SdoAbortError, UsageError
 from ecatd.model.requests.objects import SdoRead, SdoWrite
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
-from ecatsim.slave.mailbox import MailboxFault
+from ecatsim.slave.mailbox import MailboxError, MailboxFault, RefusedMailError
 from ecatsim.slave.objects import Access
+from ecatsim.slave.sdo_information import InformationServer
 
 NUMBER, OTHER = 0x2000, 0x2001
 SLAVES = [Slave(n, "Number", 0xFFFF, 1, 1, coe=True) for n in range(3)]
@@ -87,6 +88,9 @@ class Bench:
         answer = await self.objects.read(SdoRead(position, index))
         return int.from_bytes(answer["data"], "little")
 
+    async def read_bytes(self) -> bytes:
+        return bytes((await self.objects.read(SdoRead(0, NUMBER)))["data"])
+
     async def write(self, data: bytes, position: int = 0, index: int = NUMBER) -> None:
         await self.objects.write(SdoWrite(position, index, data))
 
@@ -124,6 +128,36 @@ def come_late(device: Device) -> None:
 
     device.mailbox_fault = MailboxFault()
     asyncio.get_running_loop().call_later(0.05, come)
+
+
+def test_a_slave_that_describes_nothing_is_asked_for_the_size_of_its_objects(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = 0
+
+    def refuse(_server: InformationServer, _request: bytes) -> list[bytes]:
+        nonlocal asked
+        asked += 1
+        raise RefusedMailError(MailboxError.UNSUPPORTED_SERVICE)
+
+    with bench() as made:
+        made.patient()
+
+        async def write(value: str) -> bytes:
+            answer = await made.objects.write(SdoWrite(0, NUMBER, value=value))
+            assert answer["data"] == await made.read_bytes()
+            return bytes(answer["data"])
+
+        async def use() -> None:
+            assert await write("5") == b"\x05\0"
+            monkeypatch.setattr(InformationServer, "handle", refuse)
+            for value in ("6", "7"):
+                assert await write(value) == bytes([int(value), 0])
+            with pytest.raises(UsageError, match=naming("-5", "UNSIGNED16")):
+                await write("-5")
+            assert asked == 1
+
+        asyncio.run(use())
 
 
 def test_an_answer_that_comes_too_late_is_not_that_to_the_same_question(short: None) -> None:

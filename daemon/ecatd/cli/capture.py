@@ -6,7 +6,7 @@ import argparse
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -16,6 +16,8 @@ from ecatd.pcapng import Frame, header, packet, read_records
 
 from .arguments import seconds
 from .output import print_json
+from .signals import noted_signals
+from .terminal import check_stdout
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -90,13 +92,13 @@ def capture(remote: Remote, options: argparse.Namespace) -> None:
     if options.json and options.output == "-":
         raise UsageError("the frames go to stdout: give --output FILE with --json")
     source = Source(remote)
-    count, first, last = 0, 0, 0
+    count, first, last, ended = 0, 0, 0, False
     frames = source.read()
     if options.last and frames:
         begin = frames[-1].time_ns - int(options.last * 1e9)
         frames = [frame for frame in frames if frame.time_ns >= begin]
     deadline = time.monotonic() + (options.duration or float("inf"))
-    with _opened(options.output) as file, suppress(KeyboardInterrupt):
+    with _opened(options.output) as file, noted_signals() as is_ended:
         file.write(header(source.interfaces))
         while True:
             file.writelines(packet(frame, source.clock_ns) for frame in frames)
@@ -104,9 +106,11 @@ def capture(remote: Remote, options: argparse.Namespace) -> None:
             if frames:
                 first, last = first or frames[0].time_ns, frames[-1].time_ns
                 count += len(frames)
-            if not options.follow or time.monotonic() >= deadline:
+            if not options.follow or ended:
                 break
             time.sleep(_PAUSE)
+            # The frames until now belong to the file.
+            ended = is_ended() or time.monotonic() >= deadline
             frames = source.read()
     span = (last - first) / 1e9
     if options.json:
@@ -122,6 +126,7 @@ def capture(remote: Remote, options: argparse.Namespace) -> None:
 @contextmanager
 def _opened(path: str) -> Iterator[BinaryIO]:
     if path == "-":
+        check_stdout()
         if sys.stdout.isatty():
             raise UsageError("a terminal cannot show frames: pipe them to `wireshark -k -i -`")
         yield sys.stdout.buffer

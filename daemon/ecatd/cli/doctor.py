@@ -17,6 +17,7 @@ from ecatd.doctor.rights import look_at_rights
 from ecatd.doctor.service import look_at_service
 from ecatd.doctor.software import (
     look_at_configuration,
+    look_at_settings,
     look_at_shared_memory,
     look_at_versions,
 )
@@ -107,6 +108,8 @@ def _look(options: argparse.Namespace, config: Config | None) -> Iterator[Findin
     names = [options.interface] if options.interface else []
     if not names and config is not None:
         names = [name for name in (config.interface, config.second_interface) if name]
+    if config is not None:
+        yield from look_at_settings(config.realtime)
     for name in names:
         yield from look_at(name, cpu)
     yield from look_at_processors(cpu)
@@ -163,6 +166,8 @@ def _lines(report: _Report, options: argparse.Namespace) -> Iterator[str]:
         if item.remedy:
             fixed = "; `ecatctl doctor --fix` does that" if item.change is not None else ""
             yield f"           {item.remedy}{fixed}"
+        if item.cost:
+            yield f"           {item.cost}"
     if report.wakeups:
         yield ""
         yield "how late the engine wakes up, in µs"
@@ -206,6 +211,7 @@ def _document(report: _Report) -> dict[str, object]:
                 "level": item.level.value,
                 "text": item.text,
                 "remedy": item.remedy,
+                "cost": item.cost,
                 "fixable": item.change is not None,
             }
             for item in report.findings

@@ -14,6 +14,7 @@ from ecatd.model.port_errors import LinkErrors, PortErrors, SlaveErrors, links_w
 
 from .arguments import add_slave, add_watch
 from .output import print_json, print_json_line, print_table
+from .watch import check
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -37,8 +38,7 @@ def errors(remote: Remote, options: argparse.Namespace) -> int:
 
     Returns the exit status: 4 if slaves do not answer.
     """
-    if options.count is not None and options.watch is None:
-        raise UsageError("--count goes with --watch")
+    check(options)
     if options.reset and options.watch is not None:
         raise UsageError("--reset and --watch: give one of them")
     bus = remote.describe()

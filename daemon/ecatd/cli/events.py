@@ -14,6 +14,7 @@ from ecatd.model.errors import NoAnswerError, UnreachableError
 
 from .arguments import add_slave
 from .output import print_json, print_json_line
+from .terminal import check_stdout
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -58,6 +59,8 @@ def events(options: argparse.Namespace) -> None:
     """Prints the events that the daemon keeps; with `--follow`, new ones as they come."""
     from ecatd.client.remote import Remote  # loading Zenoh is slow
 
+    if options.follow:
+        check_stdout()
     since, shown_since, first = 0, options.since, True
     while True:
         try:

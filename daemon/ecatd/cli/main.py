@@ -208,6 +208,8 @@ def main() -> int:
 def _main() -> int:
     if sys.stdout is None:  # closed: `>&-`
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  it is open until the end
+    if sys.stderr is None:  # closed: `2>&-`
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115, PTH123
     options = make_parser().parse_args()
     # A saved scan keeps the name of its bus unless --bus gives another one.
     options.given_bus = getattr(options, "bus", None)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import fcntl
+import io
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 from ecatd.client.patterns import find_signals
 from ecatd.model.errors import NotPermittedError, StateError, UsageError
@@ -66,6 +68,7 @@ def record(options: argparse.Namespace) -> None:
                 f"{options.every} cycles last {period:g} s: that is longer than "
                 f"{'--for' if period <= _PERIOD_MOST else f'{_PERIOD_MOST:g} s'}"
             )
+        recording = None
         try:
             with _alone(options.out) as file, ended_by_signals():
                 columns = [_column(signal, options.raw) for signal in chosen]
@@ -77,7 +80,13 @@ def record(options: argparse.Namespace) -> None:
         except PermissionError as error:
             raise NotPermittedError(f"{options.out} cannot be written: {error.strerror}") from error
         except OSError as error:
-            raise StateError(f"{options.out} cannot be written: {error.strerror}") from error
+            rows = recording.rows if recording else 0
+            if not rows and options.out.is_file():
+                options.out.unlink()
+            safe = f"{rows} cycles are safe in it" if rows else "nothing was recorded"
+            raise StateError(
+                f"{options.out} cannot be written: {error.strerror}; {safe}"
+            ) from error
     if options.json:
         print_json(
             {
@@ -97,14 +106,16 @@ def record(options: argparse.Namespace) -> None:
 
 
 @contextmanager
-def _alone(path: Path) -> Iterator[BinaryIO]:
+def _alone(path: Path) -> Iterator[io.FileIO]:
     """Opens a file for writing, unless another `record` writes it.
 
     Raises:
         StateError: Another one writes it.
         OSError: It cannot be written.
     """
-    with path.open("ab") as file:
+    # Not truncated before it is locked, and not buffered: no data wait for room when it is closed.
+    number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    with open(number, "wb", buffering=0) as file:  # noqa: PTH123  a path has no such mode
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:

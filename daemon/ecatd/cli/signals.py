@@ -1,11 +1,12 @@
-"""Finds entries of the process image by names, for `read`, `write` and `record`."""
+"""Signals of two kinds: entries of the process image, by names, and what ends a command."""
 
 from __future__ import annotations
 
 import argparse
 import signal as posix_signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 from typing import TYPE_CHECKING
 
 from ecatd.model.errors import UsageError
@@ -60,13 +61,37 @@ def is_physical(signal: Signal) -> bool:
 @contextmanager
 def ended_by_signals() -> Iterator[None]:
     """Lets SIGTERM, and SIGHUP of a terminal that is closed, end the command as Ctrl-C does."""
-    numbers = (posix_signal.SIGTERM, posix_signal.SIGHUP)
+    with _handled(posix_signal.default_int_handler):
+        yield
+
+
+@contextmanager
+def noted_signals() -> Iterator[Callable[[], bool]]:
+    """Notes Ctrl-C, SIGTERM and SIGHUP, so that the command can finish what it does.
+
+    Yields a function that says whether such a signal has come. A second one ends the command.
+    """
+    came = False
+
+    def note(number: int, frame: FrameType | None) -> None:
+        nonlocal came
+        if came:
+            posix_signal.default_int_handler(number, frame)
+        came = True
+
+    with _handled(note):
+        yield lambda: came
+
+
+@contextmanager
+def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    numbers = (posix_signal.SIGINT, posix_signal.SIGTERM, posix_signal.SIGHUP)
     before = {number: posix_signal.getsignal(number) for number in numbers}
-    for number, handler in before.items():
-        if handler != posix_signal.SIG_IGN:  # `nohup` ignores SIGHUP
-            posix_signal.signal(number, posix_signal.default_int_handler)
+    for number, old in before.items():
+        if old != posix_signal.SIG_IGN:  # `nohup` ignores SIGHUP
+            posix_signal.signal(number, handler)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            posix_signal.signal(number, handler)
+        for number, old in before.items():
+            posix_signal.signal(number, old)

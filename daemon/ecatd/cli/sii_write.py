@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ecatd.model.bus import Slave
-from ecatd.model.errors import EcatError, NotPermittedError, StateError, UsageError
+from ecatd.model.errors import BusyError, EcatError, NotPermittedError, StateError, UsageError
 from ecatd.model.requests.eeproms import SII_WORDS_MAX
 from ecatd.model.sii import Sii
 from ecatd.model.sii_categories import FIRST_CATEGORY
@@ -157,14 +157,18 @@ def _write(remote: Remote, found: Slave, image: bytes, parts: Sequence[int], bac
     Raises:
         EcatError: The slave cannot be written; the message says how to go back.
     """
+    begun = False
     try:
         for at in counted(parts, "parts"):
-            remote.write_sii(found.position, at // 2, image[at : at + _PART])
+            data, more = image[at : at + _PART], at != parts[-1]
+            remote.write_sii(found.position, at // 2, data, more=more)
+            begun = True
         if remote.sii(found.position)[: len(image)] != image:
             raise StateError(f"{found.label}: the EEPROM does not have the words that were written")
-    except (NotPermittedError, UsageError):
-        raise  # nothing was written
     except EcatError as error:
+        if not begun and isinstance(error, NotPermittedError | UsageError | BusyError):
+            backup.unlink()  # nothing was written
+            raise
         raise type(error)(
             f"{error}. A part may be written: try again, or write the previous bytes back with "
             f"`ecatctl sii-write {found.position} {backup}`"
@@ -215,8 +219,8 @@ def set_alias(remote: Remote, options: argparse.Namespace) -> None:
         )
         changed = head[: 2 * _ALIAS] + options.alias.to_bytes(2, "little") + head[2 * _ALIAS + 2 :]
         checksum = sii_checksum(changed[: 2 * _CHECKSUM]).to_bytes(2, "little")
-        data = changed[2 * _ALIAS : 2 * _CHECKSUM] + checksum
-        remote.write_sii(found.position, _ALIAS, data)
+        # All words under the checksum are written, so that it fits even after another write.
+        remote.write_sii(found.position, 0, changed[: 2 * _CHECKSUM] + checksum)
     if options.json:
         document = {"bus": remote.bus, "slave": found.position, "alias": options.alias}
         print_json({**document, "before": before})

@@ -8,6 +8,8 @@ import sys
 from collections.abc import Iterable
 from typing import Self
 
+from ecatd.model.errors import StateError
+
 _HIDE, _SHOW = "\033[?25l", "\033[?25h"
 _HOME, _CLEAR = "\033[H", "\033[2J"
 _REST_OF_LINE, _REST_OF_SCREEN = "\033[K", "\033[J"
@@ -40,6 +42,16 @@ def _painted(line: str, width: int | None = None) -> str:
     if isinstance(line, Line) and text and not os.environ.get("NO_COLOR"):
         return f"\033[{line.style}m{text}\033[0m"
     return text
+
+
+def check_stdout() -> None:
+    """Checks that somebody sees the output; for commands that would go on without end.
+
+    Raises:
+        StateError: stdout is closed.
+    """
+    if sys.stdout.name == os.devnull:  # `main` has opened it in place of a closed one
+        raise StateError("stdout is closed, so nobody sees the output")
 
 
 def show(lines: Iterable[str]) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from ecatd.model.errors import EcatError, UsageError
 
 from .output import print_json, print_json_line
-from .terminal import Screen, show
+from .terminal import Screen, check_stdout, show
 
 Document = dict[str, Any]
 
@@ -40,8 +40,11 @@ def check(options: argparse.Namespace) -> None:
 
     Raises:
         UsageError: `--count` is given without `--watch`.
+        StateError: stdout is closed, and `--watch` is given.
     """
-    if options.count is not None and options.watch is None:
+    if options.watch is not None:
+        check_stdout()
+    elif options.count is not None:
         raise UsageError("--count says how often to repeat: use it with --watch")
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from .arguments import times
 from .output import print_json_line, table_lines
-from .terminal import Screen
+from .terminal import Screen, check_stdout
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -31,6 +31,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 
 def watch(remote: Remote, options: argparse.Namespace) -> None:
     """Shows minimum, mean and maximum of each value, again and again."""
+    check_stdout()
     screen, shown = Screen(), 0
     with remote.stream(options.pattern, options.hz) as stream:
         for row in stream:

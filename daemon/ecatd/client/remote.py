@@ -359,7 +359,7 @@ class Remote:
         """Reads up to 256 words of the EEPROM of a slave, from one on; raises as `sii`."""
         return bytes(self.request(ReadSii(slave, word, count))["data"])
 
-    def write_sii(self, slave: int | str, word: int, data: bytes) -> int:
+    def write_sii(self, slave: int | str, word: int, data: bytes, *, more: bool = False) -> int:
         """Writes up to 64 words of the EEPROM of a slave; returns how many had other values.
 
         The slave uses them when it is switched on the next time.
@@ -368,11 +368,14 @@ class Remote:
             slave: Position or name.
             word: Address of the first word.
             data: The words, little endian.
+            more: Whether this process writes more parts. Until the last one, no other process may
+                write this EEPROM.
 
         Raises:
+            BusyError: Another process writes this EEPROM.
             StateError: There is no such slave, or its EEPROM cannot be written.
         """
-        return int(self.request(WriteSii(slave, word, data, who()))["written"])
+        return int(self.request(WriteSii(slave, word, data, more, who()))["written"])
 
     def start_file_read(
         self, slave: int | str, file: str, *, password: int = 0, boot: bool = False

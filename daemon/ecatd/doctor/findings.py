@@ -45,6 +45,7 @@ class Finding:
         text: What the doctor found, and what follows from it.
         remedy: What to do; empty if all is well.
         change: What `--fix` does about it, if that can be undone.
+        cost: What it costs, where that was measured (`costs.py`).
     """
 
     area: str
@@ -53,3 +54,4 @@ class Finding:
     text: str
     remedy: str = ""
     change: Change | None = None
+    cost: str = ""

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from .costs import COSTS
 from .findings import Finding, Level
 from .values import cpu_list, read, text_change
 
@@ -57,8 +58,9 @@ def _engine_cpu(cpu: int | None) -> Iterator[Finding]:
         yield Finding(_AREA, "CPU of the engine", Level.OK, f"CPU {cpu}, isolated from the others")
     else:
         text = f"CPU {cpu}, which other programs use, too"
-        remedy = f"boot with isolcpus={cpu} nohz_full={cpu} rcu_nocbs={cpu}"
-        yield Finding(_AREA, "CPU of the engine", Level.HINT, text, remedy)
+        remedy = f"boot with isolcpus={cpu} nohz_full={cpu} rcu_nocbs={cpu}, or remove realtime.cpu"
+        cost = str(COSTS["cpu"])
+        yield Finding(_AREA, "CPU of the engine", Level.HINT, text, remedy, cost=cost)
     twins = cpu_list(read(_CPUS / f"cpu{cpu}/topology/thread_siblings_list")) - {cpu}
     if twins:
         text = f"CPU {cpu} shares its core with CPU {min(twins)}: they slow each other down"
@@ -103,7 +105,7 @@ def _sleep() -> Finding:
         text += "; ecatd prevents this while it runs, if it may write /dev/cpu_dma_latency"
         return Finding(_AREA, "sleep", Level.OK, text)
     remedy = "boot with intel_idle.max_cstate=1, or switch C-states off in the BIOS"
-    return Finding(_AREA, "sleep", Level.HINT, text, remedy)
+    return Finding(_AREA, "sleep", Level.HINT, text, remedy, cost=str(COSTS["dma_latency_us"]))
 
 
 def _clock() -> Finding:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from ecatd.model.errors import JOIN
 from ecatd.paths import control_socket, search_dirs
 
+from .costs import COSTS
 from .findings import Finding, Level
 
 
@@ -17,9 +18,9 @@ def look_at_rights(bus: str) -> Iterator[Finding]:
     """What this user may do."""
     yield _membership(bus)
     area = "this user"
-    for name, number, least, line in (
-        ("real time", resource.RLIMIT_RTPRIO, 98, "@ecat - rtprio 98"),
-        ("locked memory", resource.RLIMIT_MEMLOCK, 1 << 28, "@ecat - memlock unlimited"),
+    for name, number, least, line, cost in (
+        ("real time", resource.RLIMIT_RTPRIO, 98, "@ecat - rtprio 98", str(COSTS["priority"])),
+        ("locked memory", resource.RLIMIT_MEMLOCK, 1 << 28, "@ecat - memlock unlimited", ""),
     ):
         soft = resource.getrlimit(number)[0]
         if os.geteuid() == 0 or soft == resource.RLIM_INFINITY or soft >= least:
@@ -30,7 +31,7 @@ def look_at_rights(bus: str) -> Iterator[Finding]:
                 "does"
             )
             remedy = f"a line '{line}' in /etc/security/limits.conf, then log in again"
-            yield Finding(area, name, Level.HINT, text, remedy)
+            yield Finding(area, name, Level.HINT, text, remedy, cost=cost)
 
 
 def _membership(bus: str) -> Finding:

@@ -9,13 +9,14 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from ecatd import shm
-from ecatd.model.config import Config, load_config
+from ecatd.model.config import Config, RealTimeConfig, load_config
 from ecatd.model.errors import EcatError
 from ecatd.paths import MACHINE, control_socket, search_dirs
 from ecatd.stats import read
 from ecatd.systemd_services import other_version
 from ecatd.version import VERSION
 
+from .costs import COSTS
 from .findings import Finding, Level
 
 _PACKAGES = ("pysoem", "eclipse-zenoh", "msgpack", "jinja2")
@@ -41,6 +42,22 @@ def look_at_configuration(file: Path) -> tuple[Finding, Config | None]:
         remedy = f"`ecatd --check-config --config {file}` after each change"
         return Finding(area, name, Level.PROBLEM, str(error), remedy), None
     return Finding(area, name, Level.OK, "valid"), config
+
+
+def look_at_settings(realtime: RealTimeConfig) -> Iterator[Finding]:
+    """Finds settings that make cycles late. What is right depends on the machine."""
+    for key, is_slow, text in (
+        ("priority", realtime.priority == 0, "0: other programs delay the engine"),
+        ("dma_latency_us", realtime.dma_latency_us < 0, "-1: processors may sleep deeply"),
+        (
+            "poll_us",
+            realtime.poll_us == 0 and not realtime.busy_receive,
+            "0: the engine falls asleep before each answer",
+        ),
+    ):
+        if is_slow:
+            name, remedy = f"realtime.{key}", f"remove realtime.{key}: the default is better"
+            yield Finding("configuration", name, Level.HINT, text, remedy, cost=str(COSTS[key]))
 
 
 def look_at_shared_memory() -> Iterator[Finding]:

@@ -205,8 +205,6 @@ def write_eeprom(
     if not wrong:
         return {}
     try:
-        for owner in (_FORCE_TO_MASTER, _TO_MASTER):
-            registers.exchange([slave.write(_ASSIGNMENT, owner)])
         for at in wrong:
             yield from _write_word(registers, slave, label, word + at // 2, data[at : at + 2])
     finally:
@@ -226,7 +224,7 @@ def _write_word(
 ) -> Steps[None]:
     where = f"{label}: EEPROM: word 0x{word:04X} cannot be written"
     for _ in range(_TRIES):
-        status = yield from _wait_until_idle(registers, slave, where)
+        status = yield from _take(registers, slave, where)
         if status & _NO_ACKNOWLEDGE:  # until this is cleared, no other command is accepted
             registers.exchange([slave.write(_CONTROL, struct.pack("<H", _CLEAR))])
         # A write takes effect at the end of its frame, so each needs a frame of its own.
@@ -236,6 +234,24 @@ def _write_word(
         if not status & (_NO_ACKNOWLEDGE | _NOT_ENABLED):
             return
     raise StateError(f"{where}: the EEPROM refuses the command (status 0x{status:04X})")
+
+
+def _take(registers: Datagrams, slave: Station, where: str) -> Steps[int]:
+    """Assigns an idle EEPROM to the master; returns its status (register 0x0502).
+
+    Each word needs this, because somebody may read the EEPROM while a word is being written, and
+    then give it back to the device.
+    """
+    while True:
+        for owner in (_FORCE_TO_MASTER, _TO_MASTER):
+            registers.exchange([slave.write(_ASSIGNMENT, owner)])
+        waiting = _wait_until_idle(registers, slave, where)
+        try:
+            next(waiting)
+        except StopIteration as idle:
+            status: int = idle.value
+            return status
+        yield from waiting
 
 
 def _wait_until_idle(registers: Datagrams, slave: Station, where: str) -> Steps[int]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from ecatd import shm
-from ecatd.coroutine_steps import Steps
+from ecatd.coroutine_steps import Steps, finish
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.errors import StateError, UnreachableError
@@ -274,6 +274,14 @@ class Master:
         return write_eeprom(self.registers, station, label, word, data)
 
     def read_registers(self, wanted: Sequence[tuple[int, int, int]]) -> list[bytes]:
+        """Carries `reading` out at once, for a start, where no other work waits."""
+        return finish(self.reading(wanted), _PAUSE)
+
+    def write_registers(self, wanted: Sequence[tuple[int, int, bytes]]) -> None:
+        """Carries `writing` out at once, for a start, where no other work waits."""
+        finish(self.writing(wanted), _PAUSE)
+
+    def reading(self, wanted: Sequence[tuple[int, int, int]]) -> Steps[list[bytes]]:
         """Reads ESC memory of many slaves at once; tries again where a slave does not answer.
 
         Args:
@@ -283,15 +291,15 @@ class Master:
             The bytes of each read, in the same order.
 
         Raises:
-            StateError: A slave does not answer.
+            SilentSlaveError: A slave does not answer.
         """
         datagrams = [
             fprd(self.stations[position], address, size) for position, address, size in wanted
         ]
         return self._repeat(datagrams, [item[:2] for item in wanted], "a read")
 
-    def write_registers(self, wanted: Sequence[tuple[int, int, bytes]]) -> None:
-        """Writes ESC memory of many slaves, in order; raises as `read_registers`.
+    def writing(self, wanted: Sequence[tuple[int, int, bytes]]) -> Steps[None]:
+        """Writes ESC memory of many slaves, in order; raises as `reading`.
 
         Writes again where a slave does not answer.
 
@@ -301,11 +309,11 @@ class Master:
         datagrams = [
             fpwr(self.stations[position], address, data) for position, address, data in wanted
         ]
-        self._repeat(datagrams, [item[:2] for item in wanted], "a write")
+        yield from self._repeat(datagrams, [item[:2] for item in wanted], "a write")
 
     def _repeat(
         self, datagrams: list[Datagram], where: list[tuple[int, int]], what: str
-    ) -> list[bytes]:
+    ) -> Steps[list[bytes]]:
         """Exchanges datagrams, and repeats those without an answer, for `_REPEAT_S` seconds.
 
         So a short disturbance does not end the bus.
@@ -329,18 +337,18 @@ class Master:
                 raise SilentSlaveError(
                     f"slave {position} does not answer {what} of register 0x{address:04X}", position
                 )
-            time.sleep(_PAUSE)
+            yield
             again = self.registers.exchange([datagrams[number] for number in silent])
             for number, answer in zip(silent, again, strict=True):
                 answers[number] = answer
         return [answer.data for answer in answers]
 
     def register_read(self, position: int, address: int, size: int) -> bytes:
-        """Reads `size` bytes of ESC memory of one slave; raises as `read_registers`."""
+        """Reads `size` bytes of ESC memory of one slave; raises as `reading`."""
         return self.read_registers([(position, address, size)])[0]
 
     def register_write(self, position: int, address: int, data: bytes) -> None:
-        """Writes ESC memory of one slave; raises as `write_registers`."""
+        """Writes ESC memory of one slave; raises as `writing`."""
         self.write_registers([(position, address, data)])
 
     def set_mailbox_timeout(self, position: int, seconds: float) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
+import time
+from typing import Any, NamedTuple
 
 from ecatd.log import Log
-from ecatd.model.bus import Bus
-from ecatd.model.errors import EcatError
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.errors import BusyError, EcatError
 from ecatd.model.requests.eeproms import ReadSii, WriteSii
 
 from ..master.master import Master
@@ -14,6 +16,16 @@ from ..master.worker import Worker
 
 _SHOWN = 8
 """Most EEPROM words in one line of the log."""
+
+_PATIENCE = 10.0
+"""Seconds for which an EEPROM waits for the next part from the client that writes it."""
+
+
+class _Writer(NamedTuple):
+    """The client that writes an EEPROM, and the time until which no other client may write it."""
+
+    by: str
+    until: float
 
 
 class Eeproms:
@@ -31,6 +43,7 @@ class Eeproms:
         self._master = master
         self._worker = worker
         self._log = log
+        self._writers: dict[int, _Writer] = {}  # by position
 
     async def read(self, request: ReadSii) -> dict[str, Any]:
         """The reply has `data`: the words, little endian.
@@ -52,24 +65,51 @@ class Eeproms:
         """The reply has `written`: how many words had other values before.
 
         Raises:
+            BusyError: Another client writes this EEPROM.
             StateError: There is no such slave, or its EEPROM cannot be written.
         """
         slave = self._bus.find(request.slave)
+        self._reserve(slave, request.by)
         steps = self._master.write_eeprom(slave.position, request.word, request.data)
         try:
             before = await self._worker.request(steps)
+            if request.more:
+                until = time.monotonic() + _PATIENCE
+                self._writers[slave.position] = _Writer(request.by, until)
         except EcatError as error:
             self._log.warning(f"EEPROM words could not be written for {request.by}: {error}")
             raise
-        if before:
-            words = [
-                f"0x{word:04X} from {was.hex(' ')} to "
-                f"{request.data[2 * (word - request.word) :][:2].hex(' ')}"
-                for word, was in before.items()
-            ]
-            more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
-            self._log.notice(
-                f"{slave.label}: EEPROM words changed: {', '.join(words[:_SHOWN])}{more}, by "
-                f"{request.by}"
-            )
+        finally:
+            if self._writers[slave.position].until == math.inf:
+                del self._writers[slave.position]
+        self._note(slave, request, before)
         return {"written": len(before)}
+
+    def _reserve(self, slave: Slave, by: str) -> None:
+        """Reserves an EEPROM for a client.
+
+        Raises:
+            BusyError: Another client writes it.
+        """
+        writer = self._writers.get(slave.position)
+        mine = writer and writer.by == by and writer.until < math.inf
+        if writer and not mine and writer.until > time.monotonic():
+            raise BusyError(
+                f"{slave.label}: {writer.by or 'another client'} writes its EEPROM; this request "
+                "has written nothing, so try again when the other one has ended"
+            )
+        self._writers[slave.position] = _Writer(by, math.inf)
+
+    def _note(self, slave: Slave, request: WriteSii, before: dict[int, bytes]) -> None:
+        if not before:
+            return
+        words = [
+            f"0x{word:04X} from {was.hex(' ')} to "
+            f"{request.data[2 * (word - request.word) :][:2].hex(' ')}"
+            for word, was in before.items()
+        ]
+        more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
+        self._log.notice(
+            f"{slave.label}: EEPROM words changed: {', '.join(words[:_SHOWN])}{more}, by "
+            f"{request.by}"
+        )

@@ -7,11 +7,12 @@ from typing import Any
 
 from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.datatypes import DataType, bit_length, decode, encode
-from ecatd.model.errors import EcatError, UsageError
+from ecatd.model.datatypes import STRINGS, DataType, bit_length, decode, encode
+from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError, UsageError
 from ecatd.model.object_types import ObjectType, ObjectTypes
 from ecatd.model.requests.objects import SdoRead, SdoWrite, check_data
 
+from ..mailbox.sdo_information import describe_entry
 from .conversations import Conversations
 
 _SHOWN = 32
@@ -32,6 +33,7 @@ class Objects:
         self._bus = bus
         self._conversations = conversations
         self._types: dict[int, ObjectTypes] = {}
+        self._mute: set[int] = set()  # positions of slaves that do not describe their objects
 
     async def read(self, request: SdoRead) -> dict[str, Any]:
         """Uploads an object; the reply has `data`, name, type and meaning."""
@@ -50,7 +52,7 @@ class Objects:
         if data is None:
             assert request.value is not None
             if not known.data_type:
-                known = await self._type_by_size(slave, index, subindex)
+                known = await self._asked(slave, index, subindex)
             data = encode(DataType(known.data_type), request.value)
             check_data(data)
         before = await self._before(slave, request) if request.by else None
@@ -97,6 +99,29 @@ class Objects:
         if slave.position not in self._types:
             self._types[slave.position] = ObjectTypes(slave)
         return self._types[slave.position].find(index, subindex)
+
+    async def _asked(self, slave: Slave, index: int, subindex: int) -> ObjectType:
+        """What the slave says about an object of unknown type. If it does not, the size says it.
+
+        Raises:
+            UsageError: No type has this size.
+            EcatError: The slave does not return the object.
+        """
+        if slave.position in self._mute:
+            return await self._type_by_size(slave, index, subindex)
+        try:
+            entry = await self._conversations.coe(
+                slave, lambda coe: describe_entry(coe, index, subindex, tries=1)
+            )
+        except SdoAbortError:
+            return await self._type_by_size(slave, index, subindex)
+        except (NoAnswerError, StateError):
+            found = await self._type_by_size(slave, index, subindex)
+            self._mute.add(slave.position)  # it does answer other requests
+            return found
+        if bit_length(entry.data_type) or entry.data_type in STRINGS:
+            return ObjectType(entry.name, entry.data_type)
+        return await self._type_by_size(slave, index, subindex)
 
     async def _type_by_size(self, slave: Slave, index: int, subindex: int) -> ObjectType:
         """Reads an object of unknown type, and guesses the type from its length.

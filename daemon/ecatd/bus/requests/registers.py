@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
+from ecatd.coroutine_steps import Steps
 from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.errors import NoAnswerError, StateError
@@ -53,11 +54,12 @@ class Registers:
         """
         slave = self._bus.find(request.slave)
         address, size = request.address, request.size
-        return {"data": await self._worker.run(lambda: self._read(slave, address, size))}
+        return {"data": await self._worker.request(self._read(slave, address, size))}
 
-    def _read(self, slave: Slave, address: int, size: int) -> bytes:
+    def _read(self, slave: Slave, address: int, size: int) -> Steps[bytes]:
         try:
-            return self._master.register_read(slave.position, address, size)
+            (data,) = yield from self._master.reading([(slave.position, address, size)])
+            return data
         except StateError as error:
             if self._answers(slave):
                 raise StateError(
@@ -76,13 +78,14 @@ class Registers:
         slave, address = self._bus.find(request.slave), request.address
 
         before = b""
+        contents = [(slave.position, address, len(request.data))]
 
-        def write() -> bytes:
+        def write() -> Steps[bytes]:
             nonlocal before
             with suppress(StateError):
-                before = self._master.register_read(slave.position, address, len(request.data))
+                (before,) = yield from self._master.reading(contents)
             try:
-                self._master.register_write(slave.position, address, request.data)
+                yield from self._master.writing([(slave.position, address, request.data)])
             except StateError as error:
                 if self._answers(slave):
                     raise StateError(
@@ -90,7 +93,8 @@ class Registers:
                     ) from error
                 raise silent(slave) from error
             try:
-                return self._master.register_read(slave.position, address, len(request.data))
+                (after,) = yield from self._master.reading(contents)
+                return after
             except StateError as error:
                 raise NoAnswerError(
                     f"register 0x{address:04X} was written, but {slave.label} does not answer any "
@@ -100,7 +104,7 @@ class Registers:
         known = register_at(request.address)
         name = f" ({known.name})" if known else ""
         try:
-            return {"data": await self._worker.run(write)}
+            return {"data": await self._worker.request(write())}
         finally:  # a failed write may have changed something, too
             was = f" from {before.hex(' ')}" if before else ""
             self._log.notice(

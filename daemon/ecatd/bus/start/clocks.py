@@ -143,7 +143,7 @@ class Clocks:
         for slave, delay in zip(here, delays, strict=True):
             slave.dc_delay_ns = delay
 
-    def _measure_again(self, slaves: Collection[Slave], shared: SharedMemory) -> None:
+    def _measure_again(self, slaves: Collection[Slave], shared: SharedMemory) -> Steps[None]:
         """Measures the delays again if there are optional slaves among those that have come back.
 
         They are on the way to the slaves after them, so the delays of all slaves that are there are
@@ -165,7 +165,7 @@ class Clocks:
                 if (arrival := times.get(slave.position)) is not None:
                     slave.dc_delay_ns = max(0, round(arrival - origin))
                     writes.append((slave.position, DELAY, struct.pack("<I", slave.dc_delay_ns)))
-            self._master.write_registers(writes)
+            yield from self._master.writing(writes)
         for slave in self._clocks:
             shared.slaves[slave.position].dc_delay_ns = slave.dc_delay_ns
 
@@ -386,7 +386,7 @@ class Clocks:
         """
         chosen = [slave for slave in self._clocks if slave.position in set(positions)]
         failed: dict[int, str] = {}
-        self._measure_again(chosen, shared)
+        yield from self._measure_again(chosen, shared)
         for slave in chosen:
             if slave is not self.reference and not self._set_time(slave):
                 failed[slave.position] = (

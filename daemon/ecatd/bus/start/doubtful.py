@@ -139,7 +139,7 @@ def _try(master: Master, items: Sequence[Scanned], timeout_s: float) -> Steps[di
     for item in items:
         slave = item.slave
         try:
-            configure(master, [item], lay_out(Bus("", 0, [slave]), set()))
+            yield from configure(master, [item], lay_out(Bus("", 0, [slave]), set()))
         except StateError as error:
             refused[slave.position] = str(error)
     here = [item.slave.position for item in items if item.slave.position not in refused]

@@ -11,6 +11,7 @@ import struct
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
+from ecatd.coroutine_steps import Steps
 from ecatd.model.bus import Slave
 from ecatd.model.config import Config, SlaveConfig
 from ecatd.model.errors import NoAnswerError, StateError
@@ -226,14 +227,15 @@ def without_lrw(master: Master, scanned: Sequence[Scanned]) -> set[int]:
     }
 
 
-def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:
+def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> Steps[None]:
     """Sets up sync managers, FMMUs and watchdogs of slaves, which must be in PREOP.
 
     Raises:
         StateError: A slave does not answer, or has too few sync managers or FMMUs for its process
             data.
     """
-    counts = master.read_registers([(item.slave.position, _FMMU_COUNT, 1) for item in scanned])
+    wanted = [(item.slave.position, _FMMU_COUNT, 1) for item in scanned]
+    counts = yield from master.reading(wanted)
     writes: list[tuple[int, int, bytes]] = []
     for item, count in zip(scanned, counts, strict=True):
         slave, available = item.slave, count[0]
@@ -263,7 +265,7 @@ def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> None:
         for number in range(min(available, _FMMUS_MAX)):
             content = fmmus[number].registers() if number < len(fmmus) else bytes(16)
             writes.append((slave.position, _FMMU + 16 * number, content))
-    master.write_registers(writes)
+    yield from master.writing(writes)
 
 
 @dataclass(slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ecatd.coroutine_steps import finish
 from ecatd.log import Log
 from ecatd.model.applied import Applied, apply
 from ecatd.model.config import Config
@@ -60,7 +61,7 @@ def set_up_process_data(found: FoundBus, profiles: Profiles, log: Log) -> Proces
     )
     if warning := wire.check():
         log.warning(warning)
-    configure(master, found.present, image)
+    finish(configure(master, found.present, image))
     for warning in check_watchdogs(master, bus, found.present, config):
         log.warning(warning)
     _warn_of_unused_clocks(config, log)

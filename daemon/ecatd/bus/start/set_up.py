@@ -223,7 +223,8 @@ class SetUp:
         here -= missed.keys()
         missed |= yield from self._compare(here)
         here -= missed.keys()
-        configure(self._master, [self._scanned[position] for position in sorted(here)], self._image)
+        items = [self._scanned[position] for position in sorted(here)]
+        yield from configure(self._master, items, self._image)
         missed |= self._check_new(here)
         here -= missed.keys()
         if self._clocks is not None:
@@ -270,11 +271,11 @@ class SetUp:
         self._unconfigured |= here
         missed = yield from self.ask(here, AlState.INIT)
         here -= missed.keys()
-        self._prepare(here, state)
+        yield from self._prepare(here, state)
         missed |= yield from self.ask(here, state)
         return missed
 
-    def _prepare(self, positions: Iterable[int], state: AlState) -> None:
+    def _prepare(self, positions: Iterable[int], state: AlState) -> Steps[None]:
         """Sets up mailboxes for PREOP or BOOT, and gives slaves the access to their EEPROMs."""
         off, writes = [], []
         for position in positions:
@@ -287,8 +288,8 @@ class SetUp:
                 writes.append((position, _SYNC_MANAGERS, mailboxes))
             writes.append((position, _EEPROM_ASSIGNMENT, _TO_DEVICE))
         # The settings of a sync manager can be changed only while it is off (ETG.1000.4).
-        self._master.write_registers(off)
-        self._master.write_registers(writes)
+        yield from self._master.writing(off)
+        yield from self._master.writing(writes)
 
     def _configure_again(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
         """Writes the configuration of slaves in PREOP again: they lose it when they restart."""

@@ -124,14 +124,14 @@ class SyncSignals:
             try:
                 if not signals.activation:
                     self._ask(signals)
-                self._start(signals, shared, zero)
+                yield from self._start(signals, shared, zero)
                 begun.append((signals.slave, time.monotonic() + _patience(signals.slave)))
             except (ConfigError, StateError) as error:
                 failed[signals.slave.position] = str(error)
             yield
         for slave, deadline in begun:
             try:
-                while self._waits_for_pulse(slave):
+                while (yield from self._waits_for_pulse(slave)):
                     if time.monotonic() > deadline:
                         raise StateError("its SYNC signals do not begin")
                     yield
@@ -158,7 +158,7 @@ class SyncSignals:
 
         return Counter(zero() for _ in range(_CYCLES_ASKED)).most_common(1)[0][0]
 
-    def _start(self, signals: _SlaveSignals, shared: SharedMemory, zero: int) -> None:
+    def _start(self, signals: _SlaveSignals, shared: SharedMemory, zero: int) -> Steps[None]:
         """Sets up the signals of a slave; tries again if their start time has passed meanwhile."""
         master, slave = self._master, signals.slave
         position = slave.position
@@ -167,27 +167,31 @@ class SyncSignals:
         turn = self._bus.domains[slave.domain].phase * self._bus.cycle_time_us * 1000
         whole, base = whole_period(slave), zero + turn + slave.sync_shift_ns
         for tries in range(1, _TRIES + 1):
-            master.register_write(position, SYNC_CONTROL, bytes(2))  # off, controlled by the master
-            own = self._system_time(slave)
+            # Off, controlled by the master.
+            yield from master.writing([(position, SYNC_CONTROL, bytes(2))])
+            own = yield from self._system_time(slave)
             reference = shared.health.dc_time_ns
             now = reference + signed(own - reference)  # their upper halves may differ
             first = base - (base - now - tries * LEAD_NS) // whole * whole
             start = (own + first - now) % (1 << slave.dc_bits)
-            master.register_write(position, _CYCLES, cycles)
-            master.register_write(position, _START, struct.pack("<Q", start))
-            master.register_write(position, SYNC_CONTROL, struct.pack("<H", signals.activation))
-            if signed(start - self._system_time(slave), slave.dc_bits) > 0:
+            yield from master.writing([(position, _CYCLES, cycles)])
+            yield from master.writing([(position, _START, struct.pack("<Q", start))])
+            activation = struct.pack("<H", signals.activation)
+            yield from master.writing([(position, SYNC_CONTROL, activation)])
+            own = yield from self._system_time(slave)
+            if signed(start - own, slave.dc_bits) > 0:
                 return
         raise StateError(
             f"setting up its SYNC signals took too long: {_TRIES} times, their start had passed"
         )
 
-    def _system_time(self, slave: Slave) -> int:
-        data = self._master.register_read(slave.position, SYSTEM_TIME, slave.dc_bits // 8)
+    def _system_time(self, slave: Slave) -> Steps[int]:
+        wanted = slave.position, SYSTEM_TIME, slave.dc_bits // 8
+        (data,) = yield from self._master.reading([wanted])
         return number(data)
 
-    def _waits_for_pulse(self, slave: Slave) -> bool:
-        status = self._master.register_read(slave.position, _ACTIVATION_STATUS, 1)
+    def _waits_for_pulse(self, slave: Slave) -> Steps[bool]:
+        (status,) = yield from self._master.reading([(slave.position, _ACTIVATION_STATUS, 1)])
         return bool(number(status) & 0x03)
 
     def stop(self) -> None:

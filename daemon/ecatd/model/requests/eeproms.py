@@ -32,6 +32,8 @@ class WriteSii(Request):
         slave: Position or name; see `Bus.find`.
         word: Address of the first word.
         data: The words, little endian.
+        more: Whether the same client writes more parts. Until the last one, no other client may
+            write this EEPROM, so that it does not get parts of two images.
         by: The name that the client gives itself, for the log.
     """
 
@@ -40,6 +42,7 @@ class WriteSii(Request):
     slave: int | str
     word: int
     data: bytes
+    more: bool = False
     by: str = ""
 
     def _check(self) -> None:
