@@ -3,7 +3,7 @@
 They are written only where they differ from those of the slave, since some slaves refuse writes to
 objects that they cannot change. Before that, they are compared with the PDOs in the EEPROM and with
 the dictionary, as far as these describe them. The count of an assignment or mapping is set to 0
-before it is written. If the slave then refuses something, its previous PDOs are restored:
+before it is written. If the slave then refuses something, what it has changed is restored:
 otherwise it would go on without some of its PDOs, for no visible reason.
 """
 
@@ -66,6 +66,7 @@ class PdoWriter:
         self._settings = settings
         self._log_detail = log_detail
         self._assignment = Assignment(slave, sii, coe)
+        self._written: set[int] = set()  # objects that the slave has changed
 
     def write(self) -> Talk[None]:
         """Writes the PDOs, and reads them back; a part of a conversation.
@@ -96,8 +97,13 @@ class PdoWriter:
             yield from self._verify(wanted)
         except RefusedError as error:
             try:
-                yield from self._write_all({number: had[number] for number in managers}, old)
+                yield from self._write_all(
+                    {n: had[n] for n in managers if ASSIGNMENT + n in self._written},
+                    {index: mapping for index, mapping in old.items() if index in self._written},
+                )
             except RefusedError as worse:
+                if (yield from self._assignment.pdos()) == (outputs, inputs):
+                    raise error from worse
                 raise RefusedError(
                     f"{error}; then it did not take back the PDOs that it had ({worse}): switch "
                     "its power off and on"
@@ -240,7 +246,8 @@ class PdoWriter:
 
     def _write(self, index: int, subindex: int, form: str, value: int, what: str) -> Talk[None]:
         self._log_detail(what)
-        return write(self._slave, self._coe, (index, subindex), form, value, what)
+        yield from write(self._slave, self._coe, (index, subindex), form, value, what)
+        self._written.add(index)
 
     def _verify(self, wanted: dict[int, list[int]]) -> Talk[None]:
         """Reads the PDOs back, since some slaves accept writes without using them.
