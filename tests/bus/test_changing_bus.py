@@ -305,6 +305,41 @@ def test_slaves_that_are_dark_at_a_tolerant_start_come_later(
     assert told(daemon) == [line]
 
 
+@pytest.mark.parametrize(
+    ("more", "number"),
+    [
+        ("serial = 12\n", "serial = 12"),
+        ("revision = 0x00110000\n", "revision = 0x00110000"),
+        ("revision_min = 0x00110000\n", "revision = 0x00120000"),
+    ],
+)
+def test_a_dark_slave_may_have_other_numbers_than_the_description(
+    start: Start, tmp_path: Path, more: str, number: str
+) -> None:
+    rig_file, description = tmp_path / "whole.toml", tmp_path / "whole.json"
+    rig_file.write_text("".join(f'[[slave]]\ndevice = "{kind}"\n' for kind in KINDS))
+    run_module("ecatd.cli", "scan", "--from", str(rig_file), "-o", str(description))
+    dark = '[[fault]]\nkind = "break-link"\nslave = 1\n'
+    daemon = start(config("tolerant", more, str(description)), dark)
+    (tmp_path / "late.py").write_text(f"{SPARES}\nclass Late(EL2008):\n    {number}\n")
+    assert states(daemon) == ["OP"] + ["no answer"] * 3
+    with simulator_of(daemon) as rig:
+        rig.faults.swap(1, f"{tmp_path / 'late.py'}:Late")
+        rig.faults.heal_link(1)
+        wait_for(lambda: states(daemon) == ["OP"] * 4, daemon)
+    assert differences(daemon) == []
+    assert len(told(daemon)) == 1
+
+
+def test_a_dark_slave_without_a_place_is_told_when_it_comes(start: Start) -> None:
+    daemon = start(config("tolerant"), '[[fault]]\nkind = "break-link"\nslave = 3\n')
+    with simulator_of(daemon) as rig:
+        rig.faults.heal_link(3)
+        wait_for(lambda: "restart ecatd to use it" in daemon.log, daemon)
+    (line,) = [line for line in daemon.log.splitlines() if "restart ecatd to use it" in line]
+    names(line, "slave 3 (EL3008)", "no part of the bus")
+
+
 @pytest.mark.long
 def test_without_a_description_nothing_is_known_of_a_dark_bus(
     start_daemon: Start, tmp_path: Path
