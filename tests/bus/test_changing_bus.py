@@ -168,6 +168,48 @@ def test_a_slave_that_a_restart_would_use(start: Start, text: str) -> None:
     assert told(daemon) == []
 
 
+INSERTED = """
+[[slave]]
+device = "EK1122"
+[[slave]]
+device = "EK1100"
+at = { slave = 0, port = 3 }
+[[slave]]
+device = "EL2008"
+[[slave]]
+device = "EK1100"
+at = { slave = 0, port = 1 }
+[[slave]]
+device = "EL2008"
+[[fault]]
+kind = "break-link"
+slave = 1
+"""
+"""Equal slaves at two cables, of which the first is not plugged in yet."""
+
+
+def test_equal_slaves_that_are_inserted_are_the_new_ones(
+    start_daemon: Start, tmp_path: Path
+) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(INSERTED)
+    products = (0x04622C52, KINDS["EK1100"], KINDS["EL2008"])
+    rows = [
+        f"[[slave]]\nposition = {n}\nvendor = 2\nproduct = {product}\n"
+        for n, product in enumerate(products)
+    ]
+    head = "[gateway]\nlisten = []\n[expected]\nunlisted = false\n"
+    daemon = start_daemon(str(rig), config=head + "".join(rows))
+    with simulator_of(daemon) as simulator:
+        simulator.faults.heal_link(1)
+        wait_for(lambda: len(told(daemon)) == 2, daemon)
+        for line, new in zip(told(daemon), ("slave 1 (EK1100)", "slave 2 (EL2008)"), strict=True):
+            names(line, new, "extra", "behind slave 0 (EK1122)")
+        found = differences(daemon)
+        assert [row["found"] for row in found] == [[1], [2]]
+        assert states(daemon) == ["OP"] * 3
+
+
 # --- a device is exchanged -----------------------------------------------------------------------
 
 

@@ -26,7 +26,7 @@ from ecatd.model.health import silent_slaves
 from ecatd.model.problems import Collected
 from ecatd.model.profiles import load_profiles
 from ecatd.model.sii import Sii
-from ecatd.model.wire import found_slaves
+from ecatd.model.wire import found_slaves, known_slaves
 from ecatd.paths import profile_folders
 
 from .bus_source import check_options, get_bus, warn_of_silent
@@ -40,7 +40,8 @@ if TYPE_CHECKING:
 def check(options: argparse.Namespace) -> int:
     """Lists the differences between slaves, and what of the file does not fit the bus."""
     wanted = load_config(options.file)
-    bus, wire, idle, states, told = _bus(options, wanted)
+    bus, devices, idle, states, told = _bus(options, wanted)
+    wire = bus.slaves if devices is None else found_slaves(bus, devices)
     # The slaves of the bus have process data with which tables are compared. What is about slaves
     # that are others, or will have other PDOs, is not known.
     gone = {row["position"] for row in states if not row["al_state"]}
@@ -58,7 +59,8 @@ def check(options: argparse.Namespace) -> int:
     changed = _changed_pdos(moved, bus, gone | doubtful.keys() | unexpected.keys())
     others = {position for item in found.differences for position in item.found} | changed.keys()
     others |= doubtful.keys() | idle | {n for n in gone if not _exchanges(bus.slaves[n])}
-    differences = compare(wanted, wire).differences
+    known = known_slaves(found.places, devices or [])
+    differences = compare(wanted, wire, known=known).differences
     differences += _refused_pdos(moved, bus, changed, told)
     notes = [
         f"a restart with this file would change the PDOs of {bus.slaves[n].label}: it exchanges "
@@ -78,12 +80,12 @@ def check(options: argparse.Namespace) -> int:
         for n, row in doubtful.items()
         if n not in unexpected
     ]
-    devices = {} if options.esi is None else described(bus, options.esi)
-    differences += _forbidden(moved, bus, devices)
-    warnings += _unknown_pdos(moved, bus, changed.keys() - devices.keys(), told)
+    in_esi = {} if options.esi is None else described(bus, options.esi)
+    differences += _forbidden(moved, bus, in_esi)
+    warnings += _unknown_pdos(moved, bus, changed.keys() - in_esi.keys(), told)
     objects = dict(told.objects)
-    for n, known in esi_objects(moved, devices).items():
-        objects[n] = {**objects.get(n, {}), **known}
+    for n, named in esi_objects(moved, in_esi).items():
+        objects[n] = {**objects.get(n, {}), **named}
     differences += [
         Difference("other objects", (n,), (n,), f"{where}: {bus.slaves[n].label} {text}", False)
         for n, known in objects.items()
@@ -133,24 +135,24 @@ def check(options: argparse.Namespace) -> int:
 
 def _bus(
     options: argparse.Namespace, wanted: Config
-) -> tuple[Bus, list[Slave], set[int], list[dict[str, Any]], Told]:
-    """The bus, and what a start would find on its wire.
+) -> tuple[Bus, list[dict[str, Any]] | None, set[int], list[dict[str, Any]], Told]:
+    """The bus, and the devices that a start would find on its wire; None: the slaves of the bus.
 
     Also slaves of which the daemon does not know the process data, how slaves are, and what they
     have told; all of these are empty for a bus that does not run.
     """
     if options.sources:
         bus = get_bus(options)
-        return bus, bus.slaves, set(), [], Told()
+        return bus, None, set(), [], Told()
     check_options(options)
     from ecatd.client.remote import Remote  # loading Zenoh is slow
 
     with Remote(options.bus, options.connect, options.timeout) as remote:
         bus, rows = remote.describe(), remote.states()
-        wire = found_slaves(bus, remote.rescan()["devices"])
+        devices = remote.rescan()["devices"]
         unexpected = compare(remote.configuration()[0], bus.slaves).unexpected
         told = ask_slaves(remote, wanted, bus, rows)
-    return bus, wire, {n for n in unexpected if not _exchanges(bus.slaves[n])}, rows, told
+    return bus, devices, {n for n in unexpected if not _exchanges(bus.slaves[n])}, rows, told
 
 
 def _exchanges(slave: Slave) -> bool:
