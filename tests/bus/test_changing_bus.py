@@ -93,6 +93,11 @@ def told(daemon: Daemon) -> list[str]:
     return [line for line in daemon.log.splitlines() if "bus not as expected" in line]
 
 
+def removed(daemon: Daemon) -> str:
+    """What was last told of slaves that do not answer any more."""
+    return [line for line in daemon.log.splitlines() if "missing; check" in line][-1]
+
+
 def events(daemon: Daemon) -> list[list[str]]:
     """The differences of each event about them."""
     found = daemon.ctl_json("events")["events"]
@@ -124,6 +129,7 @@ def test_an_extra_slave_is_named_once_and_a_restart_is_not_advised(start: Start)
         # A cable that breaks is told by the number of slaves alone.
         rig.faults.break_link(2)
         wait_for(lambda: "slave count changed: 4, now 2" in daemon.log, daemon)
+        names(removed(daemon), "restart", "refused", 'policy = "strict"')
         rig.faults.heal_link(2)
         wait_for(lambda: states(daemon) == ["OP"] * 4, daemon)
         rig.faults.break_link(4)
@@ -220,7 +226,7 @@ def test_an_exchanged_slave_is_named_with_both_identities(start: Start) -> None:
         wait_for(lambda: "another device" in daemon.log, daemon)
         (line,) = [line for line in daemon.log.splitlines() if "another device" in line]
         names(line, "slave 3 (EL3008)", "product 0x07D43052", "product 0x0BC03052")
-        names(line, "correct its [[slave]] table")
+        names(line, "correct its [[slave]] table", "refused", 'policy = "strict"')
         (difference,) = differences(daemon)
         assert (difference["kind"], difference["found"]) == ("other device", [3])
         names(difference["text"], "slave 3 (EL2004)", "EL3008", "0x07D43052", "0x0BC03052")
@@ -344,6 +350,7 @@ def test_slaves_that_are_dark_at_a_tolerant_start_come_later(
         wait_for(lambda: states(daemon) == ["OP"] * 4, daemon)
         rig.faults.break_link(first or 1)
         wait_for(lambda: "slave count changed: 4, now" in daemon.log, daemon)
+        names(removed(daemon), "restart", "starts the other slaves", 'policy = "tolerant"')
     assert told(daemon) == [line]
 
 

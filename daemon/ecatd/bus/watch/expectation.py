@@ -13,7 +13,6 @@ from typing import Any
 
 from ecatd.log import Log
 from ecatd.model.bus import Slave
-from ecatd.model.config import STRICT, TOLERANT
 from ecatd.model.errors import StateError
 from ecatd.model.expected_bus import Comparison, Difference, compare
 from ecatd.model.expected_slave import device
@@ -21,6 +20,7 @@ from ecatd.model.wire import found_slaves, known_slaves
 
 from ..master.wire_scan import scan_wire
 from ..master.worker import Worker
+from ..start.found import restart_text
 from ..start.running import RunningBus
 
 _QUIET_S = 1.0
@@ -116,10 +116,9 @@ class ExpectationWatch:
     def _tell_one(self, item: Difference) -> None:
         tell = self._log.error if item.strict else self._log.warning
         where = f" It is {self._before(item.found[0])}." if item.kind == "extra" else ""
-        then = "is refused" if item.strict else "starts the other slaves"
         tell(
-            f"bus not as expected: {item.text}.{where} The bus goes on; a restart of ecatd {then} "
-            f'(policy = "{STRICT if item.strict else TOLERANT}")',
+            f"bus not as expected: {item.text}.{where} The bus goes on; "
+            f"{restart_text(strict=item.strict)}",
             "expected_bus",
         )
 
