@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.applied import alike_slaves, load_description, misfits, missing_folder
+from ecatd.model.applied import alike_slaves, load_description, misfits, missing_folders
 from ecatd.model.applied.objects import object_indices, object_problems
 from ecatd.model.applied.pdos import (
     chosen_from_eeprom,
@@ -69,7 +69,7 @@ def check(options: argparse.Namespace) -> int:
     ]
     places = {n: at for n, at in found.places.items() if at not in unexpected}
     wrong = _wrong(wanted, places, bus, others, told.eeproms)
-    warnings = alike_slaves(wanted) + missing_folder(wanted)
+    warnings = alike_slaves(wanted) + missing_folders(wanted)
     warnings += [
         f"{bus.slaves[n].label} takes no part now, so the file is not checked against its process "
         "data: the next start does that"
