@@ -160,6 +160,9 @@ def _in_order(indices: Iterable[int]) -> list[int]:
 
 
 def _is_read_only(objects: Objects, index: int) -> bool:
-    item = objects.get(index)
+    """Whether a list is known to be read only; one that does not exist cannot be written either."""
+    if index not in objects:
+        return False
+    item = objects[index]
     count = None if item is None else item.entries.get(0)
-    return count is not None and not count.access & Access.WRITE_PREOP
+    return item is None or (count is not None and not count.access & Access.WRITE_PREOP)
