@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import Daemon, names, wait_for
+from conftest import Daemon, names, run_module, wait_for
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -48,3 +48,20 @@ def test_each_change_is_in_the_file(start_daemon: Callable[..., Daemon], tmp_pat
     daemon.ctl("log-level", "dc", "debug")
     assert len(file.read_text().splitlines()) == 2
     assert len(rotated.read_text().splitlines()) == 2
+
+
+def test_a_folder_that_does_not_exist(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    missing = tmp_path / "nowhere"
+    config = f'audit_file = "{missing / "audit"}"\n[gateway]\nlisten = []\n'
+    daemon = start_daemon("troll", config=config)
+    file = str(daemon.config_file)
+    (line,) = [line for line in daemon.log.splitlines() if "audit_file" in line]
+    names(line, "warning", f"{file}:1: audit_file", missing, "make it")
+    (warning,) = daemon.ctl_json("config", "check", file)["warnings"]
+    assert warning in line
+    alone = run_module("ecatd.service", "--check-config", "--config", file)
+    assert (alone.returncode, warning in alone.stderr) == (0, True)
+    missing.mkdir()
+    assert daemon.ctl_json("config", "check", file)["warnings"] == []
+    daemon.ctl("log-level", "dc", "debug")
+    assert (missing / "audit").exists()

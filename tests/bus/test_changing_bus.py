@@ -93,6 +93,11 @@ def told(daemon: Daemon) -> list[str]:
     return [line for line in daemon.log.splitlines() if "bus not as expected" in line]
 
 
+def removed(daemon: Daemon) -> str:
+    """What was last told of slaves that do not answer any more."""
+    return [line for line in daemon.log.splitlines() if "missing; check" in line][-1]
+
+
 def events(daemon: Daemon) -> list[list[str]]:
     """The differences of each event about them."""
     found = daemon.ctl_json("events")["events"]
@@ -125,6 +130,7 @@ def test_an_extra_slave_is_named_once_and_a_restart_is_not_advised(start: Start)
         # A cable that breaks is told by the number of slaves alone.
         rig.faults.break_link(2)
         wait_for(lambda: "slave count changed: 4, now 2" in daemon.log, daemon)
+        names(removed(daemon), "restart", "refused", 'policy = "strict"')
         rig.faults.heal_link(2)
         wait_for(lambda: states(daemon) == ["OP"] * 4, daemon)
         rig.faults.break_link(4)
@@ -169,6 +175,48 @@ def test_a_slave_that_a_restart_would_use(start: Start, text: str) -> None:
     assert told(daemon) == []
 
 
+INSERTED = """
+[[slave]]
+device = "EK1122"
+[[slave]]
+device = "EK1100"
+at = { slave = 0, port = 3 }
+[[slave]]
+device = "EL2008"
+[[slave]]
+device = "EK1100"
+at = { slave = 0, port = 1 }
+[[slave]]
+device = "EL2008"
+[[fault]]
+kind = "break-link"
+slave = 1
+"""
+"""Equal slaves at two cables, of which the first is not plugged in yet."""
+
+
+def test_equal_slaves_that_are_inserted_are_the_new_ones(
+    start_daemon: Start, tmp_path: Path
+) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(INSERTED)
+    products = (0x04622C52, KINDS["EK1100"], KINDS["EL2008"])
+    rows = [
+        f"[[slave]]\nposition = {n}\nvendor = 2\nproduct = {product}\n"
+        for n, product in enumerate(products)
+    ]
+    head = "[gateway]\nlisten = []\n[expected]\nunlisted = false\n"
+    daemon = start_daemon(str(rig), config=head + "".join(rows))
+    with simulator_of(daemon) as simulator:
+        simulator.faults.heal_link(1)
+        wait_for(lambda: len(told(daemon)) == 2, daemon)
+        for line, new in zip(told(daemon), ("slave 1 (EK1100)", "slave 2 (EL2008)"), strict=True):
+            names(line, new, "extra", "behind slave 0 (EK1122)")
+        found = differences(daemon)
+        assert [row["found"] for row in found] == [[1], [2]]
+        assert states(daemon) == ["OP"] * 3
+
+
 # --- a device is exchanged -----------------------------------------------------------------------
 
 
@@ -179,7 +227,7 @@ def test_an_exchanged_slave_is_named_with_both_identities(start: Start) -> None:
         wait_for(lambda: "another device" in daemon.log, daemon)
         (line,) = [line for line in daemon.log.splitlines() if "another device" in line]
         names(line, "slave 3 (EL3008)", "product 0x07D43052", "product 0x0BC03052")
-        names(line, "correct its [[slave]] table")
+        names(line, "correct its [[slave]] table", "refused", 'policy = "strict"')
         (difference,) = differences(daemon)
         assert (difference["kind"], difference["found"]) == ("other device", [3])
         names(difference["text"], "slave 3 (EL2004)", "EL3008", "0x07D43052", "0x0BC03052")
@@ -303,7 +351,43 @@ def test_slaves_that_are_dark_at_a_tolerant_start_come_later(
         wait_for(lambda: states(daemon) == ["OP"] * 4, daemon)
         rig.faults.break_link(first or 1)
         wait_for(lambda: "slave count changed: 4, now" in daemon.log, daemon)
+        names(removed(daemon), "restart", "starts the other slaves", 'policy = "tolerant"')
     assert told(daemon) == [line]
+
+
+@pytest.mark.parametrize(
+    ("more", "number"),
+    [
+        ("serial = 12\n", "serial = 12"),
+        ("revision = 0x00110000\n", "revision = 0x00110000"),
+        ("revision_min = 0x00110000\n", "revision = 0x00120000"),
+    ],
+)
+def test_a_dark_slave_may_have_other_numbers_than_the_description(
+    start: Start, tmp_path: Path, more: str, number: str
+) -> None:
+    rig_file, description = tmp_path / "whole.toml", tmp_path / "whole.json"
+    rig_file.write_text("".join(f'[[slave]]\ndevice = "{kind}"\n' for kind in KINDS))
+    run_module("ecatd.cli", "scan", "--from", str(rig_file), "-o", str(description))
+    dark = '[[fault]]\nkind = "break-link"\nslave = 1\n'
+    daemon = start(config("tolerant", more, str(description)), dark)
+    (tmp_path / "late.py").write_text(f"{SPARES}\nclass Late(EL2008):\n    {number}\n")
+    assert states(daemon) == ["OP"] + ["no answer"] * 3
+    with simulator_of(daemon) as rig:
+        rig.faults.swap(1, f"{tmp_path / 'late.py'}:Late")
+        rig.faults.heal_link(1)
+        wait_for(lambda: states(daemon) == ["OP"] * 4, daemon)
+    assert differences(daemon) == []
+    assert len(told(daemon)) == 1
+
+
+def test_a_dark_slave_without_a_place_is_told_when_it_comes(start: Start) -> None:
+    daemon = start(config("tolerant"), '[[fault]]\nkind = "break-link"\nslave = 3\n')
+    with simulator_of(daemon) as rig:
+        rig.faults.heal_link(3)
+        wait_for(lambda: "restart ecatd to use it" in daemon.log, daemon)
+    (line,) = [line for line in daemon.log.splitlines() if "restart ecatd to use it" in line]
+    names(line, "slave 3 (EL3008)", "no part of the bus")
 
 
 @pytest.mark.long

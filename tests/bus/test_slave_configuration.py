@@ -177,6 +177,23 @@ def test_what_a_slave_refuses_is_named(
     assert re.search(rf"{daemon.config_file}:[1-9]+: slave\[0\]\.\w+", said), said
 
 
+@pytest.mark.parametrize(
+    ("position", "about", "keeps"),
+    [(0, "0x1C12:00", True), (1, "0x1C13:00", True), (2, "0x1C12:01", False)],
+)
+def test_only_a_slave_that_has_lost_its_pdos_must_be_switched_off(
+    start_daemon: Callable[..., Daemon], position: int, about: str, keeps: bool
+) -> None:
+    rig = Path(__file__).parents[1] / "rigs" / "refusing.py"
+    table = f"[[slave]]\nposition = {position}\npdos = [0x1601, 0x1A01]\n"
+    daemon = start_daemon(str(rig), ready=False, config=f"{table}[gateway]\nlisten = []\n")
+    status, log = daemon.wait_end()
+    assert status == 7, log
+    said = one_line_error(log, "ecatd")
+    names(said, f"slave {position}", about)
+    assert ("power" not in said) == keeps
+
+
 def test_a_silent_slave_holds_up_nobody(start_daemon: Callable[..., Daemon]) -> None:
     """It has a parameter for the way to OP, but stays in PREOP, since it does not answer."""
     rig = Path(__file__).parents[1] / "rigs" / "silent.py"

@@ -119,6 +119,8 @@ def test_what_differs_from_the_defaults_is_captured(
         for text in (itself, tables)
     ]
     assert plain[0] == plain[1], "the slave gives the same defaults"
+    names(itself, "# 1 object", "write only")
+    assert daemon.ctl_json("startup", "capture", "axis")["write_only"] == ["0x2000:04"]
     config = read_config(tomllib.loads(f"[[slave]]\nposition = 1\n{tables}"))
     found = [(p.object, p.data) for p in config.slave[0].startup]
     assert found == [("0x2000:03", b"\x32\0"), ("0x2001:01", b"\x09\0")]

@@ -1,6 +1,7 @@
 """`ecatctl config`: the configuration that the bus as it is would have, and what is in force."""
 
 import json
+import re
 import sys
 import tomllib
 from collections.abc import Callable
@@ -143,15 +144,106 @@ def test_a_file_is_checked_against_the_bus(machine: Callable[..., Daemon], tmp_p
     for source in ([], ["--from", str(scan)]):
         found = daemon.ctl("config", "check", str(file), *source, check=False)
         assert found.returncode == 7
-        device, pdos = found.stdout.splitlines()
+        device, *_, pdos = found.stdout.splitlines()
         names(device, "other device", "slave 1 (EL1008)", "0x03F13052", "0x03F03052")
-        names(pdos, "other PDOs", "slave 2", "CiA402", "0x1600", "0x1601")
-        names(pdos, "fails", "--esi")
-    file.write_text("[[slave]]\nposition = 1\npdos = [0x1A55]\n")
-    (terminal,) = daemon.ctl("config", "check", str(file), check=False).stdout.splitlines()
-    names(terminal, "slave 1 (EL1008)", "no CoE", "EEPROM", "0x1A55")
+        names(pdos, "note", "restart", "slave 2 (CiA402)", "0x1600", "0x1601")
     offline = daemon.ctl("config", "init", "--from", str(scan)).stdout
     assert offline.partition("[dc]")[0] == text.partition("[dc]")[0]
+
+
+OTHER_PDOS = "[[slave]]\nposition = 2\npdos = [0x1601, 0x1A01]\n"
+OTHER_MAPPING = """
+[[slave]]
+position = 2
+[[slave.pdo]]
+index = 0x1A00
+entries = [{ object = "0x6041:00", bits = 16 }, { object = "0x6064:00", bits = 32 }]
+"""
+
+
+@pytest.mark.parametrize("table", [OTHER_PDOS, OTHER_MAPPING])
+def test_pdos_that_a_start_writes_are_no_difference(
+    machine: Callable[..., Daemon], tmp_path: Path, table: str
+) -> None:
+    kinds, gateway = ["EK1100", "EL1008", "CiA402"], "[gateway]\nlisten = []\n"
+    daemon = machine(kinds, gateway)
+    file, scan = tmp_path / "machine.toml", tmp_path / "scan.json"
+    daemon.ctl("scan", "-o", str(scan))
+    file.write_text(f"{table}{gateway}")
+    checked = daemon.ctl("config", "check", str(file))
+    (note,) = checked.stdout.splitlines()
+    names(note, "note", "restart", "slave 2 (CiA402)")
+    document = daemon.ctl_json("config", "check", str(file))
+    assert (document["differences"], document["warnings"]) == ([], [])
+    assert [f"note: {text}" for text in document["notes"]] == [note]
+    # A file tells nothing of PDOs that the slave did not exchange.
+    offline = daemon.ctl("config", "check", str(file), "--from", str(scan)).stdout
+    assert note in offline
+    if table == OTHER_PDOS:
+        names(offline, "warning", "0x1601, 0x1A01", "--esi")
+    assert daemon.stop() == 0
+    daemon = machine(kinds, f"{table}{gateway}")
+    assert "notes" in daemon.ctl_json("config", "check", str(daemon.config_file))
+    names(daemon.ctl("config", "check", str(daemon.config_file)).stdout, "3 slaves")
+
+
+ISLAND = """
+[[slave]]
+vendor = 0xFFFF
+product = 0x77
+name = "Plain"
+[slave.mailbox]
+[[slave.pdo]]
+index = 0x1600
+entry = [{ index = 0x7000, subindex = 1, name = "Open", type = "uint16" }]
+[[slave.pdo]]
+index = 0x1601
+assigned = false
+entry = [{ index = 0x7000, subindex = 2, name = "Speed", type = "uint16" }]
+[[slave.object]]
+index = 0x8000
+name = "Ramp"
+entry = [{ subindex = 1, name = "Up", type = "uint16", access = "rw" }]
+"""
+REFUSED = {
+    "missing PDO": ("position = 2\npdos = [0x1605, 0x1A55]", "0x1A55"),
+    "fixed PDO": (
+        "position = 2\n[[slave.pdo]]\nindex = 0x1605\n"
+        "entries = [{ object = '0x6040:00', bits = 16 }]",
+        "0x1605",
+    ),
+    "fixed assignment": ("position = 3\npdos = [0x1601]", "0x1C12"),
+    "no modules": ("position = 3\n[[slave.module]]\nslot = 1\nident = 5", "0xF030"),
+    "no complete access": (
+        "position = 3\n[[slave.startup]]\nobject = '0x8000:01'\nhex = '0100'\ncomplete = true",
+        "0x8000:01",
+    ),
+    "no PDO in the EEPROM": ("position = 1\npdos = [0x1A55]", "0x1A55"),
+}
+"""Tables that a slave refuses, and the object that this is about."""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("what", [*REFUSED])
+def test_what_a_slave_refuses_is_found_in_advance(
+    machine: Callable[..., Daemon], tmp_path: Path, what: str
+) -> None:
+    (table, about), gateway = REFUSED[what], "[gateway]\nlisten = []\n"
+    kinds = ["EK1100", "EL1008", "ElmoGold"]
+    daemon = machine(kinds, gateway, faults=ISLAND)
+    file = tmp_path / "machine.toml"
+    file.write_text(f"[[slave]]\n{table}\n{gateway}")
+    checked = daemon.ctl("config", "check", str(file), check=False)
+    (problem,) = (line for line in checked.stdout.splitlines() if not line.startswith("note: "))
+    names(problem, about)
+    assert daemon.stop() == 0
+    refused = machine(kinds, file.read_text(), ready=False, faults=ISLAND)
+    status, log = refused.wait_end()
+    assert status == checked.returncode, log
+    said = one_line_error(log, "ecatd").removeprefix("error: ")
+    names(said, about)
+    for text in (problem, said):
+        assert re.search(r"\.toml:\d+: slave\[0\]\.\w+", text), text
 
 
 @pytest.mark.long

@@ -42,6 +42,18 @@ def kinds(found: Comparison) -> list[tuple[str, tuple[int, ...], tuple[int, ...]
     return [(item.kind, item.expected, item.found) for item in found.differences]
 
 
+def test_slaves_that_are_known_are_not_the_extra_ones() -> None:
+    config, found = expect(1, 2, 2, 3), bus(1, 2, 2, 2, 2, 3)
+    assert kinds(compare(config, found)) == [("extra", (), (3,)), ("extra", (), (4,))]
+    for first, second, extra in ((1, 4, (2, 3)), (3, 4, (1, 2)), (2, 4, (1, 3))):
+        compared = compare(config, found, known={0: 0, first: 1, second: 2, 5: 3})
+        assert kinds(compared) == [("extra", (), (n,)) for n in extra]
+        assert compared.places == {0: 0, 1: first, 2: second, 3: 5}
+    # What is known decides only between equal slaves.
+    compared = compare(config, bus(1, 3, 2, 2), known={0: 0, 1: 1, 2: 2})
+    assert kinds(compared) == kinds(compare(config, bus(1, 3, 2, 2)))
+
+
 @pytest.mark.parametrize(
     ("found", "differences", "places"),
     [

@@ -18,6 +18,7 @@ from typing import Any
 from ecatd import shm
 from ecatd.log import Log
 from ecatd.model.al import AlState
+from ecatd.model.applied import missing_audit_folder
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError
@@ -99,7 +100,7 @@ class BusServer:
         self._events = EventHistory(publish)
         self._set_levels = set_levels
         self._configured = config.log
-        log.set_audit_file(config.audit_file)
+        self._use_audit_file(config)
         self._worker = Worker()
         self._aborted = threading.Event()  # ends waiting for slaves while the bus is brought up
         self._up = BringUp(config, interface, log, self._aborted.is_set)
@@ -186,8 +187,13 @@ class BusServer:
         if self._fault_files is not None:
             self._fault_files.set_config(config.capture)
         self._configured = config.log
-        self._log.set_audit_file(config.audit_file)
+        self._use_audit_file(config)
         self._events.publish({"event": "configuration", "time_ns": time.time_ns()})
+
+    def _use_audit_file(self, config: Config) -> None:
+        self._log.set_audit_file(config.audit_file)
+        for warning in missing_audit_folder(config):
+            self._log.warning(warning)
 
     def _report_held(self, outputs: list[str]) -> None:
         if outputs:

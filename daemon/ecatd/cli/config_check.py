@@ -4,26 +4,33 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.applied import alike_slaves, load_description, misfits, missing_folder
-from ecatd.model.applied.objects import Objects, object_indices, object_problems
+from ecatd.model.applied import alike_slaves, load_description, misfits, missing_folders
+from ecatd.model.applied.objects import object_indices, object_problems
+from ecatd.model.applied.pdos import (
+    chosen_from_eeprom,
+    indices_text,
+    new_pdos,
+    pdo_change,
+    pdo_obstacles,
+)
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, SlaveConfig, load_config
-from ecatd.model.config.pdos import INPUT_PDOS
 from ecatd.model.doubts import REMEDIES, SILENT
 from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.expected_bus import Difference, compare
 from ecatd.model.health import silent_slaves
 from ecatd.model.problems import Collected
 from ecatd.model.profiles import load_profiles
-from ecatd.model.wire import found_slaves
+from ecatd.model.sii import Sii
+from ecatd.model.wire import found_slaves, known_slaves
 from ecatd.paths import profile_folders
 
 from .bus_source import check_options, get_bus, warn_of_silent
-from .named_objects import esi_objects, live_objects
+from .named_objects import Told, ask_slaves, esi_objects
 from .output import print_json
 
 if TYPE_CHECKING:
@@ -33,7 +40,8 @@ if TYPE_CHECKING:
 def check(options: argparse.Namespace) -> int:
     """Lists the differences between slaves, and what of the file does not fit the bus."""
     wanted = load_config(options.file)
-    bus, wire, idle, states, objects = _bus(options, wanted)
+    bus, devices, idle, states, told = _bus(options, wanted)
+    wire = bus.slaves if devices is None else found_slaves(bus, devices)
     # The slaves of the bus have process data with which tables are compared. What is about slaves
     # that are others, or will have other PDOs, is not known.
     gone = {row["position"] for row in states if not row["al_state"]}
@@ -47,14 +55,21 @@ def check(options: argparse.Namespace) -> int:
         for row in states
         if row["recovery"] in REMEDIES and row["position"] not in gone
     }
-    pdos = _other_pdos(moved, bus, gone | doubtful.keys())
-    others = {position for item in found.differences + pdos for position in item.found}
-    others |= doubtful.keys() | idle | {n for n in gone if not _exchanges(bus.slaves[n])}
-    differences = compare(wanted, wire).differences + pdos
     unexpected = found.unexpected
+    changed = _changed_pdos(moved, bus, gone | doubtful.keys() | unexpected.keys())
+    others = {position for item in found.differences for position in item.found} | changed.keys()
+    others |= doubtful.keys() | idle | {n for n in gone if not _exchanges(bus.slaves[n])}
+    known = known_slaves(found.places, devices or [])
+    differences = compare(wanted, wire, known=known).differences
+    differences += _refused_pdos(moved, bus, changed, told)
+    notes = [
+        f"a restart with this file would change the PDOs of {bus.slaves[n].label}: it exchanges "
+        f"{text}"
+        for n, text in changed.items()
+    ]
     places = {n: at for n, at in found.places.items() if at not in unexpected}
-    wrong = _wrong(wanted, places, bus, others)
-    warnings = alike_slaves(wanted) + missing_folder(wanted)
+    wrong = _wrong(wanted, places, bus, others, told.eeproms)
+    warnings = alike_slaves(wanted) + missing_folders(wanted)
     warnings += [
         f"{bus.slaves[n].label} takes no part now, so the file is not checked against its process "
         "data: the next start does that"
@@ -65,17 +80,19 @@ def check(options: argparse.Namespace) -> int:
         for n, row in doubtful.items()
         if n not in unexpected
     ]
-    if options.esi is not None:
-        devices = described(bus, options.esi)
-        differences += _forbidden(moved, bus, devices)
-        objects |= esi_objects(moved, devices)
+    in_esi = {} if options.esi is None else described(bus, options.esi)
+    differences += _forbidden(moved, bus, in_esi)
+    warnings += _unknown_pdos(moved, bus, changed.keys() - in_esi.keys(), told)
+    objects = dict(told.objects)
+    for n, named in esi_objects(moved, in_esi).items():
+        objects[n] = {**objects.get(n, {}), **named}
     differences += [
         Difference("other objects", (n,), (n,), f"{where}: {bus.slaves[n].label} {text}", False)
         for n, known in objects.items()
         if n in places.values()
         for where, text in (
             (item.table.where(), text)
-            for item, text in object_problems(moved.settings_of(n), known)
+            for item, text in object_problems(moved.settings_of(n), known, told.eeproms.get(n))
         )
     ]
     warnings += [
@@ -96,11 +113,13 @@ def check(options: argparse.Namespace) -> int:
             for item in differences
         ]
         document = {"bus": bus.name, "file": str(options.file), "differences": rows}
-        print_json({**document, "wrong": wrong, "warnings": warnings, "silent": silent})
-    elif differences or wrong or warnings:
+        more = {"wrong": wrong, "warnings": warnings, "notes": notes, "silent": silent}
+        print_json({**document, **more})
+    elif differences or wrong or warnings or notes:
         for item in differences:
             print(f"{item.kind}: {item.text}")
-        for text in (*wrong, *(f"warning: {text}" for text in warnings)):
+        warned = [f"warning: {text}" for text in warnings]
+        for text in (*wrong, *warned, *(f"note: {text}" for text in notes)):
             print(text)
     else:
         count = len(wire)
@@ -116,24 +135,24 @@ def check(options: argparse.Namespace) -> int:
 
 def _bus(
     options: argparse.Namespace, wanted: Config
-) -> tuple[Bus, list[Slave], set[int], list[dict[str, Any]], dict[int, Objects]]:
-    """The bus, and what a start would find on its wire.
+) -> tuple[Bus, list[dict[str, Any]] | None, set[int], list[dict[str, Any]], Told]:
+    """The bus, and the devices that a start would find on its wire; None: the slaves of the bus.
 
-    Also slaves of which the daemon does not know the process data, how slaves are, and the objects
-    that the configuration names, by position; all of these are empty for a bus that does not run.
+    Also slaves of which the daemon does not know the process data, how slaves are, and what they
+    have told; all of these are empty for a bus that does not run.
     """
     if options.sources:
         bus = get_bus(options)
-        return bus, bus.slaves, set(), [], {}
+        return bus, None, set(), [], Told()
     check_options(options)
     from ecatd.client.remote import Remote  # loading Zenoh is slow
 
     with Remote(options.bus, options.connect, options.timeout) as remote:
         bus, rows = remote.describe(), remote.states()
-        wire = found_slaves(bus, remote.rescan()["devices"])
+        devices = remote.rescan()["devices"]
         unexpected = compare(remote.configuration()[0], bus.slaves).unexpected
-        objects = live_objects(remote, wanted, bus, rows)
-    return bus, wire, {n for n in unexpected if not _exchanges(bus.slaves[n])}, rows, objects
+        told = ask_slaves(remote, wanted, bus, rows)
+    return bus, devices, {n for n in unexpected if not _exchanges(bus.slaves[n])}, rows, told
 
 
 def _exchanges(slave: Slave) -> bool:
@@ -151,7 +170,13 @@ def _doubt(row: dict[str, Any], settings: SlaveConfig, slave: Slave) -> str:
     return f"{text}; {REMEDIES[row['recovery']]}"
 
 
-def _wrong(wanted: Config, places: dict[int, int], bus: Bus, others: set[int]) -> list[str]:
+def _wrong(
+    wanted: Config,
+    places: dict[int, int],
+    bus: Bus,
+    others: set[int],
+    eeproms: Mapping[int, Sii],
+) -> list[str]:
     """All for which a start would refuse the configuration."""
     problems = Collected()
     with problems:
@@ -159,6 +184,10 @@ def _wrong(wanted: Config, places: dict[int, int], bus: Bus, others: set[int]) -
     with problems:  # without its profiles, nobody knows what the values of the file mean
         profiles = load_profiles(wanted, profile_folders())
         problems.texts += misfits(wanted.moved(places), bus, profiles, others)
+    for n, sii in eeproms.items():
+        if not bus.slaves[n].coe:
+            with problems:
+                chosen_from_eeprom(bus.slaves[n], sii, wanted.moved(places).settings_of(n))
     return problems.texts
 
 
@@ -173,50 +202,35 @@ def described(bus: Bus, source: str) -> dict[int, EsiDevice]:
     return devices
 
 
-def _other_pdos(wanted: Config, bus: Bus, unknown: Collection[int]) -> list[Difference]:
-    """Slaves that exchange other PDOs, or other entries, than the configuration says."""
-    differences = []
-    for settings in wanted.slave:
-        if settings.position >= len(bus.slaves) or settings.position in unknown:
-            continue
-        slave = bus.slaves[settings.position]
-        text = _pdo_difference(settings, slave)
-        if text:
-            text = f"{slave.label} exchanges {text}: {_advice(settings, slave)}"
-            place = (settings.position,)
-            differences.append(Difference("other PDOs", place, place, text, strict=False))
-    return differences
+def _changed_pdos(wanted: Config, bus: Bus, unknown: Collection[int]) -> dict[int, str]:
+    """By position, which other PDOs, or other entries, a start would write to slaves."""
+    slaves = {n: bus.slaves[n] for n in range(len(bus.slaves)) if n not in unknown}
+    changes = {n: pdo_change(wanted.settings_of(n), slave) for n, slave in slaves.items()}
+    return {n: text for n, text in changes.items() if text}
 
 
-def _advice(settings: SlaveConfig, slave: Slave) -> str:
-    """What to do about other PDOs, with what a start with them would come to."""
-    now = {pdo.index for pdo in (*slave.outputs, *slave.inputs)}
-    new = [index for index in settings.pdos or () if index not in now]
-    if not new:
-        return "restart ecatd with this file, or correct it"
-    which = f"PDO{'s' * (len(new) > 1)} {_indices(new)}"
-    if not slave.coe:
-        return (
-            f"it has no CoE, so it has only the PDOs of its EEPROM, and ecatd does not start with "
-            f"others: correct the file, or restart ecatd with it if its manual has {which}"
-        )
-    return (
-        f"correct the file, or restart ecatd with it; that start fails if the slave does not have "
-        f"{which}, which --esi with its ESI file finds out"
-    )
+def _refused_pdos(
+    wanted: Config, bus: Bus, changed: Collection[int], told: Told
+) -> Iterator[Difference]:
+    """Why slaves would refuse their new PDOs, as far as they have told."""
+    for n in changed:
+        settings, slave, objects = wanted.settings_of(n), bus.slaves[n], told.objects.get(n, {})
+        for key, text in pdo_obstacles(settings, slave, told.eeproms.get(n), objects):
+            text = f"{settings.table.where(key)}: {slave.label} {text}"
+            yield Difference("other PDOs", (n,), (n,), text, strict=False)
 
 
-def _pdo_difference(settings: SlaveConfig, slave: Slave) -> str:
-    now = {pdo.index: pdo for pdo in (*slave.outputs, *slave.inputs)}
-    if settings.pdos is not None and _in_order(list(now)) != _in_order(settings.pdos):
-        return f"the PDOs {_indices(list(now))}, not {_indices(settings.pdos)}"
-    for pdo in settings.pdo:
-        if pdo.index not in now:
-            continue
-        there = [((e.index, e.subindex), e.bit_length) for e in now[pdo.index].entries]
-        if there != [(entry.address, entry.bits) for entry in pdo.entries]:
-            return f"PDO 0x{pdo.index:04X} with other entries than its [[slave.pdo]] has"
-    return ""
+def _unknown_pdos(wanted: Config, bus: Bus, changed: Collection[int], told: Told) -> Iterator[str]:
+    """Warnings about PDOs of which nobody has told whether the slaves have them."""
+    for n in changed:
+        slave = bus.slaves[n]
+        known = told.objects.get(n, {}) if slave.coe or n not in told.eeproms else None
+        new = new_pdos(wanted.settings_of(n), slave)
+        if known is not None and (unknown := [index for index in new if index not in known]):
+            yield (
+                f"{slave.label} has not told whether it has PDO {indices_text(unknown)}; if not, "
+                "a start fails: --esi with its ESI file finds out"
+            )
 
 
 def _forbidden(wanted: Config, bus: Bus, devices: dict[int, EsiDevice]) -> list[Difference]:
@@ -239,12 +253,3 @@ def _forbidden(wanted: Config, bus: Bus, devices: dict[int, EsiDevice]) -> list[
             for kind, text in problems
         ]
     return found
-
-
-def _in_order(indices: list[int]) -> list[int]:
-    """Those of outputs before those of inputs; within these the order counts."""
-    return sorted(indices, key=lambda index: index in INPUT_PDOS)
-
-
-def _indices(indices: list[int]) -> str:
-    return ", ".join(f"0x{index:04X}" for index in indices) or "none"

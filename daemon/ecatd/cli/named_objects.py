@@ -1,37 +1,83 @@
-"""Gets the objects that a configuration names: from the slaves, or from ESI files."""
+"""Gets what slaves have of that which a configuration names: from them, or from ESI files."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.abort_codes import NO_OBJECT
 from ecatd.model.applied.objects import Objects, object_indices
+from ecatd.model.applied.pdos import pdo_change, pdo_objects
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config, SlaveConfig
+from ecatd.model.dictionary import DictionaryObject
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.model.expected_bus import compare
+from ecatd.model.modules import CONFIGURED
+from ecatd.model.sii import Sii
+from ecatd.model.sii_check import check_sii
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
     from ecatd.esi import EsiDevice
-    from ecatd.model.dictionary import DictionaryObject
 
 
-def live_objects(
-    remote: Remote, wanted: Config, bus: Bus, states: list[dict[str, Any]]
-) -> dict[int, Objects]:
-    """Asks the slaves for the objects that the configuration names, by position."""
+@dataclass(slots=True)
+class Told:
+    """What slaves have told, by position.
+
+    Attributes:
+        objects: The objects that the configuration names, and those that a start would write for
+            its PDOs and modules.
+        eeproms: What is in their EEPROMs, where the configuration depends on that.
+    """
+
+    objects: dict[int, Objects] = field(default_factory=dict)
+    eeproms: dict[int, Sii] = field(default_factory=dict)
+
+
+def ask_slaves(remote: Remote, wanted: Config, bus: Bus, states: list[dict[str, Any]]) -> Told:
+    """Asks the slaves for what the configuration names."""
     silent = {row["position"] for row in states if not row["al_state"]}
     found = compare(wanted, bus.slaves, silent)
-    asked = {}
+    told = Told()
     for settings in wanted.moved(found.places).slave:
         n = settings.position
-        if n < len(bus.slaves) and bus.slaves[n].coe and n not in silent | {*found.unexpected}:
-            asked[n] = _ask_objects(remote, settings)
-    return asked
+        if n >= len(bus.slaves) or n in silent | {*found.unexpected}:
+            continue
+        slave = bus.slaves[n]
+        changed = bool(pdo_change(settings, slave))
+        if changed or any(item.complete for item in settings.startup):
+            with suppress(StateError):  # it cannot be read now
+                told.eeproms[n] = check_sii(remote.sii(n))
+        if slave.coe:
+            needed = [CONFIGURED] if settings.module else []
+            needed += pdo_objects(settings, slave, told.eeproms.get(n)) if changed else []
+            told.objects[n] = _ask_needed(remote, n, needed) | _ask_objects(remote, settings)
+    return told
 
 
-def _ask_objects(remote: Remote, settings: SlaveConfig) -> Objects:
+def _ask_needed(
+    remote: Remote, position: int, indices: Iterable[int]
+) -> dict[int, DictionaryObject | None]:
+    """Asks for objects that a slave may have without describing them, as a start does."""
+    objects: dict[int, DictionaryObject | None] = {}
+    for index in indices:
+        try:
+            remote.sdo_read(position, index)
+            objects[index] = DictionaryObject(index, "", 0, 0)
+            objects[index] = remote.describe_object(position, index)
+        except SdoAbortError as error:
+            if index not in objects and error.code == NO_OBJECT:
+                objects[index] = None
+        except (NoAnswerError, StateError):
+            continue
+    return objects
+
+
+def _ask_objects(remote: Remote, settings: SlaveConfig) -> dict[int, DictionaryObject | None]:
     objects: dict[int, DictionaryObject | None] = {}
     for index in object_indices(settings):
         try:

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 _PROTOCOLS = ("AoE", "EoE", "CoE", "FoE", "SoE", "VoE")
 _COE = ("SDO", "SDO information", "PDO assignment", "PDO configuration", "upload at the start")
-_COMPLETE = 0x20
 _USAGES = ("not used", "mailbox out", "mailbox in", "outputs", "inputs")
 _FMMUS = {1: "outputs", 2: "inputs", 3: "mailbox state"}
 
@@ -67,7 +66,7 @@ def _document(sii: Sii) -> dict[str, Any]:
         "group": sii.group,
         "mailbox_protocols": _names(sii.mailbox_protocols, _PROTOCOLS),
         "coe": _names(sii.coe, _COE),
-        "complete_access": bool(sii.coe & _COMPLETE),
+        "complete_access": sii.complete_access,
         "ebus_current_ma": sii.ebus_current,
         "fmmus": [_FMMUS.get(item, "not used") for item in sii.fmmus],
         "sync_managers": [
@@ -111,7 +110,7 @@ def _usage(usage: int) -> str:
 def sii_lines(sii: Sii, size: int) -> Iterator[str]:
     """What is in an EEPROM of so many bytes, for a person."""
     protocols = ", ".join(_names(sii.mailbox_protocols, _PROTOCOLS)) or "none"
-    coe = [*_names(sii.coe, _COE), *(["complete access"] if sii.coe & _COMPLETE else [])]
+    coe = [*_names(sii.coe, _COE), *(["complete access"] if sii.complete_access else [])]
     for name, value in (
         ("size", f"{size} bytes"),
         ("vendor", f"0x{sii.vendor:08X}"),

@@ -233,7 +233,9 @@ def _capture(remote: Remote, options: argparse.Namespace) -> int:
         objects, whose = objects_of(device), f"in {Path(device.path).name}"
     used = remote.configuration()[0]
     meanings = _Meanings(used.moved(compare(used, bus.slaves).places))
-    settings = list(_settings(found, objects))
+    writable = list(_settings(found, objects))
+    settings = [item for item in writable if item.entry.access & Access.READ]
+    write_only = [item.address for item in writable if item not in settings]
     unknown = [item.address for item in settings if item.entry.default is None]
     if settings and len(unknown) == len(settings) and options.esi is None:
         raise StateError(
@@ -242,13 +244,17 @@ def _capture(remote: Remote, options: argparse.Namespace) -> int:
         )
     rows = list(_changed(remote, found, settings, meanings))
     if options.json:
-        document = {"parameters": rows, "without_default": unknown}
+        document = {"parameters": rows, "without_default": unknown, "write_only": write_only}
         print_json({"bus": bus.name, "slave": found.position, **document})
         return 0
     lines = [f"# {found.label}: objects that differ from the defaults {whose}"]
     if unknown:
         text = "without a default, so not compared: " + ", ".join(unknown)
         lines += textwrap.wrap(text, initial_indent="# ", subsequent_indent="# ", width=100)
+    if write_only:
+        one = len(write_only) == 1
+        what = "1 object is" if one else f"{len(write_only)} objects are"
+        lines += [f"# {what} write only, so not compared: --json names {'it' if one else 'them'}"]
     for row in rows:
         name = f"  # {row['name']}; default {row['default']}"
         physical = f"  # {row['physical']}" if row["physical"] else ""
@@ -283,7 +289,7 @@ class _Setting:
 
 
 def _settings(found: Slave, objects: Sequence[DictionaryObject]) -> Iterator[_Setting]:
-    """The objects that can be written and read, and are no process data."""
+    """The objects that can be written, and are no process data."""
     mapped = {
         (entry.index, entry.subindex)
         for outputs in (True, False)
@@ -294,7 +300,6 @@ def _settings(found: Slave, objects: Sequence[DictionaryObject]) -> Iterator[_Se
             if (
                 item.index >= _FIRST_OWN
                 and entry.access & Access.WRITE_PREOP
-                and entry.access & Access.READ
                 and (item.index, subindex) not in mapped
             ):
                 yield _Setting(item.index, subindex, entry)

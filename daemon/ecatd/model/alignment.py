@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from .bus import Slave
 from .config import SlaveConfig
@@ -12,6 +12,10 @@ from .expected_slave import difference
 _OTHER_NUMBER, _OTHER_DEVICE, _MISSING, _EXTRA, _MISSING_ANY, _ABSENT = 4, 8, 7, 6, 2, 1
 """Costs of differences. An exchanged device costs less than one that is missing and another one
 that is extra."""
+
+_OTHER_ONE = 2.0**-16
+"""Cost of an equal slave in the place of the one that is known to belong there. It only decides
+between pairs that are as good as each other, on the longest bus, too; sums of it are exact."""
 
 Pair = tuple[SlaveConfig | None, Slave | None]
 """None stands for a slave that is not expected, or an expected slave that is not there."""
@@ -23,12 +27,22 @@ class Alignment:
     Args:
         slaves: The slaves that were found, by position.
         taken: Positions of slaves that may only stand where any slave may stand.
+        known: Positions of expected slaves, by that of the slave that is known to be this one.
         unlisted: Whether slaves behind all expected ones are allowed.
     """
 
-    def __init__(self, slaves: Sequence[Slave], taken: Collection[int], *, unlisted: bool) -> None:
+    def __init__(
+        self,
+        slaves: Sequence[Slave],
+        taken: Collection[int],
+        known: Mapping[int, int],
+        *,
+        unlisted: bool,
+    ) -> None:
         self._slaves = slaves
         self._taken = taken
+        self._known = known
+        self._there = {*known.values()}
         self._unlisted = unlisted
 
     def pairs(self, expected: Sequence[SlaveConfig]) -> Iterator[Pair]:
@@ -78,12 +92,15 @@ class Alignment:
         return best
 
     def _cost(self, wanted: SlaveConfig, slave: Slave) -> float:
+        other = 0.0
+        if slave.position in self._known or wanted.position in self._there:
+            other = _OTHER_ONE * (self._known.get(slave.position) != wanted.position)
         if wanted.product is None:
-            return 0
+            return other
         if slave.position in self._taken:  # it is another slave
             return math.inf
         kind, _ = difference(wanted, slave)
-        return {"": 0, "other device": _OTHER_DEVICE}.get(kind, _OTHER_NUMBER)
+        return {"": 0, "other device": _OTHER_DEVICE}.get(kind, _OTHER_NUMBER) + other
 
     def _cost_extra(self, slave: Slave, *, at_end: bool) -> float:
         allowed = slave.position in self._taken or (at_end and self._unlisted)

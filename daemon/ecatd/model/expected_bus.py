@@ -6,7 +6,7 @@ each slave behind it.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from .alignment import Alignment, Pair
@@ -61,7 +61,12 @@ class Comparison:
         return {n: item.text for item in self.differences for n in item.found}
 
 
-def compare(config: Config, slaves: Sequence[Slave], gone: Collection[int] = ()) -> Comparison:
+def compare(
+    config: Config,
+    slaves: Sequence[Slave],
+    gone: Collection[int] = (),
+    known: Mapping[int, int] | None = None,
+) -> Comparison:
     """Compares a bus with the `[[slave]]` tables of its configuration.
 
     A position without the identity of a slave may have any slave.
@@ -70,15 +75,24 @@ def compare(config: Config, slaves: Sequence[Slave], gone: Collection[int] = ())
         config: The configuration.
         slaves: The slaves that were found, by position.
         gone: Positions of slaves that are not there any more: they are missing.
+        known: Positions in the configuration of slaves that are known to be the expected ones, by
+            their positions. It decides which of equal slaves is the extra one.
     """
-    return _Comparer(config, slaves, gone).compare()
+    return _Comparer(config, slaves, gone, known or {}).compare()
 
 
 class _Comparer:
-    def __init__(self, config: Config, slaves: Sequence[Slave], gone: Collection[int]) -> None:
+    def __init__(
+        self,
+        config: Config,
+        slaves: Sequence[Slave],
+        gone: Collection[int],
+        known: Mapping[int, int],
+    ) -> None:
         self._config = config
         self._slaves = slaves
         self._gone = gone
+        self._known = known
         self._there = [slave for slave in slaves if slave.position not in gone]
         by_position = {n.position: n for n in config.slave if n.position <= POSITION_MAX}
         last = max((n for n, item in by_position.items() if item.product is not None), default=-1)
@@ -124,7 +138,8 @@ class _Comparer:
                 gone = slave is not None and slave.position in self._taken
                 marked.append((wanted, None if gone else slave))
         taken = self._taken | {slave.position for _, slave in marked if slave is not None}
-        aligned = Alignment(self._slaves, taken, unlisted=self._config.expected.unlisted)
+        unlisted = self._config.expected.unlisted
+        aligned = Alignment(self._slaves, taken, self._known, unlisted=unlisted)
         rest = [item for item in self._expected if item.position not in self._settled]
         return [*map(self._without_gone, (*marked, *aligned.pairs(rest)))]
 

@@ -6,11 +6,20 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from .bus import Module
+from .errors import SdoAbortError
 
 CONFIGURED, DETECTED = 0xF030, 0xF050
 """Objects: the module idents that the device should expect, and those that it has detected."""
 
 _TOLD = 4  # slots in one message
+
+
+def no_slots_text(abort: SdoAbortError) -> str:
+    """Why a slave takes no list of modules, without the slave."""
+    return (
+        f"has no slots for modules (0x{CONFIGURED:04X}: {abort}): remove its [[slave.module]] "
+        "tables"
+    )
 
 
 def module_differences(wanted: Sequence[Module], there: Sequence[Module]) -> str:

@@ -27,6 +27,7 @@ UNASSIGNED = 0xFF
 UNPROGRAMMED = 0xFFFF
 """A word of an EEPROM that was never written."""
 
+_COMPLETE_ACCESS = 0x20  # bit of the CoE details
 _VIRTUAL = 0x04  # bit of the enable byte of a sync manager
 _DIGITAL_OUTPUTS = (0x0F00, 0x0F04)
 _RAM = (0x1000, 0x10000)
@@ -208,6 +209,11 @@ class Sii:
     fmmus: list[int] = field(default_factory=list)
     dc: list[SiiDc] = field(default_factory=list)
     fixed: set[int] = field(default_factory=set)
+
+    @property
+    def complete_access(self) -> bool:
+        """Whether the slave says that whole objects can be transferred at once."""
+        return bool(self.coe & _COMPLETE_ACCESS)
 
     @property
     def damaged(self) -> bool:

@@ -12,6 +12,24 @@ FACTS = ("name", "vendor", "product", "revision", "serial", "alias", "identifica
 """What is known of a device."""
 
 
+def known_slaves(places: Mapping[int, int], devices: Iterable[Mapping[str, Any]]) -> dict[int, int]:
+    """Finds the devices that have kept the station address that the daemon gave them.
+
+    Args:
+        places: Positions on the bus that runs, by position in the configuration.
+        devices: See `found_slaves`.
+
+    Returns:
+        Positions in the configuration by place, for `expected_bus.compare`.
+    """
+    wanted = {at: n for n, at in places.items()}
+    return {
+        place: wanted[device["position"]]
+        for place, device in enumerate(devices)
+        if device["position"] in wanted
+    }
+
+
 def found_slaves(bus: Bus, devices: Iterable[Mapping[str, Any]]) -> list[Slave]:
     """Numbers the devices as a start would find them, for `expected_bus.compare`.
 

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from ecatd.log import Log
-from ecatd.model.applied import alike_slaves, load_description, missing_folder
+from ecatd.model.applied import alike_slaves, load_description, missing_folders
 from ecatd.model.bus_name import check_bus_name
 from ecatd.model.config import Config, load_config, read_config
 from ecatd.model.config.origins import COMMAND_LINE, find_origins
@@ -155,7 +155,7 @@ def _main() -> int:
         log.levels = config.log
         if options.check_config:
             _check_files(config)
-            for warning in alike_slaves(config) + missing_folder(config):
+            for warning in alike_slaves(config) + missing_folders(config):
                 log.warning(warning)
             print(f"{options.config or 'the default configuration'} is valid")
             return 0

@@ -153,10 +153,17 @@ def _behind(wanted: SlaveConfig, comparison: Comparison) -> float:
 
 
 def _described(config: Config, bus: Bus | None) -> dict[int, Slave]:
-    """Returns the slaves of the description, in its order, by position in the configuration."""
+    """Returns the slaves of the description, in its order, by position in the configuration.
+
+    It is about process data. Which device may come is in the tables: it may have another revision
+    or serial number than the one that stood there when the description was written.
+    """
     if bus is None:
         return {}
-    found = compare(config, bus.slaves)
+    of_kind = [
+        replace(item, revision=None, revision_min=None, serial=None) for item in config.slave
+    ]
+    found = compare(replace(config, slave=of_kind), bus.slaves)
     places = sorted(found.places.items(), key=lambda item: item[1])
     return {n: bus.slaves[place] for n, place in places if place not in found.unexpected}
 
@@ -167,6 +174,10 @@ def _stand_in(described: Slave, wanted: SlaveConfig) -> Slave:
         deepcopy(described), problems=[], profiles=[], dc_delay_ns=0, sync0_ns=0, sync1_ns=0
     )
     slave.given_name = wanted.name
+    if wanted.serial is not None:
+        slave.serial = wanted.serial
+    least = wanted.revision_min or 0
+    slave.revision = max(slave.revision, least) if wanted.revision is None else wanted.revision
     slave.alias = wanted.alias or slave.alias
     slave.identification = wanted.identification or slave.identification
     slave.watchdog_ms = None

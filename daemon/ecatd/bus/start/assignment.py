@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TypeVar
 
+from ecatd.model.applied.pdos import ASSIGNMENT
 from ecatd.model.bus import Slave
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.model.pdo import Entry, Pdo
@@ -24,8 +25,6 @@ T = TypeVar("T")
 
 INFORMATION = 0x02
 """Bit of the CoE details in the SII: the slave has the SDO information service."""
-ASSIGNMENT = 0x1C10
-"""Index of the PDO assignment of sync manager 0. That of sync manager n is n higher."""
 _PDOS_MAX, _ENTRIES_MAX = 64, 254
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import STRICT, Config, Mark
+from ecatd.model.config import STRICT, TOLERANT, Config, Mark
 from ecatd.model.expected_bus import Difference
 
 from ..master.master import Master
@@ -30,6 +30,28 @@ class Expectation:
     wire: list[Slave]
     differences: list[Difference]
     positions: dict[int, int]
+
+    def restart_without(self, positions: Iterable[int]) -> str:
+        """What a restart would do if slaves stay missing, or others stay in their places.
+
+        Args:
+            positions: Positions of these slaves on the bus.
+
+        Returns:
+            The end of a sentence; empty if that is not up to the configuration, because it expects
+            none of these slaves.
+        """
+        wanted = {at: n for n, at in self.positions.items()}
+        tables = [self.config.settings_of(wanted[n]) for n in positions if n in wanted]
+        listed = [item for item in tables if item.product is not None and not item.optional]
+        strict = STRICT in map(self.config.policy_of, listed)
+        return f"; until then {restart_text(strict=strict)}" if listed else ""
+
+
+def restart_text(*, strict: bool) -> str:
+    """What a restart would do with a difference from the expected bus."""
+    then = "is refused" if strict else "starts the other slaves"
+    return f'a restart of ecatd {then} (policy = "{STRICT if strict else TOLERANT}")'
 
 
 @dataclass(slots=True)

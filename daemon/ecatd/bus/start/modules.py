@@ -10,12 +10,12 @@ from collections.abc import Sequence
 
 from ecatd.model.bus import Module, Slave
 from ecatd.model.errors import SdoAbortError
-from ecatd.model.modules import CONFIGURED, DETECTED, module_differences
+from ecatd.model.modules import CONFIGURED, DETECTED, module_differences, no_slots_text
 from ecatd.model.sii import Sii
 
 from ..mailbox.coe import Coe
 from ..mailbox.talks import Talk
-from .refused import RefusedError, reason, write
+from .refused import RefusedError, write
 from .value_lists import ValueLists
 
 _SLOTS_MAX = 255
@@ -65,10 +65,8 @@ class Modules:
         try:
             yield from self._coe.upload(CONFIGURED, 0)
         except SdoAbortError as abort:
-            raise RefusedError(
-                f"{self._slave.label} has no slots for modules (0x{CONFIGURED:04X}: "
-                f"{reason(abort)}): remove its [[slave.module]] tables"
-            ) from abort
+            text = no_slots_text(SdoAbortError(abort.code))
+            raise RefusedError(f"{self._slave.label} {text}") from abort
         before = yield from self._lists.read(CONFIGURED, 4, _SLOTS_MAX)
         if _stripped(before) == idents:
             return

@@ -3,16 +3,23 @@
 They are written only where they differ from those of the slave, since some slaves refuse writes to
 objects that they cannot change. Before that, they are compared with the PDOs in the EEPROM and with
 the dictionary, as far as these describe them. The count of an assignment or mapping is set to 0
-before it is written. If the slave then refuses something, its previous PDOs are restored:
+before it is written. If the slave then refuses something, what it has changed is restored:
 otherwise it would go on without some of its PDOs, for no visible reason.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 
 from ecatd.model import abort_codes
+from ecatd.model.applied.pdos import (
+    ASSIGNMENT,
+    chosen_from_eeprom,
+    fixed_text,
+    indices_text,
+    no_channel_text,
+)
 from ecatd.model.bus import Slave
 from ecatd.model.config import PdoConfig, SlaveConfig
 from ecatd.model.config.pdos import INPUT_PDOS
@@ -23,7 +30,7 @@ from ecatd.model.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
 from ..mailbox.coe import Coe
 from ..mailbox.sdo_information import INPUT_OBJECTS, OUTPUT_OBJECTS, describe_entry, list_objects
 from ..mailbox.talks import Talk
-from .assignment import ASSIGNMENT, INFORMATION, Assignment
+from .assignment import INFORMATION, Assignment
 from .refused import RefusedError, write
 
 _MISSING = (abort_codes.NO_OBJECT, abort_codes.NO_SUBINDEX)
@@ -59,6 +66,7 @@ class PdoWriter:
         self._settings = settings
         self._log_detail = log_detail
         self._assignment = Assignment(slave, sii, coe)
+        self._written: set[int] = set()  # objects that the slave has changed
 
     def write(self) -> Talk[None]:
         """Writes the PDOs, and reads them back; a part of a conversation.
@@ -89,8 +97,13 @@ class PdoWriter:
             yield from self._verify(wanted)
         except RefusedError as error:
             try:
-                yield from self._write_all({number: had[number] for number in managers}, old)
+                yield from self._write_all(
+                    {n: had[n] for n in managers if ASSIGNMENT + n in self._written},
+                    {index: mapping for index, mapping in old.items() if index in self._written},
+                )
             except RefusedError as worse:
+                if (yield from self._assignment.pdos()) == (outputs, inputs):
+                    raise error from worse
                 raise RefusedError(
                     f"{error}; then it did not take back the PDOs that it had ({worse}): switch "
                     "its power off and on"
@@ -117,11 +130,7 @@ class PdoWriter:
             number = places.get(index, UNASSIGNED)
             if number not in channels[usage]:
                 if not channels[usage]:
-                    raise RefusedError(
-                        f"{self._slave.label} has no sync manager for "
-                        f"{'inputs' if usage == USAGE_INPUTS else 'outputs'}, so PDO "
-                        f"0x{index:04X} cannot be assigned: remove it from pdos"
-                    )
+                    raise RefusedError(f"{self._slave.label} {no_channel_text(index, usage)}")
                 number = channels[usage][0]
             wanted[number].append(index)
         return wanted
@@ -141,10 +150,7 @@ class PdoWriter:
             if _configured(pdo) == _mapping(now):
                 continue
             if pdo.index in self._sii.fixed:
-                raise RefusedError(
-                    f"{self._slave.label}: the entries of PDO 0x{pdo.index:04X} are fixed, so "
-                    f"they cannot be mapped: remove its [[slave.pdo]], or choose another PDO"
-                )
+                raise RefusedError(f"{self._slave.label} {fixed_text(pdo.index)}")
             changed[pdo.index] = _mapping(now)
         return changed
 
@@ -197,7 +203,7 @@ class PdoWriter:
         if not found:
             return ""
         more = f" and {len(found) - _OFFERED_MOST} more" if len(found) > _OFFERED_MOST else ""
-        return f"; it can map {_indices(found[:_OFFERED_MOST])}{more}"
+        return f"; it can map {indices_text(found[:_OFFERED_MOST])}{more}"
 
     def _offer(self, index: int) -> str:
         """Returns the PDOs of the same direction in the slave's EEPROM, for messages."""
@@ -240,7 +246,8 @@ class PdoWriter:
 
     def _write(self, index: int, subindex: int, form: str, value: int, what: str) -> Talk[None]:
         self._log_detail(what)
-        return write(self._slave, self._coe, (index, subindex), form, value, what)
+        yield from write(self._slave, self._coe, (index, subindex), form, value, what)
+        self._written.add(index)
 
     def _verify(self, wanted: dict[int, list[int]]) -> Talk[None]:
         """Reads the PDOs back, since some slaves accept writes without using them.
@@ -254,8 +261,8 @@ class PdoWriter:
             now = [pdo for pdo in (*outputs, *inputs) if pdo.sync_manager == number]
             if [pdo.index for pdo in now] != indices:
                 raise RefusedError(
-                    f"{self._slave.label} has accepted the PDOs {_indices(indices)} in sync "
-                    f"manager {number}, but has {_indices([pdo.index for pdo in now])}"
+                    f"{self._slave.label} has accepted the PDOs {indices_text(indices)} in sync "
+                    f"manager {number}, but has {indices_text([pdo.index for pdo in now])}"
                 )
             for pdo in now:
                 if pdo.index in own and _mapping(pdo) != _configured(own[pdo.index]):
@@ -273,16 +280,7 @@ def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
     """
     if settings.pdos is None:
         return
-    found: dict[int, Pdo] = {pdo.index: pdo for pdo in (*sii.outputs, *sii.inputs)}
-    for index in settings.pdos:
-        if index not in found:
-            offered = _indices(list(found)) or "none"
-            settings.table.fail(
-                "pdos",
-                f"{slave.label} has no PDO 0x{index:04X}: its EEPROM offers {offered}; choose "
-                "among them, or leave pdos out",
-            )
-    chosen = [found[index] for index in settings.pdos]
+    chosen = chosen_from_eeprom(slave, sii, settings)
     for pdo in chosen:
         if pdo.sync_manager == UNASSIGNED:
             usage = USAGE_INPUTS if pdo.index >= INPUT_PDOS.start else USAGE_OUTPUTS
@@ -299,8 +297,8 @@ def warn_of_none(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
     if settings.pdos is not None or settings.pdo:
         return []
     return [
-        f"{slave.label} has no {what} now, though its EEPROM assigns {_indices(offered)}: switch "
-        "its power off and on, or name the PDOs in its [[slave]] table"
+        f"{slave.label} has no {what} now, though its EEPROM assigns {indices_text(offered)}: "
+        "switch its power off and on, or name the PDOs in its [[slave]] table"
         for what, pdos, offers in (
             ("outputs", slave.outputs, sii.outputs),
             ("inputs", slave.inputs, sii.inputs),
@@ -316,7 +314,3 @@ def _configured(pdo: PdoConfig) -> Mapping:
 
 def _mapping(pdo: Pdo) -> Mapping:
     return [(entry.index, entry.subindex, entry.bit_length) for entry in pdo.entries]
-
-
-def _indices(indices: Iterable[int]) -> str:
-    return ", ".join(f"0x{index:04X}" for index in indices) or "none"

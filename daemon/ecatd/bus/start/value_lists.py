@@ -8,8 +8,6 @@ from ecatd.model.sii import Sii
 from ..mailbox.coe import Coe
 from ..mailbox.talks import Talk
 
-_COMPLETE_ACCESS = 0x20  # bit of the CoE details in the SII
-
 
 class ValueLists:
     """Reads lists from one slave, by complete access if it supports that.
@@ -23,7 +21,7 @@ class ValueLists:
     def __init__(self, coe: Coe, label: str, sii: Sii) -> None:
         self._coe = coe
         self._label = label
-        self._at_once = bool(sii.coe & _COMPLETE_ACCESS)
+        self._at_once = sii.complete_access
 
     def read(self, index: int, size: int, most: int) -> Talk[list[int]]:
         """Reads an object that is a list of values. A missing object counts as an empty list.

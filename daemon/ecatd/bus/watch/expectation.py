@@ -13,14 +13,14 @@ from typing import Any
 
 from ecatd.log import Log
 from ecatd.model.bus import Slave
-from ecatd.model.config import STRICT, TOLERANT
 from ecatd.model.errors import StateError
 from ecatd.model.expected_bus import Comparison, Difference, compare
 from ecatd.model.expected_slave import device
-from ecatd.model.wire import found_slaves
+from ecatd.model.wire import found_slaves, known_slaves
 
 from ..master.wire_scan import scan_wire
 from ..master.worker import Worker
+from ..start.found import restart_text
 from ..start.running import RunningBus
 
 _QUIET_S = 1.0
@@ -53,6 +53,7 @@ class ExpectationWatch:
         self._told = _keyed(running.expectation.differences, running.expectation.wire)
         self._added: set[Key] = set()  # devices that the next start would use
         self._changed_at: float | None = None
+        self._wire: list[Slave | None] = []  # who is where; None for devices that are new
 
     def note(self) -> None:
         """Notes that devices may have come or gone."""
@@ -82,8 +83,11 @@ class ExpectationWatch:
         here = {item["position"] for item in devices}
         # While slaves are away, others may be behind the same cable, and are not told again.
         whole = all(slave.group or slave.position in here for slave in bus.slaves)
+        self._wire = [
+            None if at["position"] is None else bus.slaves[at["position"]] for at in devices
+        ]
         wire = found_slaves(bus, devices)
-        found = compare(config, wire)
+        found = compare(config, wire, known=known_slaves(self._positions, devices))
         self._tell_differences(found.differences, wire, left_alone, whole=whole)
         new = [wire[n] for n, item in enumerate(devices) if item["position"] is None]
         self._tell_added(found, new if len(wire) > len(bus.slaves) else [], whole=whole)
@@ -111,12 +115,17 @@ class ExpectationWatch:
 
     def _tell_one(self, item: Difference) -> None:
         tell = self._log.error if item.strict else self._log.warning
-        then = "is refused" if item.strict else "starts the other slaves"
+        where = f" It is {self._before(item.found[0])}." if item.kind == "extra" else ""
         tell(
-            f"bus not as expected: {item.text}. The bus goes on; a restart of ecatd {then} "
-            f'(policy = "{STRICT if item.strict else TOLERANT}")',
+            f"bus not as expected: {item.text}.{where} The bus goes on; "
+            f"{restart_text(strict=item.strict)}",
             "expected_bus",
         )
+
+    def _before(self, place: int) -> str:
+        """Where on the wire a place is: positions of the bus do not count new devices."""
+        before = [slave for slave in self._wire[:place] if slave is not None]
+        return f"behind {before[-1].label}" if before else "in front of all others"
 
     def _is_told(
         self, item: Difference, wire: Sequence[Slave], left_alone: Mapping[int, str]
@@ -138,7 +147,8 @@ class ExpectationWatch:
         for item in added:
             if _identity(item) not in self._added:
                 identity = device(item.vendor, item.product)
-                text = f"{item.label} is no part of the bus ({identity}): restart ecatd to use it"
+                where = f"{self._before(item.position)} is no part of the bus"
+                text = f"{item.label} {where} ({identity}): restart ecatd to use it"
                 self._log.info(text, "expected_bus")
         now = {_identity(item) for item in added}
         self._added = now if whole else self._added | now

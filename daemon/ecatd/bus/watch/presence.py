@@ -23,6 +23,7 @@ def describe_presence(
     *,
     absent: int = 0,
     by_hand: bool = False,
+    restart: str = "",
 ) -> str:
     """What is wrong with the number of slaves, in words; empty if nothing is.
 
@@ -34,6 +35,7 @@ def describe_presence(
         twice: Positions of those at whose address another device answers, too.
         absent: Number of optional slaves that do not answer at their address.
         by_hand: Whether slaves that were without power do not come back by themselves.
+        restart: What a restart would do without those that are lost, for the end of the sentence.
 
     What a restart would do with others is told by `expectation.py`, when it knows who they are.
     """
@@ -74,9 +76,9 @@ def describe_presence(
         before = bus.slaves[lost[0] - 1].label
         return (
             f"slave count changed: {count}, now {found}: no answer from {first.label} on: "
-            f"{missing}; check the cable behind {before}, and the power of {first.label}"
+            f"{missing}; check the cable behind {before}, and the power of {first.label}{restart}"
         )
     return (
         f"slave count changed: {count}, now {found}: no answer from {name_slaves(bus, lost)}: "
-        f"{missing}; check cables and power"
+        f"{missing}; check cables and power{restart}"
     )

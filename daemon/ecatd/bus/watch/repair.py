@@ -214,7 +214,7 @@ class Repair:
         for position in positions:
             if position not in missing:
                 if text := finder.check(position):
-                    failures[position] = Failure(text, Condition.EXCHANGED)
+                    failures[position] = self._exchanged(position, text)
                 else:
                     here.append(position)
                 yield
@@ -239,13 +239,17 @@ class Repair:
                     self._running.set_up.is_new(position)
                 here.append(position)
             elif position in found.exchanged:
-                failures[position] = Failure(found.exchanged[position], Condition.EXCHANGED)
+                failures[position] = self._exchanged(position, found.exchanged[position])
             else:
                 text = found.unclear.get(position, "")
                 absent = position in self._running.optional and not text
                 condition = Condition.ABSENT if absent else Condition.MISSING
                 failures[position] = Failure(text, condition)
         return here, failures
+
+    def _exchanged(self, position: int, text: str) -> Failure:
+        text += self._running.expectation.restart_without([position])
+        return Failure(text, Condition.EXCHANGED)
 
     def _give_address(self, position: int, place: int) -> None:
         """Gives an identified slave its address; the reference clock is followed from then on."""

@@ -78,9 +78,15 @@ class SlaveWatch:
         self._found = self._added = 0
         self._twice: list[int] = []  # positions of slaves at whose address another one answers, too
         self._absent = set(running.absent)
+        self._restart_without = running.expectation.restart_without
         # What was last told about missing and new slaves. Those of the start were told there.
+        awaited = sorted(running.awaited)
         self._told = describe_presence(
-            running.bus, self._counted, sorted(running.awaited), absent=len(running.absent)
+            running.bus,
+            self._counted,
+            awaited,
+            absent=len(running.absent),
+            restart=self._restart_without(awaited),
         )
         self.states: list[SlaveState] = []
 
@@ -235,6 +241,7 @@ class SlaveWatch:
             self._twice,
             absent=len(absent),
             by_hand=self._by_hand,
+            restart=self._restart_without(lost),
         )
         if text == self._told:
             return

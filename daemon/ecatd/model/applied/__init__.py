@@ -3,7 +3,7 @@
 from .alike import alike_slaves
 from .apply import Applied, apply
 from .description import load_description
-from .folders import missing_folder
+from .folders import missing_audit_folder, missing_folders
 from .misfits import misfits
 from .slaves import check_slaves
 from .watchdogs import check_watchdog
@@ -16,5 +16,6 @@ __all__ = [
     "check_watchdog",
     "load_description",
     "misfits",
-    "missing_folder",
+    "missing_audit_folder",
+    "missing_folders",
 ]

@@ -7,11 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from ..abort_codes import NO_OBJECT
 from ..config import SlaveConfig, StartupConfig
 from ..config.pdos import INPUT_PDOS
 from ..config.placed import Placed
 from ..datatypes import STRINGS, bit_length, decode, parse_type, type_name
 from ..dictionary import Access, DictionaryEntry, DictionaryObject, ObjectCode, access_text
+from ..errors import SdoAbortError
+from ..modules import CONFIGURED, no_slots_text
+from ..sii import Sii
 
 _WRITABLE = {"IP": 0x08, "PS": 0x08, "SP": 0x10, "SO": 0x10, "OS": 0x20}
 """The right that a parameter needs: it is written in the state before the transition."""
@@ -29,21 +33,32 @@ def object_indices(settings: SlaveConfig) -> list[int]:
     return sorted(named - {_GAP})
 
 
-def object_problems(settings: SlaveConfig, objects: Objects) -> Iterator[tuple[Placed, str]]:
-    """Finds start-up parameters and mapped entries that the slave would refuse.
+def object_problems(
+    settings: SlaveConfig, objects: Objects, sii: Sii | None = None
+) -> Iterator[tuple[Placed, str]]:
+    """Finds modules, start-up parameters and mapped entries that the slave would refuse.
 
     Args:
         settings: The table of the slave.
-        objects: Those of `object_indices`, as far as they are known.
+        objects: Those of `object_indices`, and the list of modules, as far as they are known.
+        sii: What is in its EEPROM; None if that is not known.
 
     Yields:
         A table, and a sentence without a subject: `has no object 0x2005:00, to which ...`.
     """
+    if settings.module and CONFIGURED in objects and objects[CONFIGURED] is None:
+        yield settings.module[0], no_slots_text(SdoAbortError(NO_OBJECT))
     for parameter in settings.startup:
         index, subindex = parameter.address
-        if parameter.optional or index not in objects:
+        if parameter.optional:
             continue
         what = f"0x{index:04X}:{subindex:02X}"
+        if parameter.complete and sii is not None and not sii.complete_access:
+            text = f"does not support complete access, as its EEPROM says, so it cannot take {what}"
+            yield parameter, f"{text}: write its entries one by one"
+            continue
+        if index not in objects:
+            continue
         known = objects[index]
         if parameter.complete and known:  # the data have several entries
             if known.code == ObjectCode.VAR:
