@@ -1,7 +1,8 @@
 """A bus at 1 kHz with random faults, whose invariants are checked: `soak.py SECONDS SEED`.
 
 Frames get lost, come late, twice or damaged, cables break, slaves lose their power, fail, or do not
-answer; clients and the gateway are killed or stopped; the room for shared memory fills up. Checked:
+answer; clients and the gateway are killed or stopped; the time of day jumps; the room for shared
+memory and that for files fill up. Checked:
 
 - outputs: no output of an owner is lost or comes twice (`writer.py`);
 - grid: each deadline is on the grid of the cycle, however many were missed;
@@ -30,6 +31,7 @@ from conftest import Daemon
 from ecatd.model.errors import EcatError
 from ecatd.stats import Snapshot, read
 from ecatsim.control import Simulator
+from time_of_day import TimeOfDay
 
 RIG = """\
 name = "soak"
@@ -48,6 +50,15 @@ retry_s = 0.5
 [outputs]
 lease_max_ms = 60000
 wkc_limit = 20
+"""
+FILES = """\
+audit_file = "{files}/audit"
+"""
+CAPTURE = """\
+[capture]
+folder = "{files}"
+memory_mb = 1
+keep = 3
 """
 HEAL_S = 120.0
 GROWTH = {"RSS": 6144, "descriptors": 3, "threads": 2}
@@ -71,6 +82,8 @@ class Soak:
     daemon: Daemon
     simulator: Simulator
     dice: random.Random
+    time_of_day: TimeOfDay
+    files: Path
     writers: dict[int, "subprocess.Popen[bytes]"] = field(default_factory=dict)
     done: Counter[str] = field(default_factory=Counter)
     sizes: dict[str, dict[str, int]] = field(default_factory=dict)
@@ -219,15 +232,32 @@ class Soak:
             return self.daemon.child_pid("ecatd.gateway")
         return 0
 
+    def gateway_hangs(self) -> None:
+        """The gateway is stopped; the daemon notices, and starts another one."""
+        before = self.gateway()
+        with suppress(ProcessLookupError):
+            os.kill(before, signal.SIGSTOP)
+        self.wait_for(lambda: self.gateway() not in (0, before))
+        self.wait_for(lambda: self.daemon.ctl("info", check=False).returncode == 0)
+
+    def clock(self) -> None:
+        """The time of day jumps by minutes to days, forward or back."""
+        self.time_of_day.jump(self.dice.choice((-1, 1)) * self.dice.randrange(60, 200_000))
+        self.daemon.ctl("sdo-read", str(MAILBOX), "0x1018", "1")
+
     def room(self) -> None:
         """Nothing more fits into /dev/shm for a moment; clients still come."""
-        file = Path("/dev/shm/full")
-        with suppress(OSError), file.open("wb", buffering=0) as full:
-            while True:
-                full.write(b"\0" * 65536)
+        file = _fill(Path("/dev/shm"))
         self.dice.choice(list(self.writers.values())).kill()
         time.sleep(0.5)
         self.check()
+        file.unlink()
+
+    def disk(self) -> None:
+        """Nothing more fits on the disk when a fault is to be written, and a change."""
+        file = _fill(self.files)
+        self.fails()
+        self.daemon.ctl("log-level", "dc", self.dice.choice(("debug", "info")))
         file.unlink()
 
     def wait_for(self, condition: Callable[[], bool]) -> None:
@@ -243,8 +273,9 @@ class Soak:
         """Disturbs and checks for some seconds."""
         disturb = [self.frames] * 3 + [self.cable, self.power, self.fails, self.mailbox]
         disturb += [self.client_dies, self.client_hangs, self.gateway_dies]
+        disturb += [self.gateway_hangs, self.clock]
         if own_memory:
-            disturb.append(self.room)
+            disturb += [self.room, self.disk]
         for slave in WRITERS:
             self.write(slave)
         began = time.monotonic()
@@ -282,6 +313,15 @@ class Soak:
         )
 
 
+def _fill(folder: Path) -> Path:
+    """Fills the file system of a folder up, with the file that is returned."""
+    file = folder / "full"
+    with suppress(OSError), file.open("wb", buffering=0) as full:
+        while True:
+            full.write(b"\0" * 65536)
+    return file
+
+
 def main(seconds: float, seed: int) -> None:
     """Runs it.
 
@@ -294,11 +334,19 @@ def main(seconds: float, seed: int) -> None:
         rig = folder / "rig.toml"
         devices = "\n".join(f"[[slave]]\ndevice = '{device}'" for device in DEVICES)
         rig.write_text(RIG.format(devices=devices))
-        daemon = Daemon(folder, str(rig), config=CONFIG)
+        files = folder / "files"
+        files.mkdir()
+        if own_memory:  # also for files, in the mount namespace of the test
+            mount = ["mount", "-t", "tmpfs", "-o", "size=16m", "none", str(files)]
+            subprocess.run(mount, check=True)
+        time_of_day = TimeOfDay(folder)
+        os.environ |= time_of_day.env
+        config = FILES.format(files=files) + CONFIG + CAPTURE.format(files=files)
+        daemon = Daemon(folder, str(rig), config=config)
         try:
             daemon.wait_ready()
             with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
-                soak = Soak(daemon, simulator, random.Random(seed))
+                soak = Soak(daemon, simulator, random.Random(seed), time_of_day, files)
                 try:
                     soak.run(seconds, own_memory=own_memory)
                     soak.report()
@@ -310,6 +358,8 @@ def main(seconds: float, seed: int) -> None:
         finally:
             with suppress(EcatError):
                 daemon.close()
+            if own_memory:
+                subprocess.run(["umount", str(files)], check=True)
 
 
 if __name__ == "__main__":
