@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import re
 import shutil
@@ -50,6 +51,7 @@ def install(place: Place, bus: str, interface: str | None) -> Iterator[Action]:
         yield from _bring_up_to_date(place)
     yield from _configure(place, bus, interface)
     yield from tell_system(place)
+    yield from _release(place, bus, interface)
     if is_masked(place, unit(bus)):
         why = f"it is masked: `systemctl unmask {unit(bus)}`, then install again"
         yield Action("skip", f"systemctl enable {unit(bus)}", why)
@@ -241,6 +243,23 @@ def _configure(place: Place, bus: str, interface: str | None) -> Iterator[Action
         data = _INTERFACE.sub(b'interface = "' + interface.encode() + b'"', example(), count=1)
         data = data.replace(b'bus = "ecat0"', f'bus = "{bus}"'.encode(), 1)
         yield Write("write", str(path), f"the bus at {interface}", file, data)
+
+
+def _release(place: Place, bus: str, interface: str | None) -> Iterator[Action]:
+    """Takes the interfaces of a bus from NetworkManager.
+
+    It finds the property of the udev rule (NM_UNMANAGED) when an interface appears. An interface
+    that it manages already it releases only when it is told so.
+    """
+    if not place.is_running or not shutil.which("nmcli"):
+        return
+    names = [interface]
+    with contextlib.suppress(EcatError):
+        config = load_config(place.at(CONFIGURATION / f"{bus}.toml"))
+        names = [config.interface, config.second_interface]
+    for name in filter(None, names):
+        why = "NetworkManager leaves it alone at once"
+        yield run("nmcli", "device", "set", name, "managed", "no", why=why, may_fail=True)
 
 
 def _state(file: Path) -> str:
