@@ -87,8 +87,8 @@ def _users(area: str, interface: str, folder: Path) -> Iterator[Finding]:
         text = f"{', '.join(addresses)}: other programs send their frames to the slaves"
         remedy = (
             "name the interface in /etc/ecatd/BUS.toml and run `udevadm trigger --action=change "
-            f"--subsystem-match=net`, with NetworkManager also `nmcli device set {interface} managed "
-            f"no`; then `ip addr flush dev {interface}`"
+            f"--subsystem-match=net`, with NetworkManager also `nmcli device set {interface} "
+            f"managed no`; then `ip addr flush dev {interface}`"
         )
         yield Finding(area, "IP addresses", Level.HINT, text, remedy)
     else:
