@@ -8,7 +8,7 @@ import os
 import socket
 import struct
 
-from ecatd.model.eoe import FRAME_MAX, parse_interface
+from ecatd.model.eoe import parse_interface
 from ecatd.model.errors import StateError
 
 _DEVICE = "/dev/net/tun"
@@ -18,6 +18,7 @@ _SIOCGIFFLAGS, _SIOCSIFFLAGS = 0x8913, 0x8914
 _SIOCSIFADDR, _SIOCSIFNETMASK = 0x8916, 0x891C
 _IFF_UP = 0x0001
 _NAME_BYTES = 16
+_READ_MAX = 1 << 16
 _REASONS = {
     errno.ENOENT: "this kernel has no TAP interfaces: run `modprobe tun`",
     errno.ENODEV: "this kernel has no TAP interfaces: run `modprobe tun`",
@@ -42,6 +43,8 @@ class Tap:
     def __init__(self, name: str, address: str) -> None:
         self.name = name
         self._fd = -1
+        if len(name.encode()) >= _NAME_BYTES:
+            raise StateError(f"'{name}' is too long for the name of an interface: 15 bytes at most")
         try:
             self._fd = os.open(_DEVICE, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
             wanted = struct.pack(f"{_NAME_BYTES}sH22x", name.encode(), _IFF_TAP | _IFF_NO_PI)
@@ -88,11 +91,11 @@ class Tap:
             StateError: The interface is gone.
         """
         try:
-            return os.read(self._fd, FRAME_MAX)
+            return os.read(self._fd, _READ_MAX)
         except BlockingIOError:
             return None
         except OSError as error:
-            raise StateError(f"interface {self.name} is gone: {error.strerror}") from error
+            raise StateError(f"interface {self.name} is gone: somebody has removed it") from error
 
     def write(self, frame: bytes) -> bool:
         """Hands a frame to this computer; returns whether it has taken it."""

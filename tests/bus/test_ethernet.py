@@ -146,6 +146,31 @@ def test_a_web_server_behind_a_slave(machine: Callable[..., Machine]) -> None:
     bench.inside("fetch", "web0", "192.168.7.3", "200000")
 
 
+@pytest.mark.long
+def test_a_slave_that_sends_all_the_time_is_asked_nevertheless(
+    machine: Callable[..., Machine], tmp_path: Path
+) -> None:
+    """It takes no message before its own one has been read."""
+    rig = RIG.replace('["eoe"]', '["eoe", "coe", "foe"]')
+    bench = machine(rig.replace('order = "Large"', 'order = "Large"\neoe_interface = "web0"'))
+    server = bench.daemon.child_pid("ecatd.bus")
+    to_all = f"{6 * 'ff'}020000000002{1400 * '55'}"
+    file = tmp_path / "f.bin"
+    file.write_bytes(bytes(range(256)) * 40)
+    command = [sys.executable, str(INSIDE), str(server), "send", "web0", to_all, "1000000", "0"]
+    with subprocess.Popen(command) as flood:
+        try:
+            wait_for(lambda: int(str(bench.port(2)["received"])) > 100, bench.daemon)
+            bench.daemon.ctl("foe-write", "--yes", "2", str(file))
+            assert bench.daemon.ctl_json("sdo-read", "2", "0x1018", "1")["value"] == 2
+            assert bench.ip("2")["address"] == "192.168.7.3"
+        finally:
+            flood.kill()
+    assert bench.daemon.child_pid("ecatd.bus") == server
+    bench.daemon.ctl("foe-read", "2", "f.bin", "-o", str(tmp_path / "back.bin"))
+    assert (tmp_path / "back.bin").read_bytes() == file.read_bytes()
+
+
 def test_ip_parameters_are_read_and_written(machine: Callable[..., Machine]) -> None:
     bench = machine()
     found = bench.ip("web")
@@ -161,6 +186,9 @@ def test_ip_parameters_are_read_and_written(machine: Callable[..., Machine]) -> 
     ctl("eoe-write", "2", "--address", "10.0.0.5/8", "--dns", "10.0.0.1")
     text = ctl("eoe-read", "2").stdout
     names(text, "10.0.0.5", "255.0.0.0", "10.0.0.1", "02:00:00:00:00:0a")
+    ctl("eoe-write", "2", "--dns", "none", "--name", "none")
+    assert (bench.ip("2")["dns"], bench.ip("2")["name"]) == (None, None)
+    names(ctl("config", "init").stdout, "[eoe]", "eoe0", "[slave.eoe]", "192.168.7.2/24")
     names(bench.daemon.log, "slave 2 (Large)", "10.0.0.5/8", "192.168.7.3/24")
     for arguments, said in (
         (("eoe-write", "2"), "--address"),
@@ -217,6 +245,13 @@ def test_what_the_configuration_cannot_mean(
         ('[[slave]]\nposition = 1\n[slave.eoe]\ngateway = "192.168.7.2"\n', "slave[0].eoe.gateway"),
         ('[[slave]]\nposition = 1\n[slave.eoe]\nmac = "no"\n', "slave[0].eoe.mac"),
         ('[eoe]\naddress = "192.168.7.1/24"\n', "eoe.interface"),
+        ('[eoe]\ninterface = "eoe 0"\n', "eoe.interface"),
+        ('[eoe]\ninterface = "lo"\n', "eoe.interface"),
+        ('[eoe]\ninterface = "eoe0"\naddress = "192.168.7.255/24"\n', "eoe.address"),
+        (CONFIG.replace("7.3", "7.2"), "slave[1].eoe.address"),
+        (CONFIG.replace("7.3/24", "8.3/24"), "slave[1].eoe.address"),
+        (CONFIG.replace('gateway = "192.168.7.1"', 'gateway = "10.0.0.1"'), "slave[0].eoe.gateway"),
+        (CONFIG.replace("position = 2", "position = 2\nmailbox_poll_ms = 0"), "slave 2 (Large)"),
     ):
         daemon = start_daemon(str(file), config=tables, ready=False)
         status, log = daemon.wait_end()
@@ -225,8 +260,8 @@ def test_what_the_configuration_cannot_mean(
 
 
 def test_an_interface_that_cannot_be_made(machine: Callable[..., Machine]) -> None:
-    bench = machine(config=CONFIG.replace('"eoe0"', '"lo"'))
-    names(bench.daemon.log, "warning", "lo")
+    bench = machine(config=CONFIG.replace('"eoe0"', '"ecat-master"'))
+    names(bench.daemon.log, "warning", "ecat-master")
     assert bench.daemon.ctl_json("eoe")["problem"]
-    names(bench.daemon.ctl("eoe").stdout, "lo")
+    names(bench.daemon.ctl("eoe").stdout, "ecat-master")
     assert [_state(bench, position) for position in range(3)] == 3 * ["OP"]

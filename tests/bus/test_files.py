@@ -104,6 +104,27 @@ def test_wrong_requests(bus: Daemon, arguments: str, status: int, tokens: tuple[
     names(text, *tokens)
 
 
+@pytest.mark.long
+def test_a_slave_that_takes_no_message_keeps_nobody_else_waiting(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    """It has the worker to itself for no longer than any other slave."""
+    bus = start_daemon(str(RIG))
+    server = bus.child_pid("ecatd.bus")
+    file = tmp_path / "x.bin"
+    file.write_bytes(bytes(5000))
+    with Simulator(str(bus.child_pid("ecatsim"))) as simulator:
+        simulator.faults.mailbox(0, "full")
+        assert bus.ctl("sdo-read", "0", "0x1018", "1", check=False).returncode == 4
+        failed = bus.ctl("foe-write", "0", str(file), "--as", "other.bin", "--yes", check=False)
+        assert failed.returncode == 4, failed.stderr
+        names(one_line_error(failed.stderr, "ecatctl"), "slave 0", "does not take messages")
+        assert bus.ctl("sdo-read", "2", "0x1018", "1").returncode == 0
+        simulator.faults.mailbox(0, "none")
+    assert bus.child_pid("ecatd.bus") == server
+    bus.ctl("foe-write", "0", str(file), "--as", "other.bin", "--yes")
+
+
 def test_a_full_disk_of_the_slave(bus: Daemon, tmp_path: Path) -> None:
     file = tmp_path / "big.bin"
     file.write_bytes(bytes(9000))

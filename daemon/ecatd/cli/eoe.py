@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.eoe import parse_address, parse_interface, parse_mac, parse_name
+from ecatd.model.eoe import NONE, parse_address, parse_interface, parse_mac, parse_name
 from ecatd.model.errors import UsageError
 
 from .arguments import slave
@@ -40,21 +40,26 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
             ("mac", "MAC", parse_mac, "MAC address"),
         ):
             command.add_argument(
-                f"--{option}", metavar=metavar, type=_checked(parse), help=text + _AS[option]
+                f"--{option}",
+                metavar=metavar,
+                type=_checked(option, parse),
+                help=text + _AS[option],
             )
 
 
 _AS = {
     "address": ", as 192.168.7.2/24",
-    "gateway": ", as 192.168.7.1",
-    "dns": "",
-    "name": "",
+    "gateway": ", as 192.168.7.1, or none",
+    "dns": ", or none",
+    "name": ", or none",
     "mac": ", as 02:00:00:00:00:01",
 }
 
 
-def _checked(parse: Callable[[str], object]) -> Callable[[str], str]:
+def _checked(option: str, parse: Callable[[str], object]) -> Callable[[str], str]:
     def check(text: str) -> str:
+        if text == NONE and "none" in _AS[option]:
+            return text
         try:
             parse(text)
         except UsageError as error:

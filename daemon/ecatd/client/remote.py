@@ -322,9 +322,9 @@ class Remote:
             slave: Position or name.
             mac: MAC address, as `02:00:00:00:00:01`.
             address: IP address with the size of the network, as `192.168.7.2/24`.
-            gateway: Default gateway.
-            dns: DNS server.
-            name: DNS name.
+            gateway: Default gateway, or "none".
+            dns: DNS server, or "none".
+            name: DNS name, or "none".
 
         Returns:
             What the slave has now, as `read_ip`, and what it had, as `before`.

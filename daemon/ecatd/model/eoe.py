@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
-from ipaddress import AddressValueError, IPv4Address, IPv4Network, NetmaskValueError
+from ipaddress import AddressValueError, IPv4Address, IPv4Interface, IPv4Network, NetmaskValueError
 
 from .errors import UsageError
 
@@ -20,6 +20,9 @@ FRAME_MIN = 60
 """Fewest bytes of a frame on a cable, without its checksum; shorter ones get zeros."""
 NAME_MAX = 31
 """Most bytes of a DNS name; the field has a zero at its end."""
+
+NONE = "none"
+"""Stands for no gateway, no DNS server or no name, where None leaves it as it is."""
 
 _HEADER = struct.Struct("<HH")  # type, port and flags; fragment, or result
 HEADER_BYTES = _HEADER.size
@@ -264,15 +267,13 @@ def parse_interface(text: str) -> tuple[IPv4Address, IPv4Address]:
     Raises:
         UsageError: It is none.
     """
-    address, slash, size = text.partition("/")
-    try:
-        if not slash:
-            raise NetmaskValueError
-        return parse_address(address), IPv4Network(f"0.0.0.0/{size}").netmask
-    except NetmaskValueError:
-        raise UsageError(
-            f"'{text}' is no address with its network: write it as 192.168.7.2/24"
-        ) from None
+    address, _, size = text.partition("/")
+    if not (size.isascii() and size.isdigit() and 1 <= int(size) <= 31):
+        raise UsageError(f"'{text}' is no address with its network: write it as 192.168.7.2/24")
+    found = IPv4Interface((parse_address(address), int(size)))
+    if size != "31" and found.ip in (found.network[0], found.network[-1]):
+        raise UsageError(f"'{text}' is the network or all of its devices, and no address of one")
+    return found.ip, found.netmask
 
 
 def parse_address(text: str) -> IPv4Address:
@@ -285,7 +286,8 @@ def parse_address(text: str) -> IPv4Address:
         address = IPv4Address(text)
     except AddressValueError:
         raise UsageError(f"'{text}' is no IP address: write it as 192.168.7.2") from None
-    if address.is_multicast or address.is_unspecified or int(address) == 0xFFFFFFFF:
+    wrong = address.is_multicast or address.is_unspecified or address.is_loopback
+    if wrong or address.is_reserved:
         raise UsageError(f"{address} is no IP address of a device: choose another one")
     return address
 

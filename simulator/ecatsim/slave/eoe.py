@@ -38,9 +38,6 @@ class EthernetHost(Interface):
     def poll(self) -> list[bytes]:
         """Returns frames that nobody has asked for."""
 
-    def open(self) -> None:
-        """Begins, as at power-on."""
-
     def close(self) -> None:
         """Ends, as without power."""
 

@@ -6,11 +6,10 @@ of UDP (RFC 862). A device with one is a cable to it: whatever runs at the inter
 
 from __future__ import annotations
 
-import contextlib
 import struct
 
-from ecatd.model.eoe import FRAME_MIN, IpParameters
-from ecatd.model.errors import UsageError
+from ecatd.model.eoe import FRAME_MAX, FRAME_MIN, IpParameters
+from ecatd.model.errors import StateError
 from ecatd.tap import Tap
 
 _ETHERNET = struct.Struct(">6s6sH")
@@ -37,20 +36,8 @@ class TapHost:
         self._tap: Tap | None = None
 
     def set_ip(self, parameters: IpParameters) -> None:
-        """Takes other IP parameters; the interface gets address and mask."""
+        """Takes other IP parameters; the interface has its own."""
         self.ip = parameters
-        if self._tap is not None and parameters.address and parameters.mask:
-            with contextlib.suppress(OSError, UsageError):
-                self._tap.set_address(parameters.interface)
-
-    def open(self) -> None:
-        """Makes the interface.
-
-        Raises:
-            StateError: The system does not permit it.
-        """
-        if self._tap is None:
-            self._tap = Tap(self._name, "")
 
     def close(self) -> None:
         """Removes the interface."""
@@ -65,12 +52,19 @@ class TapHost:
         return []
 
     def poll(self) -> list[bytes]:
-        """Returns the frames that wait at the interface."""
+        """Returns the frames that wait at the interface, which is made if it is not there.
+
+        Raises:
+            StateError: The system does not permit it.
+        """
+        if self._tap is None:
+            self._tap = Tap(self._name, "")
         frames: list[bytes] = []
-        while self._tap is not None and len(frames) < _AT_ONCE:
-            if (frame := self._tap.read()) is None:
-                break
-            frames.append(frame)
+        try:
+            while len(frames) < _AT_ONCE and (frame := self._tap.read()) is not None:
+                frames.append(frame[:FRAME_MAX])
+        except StateError:  # somebody has removed it
+            self.close()
         return frames
 
 
@@ -78,10 +72,6 @@ class EchoHost:
     """Answers ARP, ping and echo at its IP address."""
 
     def __init__(self) -> None:
-        self.ip = IpParameters()
-
-    def open(self) -> None:
-        """Begins without IP parameters."""
         self.ip = IpParameters()
 
     def close(self) -> None:

@@ -134,6 +134,11 @@ class MailboxServer:
         return self.fault.mode != MailboxMode.FULL and len(self._queue) < _MAX_WAITING
 
     @property
+    def has_room(self) -> bool:
+        """Whether there is room for messages that nobody has asked for."""
+        return len(self._queue) < _MAX_WAITING // 4
+
+    @property
     def _is_stuck(self) -> bool:
         return self.fault.mode == MailboxMode.STUCK
 

@@ -67,9 +67,7 @@ class Services:
         """Connects to a slave of a segment, closed as in INIT; None disconnects."""
         self._bus = (segment, position) if segment else None
         self.close()
-        if segment:
-            self._ethernet.open()
-        else:
+        if not segment:
             self._ethernet.close()
 
     def open(self, state: AlState) -> None:
@@ -115,7 +113,7 @@ class Services:
         """Takes a waiting mail and offers answers that are due."""
         if not self._is_open:
             return
-        if Protocol.EOE in self.server.handlers:
+        if Protocol.EOE in self.server.handlers and self.server.has_room:
             self._eoe.run()
         self.server.tick(now)
         if self._waiting and self.server.accepts and self._bus:

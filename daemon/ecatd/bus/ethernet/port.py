@@ -88,7 +88,7 @@ class SlavePort:
             sent = 0
             others = yield from read_messages(coe)
             while self._waiting and sent < _TURN:
-                yield from send_frame(coe, self._waiting.popleft(), next(self._numbers))
+                yield from send_frame(coe.mailbox, self._waiting.popleft(), next(self._numbers))
                 sent += 1
                 self.sent += 1
                 others += yield from read_messages(coe)

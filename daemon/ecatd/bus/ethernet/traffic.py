@@ -10,6 +10,7 @@ from typing import Any
 from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config.eoe import EoeConfig
+from ecatd.model.eoe import FRAME_MAX
 from ecatd.model.errors import EcatError, StateError
 from ecatd.tap import Tap
 
@@ -141,7 +142,8 @@ class EthernetTraffic:
             return
         self._problem = ""
         self._loop.add_reader(tap, self._read, tap)
-        self._log.info(f"interface {tap.name} leads to {len(self._slaves)} slaves with EoE")
+        count = len(self._slaves)
+        self._log.info(f"interface {tap.name} leads to {count} slave{'s' * (count != 1)} with EoE")
 
     def _close(self) -> None:
         if self._tap is not None:
@@ -154,10 +156,14 @@ class EthernetTraffic:
             for _ in range(_AT_ONCE):
                 if (frame := tap.read()) is None:
                     return
+                if len(frame) > FRAME_MAX:  # somebody has set a larger MTU
+                    self._dropped += 1
+                    continue
                 self._received += 1
                 self._switch.forward(frame, 0)
         except StateError as error:
-            self._log.warning(str(error))
+            self._problem = str(error)
+            self._log.warning(f"{error}; ecatd makes it again within {_RETRY_S:g} s")
             self._close()
 
     def _to_computer(self, frame: bytes) -> None:
@@ -196,6 +202,9 @@ class EthernetTraffic:
                     await asyncio.sleep(_SILENT_S)
                     continue
                 if moved:
+                    if silent:
+                        text = f"{slave.label} gets Ethernet frames again"
+                        self._log.info(text, slaves=[slave.position])
                     silent = ""
                     until = self._loop.time() + _BUSY_S
                 elif not work.is_set():

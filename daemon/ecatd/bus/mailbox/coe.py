@@ -71,6 +71,7 @@ class Coe:
         self.position = position
         self.line = line
         self.mailbox = Mailbox(station, line, alone=alone)
+        self.mailbox.on_other = self.note
         self.emergencies: list[tuple[int, int]] = []
         self._patience_s: float | None = None  # for requests that give no time of their own
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 from ecatd.model.eoe import (
@@ -15,7 +14,7 @@ from ecatd.model.eoe import (
     result_text,
     type_of,
 )
-from ecatd.model.errors import NoAnswerError, StateError, UsageError
+from ecatd.model.errors import StateError, UsageError
 
 from .coe import Coe
 from .mailbox import HEADER_BYTES as MAILBOX_HEADER_BYTES
@@ -69,28 +68,18 @@ def _answer(wanted: EoeType) -> Callable[[bytes], bytes | None]:
     return lambda body: body if type_of(body) == wanted else None
 
 
-def send_frame(coe: Coe, frame: bytes, number: int) -> Talk[None]:
-    """Sends a frame to a slave, and reads what the slave sends meanwhile.
+def send_frame(mailbox: Mailbox, frame: bytes, number: int) -> Talk[None]:
+    """Sends a frame to a slave.
 
     Args:
-        coe: The conversation with the slave, with its mailbox open. It notes emergencies.
+        mailbox: The mailbox, open.
         frame: The frame.
         number: See `fragments`.
 
     Raises:
         NoAnswerError: The slave does not take the frame.
     """
-    mailbox = coe.mailbox
     for body in fragments(frame, mailbox.size - MAILBOX_HEADER_BYTES, number):
-        deadline = time.monotonic() + coe.line.answer_s
-        # Some slaves take no message before their own one has been read.
-        while mailbox.has_mail or not mailbox.is_free:
-            yield from read_messages(coe)
-            if not mailbox.is_free:
-                yield []
-                yield from mailbox.look()
-                if time.monotonic() > deadline:
-                    raise NoAnswerError("the slave does not take Ethernet frames")
         yield from mailbox.send(Protocol.EOE, body)
 
 

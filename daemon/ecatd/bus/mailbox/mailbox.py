@@ -25,6 +25,9 @@ T = TypeVar("T")
 _TURN_S = 12.0
 """Most seconds that a conversation waits for the conversations before it."""
 
+_TAKE_S = 5.0
+"""Seconds that a slave has at least to take a message, which it may do only after other work."""
+
 _REPEAT_S = 0.1
 """Seconds that a slave has to put a lost message into its mailbox again. Some slaves cannot."""
 
@@ -101,7 +104,7 @@ class Mailbox:
     Attributes:
         skipped: Number of messages that came while waiting for an answer, but were not this answer.
         on_other: Called with protocol and body of each message of another protocol that comes
-            instead of the answer.
+            instead of the answer, and of each message that comes before a request can be sent.
     """
 
     def __init__(self, station: int, line: Line, *, alone: bool = False) -> None:
@@ -220,18 +223,11 @@ class Mailbox:
         for _ in range(most):
             if not self._has_mail:
                 break
-            mail = yield from self._read()
-            length, _, _, kind = _HEADER.unpack_from(mail)
-            body = mail[_HEADER.size : _HEADER.size + length]
-            if not self._take_fragment(kind & 0x0F, body):
-                found.append((kind & 0x0F, body))
+            protocol, body = yield from self._next()
+            if not self._take_fragment(protocol, body):
+                found.append((protocol, body))
             yield from self._look()
         return found
-
-    @property
-    def is_free(self) -> bool:
-        """Whether the half that the master writes was empty when the slave was last asked."""
-        return self._is_free
 
     @property
     def has_mail(self) -> bool:
@@ -278,9 +274,7 @@ class Mailbox:
         mail = _HEADER.pack(len(body), 0, 0, protocol | next(self._line.counter) << 4) + body
         # In full length: the slave gets the message when the last byte of the mailbox is written.
         mail = mail.ljust(self._out.size, b"\0")
-        while not self._is_free:
-            yield from self._look()
-            self._check_time("it does not take messages")
+        yield from self._wait_until_free()
         while True:
             self._is_free = False
             written, managers = yield [fpwr(self._station, self._out.start, mail), self._question]
@@ -296,6 +290,30 @@ class Mailbox:
             # Either the message has not arrived, or the slave has already taken it. In the second
             # case, the slave drops the repetition, since its counter is the same.
             self._check_time("it does not take messages")
+
+    def _wait_until_free(self) -> Talk[None]:
+        """Waits until the slave has taken the last message, and reads what it sends meanwhile.
+
+        Some slaves take no message before their own one has been read.
+        """
+        limit = time.monotonic() + max(_TAKE_S, self._line.answer_s)
+        while not self._is_free:
+            if self._has_mail:
+                protocol, body = yield from self._next()
+                if not self._take_fragment(protocol, body):
+                    self.on_other(protocol, body)
+            else:
+                yield []
+            yield from self._look()
+            if time.monotonic() > limit:
+                raise NoAnswerError("the slave does not take messages")
+            self._check_time("it does not take messages")
+
+    def _next(self) -> Talk[tuple[int, bytes]]:
+        """Reads a message that waits; returns its protocol and its body."""
+        mail = yield from self._read()
+        length, _, _, kind = _HEADER.unpack_from(mail)
+        return kind & 0x0F, mail[_HEADER.size : _HEADER.size + length]
 
     def _read(self) -> Talk[bytes]:
         asked_again = False

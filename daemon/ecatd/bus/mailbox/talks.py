@@ -31,6 +31,9 @@ _PAUSE_S = 0.0002
 _NAMED = 5
 """Most errors in one message."""
 
+_ROUNDS = 16
+"""Most rounds between two yields of conversations that never wait."""
+
 _LOOKING = 2
 """Rounds between two waits of a conversation that looks for an answer and finds none."""
 
@@ -40,7 +43,8 @@ def talk_all(
 ) -> Steps[tuple[dict[int, T], dict[int, EcatError]]]:
     """Runs all conversations at the same time, and yields whenever all of them wait.
 
-    It yields true if slaves have answered since the last time. Then the next step should come soon.
+    If they never do, it yields every `_ROUNDS` rounds, so that other work goes on. It yields true
+    if slaves have answered since the last time. Then the next step should come soon.
 
     Returns:
         The results, and the errors of the failed conversations, both by their numbers in `talks`.
@@ -66,7 +70,7 @@ def talk_all(
             asked, wanted = wanted, {}
             datagrams = [datagram for item in asked.values() for datagram in item]
             rounds += 1
-            if not datagrams:
+            if not datagrams or rounds > _ROUNDS:
                 yield rounds > _LOOKING  # with more rounds, an answer was read and a request sent
                 rounds = 0
             answers = iter(registers.exchange(datagrams, repeat=False))

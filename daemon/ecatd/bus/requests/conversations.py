@@ -108,7 +108,6 @@ class Conversations:
     ) -> T:
         """Has a conversation of a protocol other than CoE, and notes emergencies meanwhile."""
         coe = self._master.coe(slave.position, alone=True)
-        coe.mailbox.on_other = coe.note
 
         def talk() -> Talk[T]:
             _check_state(slave, (yield from coe.mailbox.look()), without)

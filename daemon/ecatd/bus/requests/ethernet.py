@@ -6,10 +6,17 @@ from dataclasses import replace
 from typing import Any
 
 from ecatd.log import Log
-from ecatd.model.bus import Bus
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.config.eoe import SlaveEoeConfig
-from ecatd.model.eoe import IpParameters, parse_address, parse_interface, parse_mac, parse_name
-from ecatd.model.errors import StateError
+from ecatd.model.eoe import (
+    NONE,
+    IpParameters,
+    parse_address,
+    parse_interface,
+    parse_mac,
+    parse_name,
+)
+from ecatd.model.errors import StateError, UsageError
 from ecatd.model.requests.ethernet import ReadIp, WriteIp
 
 from ..mailbox.eoe import get_ip, set_ip
@@ -38,7 +45,7 @@ class Ethernet:
         Raises:
             StateError: There is no such slave, it has no EoE, or it refuses the request.
         """
-        slave = self._bus.find(request.slave)
+        slave = self._find(request.slave)
         return (await self._conversations.eoe(slave, get_ip)).to_map()
 
     async def write(self, request: WriteIp) -> dict[str, Any]:
@@ -48,8 +55,10 @@ class Ethernet:
             StateError: As `read`.
             UsageError: A parameter is malformed.
         """
-        slave = self._bus.find(request.slave)
+        slave = self._find(request.slave)
         wanted = _parameters(request)
+        if not wanted:
+            raise UsageError("nothing is to be written: give at least one IP parameter")
 
         def talk(mailbox: Mailbox) -> Talk[tuple[IpParameters, IpParameters]]:
             try:
@@ -64,11 +73,18 @@ class Ethernet:
             return before, after
 
         before, after = await self._conversations.eoe(slave, talk)
-        self._log.notice(
-            f"{slave.label}: IP parameters changed from {before.text} to {after.text} by "
-            f"{request.by}"
-        )
+        if before != after:
+            self._log.notice(
+                f"{slave.label}: IP parameters changed from {before.text} to {after.text} by "
+                f"{request.by}"
+            )
         return {**after.to_map(), "before": before.to_map()}
+
+    def _find(self, name: int | str) -> Slave:
+        slave = self._bus.find(name)
+        if not slave.eoe:
+            raise StateError(f"{slave.label} has no EoE: `ecatctl eoe` lists the slaves that have")
+        return slave
 
 
 def _parameters(request: WriteIp) -> dict[str, Any]:
@@ -83,5 +99,5 @@ def _parameters(request: WriteIp) -> dict[str, Any]:
         ("name", parse_name),
     ):
         if (text := getattr(request, key)) is not None:
-            found[key] = parse(text)
+            found[key] = None if text == NONE and key != "mac" else parse(text)
     return found

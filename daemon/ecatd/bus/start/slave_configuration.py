@@ -17,7 +17,7 @@ from __future__ import annotations
 from ecatd.model.bus import Slave
 from ecatd.model.config import TRANSITIONS_DOWN, SlaveConfig, StartupConfig
 from ecatd.model.config.eoe import SlaveEoeConfig
-from ecatd.model.errors import SdoAbortError, StateError
+from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.model.sii import Sii
 
 from ..mailbox.coe import Coe
@@ -77,6 +77,9 @@ class SlaveConfiguration:
         self._log_detail(f"IP parameters: {parameters.interface or parameters.mac}")
         try:
             yield from set_ip(self._coe.mailbox, parameters)
+        except NoAnswerError as error:
+            where = eoe.table.where()
+            raise NoAnswerError(f"{where}: no answer to its IP parameters: {error}") from error
         except StateError as error:
             raise RefusedError(
                 f"{eoe.table.where()}: {self._slave.label} refuses its IP parameters: {error}; "

@@ -40,6 +40,13 @@ def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None
         if not slave.coe:
             with problems:
                 _check_without_coe(settings, slave)
+        if slave.eoe and config.eoe.interface and not settings.poll_s:
+            with problems:
+                settings.table.fail(
+                    "mailbox_poll_ms",
+                    f"nobody would find the Ethernet frames of {slave.label}: leave this out, or "
+                    "remove [eoe]",
+                )
         if settings.eoe is not None and not slave.eoe:
             with problems:
                 settings.eoe.table.fail(

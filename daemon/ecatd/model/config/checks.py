@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from functools import partial
+from ipaddress import IPv4Address, IPv4Interface
 
+from ..eoe import parse_mac
 from ..toml_file import Table
 from .clocks import SYNC_MAX_US
 from .config import Config
@@ -50,6 +52,39 @@ def check_clocks(top: Table, config: Config) -> None:
                 f"is {slave.sync0_us:g}, but slave {slave.slave} is exchanged every {domain} "
                 f"µs: it must be a multiple or a whole fraction of that",
             )
+
+
+def check_eoe(top: Table, config: Config) -> None:
+    """Checks that the interface for EoE and the IP parameters of the slaves fit each other.
+
+    Raises:
+        ConfigError: They do not.
+    """
+    own = config.eoe
+    if own.interface and own.interface in ("lo", config.interface, config.second_interface):
+        own.table.fail("interface", f"'{own.interface}' is another interface: choose a new name")
+    network = IPv4Interface(own.address).network if own.address else None
+    places = {own.address.partition("/")[0]: "this computer"} if own.address else {}
+    for slave in config.slave:
+        if slave.eoe is None:
+            continue
+        table, label = slave.eoe.table, slave.name or f"slave {slave.position}"
+        if slave.eoe.address:
+            address = IPv4Interface(slave.eoe.address)
+            if network is not None and address.network != network:
+                table.fail(
+                    "address", f"is not in the network of the interface, {network}: change one"
+                )
+            if other := places.get(str(address.ip)):
+                table.fail("address", f"{address.ip} is the address of {other}, too: change one")
+            places[str(address.ip)] = label
+            gateway = slave.eoe.gateway and IPv4Address(slave.eoe.gateway)
+            if gateway and (gateway not in address.network or gateway == address.ip):
+                table.fail("gateway", f"must be another device of {address.network}")
+        if mac := slave.eoe.mac and parse_mac(slave.eoe.mac):
+            if other := places.get(mac):
+                table.fail("mac", f"{mac} is the MAC address of {other}, too: change one")
+            places[mac] = label
 
 
 def check_physical(top: Table, config: Config) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from ..bus_name import check_bus_name
 from ..log_levels import DEFAULTS, LEVELS, OTHERS, PARTS
 from ..toml_file import Document, Key, Rules, Table, array, choice, integer, number, read_toml, show
-from .checks import check_clocks, check_physical
+from .checks import check_clocks, check_eoe, check_physical
 from .clocks import read_clocks
 from .config import (
     RECOVERY_MODES,
@@ -143,5 +143,6 @@ def _read(top: Table) -> Config:
             f"this computer needs an interface of its own",
         )
     check_clocks(top, config)
+    check_eoe(top, config)
     check_physical(top, config)
     return config

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from ..toml_file import Key, Table
+import re
+
+from ..toml_file import Key, Table, show
 
 _BYTES = 15  # IFNAMSIZ of Linux without the zero at its end
+_NAME = re.compile(r"(?!(all|default|\.\.?)$)[^\s/:%]*")
 
 
 def read_interface(table: Table, key: Key) -> str:
@@ -12,4 +15,6 @@ def read_interface(table: Table, key: Key) -> str:
     name = table.text(key)
     if len(name.encode("utf-8", "replace")) > _BYTES:
         table.fail(key, f"an interface name has at most {_BYTES} characters")
+    if not _NAME.fullmatch(name) or not name.isprintable():
+        table.fail(key, f"{show(name)} is no name of a network interface: `ip link` lists them")
     return name

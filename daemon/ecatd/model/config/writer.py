@@ -33,7 +33,7 @@ _COPY_EXAMPLE = [
     '# from_slave = "switches"',
     '# from_entry = "0x6000:01"',
 ]
-_TABLES = ("log", "dc", "mailbox", "recovery", "realtime", "outputs", "capture", "gateway")
+_TABLES = ("log", "dc", "mailbox", "recovery", "realtime", "outputs", "capture", "eoe", "gateway")
 
 
 @dataclass(slots=True)
@@ -176,6 +176,7 @@ def _slave(
         "module",
         "pdo",
         "startup",
+        "eoe",
         "pdos",
         *["position"] * (not placed),
         *["watchdog_ms"] * off,
@@ -210,6 +211,10 @@ def _slave(
             row = replace(row, value=number_of(parameter.value))
         yield from ("", "[[slave.startup]]")
         yield from _scalars(row, always=("object",), comments=False)
+    if settings.eoe is not None:
+        yield from ("", "[slave.eoe]", *_scalars(settings.eoe, comments=False))
+    elif slave.eoe:
+        yield from ("", "# [slave.eoe]  # its IP parameters", '# address = "192.168.7.2/24"')
 
 
 def _modules(settings: SlaveConfig, slave: Slave) -> Iterator[ModuleConfig]:

@@ -31,9 +31,9 @@ class WriteIp(Request):
         slave: Position or name; see `Bus.find`.
         mac: MAC address.
         address: IP address with the size of the network, as `192.168.7.2/24`.
-        gateway: Default gateway.
-        dns: DNS server.
-        name: DNS name.
+        gateway: Default gateway, or "none".
+        dns: DNS server, or "none".
+        name: DNS name, or "none".
         by: The name that the client gives itself, for the log.
     """
 
