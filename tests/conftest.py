@@ -25,6 +25,9 @@ from ecatd.client import Client, Signal, Summary
 # A shell that starts the tests in the background has them ignore SIGINT, and so do their programs.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+# So does `nohup` with SIGHUP.
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 PATIENCE = 120.0
 """Seconds after which what a test waits for will not come. No machine is so busy that they pass
