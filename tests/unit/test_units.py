@@ -62,7 +62,8 @@ def test_r41_the_gateway_has_a_user_of_its_own_and_no_rights() -> None:
 
 
 def test_the_gateway_begins_and_ends_with_the_bus_and_never_ends_it() -> None:
-    assert "Wants=ecatd-gateway@%i.service" in lines("ecatd@.service")
+    start = "ExecStartPost=-+/bin/systemctl start --no-block ecatd-gateway@%i.service"
+    assert start in lines("ecatd@.service")
     assert {"BindsTo=ecatd@%i.service", "After=ecatd@%i.service"} <= set(
         lines("ecatd-gateway@.service")
     )
