@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, cast, get_args, get_type_hints
+from typing import Any, cast, get_args, get_origin, get_type_hints
 
 import pytest
 
@@ -70,7 +70,8 @@ def configuration_keys(table: type, above: str = "") -> Iterator[str]:
         inner = next((arg for arg in (kind, *get_args(kind)) if is_dataclass(arg)), None)
         name = above + item.name
         if inner is None or inner is not kind:
-            yield f"`{name}`" if inner is None else f"`[[{name}]]`"
+            table_name = f"`[[{name}]]`" if get_origin(kind) is list else f"`[{name}]`"
+            yield f"`{name}`" if inner is None else table_name
         if inner is not None:
             yield from configuration_keys(cast("type", inner), name + ".")
 
