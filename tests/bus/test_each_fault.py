@@ -174,7 +174,10 @@ def test_r02_a_hundred_lost_frames_are_counted_and_told(bench: Bench) -> None:
         if event["event"] == "working_counter"
     ]
     assert states[0] == "zero"
-    bench.wait_for_event("disturbance")
-    told = next(event for event in bench.events[since:] if event["event"] == "disturbance")
-    assert told["counts"]["lost"] >= LOST
+
+    def told() -> int:  # a busy machine has disturbances of its own
+        found = (event for event in bench.events[since:] if event["event"] == "disturbance")
+        return sum(event["counts"].get("lost", 0) for event in found)
+
+    bench.wait_for(lambda: told() >= LOST)
     names(bench.daemon.log, "frames lost")

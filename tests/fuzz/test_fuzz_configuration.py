@@ -40,6 +40,7 @@ VALUES: dict[str, dict[str, list[str]]] = {
     },
     "[log]": {"level": ['"error"', '"debug"'], **{part: ['"debug"'] for part in PARTS}},
     "[capture]": {"memory_mb": ["0", "1024"], "folder": ['""', '"/var/lib/x"'], "keep": ["1"]},
+    "[eoe]": {"interface": ['"eoe0"'], "address": ['""']},
     "[expected]": {
         "policy": ['"strict"', '"tolerant"'],
         "unlisted": ["true", "false"],
@@ -86,6 +87,13 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "transition": ['"IP"', '"PS"', '"SO"', '"OS"', '"SP"'],
         "optional": ["true", "false"],
         "comment": ['"why"'],
+    },
+    "[slave.eoe]": {
+        "mac": ['"02:00:00:00:00:01"'],
+        "address": ['"192.168.7.2/24"'],
+        "gateway": ['"192.168.7.1"', '""'],
+        "dns": ['"10.0.0.1"'],
+        "name": ['"web-1"'],
     },
     "[[domain]]": {
         "name": ['"fast"'],
@@ -186,7 +194,7 @@ ONCE = ("[[slave]]", "[[slave.module]]", "[[slave.pdo]]", "[[dc.slave]]", "[[sig
 """Tables of which two with the same slave, slot, index or entry contradict each other."""
 
 MARKS = {"alias", "identification"}
-INNER = {"slave", "safe", "module", "pdo", "startup", "domain", "signal", "copy"}
+INNER = {"slave", "safe", "module", "pdo", "startup", "domain", "signal", "copy", "eoe"}
 NUMBER = re.compile(r"-?[0-9][0-9_.e]*|0x[0-9A-F]+")
 
 
@@ -262,13 +270,16 @@ def slave_parts(dice: Random, number: int, name: str) -> Iterator[Part]:
         else:
             startup.keys |= {"type": '"uint32"', "value": "5"}
         yield startup
+    if dice.random() < 0.4:
+        own = {"mac": f'"02:00:00:00:00:0{number}"', "address": f'"192.168.7.{number + 2}/24"'}
+        yield some_keys(dice, "[slave.eoe]", **own)
 
 
 def configuration(dice: Random) -> list[Part]:
     """A valid configuration."""
     parts = [some_keys(dice, "", bus='"ecat0"', cycle_time_us="1000")]
     parts += [*slave_parts(dice, 0, "press"), *slave_parts(dice, 1, "lamp")]
-    for header in ("[expected]", "[mailbox]", "[recovery]", "[realtime]", "[gateway]"):
+    for header in ("[expected]", "[mailbox]", "[recovery]", "[realtime]", "[eoe]", "[gateway]"):
         if dice.random() < 0.5:
             parts.append(some_keys(dice, header))
     if dice.random() < 0.5:
@@ -331,7 +342,7 @@ def check_slave(text: str, said: str) -> None:
 def test_every_key_has_values(tmp_path: Path) -> None:
     """The reader lists the keys of a table that has an unknown one."""
     for header, values in VALUES.items():
-        above = "[[slave]]\nposition = 0\n" if header.startswith("[[slave.") else ""
+        above = "[[slave]]\nposition = 0\n" if header.strip("[]").startswith("slave.") else ""
         said = refusal(tmp_path / "x.toml", f"{above}{header}\nzzzzzzzz = 0\n")
         known = set(said.rpartition("valid are ")[2].split(", "))
         name = header.strip("[]")

@@ -29,6 +29,8 @@ HEADER_BYTES = _HEADER.size
 _BLOCK = 32
 _TYPE, _LAST, _TIME_APPENDED = 0x000F, 0x0100, 0x0200
 _TIME_BYTES = 4
+_SHOWN = 40
+"""Most letters of a wrong text in a message."""
 _NUMBER_BITS, _OFFSET_BITS = 6, 6
 _RESULTS = {
     0x0001: "unspecified error",
@@ -240,6 +242,11 @@ def _address(part: bytes | None) -> IPv4Address | None:
     return IPv4Address(number) if number else None
 
 
+def _shown(text: str) -> str:
+    letters = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return f"'{letters[:_SHOWN]}...'" if len(letters) > _SHOWN else f"'{letters}'"
+
+
 def parse_mac(text: str) -> str:
     """Reads a MAC address; returns it in small letters.
 
@@ -252,11 +259,11 @@ def parse_mac(text: str) -> str:
     except ValueError:
         data = b""
     if len(data) != 6 or any(len(part) != 2 for part in parts):
-        raise UsageError(f"'{text}' is no MAC address: write it as 02:00:00:00:00:01")
+        raise UsageError(f"{_shown(text)} is no MAC address: write it as 02:00:00:00:00:01")
     if data[0] & 1 or not any(data):
         raise UsageError(
-            f"'{text}' is no MAC address of a device: its first byte must be even, and one byte at "
-            f"least must not be 0"
+            f"{_shown(text)} is no MAC address of a device: its first byte must be even, and one byte "
+            f"at least must not be 0"
         )
     return data.hex(":")
 
@@ -269,10 +276,14 @@ def parse_interface(text: str) -> tuple[IPv4Address, IPv4Address]:
     """
     address, _, size = text.partition("/")
     if not (size.isascii() and size.isdigit() and 1 <= int(size) <= 31):
-        raise UsageError(f"'{text}' is no address with its network: write it as 192.168.7.2/24")
+        raise UsageError(
+            f"{_shown(text)} is no address with its network: write it as 192.168.7.2/24"
+        )
     found = IPv4Interface((parse_address(address), int(size)))
     if size != "31" and found.ip in (found.network[0], found.network[-1]):
-        raise UsageError(f"'{text}' is the network or all of its devices, and no address of one")
+        raise UsageError(
+            f"{_shown(text)} is the network or all of its devices: choose the address of one"
+        )
     return found.ip, found.netmask
 
 
@@ -285,7 +296,7 @@ def parse_address(text: str) -> IPv4Address:
     try:
         address = IPv4Address(text)
     except AddressValueError:
-        raise UsageError(f"'{text}' is no IP address: write it as 192.168.7.2") from None
+        raise UsageError(f"{_shown(text)} is no IP address: write it as 192.168.7.2") from None
     wrong = address.is_multicast or address.is_unspecified or address.is_loopback
     if wrong or address.is_reserved:
         raise UsageError(f"{address} is no IP address of a device: choose another one")
@@ -301,6 +312,6 @@ def parse_name(text: str) -> str:
     allowed = all(letter.isalnum() or letter in "-." for letter in text)
     if not text or not allowed or not text.isascii() or len(text) > NAME_MAX:
         raise UsageError(
-            f"'{text}' is no DNS name: write letters, digits, '-' and '.', at most {NAME_MAX}"
+            f"{_shown(text)} is no DNS name: write letters, digits, '-' and '.', at most {NAME_MAX}"
         )
     return text

@@ -73,17 +73,20 @@ def check_eoe(top: Table, config: Config) -> None:
             address = IPv4Interface(slave.eoe.address)
             if network is not None and address.network != network:
                 table.fail(
-                    "address", f"is not in the network of the interface, {network}: change one"
+                    "address",
+                    f"is not in the network of the interface, {network}: choose another one",
                 )
             if other := places.get(str(address.ip)):
-                table.fail("address", f"{address.ip} is the address of {other}, too: change one")
+                table.fail(
+                    "address", f"{address.ip} is the address of {other}, too: choose another one"
+                )
             places[str(address.ip)] = label
             gateway = slave.eoe.gateway and IPv4Address(slave.eoe.gateway)
             if gateway and (gateway not in address.network or gateway == address.ip):
                 table.fail("gateway", f"must be another device of {address.network}")
         if mac := slave.eoe.mac and parse_mac(slave.eoe.mac):
             if other := places.get(mac):
-                table.fail("mac", f"{mac} is the MAC address of {other}, too: change one")
+                table.fail("mac", f"{mac} is the MAC address of {other}, too: choose another one")
             places[mac] = label
 
 
