@@ -262,8 +262,8 @@ def parse_mac(text: str) -> str:
         raise UsageError(f"{_shown(text)} is no MAC address: write it as 02:00:00:00:00:01")
     if data[0] & 1 or not any(data):
         raise UsageError(
-            f"{_shown(text)} is no MAC address of a device: its first byte must be even, and one byte "
-            f"at least must not be 0"
+            f"{_shown(text)} is no MAC address of a device: its first byte must be even, and one "
+            "byte at least must not be 0"
         )
     return data.hex(":")
 
