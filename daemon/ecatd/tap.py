@@ -51,7 +51,7 @@ class Tap:
             fcntl.ioctl(self._fd, _TUNSETIFF, wanted)
             self._set_up()
             if address:
-                self.set_address(address)
+                self._set_address(address)
         except OSError as error:
             self.close()
             reason = _REASONS.get(error.errno or 0, os.strerror(error.errno or 0))
@@ -59,12 +59,7 @@ class Tap:
                 f"interface {name} for Ethernet over EtherCAT cannot be made: {reason}"
             ) from error
 
-    def set_address(self, address: str) -> None:
-        """Sets the IP address, given with the size of the network.
-
-        Raises:
-            OSError: The system does not permit it.
-        """
+    def _set_address(self, address: str) -> None:
         for request, value in zip(
             (_SIOCSIFADDR, _SIOCSIFNETMASK), parse_interface(address), strict=True
         ):

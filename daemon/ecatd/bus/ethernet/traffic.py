@@ -37,7 +37,7 @@ _SILENT_S = 1.0
 class EthernetTraffic:
     """The switch with its ports: 0 is this computer, the others are slaves.
 
-    Without an interface there is no port 0, and the slaves reach each other.
+    Without a configured interface nothing is carried.
 
     Args:
         config: What is configured about the interface.
@@ -199,6 +199,11 @@ class EthernetTraffic:
                             f"{slave.label} gets no Ethernet frames: {error}",
                             slaves=[slave.position],
                         )
+                    await asyncio.sleep(_SILENT_S)
+                    continue
+                except Exception as error:  # the bus must not end because of it
+                    port.clear()
+                    self._log.error(f"defect in ecatd while carrying Ethernet frames: {error!r}")
                     await asyncio.sleep(_SILENT_S)
                     continue
                 if moved:
