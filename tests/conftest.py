@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import shlex
 import signal
 import socket
 import subprocess
@@ -32,6 +33,9 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
 PATIENCE = 120.0
 """Seconds after which what a test waits for will not come. No machine is so busy that they pass
 without need: pytest ends a test that hangs, after the `timeout` in pyproject.toml."""
+
+PYTHON = shlex.quote(sys.executable)
+"""This Python, for the script of a shell."""
 
 # How long examples take is up to the machine, and no behaviour.
 settings.register_profile("ecatd", deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -9,7 +9,7 @@ import pytest
 from masters import ECATSIM
 from test_simulator_cli import ecatsim, running
 
-from conftest import names, naming, one_line_error
+from conftest import PYTHON, names, naming, one_line_error
 from ecatd.model.errors import StateError, UnreachableError, UsageError
 from ecatsim.control import Simulator
 from ecatsim.control.requests import REQUESTS
@@ -186,7 +186,7 @@ def test_without_a_place_for_the_socket(monkeypatch):
 
 def test_output_that_nobody_reads_on():
     with running(rig="line:64"):
-        command = f"{sys.executable} -m ecatsim ctl status | head -n 1"
+        command = f"{PYTHON} -m ecatsim ctl status | head -n 1"
         result = subprocess.run(
             ["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False
         )

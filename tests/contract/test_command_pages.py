@@ -1,5 +1,6 @@
 """Man pages and completion are those of today's parsers, and the programs that read them do."""
 
+import shlex
 import shutil
 import subprocess
 import sysconfig
@@ -48,7 +49,7 @@ def test_the_page_says_what_each_action_does() -> None:
 def complete(text: str) -> set[str]:
     """What bash offers for a line that has been typed so far."""
     script = f"""
-        source {SHARE}/bash-completion/completions/ecatctl
+        source {shlex.quote(str(SHARE / "bash-completion/completions/ecatctl"))}
         COMP_WORDS=({text} '') COMP_CWORD={len(text.split())} COMP_LINE='{text} '
         COMP_POINT={len(text) + 1}
         function_=$(complete -p ecatctl | sed 's/.*-F \\([^ ]*\\).*/\\1/')

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import Daemon, names, naming, one_line_error, run_module
+from conftest import PYTHON, Daemon, names, naming, one_line_error, run_module
 from ecatd.model.errors import EcatError, StateError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -319,7 +319,7 @@ def test_an_output_that_cannot_be_written(troll: Daemon, command: list[str]) -> 
     ],
 )
 def test_a_command_without_end_needs_its_stdout(troll: Daemon, command: str) -> None:
-    shell = f"{sys.executable} -m ecatd.cli {command} >&-"
+    shell = f"{PYTHON} -m ecatd.cli {command} >&-"
     done = subprocess.run(
         ["sh", "-c", shell], env=troll.env, stderr=subprocess.PIPE, text=True, check=False
     )
@@ -328,7 +328,7 @@ def test_a_command_without_end_needs_its_stdout(troll: Daemon, command: str) -> 
 
 
 def test_a_command_without_stderr_does_its_work(troll: Daemon) -> None:
-    shell = f"{sys.executable} -m ecatd.cli sdo-dump 4 -o /dev/null 2>&-"
+    shell = f"{PYTHON} -m ecatd.cli sdo-dump 4 -o /dev/null 2>&-"
     assert subprocess.run(["sh", "-c", shell], env=troll.env, check=False).returncode == 0
 
 

@@ -5,19 +5,18 @@ import os
 import shlex
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from conftest import Daemon, names
+from conftest import PYTHON, Daemon, names
 from ecatd.doctor.costs import COSTS
 
 pytestmark = pytest.mark.bus
 
-CTL = f"{sys.executable} -m ecatd.cli doctor"
+CTL = f"{PYTHON} -m ecatd.cli doctor"
 needs_ethtool = pytest.mark.skipif(not shutil.which("ethtool"), reason="ethtool is not installed")
 NAMES = ["area", "name", "level", "text", "remedy", "cost", "fixable"]
 

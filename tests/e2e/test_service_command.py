@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import sysconfig
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import naming, run_module
+from conftest import PYTHON, naming, run_module
 from ecatd.installation.places import Place
 from ecatd.installation.service import check_readable, install
 from ecatd.model.errors import UsageError
@@ -63,8 +64,8 @@ def test_all_parts_are_put_into_place(tmp_path: Path) -> None:
         CONFIGURATION,
     } <= set(found)
     for unit in (UNIT, UNIT_OF_BUS):
-        (program,) = re.findall(r"^ExecStart=(\S+)", found[unit][0].decode(), re.MULTILINE)
-        assert program == str(PROGRAMS / "ecatd")
+        (command,) = re.findall(r"^ExecStart=(.+)", found[unit][0].decode(), re.MULTILINE)
+        assert shlex.split(command)[0] == str(PROGRAMS / "ecatd")
     assert found["usr/local/bin/ecatctl"][0].decode() == str(PROGRAMS / "ecatctl")
     assert "usermod -aG ecat" in told
     for path in found:
@@ -449,6 +450,6 @@ def test_odd_arguments(tmp_path: Path) -> None:
         assert (done.returncode, "Traceback" in done.stderr) == (2, False), done
     for name in ("a\x01b", "é" * 15, ".", "..", "eth0/x"):
         assert "network interface" in service(tmp_path, "install", "--interface", name, status=2)
-    command = f"{sys.executable} -m ecatd.cli service install --root {tmp_path} >&-"
+    command = f"{PYTHON} -m ecatd.cli service install --root {tmp_path} >&-"
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
     assert "Traceback" not in done.stderr

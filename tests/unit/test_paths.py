@@ -2,12 +2,15 @@
 
 import os
 import subprocess
-import sys
 from pathlib import Path
+
+from conftest import PYTHON
 
 CODE = """
 import os, sys
 from pathlib import Path
+
+from conftest import PYTHON
 from ecatd.paths import make_dir
 for bus in ("ecat0", "hand"):
     make_dir(bus)
@@ -26,7 +29,7 @@ def modes(folder: Path, *there: str) -> list[str]:
     group = folder / "group"
     group.write_text("root:x:0:\necat:x:0:\n")
     root = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
-    script = f'umask 077; mount --bind {group} /etc/group; exec {sys.executable} -c "$0"'
+    script = f'umask 077; mount --bind {group} /etc/group; exec {PYTHON} -c "$0"'
     command = ["unshare", *root, "--mount", "sh", "-ec", script, CODE]
     env = {**os.environ, "ECATD_RUNTIME_DIR": str(run)}
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=env)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from ecatd.installation.places import LOCAL, files
 from ecatd.service.failed_starts import RESTART_S
 from ecatd.service.main import make_parser
 
@@ -79,13 +80,19 @@ def test_the_program_knows_the_options(unit: str) -> None:
 
 
 @needs_systemd
-def test_systemd_understands_every_line(tmp_path: Path) -> None:
-    files = []
-    for unit in ALL:
-        file = tmp_path / unit.replace("@.", "@press.")
-        file.write_text((UNITS / unit).read_text().replace("/usr/local/bin/ecatd", sys.executable))
-        files.append(str(file))
-    command = ["systemd-analyze", "verify", "--man=no", *files]
+@pytest.mark.parametrize("folder", ["bin", "a b", """a%n 'b'"\\c$d"""])
+def test_systemd_understands_every_line(tmp_path: Path, folder: str) -> None:
+    program = tmp_path / folder / "ecatd"
+    program.parent.mkdir()
+    program.symlink_to(sys.executable)
+    units = []
+    for path, data in files(LOCAL, program).items():
+        if path.name in ALL:
+            unit = tmp_path / path.name.replace("@.", "@press.")
+            unit.write_bytes(data)
+            units.append(str(unit))
+    assert len(units) == len(ALL)
+    command = ["systemd-analyze", "verify", "--man=no", *units]
     told = subprocess.run(command, capture_output=True, text=True, check=False).stderr
     assert not [line for line in told.splitlines() if "ecatd" in line], told
 

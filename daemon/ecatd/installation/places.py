@@ -111,6 +111,14 @@ DISTRIBUTION = Layout(
 """The layout for a package of a distribution."""
 
 
+def _word(program: Path) -> bytes:
+    """A program as the first word of a command in a unit, see systemd.service(5)."""
+    text = str(program).replace("%", "%%")
+    if any(sign in text for sign in " '\"\\"):
+        text = '"' + text.replace("\\", r"\\").replace('"', r"\"") + '"'
+    return text.encode()
+
+
 def files(layout: Layout, program: Path) -> dict[PurePosixPath, bytes]:
     """The content of all files by their path.
 
@@ -128,7 +136,7 @@ def files(layout: Layout, program: Path) -> dict[PurePosixPath, bytes]:
     ):
         for name in names:
             data = (systemd / name).read_bytes()
-            placed[folder / name] = data.replace(_PROGRAM, str(program).encode())
+            placed[folder / name] = data.replace(_PROGRAM, _word(program))
     placed[layout.users / "ecatd.conf"] = (systemd / "ecatd.sysusers.conf").read_bytes()
     placed[layout.share / "doc/ecatd/ecat0.toml"] = example()
     for name in ("share", "monitoring"):

@@ -24,7 +24,6 @@ _BIN = PurePosixPath("/usr/local/bin")
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
 """Folders that the service cannot see (`ProtectHome=`, `PrivateTmp=`)."""
 _INTERFACE_NAME = re.compile(r"(?!\.{1,2}$)[A-Za-z0-9_.:@+-]{1,15}")
-_PROGRAM_PATH = re.compile(r"[A-Za-z0-9_./+-]+")
 _INTERFACE = re.compile(rb'^interface = "[^"\n]*"', re.MULTILINE)
 
 
@@ -85,10 +84,10 @@ def refuse_package(place: Place, how: str) -> None:
 
 
 def _check_visible(place: Place) -> None:
-    if not _PROGRAM_PATH.fullmatch(str(place.programs)):
+    if not str(place.programs).isprintable():
         raise UsageError(
-            f"ecatd is installed in '{place.programs}': for a unit of systemd the path may have "
-            "only letters, digits and . _ + -, as /opt/ecatd has"
+            f"ecatd is installed in {str(place.programs)!a}: a unit of systemd cannot name a path "
+            "with such characters; install ecatd elsewhere, for example in /opt/ecatd"
         )
     if place.root != Path("/"):
         return
