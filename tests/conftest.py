@@ -5,8 +5,8 @@ import itertools
 import json
 import os
 import re
-import shutil
 import shlex
+import shutil
 import signal
 import socket
 import subprocess

@@ -302,6 +302,14 @@ def test_what_cannot_be_done_is_refused(tmp_path: Path) -> None:
     assert "installed.json is damaged" in service(tmp_path, "uninstall", status=7)
 
 
+@pytest.mark.parametrize(
+    "programs", ['/opt/1" pipe/bin', "/opt/it's/bin", "/opt/a\\b", "/opt/a\nb"]
+)
+def test_programs_that_a_unit_cannot_name_are_refused(tmp_path: Path, programs: str) -> None:
+    with pytest.raises(UsageError, match=naming("/opt/", "unit", "/opt/ecatd")):
+        next(install(Place(tmp_path, Path(programs)), "ecat0", None))
+
+
 def test_a_folder_in_place_of_a_file_stays(tmp_path: Path) -> None:
     (tmp_path / UNIT).mkdir(parents=True)
     told = service(tmp_path, "install")

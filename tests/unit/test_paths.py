@@ -9,8 +9,6 @@ from conftest import PYTHON
 CODE = """
 import os, sys
 from pathlib import Path
-
-from conftest import PYTHON
 from ecatd.paths import make_dir
 for bus in ("ecat0", "hand"):
     make_dir(bus)

@@ -80,7 +80,7 @@ def test_the_program_knows_the_options(unit: str) -> None:
 
 
 @needs_systemd
-@pytest.mark.parametrize("folder", ["bin", "a b", """a%n 'b'"\\c$d"""])
+@pytest.mark.parametrize("folder", ["bin", "a b%n$HOME"])
 def test_systemd_understands_every_line(tmp_path: Path, folder: str) -> None:
     program = tmp_path / folder / "ecatd"
     program.parent.mkdir()

@@ -114,9 +114,7 @@ DISTRIBUTION = Layout(
 def _word(program: Path) -> bytes:
     """A program as the first word of a command in a unit, see systemd.service(5)."""
     text = str(program).replace("%", "%%")
-    if any(sign in text for sign in " '\"\\"):
-        text = '"' + text.replace("\\", r"\\").replace('"', r"\"") + '"'
-    return text.encode()
+    return (f'"{text}"' if " " in text else text).encode()
 
 
 def files(layout: Layout, program: Path) -> dict[PurePosixPath, bytes]:

@@ -84,10 +84,12 @@ def refuse_package(place: Place, how: str) -> None:
 
 
 def _check_visible(place: Place) -> None:
-    if not str(place.programs).isprintable():
+    programs = str(place.programs)
+    if not programs.isprintable() or any(sign in programs for sign in "\"'\\"):
         raise UsageError(
-            f"ecatd is installed in {str(place.programs)!a}: a unit of systemd cannot name a path "
-            "with such characters; install ecatd elsewhere, for example in /opt/ecatd"
+            f"ecatd is installed in {programs!a}: a unit of systemd cannot name a program whose "
+            "path has quotes, backslashes or control characters; install ecatd elsewhere, for "
+            "example in /opt/ecatd"
         )
     if place.root != Path("/"):
         return
