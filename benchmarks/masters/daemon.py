@@ -89,6 +89,11 @@ class Daemon:
         return list(map(int, children.read_text().split()))
 
     @property
+    def gateway(self) -> int:
+        """Process ID of the gateway."""
+        return next(pid for pid in self.processes if pid != self.bus_server)
+
+    @property
     def bus_server(self) -> int:
         """Process ID of the bus server."""
         for pid in self.processes:

@@ -119,44 +119,69 @@ def measure(
         }
 
 
+class _Counts:
+    """The counters of an engine, apart for the changes of the bus and for the pauses between them.
+
+    The machine itself misses cycles and loses frames, so the two are compared.
+    """
+
+    def __init__(self, bus: str) -> None:
+        self._bus = bus
+        self._sums: dict[str, dict[str, int]] = {"changes": {}, "pauses": {}}
+
+    def during(self, kind: str, work: Callable[[], Any]) -> Any:
+        """Does some work, and returns its result; `kind` says to what its cycles belong."""
+        before = Health(self._bus)
+        result = work()
+        for key, number in Health(self._bus).since(before).counts.items():
+            self._sums[kind][key] = self._sums[kind].get(key, 0) + number
+        return result
+
+    def to_json(self) -> dict[str, Any]:
+        """Returns the counters of both kinds, and how many more of 1000 there are at changes."""
+
+        def excess(what: str, of: str) -> float:
+            share = {key: 1000 * item[what] / item[of] for key, item in self._sums.items()}
+            return share["changes"] - share["pauses"]
+
+        return {
+            **self._sums,
+            "more_missed": excess("missed_cycles", "cycles"),
+            "more_lost": excess("lost_frames", "frames"),
+        }
+
+
 def _lose_power(bench: Bench, losses: int, pause: float) -> dict[str, Any]:
     """Switches the last slave, a drive with configured PDOs and parameters, off and on again."""
     bench.say(f"a drive loses its power {losses} times")
     with _machine(bench, _DRIVE_CONFIGURATION) as (daemon, rig):
         seconds, fallen, verified = [], 0, 0
-        before, begin = Health(daemon.bus), time.monotonic()
-        for _ in range(losses):
+        counts = _Counts(daemon.bus)
+
+        def lose() -> None:
             rig.faults.power_off(_DRIVE)
             time.sleep(pause)
+
+        def come_back() -> tuple[float, int]:
             rig.faults.power_on(_DRIVE)
-            took, down = _wait_for_op(rig, range(_DRIVE + 1), {_DRIVE})
+            return _wait_for_op(rig, range(_DRIVE + 1), {_DRIVE})
+
+        for _ in range(losses):
+            counts.during("changes", lose)
+            took, down = counts.during("changes", come_back)
             seconds.append(took)
             fallen += down
             verified += rig.get(_DRIVE, _TORQUE[0]) == _TORQUE[1]
-            time.sleep(pause)
-        counts = Health(daemon.bus).since(before).counts
-        seconds_in_all = time.monotonic() - begin
-    found = {"losses": losses, "fallen": fallen, "verified": verified, "seconds": seconds_in_all}
-    return {**found, **_summary(seconds), **counts}
+            counts.during("pauses", lambda: time.sleep(pause))
+    found = {"losses": losses, "fallen": fallen, "verified": verified}
+    return {**found, **_summary(seconds), **counts.to_json()}
 
 
 def _join(bench: Bench, joins: int, pause: float) -> dict[str, Any]:
-    """Makes a group join and leave, while a client reads an object of another drive without pause.
-
-    The result has the counters of the engine during the changes of the bus and during the pauses.
-    `excess` is how many more of 1000 cycles are missed during the changes.
-    """
+    """Makes a group join and leave, while a client reads objects of another drive all the time."""
     bench.say(f"a group joins and leaves {joins} times")
     others = [n for n in range(_DRIVE + 1) if n not in _GROUP]
-    sums = {"changes": dict[str, int](), "pauses": dict[str, int]()}
     seconds, fallen = [], 0
-
-    def count(kind: str, work: Callable[[], Any]) -> Any:
-        before = Health(daemon.bus)
-        result = work()
-        for key, number in Health(daemon.bus).since(before).counts.items():
-            sums[kind][key] = sums[kind].get(key, 0) + number
-        return result
 
     def leave() -> None:
         rig.faults.break_link(_GROUP[0])
@@ -171,17 +196,17 @@ def _join(bench: Bench, joins: int, pause: float) -> dict[str, Any]:
         return _wait_for_op(rig, range(_DRIVE + 1), set(_GROUP))
 
     with _machine(bench, _expected()) as (daemon, rig), _asking(daemon) as asked:
+        counts = _Counts(daemon.bus)
         for _ in range(joins):
-            count("changes", leave)
-            count("pauses", lambda: time.sleep(pause))
-            took, down = count("changes", join)
+            counts.during("changes", leave)
+            counts.during("pauses", lambda: time.sleep(pause))
+            took, down = counts.during("changes", join)
             seconds.append(took)
             fallen += down
-            count("pauses", lambda: time.sleep(pause))
+            counts.during("pauses", lambda: time.sleep(pause))
             fallen += _down(rig, others)
-    share = {key: 1000 * item["missed_cycles"] / item["cycles"] for key, item in sums.items()}
-    found = {"joins": joins, "fallen": fallen, "asked": asked[0], **_summary(seconds), **sums}
-    return {**found, "excess": share["changes"] - share["pauses"]}
+    found = {"joins": joins, "fallen": fallen, "asked": asked[0]}
+    return {**found, **_summary(seconds), **counts.to_json()}
 
 
 def _start_up_parameters(bench: Bench, slaves: int, objects: int) -> dict[str, Any]:

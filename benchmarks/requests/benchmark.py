@@ -1,7 +1,7 @@
-"""SDO reads over Zenoh: by clients that stay connected, and by one command per read.
+"""Requests: SDO reads over Zenoh, what Zenoh adds to them, and the exchange beside requests.
 
-The whole daemon runs on the rig `troll` at 1 kHz, and no process has a processor of its own. All
-clients read the same object of the same slave, so they wait for each other there.
+For the reads, the whole daemon runs on the rig `troll` at 1 kHz, and no process has a processor of
+its own. All clients read the same object of the same slave, so they wait for each other there.
 """
 
 from __future__ import annotations
@@ -23,12 +23,25 @@ from ..masters.daemon import Daemon
 from ..masters.requests import INDEX, SLAVE, SUBINDEX, Requests
 from ..masters.worker import Worker
 from ..segment.peers import ecatsim
+from . import beside, workers
 
 SETTINGS = {
-    "quick": {"rounds": 1, "seconds": 0.1, "commands": 1},
-    "full": {"rounds": 20, "seconds": 5.0, "commands": 100},
+    "quick": {
+        "rounds": 1,
+        "seconds": 0.1,
+        "commands": 1,
+        "load_rounds": 1,
+        "load_seconds": 0.1,
+        "drives": 2,
+        "size": 10_000,
+        "terminals": 2,
+        "slaves": 5,
+    },
+    "full": {"rounds": 20, "seconds": 5.0, "commands": 100, "load_rounds": 30},
 }
 _RIG = "troll"
+_ANSWER = 120
+"""Bytes of the answer of Zenoh alone: about as many as those of a read."""
 _COMMAND = ("ecatctl", "sdo-read", str(SLAVE), f"0x{INDEX:04X}", str(SUBINDEX))
 
 
@@ -39,6 +52,12 @@ def measure(
     rounds: int = 5,
     seconds: float = 2.0,
     commands: int = 20,
+    load_rounds: int = 10,
+    load_seconds: float = 2.0,
+    drives: int = 8,
+    size: int = 1_000_000,
+    terminals: int = 64,
+    slaves: int = 200,
 ) -> dict[str, Any]:
     """Runs the whole benchmark and returns its results.
 
@@ -48,13 +67,32 @@ def measure(
         rounds: Number of turns of each number of clients.
         seconds: Duration of a turn.
         commands: How often the command is run.
+        load_rounds: See `beside.measure`, as for the other arguments.
+        load_seconds: `seconds` of `beside.measure`.
+        drives: See there.
+        size: See there.
+        terminals: See there.
+        slaves: See there.
     """
     here = bench.on(Processors.together())
     with ecatsim(_RIG, here.processors), Daemon(here) as daemon:
-        return {
+        found: dict[str, Any] = {
             "reads": _reads(here, daemon, clients, rounds, seconds),
+            "ways": _ways(here, daemon, rounds, seconds),
             "command": _commands(here, daemon, commands),
         }
+    with bench.awake():
+        found["beside"] = beside.measure(
+            bench,
+            rounds=load_rounds,
+            seconds=load_seconds,
+            drives=drives,
+            size=size,
+            terminals=terminals,
+            slaves=slaves,
+        )
+    numbers = {"drives": drives, "size": size, "terminals": terminals, "slaves": slaves}
+    return {**found, **numbers, "processors": bench.processors.to_json()}
 
 
 def _reads(
@@ -65,16 +103,16 @@ def _reads(
     times: dict[int, list[int]] = {count: [] for count in clients}
     with contextlib.ExitStack() as stack:
         what = (Requests, bench.processors, "sdo", daemon.bus)
-        workers = [
+        asking = [
             stack.enter_context(Worker(*what, environment=daemon.environment))
             for _ in range(max(clients))
         ]
         for number in range(rounds):
             bench.say(f"SDO reads over Zenoh, round {number + 1} of {rounds}")
             for count in clients:
-                for worker in workers[:count]:
+                for worker in asking[:count]:
                     worker.tell(seconds=seconds)
-                answers = [worker.answer() for worker in workers[:count]]
+                answers = [worker.answer() for worker in asking[:count]]
                 if any(answer["failed"] for answer in answers):
                     raise StateError("SDO reads fail")
                 rates[count].append(sum(answer["rate"] for answer in answers))
@@ -90,6 +128,27 @@ def _reads(
         }
         for count in clients
     ]
+
+
+def _ways(bench: Bench, daemon: Daemon, rounds: int, seconds: float) -> dict[str, dict[str, int]]:
+    """Measures a read over Zenoh, a read without Zenoh, and an answer of Zenoh alone, in turns."""
+    socket = bench.folder / "bare"
+    here, environment = bench.processors, daemon.environment
+    times: dict[str, list[int]] = {"zenoh": [], "direct": [], "bare": []}
+    with (
+        Worker(workers.Answering, here, socket, _ANSWER),
+        Worker(Requests, here, "sdo", daemon.bus, environment=environment) as over_zenoh,
+        Worker(workers.Direct, here, daemon.bus, environment=environment) as direct,
+        Worker(workers.Bare, here, socket) as bare,
+    ):
+        for number in range(rounds):
+            bench.say(f"what Zenoh adds to an SDO read, round {number + 1} of {rounds}")
+            for way, worker in (("zenoh", over_zenoh), ("direct", direct), ("bare", bare)):
+                times[way] += worker.ask(seconds=seconds)["times"]
+    return {
+        way: {"count": len(t), "p50": _quantile(t, 0.5), "p99": _quantile(t, 0.99)}
+        for way, t in times.items()
+    }
 
 
 def _quantile(times: list[int], q: float) -> int:

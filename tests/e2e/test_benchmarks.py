@@ -67,6 +67,15 @@ def test_requests(tmp_path: Path) -> None:
         assert case["reads"] > 0
         assert case["rate"] > 0
         assert 0 < case["p50"] <= case["p99"]
+    for way in ("zenoh", "direct", "bare"):
+        assert result["ways"][way]["count"] > 0
+        assert 0 < result["ways"][way]["p50"] <= result["ways"][way]["p99"]
+    assert [case["load"] for case in result["beside"]] == ["files", "inventory", "values"]
+    for case in result["beside"]:
+        assert case["on"]["frames"] > 0
+        assert case["rate"] > 0
+        assert case["failed"] == 0
+        assert case["gateway"] >= 0
     for kind in ("command", "python"):
         assert 0 < result["command"][kind]["best"] <= result["command"][kind]["median"]
     assert "SDO reads a second by 2 clients over Zenoh" in page
@@ -107,8 +116,8 @@ def test_recovery(tmp_path: Path) -> None:
     for part in (power, group):
         assert part["fallen"] == 0
         assert 0 < part["median"] <= part["longest"]
+        assert min(part[kind]["cycles"] for kind in ("changes", "pauses")) > 0
     assert group["asked"] > 0
-    assert min(group[kind]["cycles"] for kind in ("changes", "pauses")) > 0
     assert (told["slaves"], told["objects"]) == (10, 20)
     assert min(told["with"], told["without"]) > 0
     assert "## Slaves that come back" in page
