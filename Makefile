@@ -75,8 +75,9 @@ pictures: $(if $(filter $(VENV)/bin,$(BIN)),$(if $(wildcard $(VENV)/.demo),,$(VE
 # Most people start as an ordinary user, so root tries the first steps as one, too: in a user namespace in
 # which this process is user 1000 and has no rights beyond it. An ordinary user runs all tests so.
 FIRST_STEPS := $(addprefix tests/e2e/test_,start_up.py figure9.py benchmarks.py)
-# Tests wait a third of their time, so there are three processes for two processors. Files stay whole.
-PARALLEL := --numprocesses $(shell echo $$(( ($$(nproc) * 3 + 1) / 2 ))) --dist loadfile
+# Tests wait a third of their time, so there are three processes for two processors. Files stay whole,
+# and begin in the order of `testpaths`.
+PARALLEL := --numprocesses $(shell echo $$(( ($$(nproc) * 3 + 1) / 2 ))) --dist loadfile --no-loadscope-reorder
 
 # A single test that fails is run once more, alone, and the output says so: some tests are about real
 # time, and on a shared machine a process may get no processor for a while. More than one have failed.
