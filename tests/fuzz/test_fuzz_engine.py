@@ -22,7 +22,7 @@ SOURCES = (
     *("relay", "setup", "slots", "thread", "wake", "ports"),
 )
 SANITIZERS = {"memory": "address,undefined", "races": "thread"}
-CYCLES = inputs(6_000)
+CYCLES = inputs(3_000)
 GOOD_EXCHANGES = 300  # however many are late on a busy machine
 FRAMES = inputs(1_000)
 

@@ -19,7 +19,7 @@ from ecatd.model.errors import ConfigError
 
 pytestmark = pytest.mark.long
 
-FILES = inputs(3_000)
+FILES = inputs(1_500)
 VALUES = ["0", "1", "-1", "254", "65535", "#xFFFFFFFF", "", "PS", "0003", "00" * 40, "Inputs"]
 
 

@@ -18,7 +18,7 @@ from ecatsim.files.esi import device_from_esi
 pytestmark = pytest.mark.long
 
 
-FILES, SHARDS = inputs(4_000), 2
+FILES, SHARDS = inputs(2_000), 2
 VALUES = ["0", "1", "-1", "255", "65536", "#xFFFFFFFF", "#x", "", "UINT", "STRING(65535)", "DT2000"]
 VALUES += ["ARRAY [0..99999] OF BYTE", "DT2001ARR", "RW", "1e999", "nan", "\u2603", "00" * 300]
 

@@ -22,7 +22,7 @@ from ecatsim.slave.sync_managers import default_size
 pytestmark = pytest.mark.long
 
 
-IMAGES, SHARDS = inputs(50_000), 5
+IMAGES, SHARDS = inputs(25_000), 5
 BOOTED = 2_000
 APRD, APWR = 1, 2
 AL_CONTROL, AL_STATUS, EEPROM_CONTROL, EEPROM_DATA = 0x0120, 0x0130, 0x0502, 0x0508

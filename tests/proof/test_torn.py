@@ -19,7 +19,7 @@ pytestmark = pytest.mark.long
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-READS = int(os.environ.get("ECAT_READS", "1000000"))
+READS = int(os.environ.get("ECAT_READS", "400000"))
 SIZES = (1, 8, 255, 256, 1498, 20000)
 MOST = (256,)
 """Sizes that get more reads: all of READS, the others a share."""
