@@ -23,7 +23,7 @@ from handle import ESTALE, Handle
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 HERE = Path(__file__).parent
-PAGES = int(os.environ.get("ECAT_PAGES", "30000"))
+PAGES = int(os.environ.get("ECAT_PAGES", "60000"))
 CONFIG = """
 [gateway]
 listen = []
