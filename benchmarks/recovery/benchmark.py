@@ -178,7 +178,7 @@ def _lose_power(bench: Bench, losses: int, pause: float) -> dict[str, Any]:
 
 
 def _join(bench: Bench, joins: int, pause: float) -> dict[str, Any]:
-    """Makes a group join and leave, while a client reads objects of another drive all the time."""
+    """Makes a group join and leave, while a client reads an object of another drive."""
     bench.say(f"a group joins and leaves {joins} times")
     others = [n for n in range(_DRIVE + 1) if n not in _GROUP]
     seconds, fallen = [], 0

@@ -67,12 +67,12 @@ def measure(
         rounds: Number of turns of each number of clients.
         seconds: Duration of a turn.
         commands: How often the command is run.
-        load_rounds: See `beside.measure`, as for the other arguments.
-        load_seconds: `seconds` of `beside.measure`.
-        drives: See there.
-        size: See there.
-        terminals: See there.
-        slaves: See there.
+        load_rounds: How often each load beside the exchange is switched on and off.
+        load_seconds: How long a load is on, and how long it is off.
+        drives: Number of slaves to which files are written at the same time.
+        size: Bytes of each file.
+        terminals: Number of slaves whose EEPROMs and dictionaries are read.
+        slaves: Number of slaves whose values are sent.
     """
     here = bench.on(Processors.together())
     with ecatsim(_RIG, here.processors), Daemon(here) as daemon:
