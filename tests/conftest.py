@@ -41,6 +41,10 @@ PYTHON = shlex.quote(sys.executable)
 settings.register_profile("ecatd", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("ecatd")
 
+CYCLE_TIME_US = 4000
+"""Cycle time of the daemons that tests start, if neither test nor configuration says another.
+Cycles cost processor time, and most tests are not about how many there are in a second."""
+
 SHM = Path("/dev/shm")
 
 
@@ -89,7 +93,10 @@ class Daemon:
         *options: str,
         config: str | None = None,
         preexec: Callable[[], None] | None = None,
+        cycle_time_us: int = CYCLE_TIME_US,
     ) -> None:
+        if "cycle_time_us" not in (config or "") and "--cycle-time-us" not in options:
+            options = (*options, "--cycle-time-us", str(cycle_time_us))
         self.bus = f"t{uuid.uuid4().hex[:8]}"
         self.env = {**os.environ, "ECATD_RUNTIME_DIR": str(folder / "r"), "ECATD_BUS": self.bus}
         self.config_file = file = folder / "ecat.toml"
@@ -265,7 +272,7 @@ def run_module(
 
 
 @contextlib.contextmanager
-def _starter(base: Path) -> Iterator[Callable[..., Daemon]]:
+def _starter(base: Path, cycle_time_us: int) -> Iterator[Callable[..., Daemon]]:
     with contextlib.ExitStack() as stack:
         numbers = itertools.count()
 
@@ -278,31 +285,47 @@ def _starter(base: Path) -> Iterator[Callable[..., Daemon]]:
         ) -> Daemon:
             folder = base / f"d{next(numbers)}"
             folder.mkdir()
-            daemon = Daemon(folder, rig, *options, config=config, preexec=preexec)
+            daemon = Daemon(
+                *(folder, rig, *options),
+                config=config,
+                preexec=preexec,
+                cycle_time_us=cycle_time_us,
+            )
             stack.callback(daemon.close)
             return daemon.wait_ready() if ready else daemon
 
         yield start
 
 
+@pytest.fixture(scope="module")
+def cycle_time_us(request: pytest.FixtureRequest) -> int:
+    """Cycle time of the daemons that the next three start; a file of tests may have its own.
+
+    The models in `contract` sample every millisecond, and so does their bus.
+    """
+    return 1000 if request.path.parent.name == "contract" else CYCLE_TIME_US
+
+
 @pytest.fixture
-def start_daemon(tmp_path: Path) -> Iterator[Callable[..., Daemon]]:
+def start_daemon(tmp_path: Path, cycle_time_us: int) -> Iterator[Callable[..., Daemon]]:
     """Starts daemons, which are ended after the test; `start_daemon("troll")`."""
-    with _starter(tmp_path) as start:
+    with _starter(tmp_path, cycle_time_us) as start:
         yield start
 
 
 @pytest.fixture(scope="module")
-def start_shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Daemon]]:
+def start_shared(
+    tmp_path_factory: pytest.TempPathFactory, cycle_time_us: int
+) -> Iterator[Callable[..., Daemon]]:
     """The same for a file of tests, which leave a daemon as they found it."""
-    with _starter(tmp_path_factory.mktemp("shared")) as start:
+    with _starter(tmp_path_factory.mktemp("shared"), cycle_time_us) as start:
         yield start
 
 
 @pytest.fixture(scope="module")
-def troll(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
+def troll(tmp_path_factory: pytest.TempPathFactory, cycle_time_us: int) -> Iterator[Daemon]:
     """A daemon on the rig `troll`, for tests that leave it as they found it."""
-    daemon = Daemon(tmp_path_factory.mktemp("troll"), "troll")
+    daemon = Daemon(tmp_path_factory.mktemp("troll"), "troll", cycle_time_us=cycle_time_us)
     try:
         yield daemon.wait_ready()
         assert daemon.stop() == 0

@@ -17,7 +17,9 @@ from .rig import Rig
 from .slave.device import Device
 from .slave.mailbox import MailboxMode
 
-_PERIOD = 0.001
+STEP_TIMES_US = range(1000, 10_001)
+"""Times between two steps that a simulation can have, in µs."""
+
 _MAX_LAG = 0.1
 _CARRIER_PERIOD = 0.02
 
@@ -49,15 +51,17 @@ class Simulation:
     """The simulation of a rig on a segment.
 
     A thread in C answers frames. Everything else happens in the thread that calls `run`: it handles
-    requests of the master as soon as they come, and makes one step of plants and devices every
-    millisecond. A loop that is late leaves steps out; devices and plants get the time and
-    compensate for it themselves.
+    requests of the master as soon as they come, and makes steps of plants and devices at regular
+    times. A loop that is late leaves steps out; devices and plants get the time and compensate for
+    it themselves.
 
     Another thread that uses devices must hold `lock`; the methods of `faults` do so.
 
     Args:
         rig: The rig to simulate.
         trace: A CSV file to record to, or None.
+        step_time_us: Time between two steps in µs, one of `STEP_TIMES_US`. A step costs processor
+            time, so steps more often than the cycles of the bus are of little use.
 
     Attributes:
         rig: The rig.
@@ -67,8 +71,9 @@ class Simulation:
         faults: Adds and lists faults, with one method for each kind.
     """
 
-    def __init__(self, rig: Rig, trace: Path | None = None) -> None:
+    def __init__(self, rig: Rig, trace: Path | None = None, step_time_us: int = 1000) -> None:
         self.rig = rig
+        self._step_time = step_time_us / 1e6
         self.segment = Segment()
         self.lock = threading.RLock()
         self.after_step: list[Callable[[], None]] = []
@@ -108,7 +113,7 @@ class Simulation:
             self._trace_file.close()
 
     def run(self, stop: Callable[[], bool]) -> None:
-        """Simulates until `stop` returns true, which is called about every millisecond."""
+        """Simulates until `stop` returns true, which is called at least once for each step."""
         due = look = time.monotonic()
         while not stop():
             events = self.segment.wait(max(0.0, due - time.monotonic()))
@@ -125,7 +130,7 @@ class Simulation:
                     look = now + _CARRIER_PERIOD
                 for call in self.after_step:
                     call()
-                due += _PERIOD
+                due += self._step_time
                 if now - due > _MAX_LAG:
                     due = now
 

@@ -57,6 +57,12 @@ def config(*given: str) -> str:
     return "[gateway]\nlisten = []\n" + "".join(slaves)
 
 
+@pytest.fixture(scope="module")
+def cycle_time_us() -> int:
+    """The program samples every millisecond, and so does its bus."""
+    return 1000
+
+
 @pytest.fixture
 def plant(tmp_path: Path) -> Path:
     """The library and the FMU of a bus whose slaves are `left` and `right`, and the rig."""

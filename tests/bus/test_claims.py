@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from raw_slot import RawSlot
 
-from conftest import Daemon, names, naming, wait_for
+from conftest import CYCLE_TIME_US, Daemon, names, naming, wait_for
 from ecatd import shm
 from ecatd.client import Outputs, Reason
 from ecatd.model.errors import UsageError
@@ -90,7 +90,7 @@ def test_the_lease_is_that_of_what_is_owned(daemon: Daemon) -> None:
         wait_for(lambda: lease(daemon) == 30, daemon)
         assert client.release_entry(lamps[0]) == 0
         assert client.claim_entry(lamps[0], 0.0001) == 0
-        assert lease(daemon) == 0.007  # less is not granted
+        assert lease(daemon) == 7 * CYCLE_TIME_US / 1e6  # less is not granted
 
 
 def test_r15_a_killed_owner_is_gone_and_has_released_nothing(daemon: Daemon) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import SHM, Daemon, names, naming, one_line_error, wait_for
+from conftest import CYCLE_TIME_US, SHM, Daemon, names, naming, one_line_error, wait_for
 from ecatd import shm
 from ecatd.client import Request
 from ecatd.model.al import AlState
@@ -39,7 +39,7 @@ def test_the_bus_is_described_and_in_op(troll: Daemon) -> None:
             0x1A5F3052,
         ]
         assert all(slave.al_state == 8 for slave in slaves)
-        assert client.cycle_time == 0.001
+        assert client.cycle_time == CYCLE_TIME_US / 1e6
         with Handle(troll.bus) as handle:
             assert [handle.find(2, 0x0BC03052, nth) for nth in (0, 1, 2)] == [4, 5, EBUS]
             names(handle.error, "2 slaves", "0x00000002", "0x0BC03052")

@@ -32,6 +32,12 @@ OPERATIONAL = 5  # EtherCAT.Types.BusState
 OP = 6  # EtherCAT.Types.ALState
 
 
+@pytest.fixture(scope="module")
+def cycle_time_us() -> int:
+    """The FMU makes steps of a millisecond, and so does its bus."""
+    return 1000
+
+
 @pytest.fixture(scope="module", params=[2, 3], ids=["FMI 2", "FMI 3"])
 def model(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, troll: Daemon

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from conftest import Daemon, names, naming, wait_for
+from conftest import CYCLE_TIME_US, Daemon, names, naming, wait_for
 from ecatd.client.remote import Remote
 from ecatd.encoding import frame, pack, unpack
 from ecatd.model.datatypes import DataType
@@ -157,7 +157,7 @@ def test_buses_are_found(daemon: Daemon, network: zenoh.Session) -> None:
     assert (row["bus"], row["slaves"], row["in_op"]) == (daemon.bus, 8, 8)
     assert row["host"] == socket.gethostname()
     assert row in daemon.ctl_json("buses")["buses"]  # there may be others on this machine
-    names(daemon.ctl("buses").stdout, daemon.bus, "1000 µs", "8 of 8 in OP")
+    names(daemon.ctl("buses").stdout, daemon.bus, f"{CYCLE_TIME_US} µs", "8 of 8 in OP")
 
 
 def test_objects_come_with_their_types(daemon: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -167,6 +167,8 @@ def test_check_lists_what_is_in_a_rig(tmp_path):
         (["run", "line:1", "stray"], 2, "`--` | command"),
         (["run", "line:1", "--ready-fd", "99"], 2, "--ready-fd 99 | Bad file descriptor"),
         (["run", "line:1", "--ready-fd", "-1"], 2, "--ready-fd -1 | file descriptor"),
+        (["run", "line:1", "--step-time-us", "999"], 2, "--step-time-us 999 | 1000 | 10000"),
+        (["run", "line:1", "--step-time-us", "10001"], 2, "10001 | 1000 | 10000"),
         (["run"], 2, "required | RIG"),
         ([], 2, "required | COMMAND"),
     ],
@@ -340,6 +342,18 @@ def test_trace_records_the_motor(tmp_path):
     assert 190_000 < max(speeds) < 260_000
     assert max(float(row["reference_counts_per_s"]) for row in rows) == 200_000
     assert max(float(row["current_A"]) for row in rows) > 0.5
+
+
+def test_steps_are_as_far_apart_as_asked_for(tmp_path):
+    file = tmp_path / "trace.csv"
+    options = ("--trace", file, "--step-time-us", "10000")
+    result = ecatsim("run", "troll", *options, "--", "sleep", "0.5")
+    assert result.returncode == 0, result.stderr
+    with file.open() as lines:
+        times = [int(row["time_ns"]) for row in csv.DictReader(lines)]
+    # A late step is followed by one in time, so that only all together say how far apart they are.
+    assert len(times) > 1
+    assert times[-1] - times[0] > (len(times) - 2) * 10_000_000
 
 
 def test_example_of_the_documentation(tmp_path):

@@ -16,6 +16,12 @@ WIRED = "3/0x7000:01", "2/0x6000:01"
 
 
 @pytest.fixture(scope="module")
+def cycle_time_us() -> int:
+    """The rates of these tests are those of 1000 cycles a second."""
+    return 1000
+
+
+@pytest.fixture(scope="module")
 def bus(start_shared: Callable[..., Daemon]) -> Daemon:
     return start_shared("troll")
 

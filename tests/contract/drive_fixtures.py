@@ -19,7 +19,8 @@ def record_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def drives(tmp_path_factory: pytest.TempPathFactory, record_file: Path) -> Iterator[Daemon]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DRIVES_RECORD", str(record_file))
-        daemon = Daemon(tmp_path_factory.mktemp("drives"), str(RIG)).wait_ready()
+        folder = tmp_path_factory.mktemp("drives")
+        daemon = Daemon(folder, str(RIG), cycle_time_us=1000).wait_ready()
     yield daemon
     assert daemon.stop() == 0
     daemon.close()

@@ -13,7 +13,7 @@ from conftest import Daemon
 @pytest.fixture(scope="module")
 def bus(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
     """A daemon whose first slave has objects of all types, and whose third one does not answer."""
-    daemon = Daemon(tmp_path_factory.mktemp("objects"), RIG).wait_ready()
+    daemon = Daemon(tmp_path_factory.mktemp("objects"), RIG, cycle_time_us=1000).wait_ready()
     yield daemon
     assert daemon.stop() == 0
     daemon.close()

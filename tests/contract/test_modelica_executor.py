@@ -77,7 +77,7 @@ def typed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
     )
     (folder / "profiles" / "types.toml").write_text(text)
     config = 'profiles = ["profiles"]\n[gateway]\nlisten = []\n'
-    daemon = Daemon(folder, RIG, config=config).wait_ready()
+    daemon = Daemon(folder, RIG, config=config, cycle_time_us=1000).wait_ready()
     yield daemon
     daemon.close()
 

@@ -277,7 +277,7 @@ def test_without_a_place_for_another_client_a_request_fails_instead_of_waiting(
 def test_a_bus_that_ends_in_the_middle_of_a_request_fails_it(tmp_path: Path, compiler: str) -> None:
     folder = tmp_path / "daemon"
     folder.mkdir()
-    daemon = Daemon(folder, RIG).wait_ready()
+    daemon = Daemon(folder, RIG, cycle_time_us=1000).wait_ready()
     program = build(
         tmp_path,
         compiler,

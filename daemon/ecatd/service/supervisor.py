@@ -38,6 +38,8 @@ from .failed_starts import FailedStarts, not_started
 
 T = TypeVar("T")
 
+_STEP_LEAST_US, _STEP_MOST_US = 1000, 10_000
+"""Limits of the simulator; within them it makes one step for each cycle of the bus."""
 _GATEWAY_PAUSE = 1.0
 """Seconds before the gateway is started again."""
 _GATEWAY_START = 60.0
@@ -210,7 +212,8 @@ class Supervisor:
 
     async def _start_simulator(self, rig: str) -> tuple[Child, dict[str, Any]]:
         read, write = os.pipe()
-        options = ["--ready-fd", str(write), "--die-with-parent"]
+        step_us = min(max(self._config.cycle_time_us, _STEP_LEAST_US), _STEP_MOST_US)
+        options = ["--ready-fd", str(write), "--die-with-parent", "--step-time-us", str(step_us)]
         if self._replay is not None:
             options += ["--replay", str(self._replay)]
         child = await self._start("the simulator", "ecatsim", "run", rig, *options, fd=write)

@@ -51,7 +51,7 @@ function _shtab_ecatsim_using
 end
 
 set -g _shtab_ecatsim_commands run capture check ctl 'ctl list' 'ctl status' 'ctl faults' 'ctl clear' 'ctl get' 'ctl set' 'ctl registers' 'ctl clocks' 'ctl stop' 'ctl drop' 'ctl delay' 'ctl duplicate' 'ctl corrupt' 'ctl noise' 'ctl wkc' 'ctl break-link' 'ctl heal-link' 'ctl power-off' 'ctl power-on' 'ctl swap' 'ctl module' 'ctl al-error' 'ctl emergency' 'ctl mailbox' 'ctl eeprom' 'ctl clock' 'ctl identification' rigs devices
-set -g _shtab_ecatsim_opts_with_value --at-cycle --bits --count --data --delay-s --drift-ppm --every --file --interface --name --port --probability --ready-fd --register --replay --second --seed --state --step-ns --trace -o
+set -g _shtab_ecatsim_opts_with_value --at-cycle --bits --count --data --delay-s --drift-ppm --every --file --interface --name --port --probability --ready-fd --register --replay --second --seed --state --step-ns --step-time-us --trace -o
 
 complete -c ecatsim -e
 complete -c ecatsim -f
@@ -66,6 +66,7 @@ complete -c ecatsim -n '_shtab_ecatsim_using run' -l second -x -d 'with --interf
 complete -c ecatsim -n '_shtab_ecatsim_using run' -l trace -xka "(__fish_complete_path (commandline -ct))" -d 'record the plant as CSV'
 complete -c ecatsim -n '_shtab_ecatsim_using run' -l replay -xka "(__fish_complete_path (commandline -ct))" -d 'give inputs the values of a recording (`ecatctl record --raw`)'
 complete -c ecatsim -n '_shtab_ecatsim_using run' -l repeat -d 'with --replay: again and again'
+complete -c ecatsim -n '_shtab_ecatsim_using run' -l step-time-us -x -d 'time between two steps of devices and plants (default and least: 1000)'
 complete -c ecatsim -n '_shtab_ecatsim_using run' -l name -x -d 'name for `ecatsim ctl --name` (default: its process id)'
 complete -c ecatsim -n '_shtab_ecatsim_using run' -l ready-fd -x -d 'file descriptor for a line of JSON when the segment answers'
 complete -c ecatsim -n '_shtab_ecatsim_using run' -l die-with-parent -d 'end when the calling process ends'

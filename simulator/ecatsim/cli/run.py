@@ -22,7 +22,7 @@ from ..net import netlink
 from ..replay import Replay
 from ..rig import Rig
 from ..rigs import library as rigs
-from ..simulation import Simulation
+from ..simulation import STEP_TIMES_US, Simulation
 from .options import Parser
 
 SIMULATOR_END = "ecat-sim"
@@ -55,6 +55,13 @@ def add_arguments(parser: Parser, command: str) -> None:
         help="give inputs the values of a recording (`ecatctl record --raw`)",
     )
     parser.add_argument("--repeat", action="store_true", help="with --replay: again and again")
+    parser.add_argument(
+        "--step-time-us",
+        metavar="US",
+        type=int,
+        default=STEP_TIMES_US.start,
+        help="time between two steps of devices and plants (default and least: %(default)s)",
+    )
     parser.add_argument(
         "--name", metavar="NAME", help="name for `ecatsim ctl --name` (default: its process id)"
     )
@@ -89,6 +96,11 @@ class _Runner:
         arguments = self._arguments
         if arguments.ready_fd is not None and not 0 <= arguments.ready_fd <= _MAX_DESCRIPTOR:
             raise UsageError(f"--ready-fd {arguments.ready_fd} is not a file descriptor")
+        if arguments.step_time_us not in STEP_TIMES_US:
+            least, most = STEP_TIMES_US[0], STEP_TIMES_US[-1]
+            raise UsageError(
+                f"--step-time-us {arguments.step_time_us} must be from {least} to {most}"
+            )
         if arguments.interface is None and arguments.second is None:
             self._enter_namespace()
         rig = rigs.make(arguments.rig)
@@ -99,7 +111,7 @@ class _Runner:
         parent = os.getppid()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)
-        simulation = Simulation(rig, arguments.trace)
+        simulation = Simulation(rig, arguments.trace, arguments.step_time_us)
         try:
             self._listen(simulation)
             interfaces = self._open_interfaces(rig.ring)

@@ -63,7 +63,7 @@ class Fault(Described):
 
 @dataclass(frozen=True)
 class SlaveFault(Fault):
-    """A fault that the simulation loop carries out, within a millisecond after its cycle."""
+    """A fault that the simulation loop carries out, before its next step."""
 
     slave: Slave = field(kw_only=False)
 
