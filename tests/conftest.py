@@ -299,11 +299,12 @@ def _starter(base: Path, cycle_time_us: int) -> Iterator[Callable[..., Daemon]]:
 
 @pytest.fixture(scope="module")
 def cycle_time_us(request: pytest.FixtureRequest) -> int:
-    """Cycle time of the daemons that the next three start; a file of tests may have its own.
+    """Cycle time of the daemons that the next three start: `CYCLE_TIME_US` of the file of tests.
 
     The models in `contract` sample every millisecond, and so does their bus.
     """
-    return 1000 if request.path.parent.name == "contract" else CYCLE_TIME_US
+    usual = 1000 if request.path.parent.name == "contract" else CYCLE_TIME_US
+    return getattr(request.module, "CYCLE_TIME_US", usual)
 
 
 @pytest.fixture

@@ -31,6 +31,9 @@ from ecatsim.control import Simulator
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 
+CYCLE_TIME_US = 1000
+"""These tests count cycles."""
+
 INSIDE = Path(__file__).with_name("inside.py")
 PR_CAPBSET_DROP, CAP_IPC_LOCK, CAP_SYS_NICE = 24, 14, 23
 MASTER, SIMULATOR = "ecat-master", "ecat-sim"

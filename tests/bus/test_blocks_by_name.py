@@ -14,6 +14,9 @@ from player import BEAR, Model
 
 pytestmark = pytest.mark.bus
 
+CYCLE_TIME_US = 1000
+"""The program samples every millisecond, and so does its bus."""
+
 RIG = 'name = "axes"\n' + '[[slave]]\ndevice = "CiA402"\n' * 2
 SLAVE = '[[slave]]\nposition = {}\nname = "{}"\nvendor = 0xffff\nproduct = 0x402\n'
 PROGRAM = """
@@ -55,12 +58,6 @@ def config(*given: str) -> str:
     """A configuration that gives the slaves these names, in the order of the wire."""
     slaves = (SLAVE.format(position, name) for position, name in enumerate(given))
     return "[gateway]\nlisten = []\n" + "".join(slaves)
-
-
-@pytest.fixture(scope="module")
-def cycle_time_us() -> int:
-    """The program samples every millisecond, and so does its bus."""
-    return 1000
 
 
 @pytest.fixture

@@ -11,6 +11,9 @@ from conftest import Daemon, names, one_line_error, run_module
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
+CYCLE_TIME_US = 1000
+"""The bus has the default of rigs and scans."""
+
 ESI = (Path(__file__).parents[1] / "unit" / "esi_sample.py").read_text().split('"""')[3]
 DEVICES = "AX2:0x00020001,0x1234:0x00020001,DI4"
 RIG = """

@@ -29,6 +29,9 @@ from ecatsim.slave.sii import Description, build
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
+CYCLE_TIME_US = 1000
+"""The clocks of these tests are watched at 1000 cycles a second."""
+
 HOP = 400  # ns from a slave of a line to the next
 CYCLE = 1_000_000
 # Slave 0 runs so fast that no noise can hide it.

@@ -19,6 +19,9 @@ from ecatd.client import Client
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
+CYCLE_TIME_US = 1000
+"""The dividers of these tests are those of 1000 cycles a second."""
+
 RIG = Path(__file__).parents[1] / "rigs" / "domains.py"
 DIVIDERS = (1, 4, 10)
 SLAVES = (range(4), range(4, 34), range(34, 40))

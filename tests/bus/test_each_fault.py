@@ -17,6 +17,9 @@ from ecatsim.control.client import RemoteFaults as Faults
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
+CYCLE_TIME_US = 1000
+"""These tests wait for many cycles."""
+
 CONFIG = "state_timeout_s = 10.0\n[gateway]\nlisten = []\n[recovery]\nretry_s = 0.2\n"
 SLAVE, BEHIND = 5, (6, 7)
 REASON, WATCHDOG = 0x001D, 0x001B

@@ -23,6 +23,9 @@ from player import BEAR, STEP, Model, outputs, plant_of, until
 
 pytestmark = pytest.mark.bus
 
+CYCLE_TIME_US = 1000
+"""The FMU makes steps of a millisecond, and so does its bus."""
+
 DRIVE = "goldGCONDrive"
 CYCLIC_VELOCITY = 9
 RIGS = Path(__file__).parents[1] / "rigs"
@@ -30,12 +33,6 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "fmu" / "speed_loop.py"
 ERROR, CONTINUE = 1, 3  # EtherCAT.Types.BusFailure
 OPERATIONAL = 5  # EtherCAT.Types.BusState
 OP = 6  # EtherCAT.Types.ALState
-
-
-@pytest.fixture(scope="module")
-def cycle_time_us() -> int:
-    """The FMU makes steps of a millisecond, and so does its bus."""
-    return 1000
 
 
 @pytest.fixture(scope="module", params=[2, 3], ids=["FMI 2", "FMI 3"])

@@ -22,6 +22,9 @@ from handle import ESTALE, Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
+CYCLE_TIME_US = 1000
+"""These tests wait for many cycles."""
+
 HERE = Path(__file__).parent
 PAGES = int(os.environ.get("ECAT_PAGES", "60000"))
 CONFIG = """

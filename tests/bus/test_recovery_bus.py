@@ -15,6 +15,9 @@ from ecatd.model.al import AlState
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
+CYCLE_TIME_US = 1000
+"""These tests count cycles."""
+
 SLAVES = 7
 MAILBOX = 1  # with CoE, as the last one
 DOMAINS = "".join(f"[[domain]]\nname = 'd{i}'\nslaves = [{i}]\n" for i in range(1, SLAVES))

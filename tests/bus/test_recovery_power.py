@@ -11,6 +11,9 @@ from ecatd.model.al import AlState
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
+CYCLE_TIME_US = 1000
+"""These tests count cycles."""
+
 LONG_LINE = Path(__file__).parent.parent / "rigs" / "long_line.py"
 CONFIG = "state_timeout_s = 10.0\n[gateway]\nlisten = []\n[recovery]\nretry_s = 1.0\n"
 CONFIG += "[outputs]\nlease_max_ms = 60000\n"

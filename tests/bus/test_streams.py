@@ -11,14 +11,11 @@ from ecatd.model.errors import NoAnswerError, StateError, UsageError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
+CYCLE_TIME_US = 1000
+"""The rates of these tests are those of 1000 cycles a second."""
+
 WIRED = "3/0x7000:01", "2/0x6000:01"
 """An output of the rig, and the input that it is wired to."""
-
-
-@pytest.fixture(scope="module")
-def cycle_time_us() -> int:
-    """The rates of these tests are those of 1000 cycles a second."""
-    return 1000
 
 
 @pytest.fixture(scope="module")

@@ -21,6 +21,9 @@ from esi_sample import SAMPLE
 
 pytestmark = pytest.mark.bus
 
+CYCLE_TIME_US = 1000
+"""The default, which `config check` assumes for a file that does not name it."""
+
 KNOWN = """
 cycle_time_us = 2000
 [gateway]

@@ -16,6 +16,9 @@ from ecatd import shm
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 
+CYCLE_TIME_US = 1000
+"""The model samples every millisecond, and so does its bus."""
+
 FIGURE9 = Path(__file__).parents[2] / "examples" / "figure9"
 
 

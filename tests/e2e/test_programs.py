@@ -25,6 +25,9 @@ from ecatd.model import errors
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 
+CYCLE_TIME_US = 1000
+"""The programs sample every millisecond, and so does their bus."""
+
 ROOT = Path(__file__).parents[2]
 CLIENT = ROOT / "client_c"
 EXAMPLES = ROOT / "examples" / "clients"

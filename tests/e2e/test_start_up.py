@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import SHM, Daemon, names, one_line_error, run_module, wait_for
+from conftest import CYCLE_TIME_US, SHM, Daemon, names, one_line_error, run_module, wait_for
 from ecatd.client.remote import Remote
 from ecatd.failure_record import FailureRecord, write_record
 from ecatd.model.al import AlState
@@ -402,7 +402,7 @@ def test_who_asks_a_daemon_that_starts_is_told_so(start_daemon: Callable[..., Da
 def test_a_bus_of_one_slave(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("line:1")
     (told,) = (line for line in daemon.log.splitlines() if "is in OP" in line)
-    names(told, "1 slave", "32 bytes of outputs", "32 of inputs", "1000 µs")
+    names(told, "1 slave", "32 bytes of outputs", "32 of inputs", f"{CYCLE_TIME_US} µs")
     assert daemon.stop() == 0
 
 

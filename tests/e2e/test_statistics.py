@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from conftest import Daemon, names, one_line_error, run_module
+from conftest import CYCLE_TIME_US, Daemon, names, one_line_error, run_module
 from ecatd.client.remote import Remote
 from ecatd.stats import read
 
@@ -288,7 +288,7 @@ def test_watch_redraws_in_place_and_gives_the_cursor_back(
 
 def test_info_tells_real_time_and_its_price(rates: Daemon) -> None:
     document = rates.ctl_json("info")
-    assert (document["interface"], document["cycle_time_us"]) == ("ecat-master", 1000)
+    assert (document["interface"], document["cycle_time_us"]) == ("ecat-master", CYCLE_TIME_US)
     assert document["gateway"] == {"error": None}
     rows = {row["setting"]: row for row in document["settings"]}
     assert list(rows) == [
