@@ -75,9 +75,10 @@ pictures: $(if $(filter $(VENV)/bin,$(BIN)),$(if $(wildcard $(VENV)/.demo),,$(VE
 # Most people start as an ordinary user, so root tries the first steps as one, too: in a user namespace in
 # which this process is user 1000 and has no rights beyond it. An ordinary user runs all tests so.
 FIRST_STEPS := $(addprefix tests/e2e/test_,start_up.py figure9.py benchmarks.py)
-# Tests wait a third of their time, so there are three processes for two processors. Files stay whole,
-# and begin in the order of `testpaths`.
-PARALLEL := --numprocesses $(shell echo $$(( ($$(nproc) * 3 + 1) / 2 ))) --dist loadfile --no-loadscope-reorder
+# $(call parallel,PROCESSES): so many processes for two processors. Tests wait a third of their time, so
+# there are three; long ones wait longer, so there are four. Files stay whole, and begin in the order of
+# `testpaths`.
+parallel = --numprocesses $(shell echo $$(( ($$(nproc) * $(1) + 1) / 2 ))) --dist loadfile --no-loadscope-reorder
 
 # A single test that fails is run once more, alone, and the output says so: some tests are about real
 # time, and on a shared machine a process may get no processor for a while. More than one have failed.
@@ -87,7 +88,7 @@ TRIES := 2
 # Where the environment forbids bytecode, each process would compile all tests anew.
 pytest = env -u PYTHONDONTWRITEBYTECODE $(BIN)/python tests/guard.py $(BIN)/python -m pytest -o cache_dir=.pytest_cache/$(1)
 define run_tests
-rm -f .pytest_cache/$(1)/v/cache/lastfailed; $(2) $(call pytest,$(1)) $(PARALLEL) $(3) || { [ $$? = 1 ] && \
+rm -f .pytest_cache/$(1)/v/cache/lastfailed; $(2) $(call pytest,$(1)) $(call parallel,$(if $(filter long,$(1)),4,3)) $(3) || { [ $$? = 1 ] && \
   [ "$(TRIES)" != 1 ] && \
   failed=$$(sed -n 's/^ *"\(.*\)": true,*$$/\1/p' .pytest_cache/$(1)/v/cache/lastfailed) && \
   [ "$$(echo "$$failed" | grep -c .)" = 1 ] && \
@@ -132,7 +133,7 @@ soak: $(VENV)/.test
 # A million inputs for each parser and each way into the daemon, and sanitizers for the parts in C.
 INPUTS := 1000000
 fuzz: $(VENV)/.test
-	ECAT_INPUTS=$(INPUTS) ECAT_PAGES=$(INPUTS) $(call pytest,fuzz) $(PARALLEL) -o timeout=36000 -m "not system" \
+	ECAT_INPUTS=$(INPUTS) ECAT_PAGES=$(INPUTS) $(call pytest,fuzz) $(call parallel,3) -o timeout=36000 -m "not system" \
 	  --durations=20 tests/fuzz tests/bus/test_hostile_clients.py
 
 # On an idle machine; as root with real-time priority, as everyone else without.

@@ -69,6 +69,21 @@ def test_frames_as_they_come(troll: Daemon, tmp_path: Path) -> None:
         assert steps == {1}
 
 
+def test_a_full_disk_leaves_a_whole_file(troll: Daemon, small_disk: Path) -> None:
+    file = small_disk / "run.pcapng"
+    full = troll.ctl("capture", "--follow", "-o", str(file), check=False)
+    assert full.returncode == 7
+    count = len(tshark(file))  # fails if the last block is cut
+    assert count > 0
+    names(one_line_error(full.stderr, "ecatctl"), str(file), f"{count} frames")
+    (small_disk / "rest").write_bytes(bytes(os.statvfs(small_disk).f_bavail << 12))
+    file = small_disk / "other.pcapng"
+    full = troll.ctl("capture", "-o", str(file), check=False)
+    assert full.returncode == 7
+    names(one_line_error(full.stderr, "ecatctl"), str(file), "nothing")
+    assert not file.exists()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_leaves_a_whole_file(
     troll: Daemon, tmp_path: Path, number: signal.Signals

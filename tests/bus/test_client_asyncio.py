@@ -15,6 +15,9 @@ from ecatd.model.errors import NoAnswerError, StateError
 
 pytestmark = pytest.mark.bus
 
+CYCLE_TIME_US = 1000
+"""These tests wait for many cycles."""
+
 DRIVE, EL2008 = 0, 3
 FOREVER = 1 << 40
 

@@ -35,7 +35,13 @@ OPERATIONAL = 5  # EtherCAT.Types.BusState
 OP = 6  # EtherCAT.Types.ALState
 
 
-@pytest.fixture(scope="module", params=[2, 3], ids=["FMI 2", "FMI 3"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(2, id="FMI 2", marks=pytest.mark.long),
+        pytest.param(3, id="FMI 3"),
+    ],
+)
 def model(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, troll: Daemon
 ) -> Model:

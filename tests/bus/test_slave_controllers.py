@@ -1,5 +1,6 @@
 """`ecatctl errors`, `graph`, `reg-read`, `reg-write`, `sii-read`, on a bus with branches."""
 
+import contextlib
 import json
 import os
 import subprocess
@@ -286,6 +287,41 @@ def test_an_alias_is_written_with_its_checksum(bus: Daemon, simulator: Simulator
     assert wrong.returncode == 7
     names(one_line_error(wrong.stderr, "ecatctl"), "slave 1", "checksum", "sii-write")
     simulator.faults.eeprom(1, "restore")
+    bus.ctl("alias", "1", str(before), "--yes")
+
+
+@pytest.mark.parametrize("command", ["alias", "sii-write"])
+def test_an_eeprom_that_changes_during_the_question(
+    bus: Daemon, tmp_path: Path, command: str
+) -> None:
+    before = bus.ctl_json("sii-read", "1")["sii"]["alias"]
+    file = tmp_path / "sii.bin"
+    bus.ctl("alias", "1", "100", "--yes")
+    bus.ctl("sii-read", "1", "-o", str(file))
+    bus.ctl("alias", "1", "101", "--yes")
+    what = "100" if command == "alias" else str(file)
+    ours, theirs = os.openpty()
+    with subprocess.Popen(
+        [sys.executable, "-m", "ecatd.cli", command, "1", what],
+        **(dict.fromkeys(("stdin", "stderr"), theirs) | {"stdout": subprocess.DEVNULL}),
+        env=bus.env,
+        cwd=tmp_path,
+    ) as process:
+        os.close(theirs)
+        said = b""
+        while b"[y/N]" not in said:
+            said += os.read(ours, 4096)
+        bus.ctl("alias", "1", "102", "--yes")
+        os.write(ours, b"y\n")
+        said = b""
+        with contextlib.suppress(OSError):  # it has closed its end
+            while more := os.read(ours, 4096):
+                said += more
+        assert process.wait() == 7
+    os.close(ours)
+    names(said.decode(), "slave 1", "somebody else", "nothing was written")
+    assert bus.ctl_json("sii-read", "1")["sii"]["alias"] == 102
+    assert [path.name for path in tmp_path.glob("sii*")] == ["sii.bin"]  # no backup of nothing
     bus.ctl("alias", "1", str(before), "--yes")
 
 

@@ -6,7 +6,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -171,18 +171,6 @@ def test_recordings_in_other_formats_have_the_same_values(bus: Daemon, tmp_path:
     assert cycles == sorted(cycles)
     assert all(set(content["values"]) == set(names_) for _, content, _ in rows)
     assert [at for _, _, at in rows] == sorted(at for _, _, at in rows)
-
-
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system with room for 200 KiB."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    mounted = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(folder)]
-    if subprocess.run(mounted, check=False, capture_output=True).returncode:
-        pytest.skip("only root mounts a file system")
-    yield folder
-    subprocess.run(["umount", str(folder)], check=True)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "mcap", "parquet"])

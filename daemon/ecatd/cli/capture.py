@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 _PAUSE = 0.2
 """Seconds between two looks for new frames."""
+_AT_ONCE = 64
+"""Frames that are written together."""
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
@@ -92,20 +94,18 @@ def capture(remote: Remote, options: argparse.Namespace) -> None:
     if options.json and options.output == "-":
         raise UsageError("the frames go to stdout: give --output FILE with --json")
     source = Source(remote)
-    count, first, last, ended = 0, 0, 0, False
+    first, last, ended = 0, 0, False
     frames = source.read()
     if options.last and frames:
         begin = frames[-1].time_ns - int(options.last * 1e9)
         frames = [frame for frame in frames if frame.time_ns >= begin]
     deadline = time.monotonic() + (options.duration or float("inf"))
-    with _opened(options.output) as file, noted_signals() as is_ended:
-        file.write(header(source.interfaces))
+    with _File(options.output) as file, noted_signals() as is_ended:
+        file.begin(source.interfaces)
         while True:
-            file.writelines(packet(frame, source.clock_ns) for frame in frames)
-            file.flush()
+            file.add(frames, source.clock_ns)
             if frames:
                 first, last = first or frames[0].time_ns, frames[-1].time_ns
-                count += len(frames)
             if not options.follow or ended:
                 break
             time.sleep(_PAUSE)
@@ -114,26 +114,76 @@ def capture(remote: Remote, options: argparse.Namespace) -> None:
             frames = source.read()
     span = (last - first) / 1e9
     if options.json:
-        found = {"file": options.output, "frames": count, "seconds": span}
+        found = {"file": options.output, "frames": file.frames, "seconds": span}
         print_json({"bus": remote.bus, **found, "bytes_missing": source.missing})
         return
-    text = f"{options.output}: {count} frames in {span:.3f} s"
+    text = f"{options.output}: {file.frames} frames in {span:.3f} s"
     if source.missing:
         text += f"; {source.missing} bytes were overwritten before they were read"
     print(text, file=sys.stderr)
 
 
-@contextmanager
-def _opened(path: str) -> Iterator[BinaryIO]:
-    if path == "-":
-        check_stdout()
-        if sys.stdout.isatty():
-            raise UsageError("a terminal cannot show frames: pipe them to `wireshark -k -i -`")
-        yield sys.stdout.buffer
-        return
-    try:
-        file = Path(path).open("wb")  # noqa: SIM115  only errors of this line are about the path
-    except OSError as error:
-        raise StateError(f"{path} cannot be written: {error.strerror}") from error
-    with file:
-        yield file
+class _File(ExitStack):
+    """The file, or stdout.
+
+    Attributes:
+        frames: Number of frames that are in it.
+
+    Raises:
+        StateError: It cannot be written.
+        UsageError: It is a terminal, or stdout is closed.
+    """
+
+    def __init__(self, path: str) -> None:
+        super().__init__()
+        self.frames = 0
+        self._path = path
+        self._file: BinaryIO
+        if path == "-":
+            check_stdout()
+            if sys.stdout.isatty():
+                raise UsageError("a terminal cannot show frames: pipe them to `wireshark -k -i -`")
+            self._file = sys.stdout.buffer
+            return
+        try:
+            # Not buffered: no block waits for room when the file is closed.
+            self._file = self.enter_context(Path(path).open("wb", buffering=0))  # noqa: SIM115
+        except OSError as error:
+            raise StateError(f"{path} cannot be written: {error.strerror}") from error
+
+    def begin(self, interfaces: Sequence[str]) -> None:
+        """Writes what is in front of all frames."""
+        self._write(header(interfaces))
+
+    def add(self, frames: Sequence[Frame], clock_ns: int) -> None:
+        """Adds frames.
+
+        Args:
+            frames: The frames.
+            clock_ns: Unix time minus the time of the frames.
+
+        Raises:
+            StateError: Not all can be written, for example because the disk is full. The file ends
+                with the last whole block; it is removed if it has no frame.
+        """
+        for at in range(0, len(frames), _AT_ONCE):
+            batch = frames[at : at + _AT_ONCE]
+            self._write(b"".join(packet(frame, clock_ns) for frame in batch))
+            self.frames += len(batch)
+
+    def _write(self, blocks: bytes) -> None:
+        written = 0
+        try:
+            while written < len(blocks):
+                written += self._file.write(blocks[written:])
+            self._file.flush()
+        except OSError as error:
+            if self._path == "-":  # the reader has gone, or the shell has opened a file
+                raise
+            with suppress(OSError):  # a pipe cannot be cut
+                self._file.truncate(self._file.tell() - written)
+            safe = f"{self.frames} frames are safe in it"
+            if not self.frames and Path(self._path).is_file():
+                Path(self._path).unlink()
+                safe = "nothing was captured"
+            raise StateError(f"{self._path} cannot be written: {error.strerror}; {safe}") from error

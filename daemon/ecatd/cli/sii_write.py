@@ -90,6 +90,7 @@ def sii_write(remote: Remote, options: argparse.Namespace) -> None:
         )
         if backup.exists():
             raise UsageError(f"{backup} exists: give another --backup; nothing was written")
+        _check_unchanged(found, before, remote.sii(found.position))
         save_bytes(backup, before)
         _write(remote, found, image, parts, backup)
     _report(remote, options, found, words, changes, backup)
@@ -175,6 +176,19 @@ def _write(remote: Remote, found: Slave, image: bytes, parts: Sequence[int], bac
         ) from error
 
 
+def _check_unchanged(found: Slave, before: bytes, now: bytes) -> None:
+    """Checks what was there a moment ago: somebody else may have written during the question.
+
+    Raises:
+        StateError: It is no longer there.
+    """
+    if now != before:
+        raise StateError(
+            f"somebody else has written the EEPROM of {found.label} in the meantime: nothing was "
+            "written, try again"
+        )
+
+
 def _words(count: int) -> str:
     return "1 word" if count == 1 else f"{count} words"
 
@@ -217,6 +231,8 @@ def set_alias(remote: Remote, options: argparse.Namespace) -> None:
         confirm(
             options, f"This changes the alias of {found.label} from {before} to {options.alias}."
         )
+        now = remote.read_sii(found.position, 0, _CHECKSUM + 1)
+        _check_unchanged(found, head, now)
         changed = head[: 2 * _ALIAS] + options.alias.to_bytes(2, "little") + head[2 * _ALIAS + 2 :]
         checksum = sii_checksum(changed[: 2 * _CHECKSUM]).to_bytes(2, "little")
         # All words under the checksum are written, so that it fits even after another write.
