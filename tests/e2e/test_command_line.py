@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import PYTHON, Daemon, names, naming, one_line_error, run_module
+from conftest import CYCLE_TIME_US, PYTHON, Daemon, names, naming, one_line_error, run_module
 from ecatd.model.errors import EcatError, StateError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -254,13 +254,14 @@ def test_check_tells_what_would_change(troll: Daemon, tmp_path: Path) -> None:
     text = troll.ctl(*other, check=False)
     assert text.returncode == 1
     gone = "slave 0 GoldGCONDrive: is gone (Gold EtherCAT GCON Drive, revision 0x00010420)"
-    assert gone in text.stdout.splitlines()
+    cycle = f"bus: cycle was {CYCLE_TIME_US} µs, is 1000 µs"
+    assert text.stdout.splitlines()[:2] == [cycle, gone]
     data = troll.ctl(*other, "--json", check=False)
     assert data.returncode == 1
     document = json.loads(data.stdout)
     assert document["changed"] is True
-    (difference,) = (each for each in document["differences"] if each["text"] == gone)
-    assert (difference["kind"], difference["slave"]) == ("gone", 0)
+    assert [each["text"] for each in document["differences"][:2]] == [cycle, gone]
+    assert (document["differences"][1]["kind"], document["differences"][1]["slave"]) == ("gone", 0)
     assert troll.ctl("generate", "Plant", out, "--check").stdout == same.stdout
 
 
