@@ -5,15 +5,18 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 
-from conftest import Daemon, names, one_line_error, wait_for
+from conftest import Daemon, names, naming, one_line_error, wait_for
 from ecatd.client.remote import Remote
+from ecatd.model.errors import StateError
 from ecatsim.control import Simulator
 from ecatsim.devices.beckhoff import EL3102
 
@@ -190,6 +193,36 @@ def test_an_eeprom_is_written(bus: Daemon, tmp_path: Path) -> None:
     bus.ctl("sii-write", "9", str(backup), "--backup", str(tmp_path / "x"), "--yes")
     assert bus.ctl_json("sii-read", "9")["sii"]["order"] == "EL3102"
     assert all(row["text"] == "OP" for row in bus.slave_rows("state"))
+
+
+def test_an_eeprom_that_does_not_answer_delays_no_other(
+    bus: Daemon, simulator: Simulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ECATD_RUNTIME_DIR", bus.env["ECATD_RUNTIME_DIR"])
+    simulator.faults.break_link(10)
+    wait_for(lambda: bus.ctl("errors", check=False).returncode == 4, bus)
+
+    def read_of_silent_slave() -> tuple[float, float]:
+        begun = time.monotonic()
+        with Remote(bus.bus) as other, pytest.raises(StateError, match=naming("slave 10")):
+            other.read_sii(10, 0, 8)
+        return begun, time.monotonic()
+
+    def one_of_another_slave_has_overtaken() -> bool:
+        """Whether a read that began 0.2 s after that of the silent slave has ended before it."""
+        done = []
+        reading = pool.submit(read_of_silent_slave)
+        while not reading.done():
+            begun = time.monotonic()
+            assert len(remote.read_sii(9, 0, 8)) == 16
+            done.append((begun, time.monotonic()))
+        first, last = reading.result()
+        return any(first + 0.2 < begun and end < last for begun, end in done)
+
+    with ThreadPoolExecutor(1) as pool, Remote(bus.bus) as remote:
+        wait_for(one_of_another_slave_has_overtaken, bus)
+    simulator.faults.heal_link(10)
+    wait_for(lambda: all(row["text"] == "OP" for row in bus.slave_rows("state")), bus)
 
 
 def test_one_client_at_a_time_writes_an_eeprom(

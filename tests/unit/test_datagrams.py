@@ -18,7 +18,8 @@ from ecatd.bus.frames.datagrams import (
     fprd,
     fpwr,
 )
-from ecatd.bus.frames.eeprom import read_eeproms
+from ecatd.bus.frames.eeprom import read_eeproms, reading_eeproms
+from ecatd.coroutine_steps import finish
 from ecatd.model.errors import StateError
 from ecatsim.esc import Chip, Segment
 from ecatsim.slave.sii import Description, build
@@ -160,6 +161,26 @@ def test_eeproms_that_cannot_be_read_are_named() -> None:
             read_eeproms(registers, [(Station(0x1001), "A")], decode)
         segment.set_eeprom(0, image(0))
         assert read_eeproms(registers, [(Station(0x1001), "A")], decode) == [image(0)[:16]]
+
+
+def test_slow_eeproms_let_others_be_read_meanwhile() -> None:
+    def words(number: int) -> Callable[[Callable[[int, int], bytes]], bytes]:
+        return lambda read: read(0, number)
+
+    with bus(Chip(), Chip(eeprom_read_us=20_000)) as (registers, _segment, _wire):
+        slow, silent = (Station(0x1002), "slow"), (Station(0x1009), "silent")
+        first = reading_eeproms(registers, [slow], words(8))
+        lost = reading_eeproms(registers, [(Station(0x1001), "quick"), silent], words(8))
+        next(first)
+        next(lost)
+        # Those who read the same EEPROM meanwhile give it back to the device.
+        assert read_eeproms(registers, [slow], words(4)) == [image(1)[:8]]
+        assert read_eeproms(registers, [(Station(0x1001), "quick")], words(4)) == [image(0)[:8]]
+        assert finish(first) == [image(1)[:16]]
+        with pytest.raises(StateError, match=naming("silent: EEPROM: ", "answer")):
+            finish(lost)
+        owners = registers.read_all([0x1001, 0x1002], 0x0500, 1)
+        assert [answer.data for answer in owners] == [b"\x01"] * 2
 
 
 def test_a_device_that_keeps_its_eeprom_is_overruled() -> None:

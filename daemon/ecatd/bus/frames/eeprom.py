@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
-from ecatd.coroutine_steps import Steps
+from ecatd.coroutine_steps import Steps, finish
 from ecatd.model.errors import StateError
 from ecatd.model.sii_categories import Words
 
@@ -39,6 +39,10 @@ _SILENT_LIMIT = 1.0
 _PAUSE = 0.0002
 """Seconds between two reads of the status while all EEPROMs are busy."""
 
+_LATE = 0.005
+"""Seconds without progress after which reading lets other work go on. A slave that is there, and
+whose EEPROM works, is quicker."""
+
 
 class _Unread(Exception):  # noqa: N818  it is no error
     """`decode` needs words that have not been read yet."""
@@ -59,6 +63,10 @@ class _Eeprom(Generic[T]):
         self._silent_since: float | None = None
         self.command: bytes | None = None  # to be written to the slave next
         self.result: list[T] = []
+
+    def forget(self) -> None:
+        """Sends the command again: another reader may have used the EEPROM meanwhile."""
+        self._asked = False
 
     def _words(self, word: int, count: int) -> bytes:
         wanted = range(word & ~1, word + count, 2)
@@ -132,9 +140,21 @@ def read_eeproms(
     decode: Callable[[Words], T],
     cancelled: Callable[[], bool] = lambda: False,
 ) -> list[T]:
+    """Carries `reading_eeproms` out at once, where no other work waits."""
+    return finish(reading_eeproms(registers, slaves, decode, cancelled))
+
+
+def reading_eeproms(
+    registers: Datagrams,
+    slaves: Sequence[tuple[Station | Place, str]],
+    decode: Callable[[Words], T],
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Steps[list[T]]:
     """Reads the EEPROMs of many slaves at the same time.
 
-    Then it gives them back: register 0x0500 assigns them to the devices again (ETG.1000.6).
+    Then it gives them back, also after an error: register 0x0500 assigns them to the devices again
+    (ETG.1000.6). It yields only while it waits for slaves that do not answer, or whose EEPROMs are
+    busy for long. So two readers of one EEPROM do not disturb each other.
 
     Args:
         registers: Access to the registers of the slaves.
@@ -151,27 +171,43 @@ def read_eeproms(
         StateError: An EEPROM cannot be read, or `decode` raised this. The message names the slave.
     """
     eeproms = [_Eeprom(slave, label, decode) for slave, label in slaves]
-    for owner in (_FORCE_TO_MASTER, _TO_MASTER):
-        registers.exchange([slave.write(_ASSIGNMENT, owner) for slave, _ in slaves])
-    unread = eeproms
-    while unread:
-        if cancelled():
-            raise StateError("stopped while slaves were being read")
-        asked = [item for item in unread if item.command is not None]
-        # A write takes effect at the end of its frame, so the status needs a frame of its own.
-        registers.exchange(
-            [item.slave.write(_CONTROL, item.command) for item in asked if item.command]
-        )
-        for item in asked:
-            item.command = None
-        answers = registers.exchange([item.slave.read(_CONTROL, _CONTROL_SIZE) for item in unread])
-        for item, answer in zip(unread, answers, strict=True):
-            item.look(answer.data, answer.wkc == 1)
-        if all(item.command is None for item in unread):
-            time.sleep(_PAUSE)
-        unread = [item for item in unread if not item.result]
-    registers.exchange([slave.write(_ASSIGNMENT, _TO_DEVICE) for slave, _ in slaves])
+    try:
+        _assign_to_master(registers, eeproms)
+        unread, progress = eeproms, time.monotonic()
+        while unread:
+            if cancelled():
+                raise StateError("stopped while slaves were being read")
+            _look(registers, unread)
+            if any(item.command is not None or item.result for item in unread):
+                progress = time.monotonic()
+            elif time.monotonic() - progress < _LATE:
+                time.sleep(_PAUSE)
+            else:
+                yield
+                _assign_to_master(registers, unread)
+            unread = [item for item in unread if not item.result]
+    finally:
+        registers.exchange([slave.write(_ASSIGNMENT, _TO_DEVICE) for slave, _ in slaves])
     return [item.result[0] for item in eeproms]
+
+
+def _assign_to_master(registers: Datagrams, eeproms: Sequence[_Eeprom[T]]) -> None:
+    for owner in (_FORCE_TO_MASTER, _TO_MASTER):
+        registers.exchange([item.slave.write(_ASSIGNMENT, owner) for item in eeproms])
+    for item in eeproms:
+        item.forget()
+
+
+def _look(registers: Datagrams, eeproms: Sequence[_Eeprom[T]]) -> None:
+    """Sends the next commands, and evaluates the answers to earlier ones."""
+    # A write takes effect at the end of its frame, so the status needs a frame of its own.
+    registers.exchange(
+        [item.slave.write(_CONTROL, item.command) for item in eeproms if item.command]
+    )
+    answers = registers.exchange([item.slave.read(_CONTROL, _CONTROL_SIZE) for item in eeproms])
+    for item, answer in zip(eeproms, answers, strict=True):
+        item.command = None
+        item.look(answer.data, answer.wkc == 1)
 
 
 def write_eeprom(
@@ -197,10 +233,12 @@ def write_eeprom(
     """
     count = len(data) // 2
 
-    def read() -> bytes:
-        return read_eeproms(registers, [(slave, label)], lambda words: words(word, count))[0]
+    def read() -> Steps[bytes]:
+        steps = reading_eeproms(registers, [(slave, label)], lambda words: words(word, count))
+        (words,) = yield from steps
+        return words
 
-    before = read()
+    before = yield from read()
     wrong = [at for at in range(0, len(data), 2) if before[at : at + 2] != data[at : at + 2]]
     if not wrong:
         return {}
@@ -209,7 +247,7 @@ def write_eeprom(
             yield from _write_word(registers, slave, label, word + at // 2, data[at : at + 2])
     finally:
         registers.exchange([slave.write(_ASSIGNMENT, _TO_DEVICE)])
-    after = read()
+    after = yield from read()
     for at in wrong:
         if after[at : at + 2] != data[at : at + 2]:
             raise StateError(

@@ -18,7 +18,7 @@ from ecatd.model.sii_parts import read_mailbox
 
 from ..frames import soem
 from ..frames.datagrams import Datagram, Datagrams, Station, fprd, fpwr, source_address
-from ..frames.eeprom import read_eeproms, write_eeprom
+from ..frames.eeprom import reading_eeproms, write_eeprom
 from ..frames.frame_ring import FrameRing
 from ..frames.interface import open_for_control, own, wait_for_carriers
 from ..frames.relay import Relay
@@ -233,6 +233,10 @@ class Master:
         self.write_registers([(position, _SYNC_MANAGERS, data) for position, data in wanted])
 
     def read_mailboxes(self, positions: Sequence[int]) -> list[bytes]:
+        """Carries `reading_mailboxes` out at once, for a start, where no other work waits."""
+        return finish(self.reading_mailboxes(positions))
+
+    def reading_mailboxes(self, positions: Sequence[int]) -> Steps[list[bytes]]:
         """Reads the settings of the mailboxes, which are sync managers 0 and 1, from EEPROMs.
 
         Returns:
@@ -241,11 +245,12 @@ class Master:
         Raises:
             StateError: An EEPROM cannot be read.
         """
+        found = yield from self.reading_eeproms(read_mailbox, positions)
         return [
             b"".join(
                 struct.pack("<HHBBBB", m.start, m.length, m.control, 0, 1, 0) for m in managers
             )
-            for managers in self.read_eeproms(read_mailbox, positions)
+            for managers in found
         ]
 
     def name(self, position: int) -> str:
@@ -255,13 +260,21 @@ class Master:
     def read_eeproms(
         self, decode: Callable[[Words], T], positions: Sequence[int] | None = None
     ) -> list[T]:
-        """Reads SII EEPROMs of all slaves, or of those at `positions`; see `eeprom.read_eeproms`.
+        """Carries `reading_eeproms` out at once, for a start, where no other work waits."""
+        return finish(self.reading_eeproms(decode, positions))
+
+    def reading_eeproms(
+        self, decode: Callable[[Words], T], positions: Sequence[int] | None = None
+    ) -> Steps[list[T]]:
+        """Reads SII EEPROMs of all slaves, or of those at `positions`.
+
+        See `eeprom.reading_eeproms`.
 
         Raises:
             StateError: An EEPROM cannot be read, or `decode` finds it malformed.
         """
         chosen = range(len(self.stations)) if positions is None else positions
-        return read_eeproms(
+        return reading_eeproms(
             self.registers,
             [(Station(self.stations[position]), self._label(position)) for position in chosen],
             decode,

@@ -54,11 +54,10 @@ class Eeproms:
             StateError: There is no such slave, or its EEPROM cannot be read.
         """
         position = self._bus.find(request.slave).position
-        (data,) = await self._worker.run(
-            lambda: self._master.read_eeproms(
-                lambda words: words(request.word, request.count), [position]
-            )
+        steps = self._master.reading_eeproms(
+            lambda words: words(request.word, request.count), [position]
         )
+        (data,) = await self._worker.request(steps)
         return {"data": data}
 
     async def write(self, request: WriteSii) -> dict[str, Any]:

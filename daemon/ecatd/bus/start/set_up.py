@@ -135,18 +135,17 @@ class SetUp:
         """Notes that another device has taken the place of a slave, as its table permits."""
         self._new.add(position)
 
-    def _read_new(self, positions: Iterable[int]) -> dict[int, Missed]:
+    def _read_new(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
         """Reads the SII of slaves that are there for the first time.
 
         Returns:
             Why slaves cannot be used, by position.
         """
         new = sorted(self._new & {*positions})
-        missed = {}
-        mailboxes = self._master.read_mailboxes(new)
-        for position, sii, mailbox in zip(
-            new, self._master.read_eeproms(read_sii, new), mailboxes, strict=True
-        ):
+        missed: dict[int, Missed] = {}
+        mailboxes = yield from self._master.reading_mailboxes(new)
+        siis = yield from self._master.reading_eeproms(read_sii, new)
+        for position, sii, mailbox in zip(new, siis, mailboxes, strict=True):
             item = self._scanned[position]
             was = copy(item.slave)
             item.sii = sii
@@ -211,7 +210,7 @@ class SetUp:
             StateError: A slave does not answer any more.
         """
         here = set(positions)
-        missed = self._read_new(here)
+        missed = yield from self._read_new(here)
         here -= missed.keys()
         first = AlState.BOOT if state == AlState.BOOT else AlState.PREOP
         if begin == AlState.INIT:
