@@ -184,6 +184,7 @@ def test_values_are_written_as_bytes_from_files_and_with_units(bus: Daemon, tmp_
 
 def test_negative_numbers_need_no_extra_syntax(bus: Daemon) -> None:
     """The slave itself says which of its objects are signed."""
+    assert bus.ctl_json("sdo-read", INPUTS, "0x8000", "0x12")["type"] == "INTEGER32"
     for where, text, data, kind in (
         ("0x11", "-5", "fbff", "INTEGER16"),
         ("0x11", "-0x10", "f0ff", "INTEGER16"),
@@ -193,7 +194,8 @@ def test_negative_numbers_need_no_extra_syntax(bus: Daemon) -> None:
     ):
         written = bus.ctl_json("sdo-write", INPUTS, "0x8000", where, text)
         assert (written["data"], written["type"]) == (data, kind)
-        assert bus.ctl_json("sdo-read", INPUTS, "0x8000", where)["data"] == data
+        read = bus.ctl_json("sdo-read", INPUTS, "0x8000", where)
+        assert (read["data"], read["type"], read["value"]) == (data, kind, int(text, 0))
     wrong = bus.ctl("sdo-write", INPUTS, "0x8000", "0x11", "-32769", check=False)
     assert wrong.returncode == 2
     names(one_line_error(wrong.stderr, "ecatctl"), "INTEGER16", "-32768", "32767")

@@ -33,6 +33,7 @@ class Objects:
         self._bus = bus
         self._conversations = conversations
         self._types: dict[int, ObjectTypes] = {}
+        self._described: dict[tuple[int, int, int], ObjectType] = {}  # what slaves were asked for
         self._mute: set[int] = set()  # positions of slaves that do not describe their objects
 
     async def read(self, request: SdoRead) -> dict[str, Any]:
@@ -42,6 +43,8 @@ class Objects:
         known = self._type(slave, request.index, request.subindex)
         if request.complete:
             known = ObjectType(known.name)
+        elif not known.data_type and bit_length(known.of(data).data_type):
+            known = await self._asked(slave, request.index, request.subindex, data)
         return {"data": data, **known.of(data).to_map()}
 
     async def write(self, request: SdoWrite) -> dict[str, Any]:
@@ -96,44 +99,51 @@ class Objects:
         )
 
     def _type(self, slave: Slave, index: int, subindex: int) -> ObjectType:
+        if described := self._described.get((slave.position, index, subindex)):
+            return described
         if slave.position not in self._types:
             self._types[slave.position] = ObjectTypes(slave)
         return self._types[slave.position].find(index, subindex)
 
-    async def _asked(self, slave: Slave, index: int, subindex: int) -> ObjectType:
-        """What the slave says about an object of unknown type. If it does not, the size says it.
+    async def _asked(
+        self, slave: Slave, index: int, subindex: int, value: bytes | None = None
+    ) -> ObjectType:
+        """What the slave says about an object of unknown type; it is asked once.
+
+        If the slave does not describe the object, the type follows from the size of its value,
+        which is read unless `value` has it.
 
         Raises:
             UsageError: No type has this size.
             EcatError: The slave does not return the object.
         """
-        if slave.position in self._mute:
-            return await self._type_by_size(slave, index, subindex)
+        described = ObjectType()
         try:
-            entry = await self._conversations.coe(
-                slave, lambda coe: describe_entry(coe, index, subindex, tries=1)
-            )
+            if slave.position not in self._mute:
+                described = await self._description(slave, index, subindex)
         except SdoAbortError:
-            return await self._type_by_size(slave, index, subindex)
+            pass
         except (NoAnswerError, StateError):
-            found = await self._type_by_size(slave, index, subindex)
+            if value is None:
+                value = await self._upload(slave, index, subindex, False)
             self._mute.add(slave.position)  # it does answer other requests
-            return found
+        if not described.data_type:
+            if value is None:
+                value = await self._upload(slave, index, subindex, False)
+            described = self._type(slave, index, subindex).of(value)
+            if not bit_length(described.data_type):
+                raise UsageError(
+                    f"the type of 0x{index:04X}:{subindex:02X} is not known and it has "
+                    f"{len(value)} bytes; give it with --type"
+                )
+        self._described[slave.position, index, subindex] = described
+        return described
+
+    async def _description(self, slave: Slave, index: int, subindex: int) -> ObjectType:
+        """The description by the slave; without a type if that is none of numbers or texts."""
+        entry = await self._conversations.coe(
+            slave, lambda coe: describe_entry(coe, index, subindex, tries=1)
+        )
         if bit_length(entry.data_type) or entry.data_type in STRINGS:
             return ObjectType(entry.name, entry.data_type)
-        return await self._type_by_size(slave, index, subindex)
-
-    async def _type_by_size(self, slave: Slave, index: int, subindex: int) -> ObjectType:
-        """Reads an object of unknown type, and guesses the type from its length.
-
-        Raises:
-            UsageError: No type has this length.
-        """
-        now = await self._upload(slave, index, subindex, False)
-        found = self._type(slave, index, subindex).of(now)
-        if not bit_length(found.data_type):
-            raise UsageError(
-                f"the type of 0x{index:04X}:{subindex:02X} is not known and it has {len(now)} "
-                f"bytes; give it with --type"
-            )
-        return found
+        return ObjectType()

@@ -62,7 +62,7 @@ def set_up_process_data(found: FoundBus, profiles: Profiles, log: Log) -> Proces
     if warning := wire.check():
         log.warning(warning)
     finish(configure(master, found.present, image))
-    for warning in check_watchdogs(master, bus, found.present, config):
+    for warning in finish(check_watchdogs(master, bus, found.present, config)):
         log.warning(warning)
     _warn_of_unused_clocks(config, log)
     clocks = None

@@ -23,7 +23,7 @@ from ecatd.model.sii_reader import read_sii
 from ..engine.layout import Image
 from ..engine.shared_memory import SharedMemory
 from ..mailbox.talks import talk_all
-from ..master.master import Master
+from ..master.master import Master, SilentSlaveError
 from .assignment import Assignment
 from .clock_registers import SYNC_CONTROL
 from .clocks import Clocks
@@ -224,7 +224,7 @@ class SetUp:
         here -= missed.keys()
         items = [self._scanned[position] for position in sorted(here)]
         yield from configure(self._master, items, self._image)
-        missed |= self._check_new(here)
+        missed |= yield from self._check_new(here)
         here -= missed.keys()
         if self._clocks is not None:
             late = yield from self._clocks.rejoin(here, self._shared)
@@ -246,13 +246,15 @@ class SetUp:
         _, missed = yield from write_parameters(self._master, items, "SO")
         return missed
 
-    def _check_new(self, positions: Iterable[int]) -> dict[int, Missed]:
+    def _check_new(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
         """Checks the watchdogs of slaves that are there for the first time, as at the start."""
-        missed = {}
+        missed: dict[int, Missed] = {}
         for position in sorted(self._new & {*positions}):
             item = self._scanned[position]
             try:
-                check_watchdogs(self._master, self._bus, [item], self._config)
+                yield from check_watchdogs(self._master, self._bus, [item], self._config)
+            except SilentSlaveError:
+                raise  # it is gone again, so nothing is known of its watchdog
             except (ConfigError, StateError) as error:
                 missed[position] = Missed(str(error), changed=True)
             else:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ecatd.coroutine_steps import Steps
 from ecatd.model.applied import check_watchdog
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config
@@ -24,7 +25,7 @@ _TICK_NS = 40  # a tick of the watchdog is divider + 2 of these
 
 def check_watchdogs(
     master: Master, bus: Bus, scanned: Sequence[Scanned], config: Config
-) -> list[str]:
+) -> Steps[list[str]]:
     """Checks the watchdogs of configured slaves against the configuration and the cycles.
 
     Returns:
@@ -34,11 +35,12 @@ def check_watchdogs(
         ConfigError: A watchdog expires between two exchanges. Or it is off in a slave whose
             identity is in the configuration, but was not switched off there.
         StateError: A slave does not accept the configured time.
+        SilentSlaveError: A slave does not answer.
     """
     registers = [
         (item.slave.position, at, 2) for item in scanned for at in (DIVIDER, PDI_TIME, TIME)
     ]
-    values = [int.from_bytes(data, "little") for data in master.read_registers(registers)]
+    values = [int.from_bytes(data, "little") for data in (yield from master.reading(registers))]
     warnings = []
     for number, item in enumerate(scanned):
         divider, pdi, time = values[3 * number : 3 * number + 3]
