@@ -130,31 +130,32 @@ def come_late(device: Device) -> None:
     asyncio.get_running_loop().call_later(0.05, come)
 
 
-def test_a_slave_that_describes_nothing_is_asked_for_the_size_of_its_objects(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("describes", [True, False])
+def test_a_slave_is_asked_once_for_the_type_of_an_object(
+    describes: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """If it describes nothing, the size of its objects decides."""
     asked = 0
+    answer = InformationServer.handle
 
-    def refuse(_server: InformationServer, _request: bytes) -> list[bytes]:
+    def count(server: InformationServer, request: bytes) -> list[bytes]:
         nonlocal asked
         asked += 1
-        raise RefusedMailError(MailboxError.UNSUPPORTED_SERVICE)
+        if not describes:
+            raise RefusedMailError(MailboxError.UNSUPPORTED_SERVICE)
+        return answer(server, request)
 
+    monkeypatch.setattr(InformationServer, "handle", count)
     with bench() as made:
         made.patient()
 
-        async def write(value: str) -> bytes:
-            answer = await made.objects.write(SdoWrite(0, NUMBER, value=value))
-            assert answer["data"] == await made.read_bytes()
-            return bytes(answer["data"])
-
         async def use() -> None:
-            assert await write("5") == b"\x05\0"
-            monkeypatch.setattr(InformationServer, "handle", refuse)
             for value in ("6", "7"):
-                assert await write(value) == bytes([int(value), 0])
+                written = await made.objects.write(SdoWrite(0, NUMBER, value=value))
+                assert written["data"] == await made.read_bytes() == bytes([int(value), 0])
+                assert written["name"] == ("Number" if describes else "")
             with pytest.raises(UsageError, match=naming("-5", "UNSIGNED16")):
-                await write("-5")
+                await made.objects.write(SdoWrite(0, NUMBER, value="-5"))
             assert asked == 1
 
         asyncio.run(use())
