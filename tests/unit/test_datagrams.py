@@ -167,7 +167,7 @@ def test_slow_eeproms_let_others_be_read_meanwhile() -> None:
     def words(number: int) -> Callable[[Callable[[int, int], bytes]], bytes]:
         return lambda read: read(0, number)
 
-    with bus(Chip(), Chip(eeprom_read_us=20_000)) as (registers, _segment, _wire):
+    with bus(Chip(), Chip(eeprom_read_us=100_000)) as (registers, _segment, _wire):
         slow, silent = (Station(0x1002), "slow"), (Station(0x1009), "silent")
         first = reading_eeproms(registers, [slow], words(8))
         lost = reading_eeproms(registers, [(Station(0x1001), "quick"), silent], words(8))

@@ -39,7 +39,7 @@ _SILENT_LIMIT = 1.0
 _PAUSE = 0.0002
 """Seconds between two reads of the status while all EEPROMs are busy."""
 
-_LATE = 0.005
+_LATE = 0.05
 """Seconds without progress after which reading lets other work go on. A slave that is there, and
 whose EEPROM works, is quicker."""
 
@@ -64,10 +64,6 @@ class _Eeprom(Generic[T]):
         self.command: bytes | None = None  # to be written to the slave next
         self.result: list[T] = []
 
-    def forget(self) -> None:
-        """Sends the command again: another reader may have used the EEPROM meanwhile."""
-        self._asked = False
-
     def _words(self, word: int, count: int) -> bytes:
         wanted = range(word & ~1, word + count, 2)
         self._wanted = [address for address in reversed(wanted) if address not in self._known]
@@ -84,6 +80,7 @@ class _Eeprom(Generic[T]):
         """
         now = time.monotonic()
         if not answered:
+            self._asked = False  # it may have restarted, and know nothing of the command
             self._silent_since = self._silent_since or now
             if now - self._silent_since > _SILENT_LIMIT:
                 raise self._error(
@@ -154,7 +151,8 @@ def reading_eeproms(
 
     Then it gives them back, also after an error: register 0x0500 assigns them to the devices again
     (ETG.1000.6). It yields only while it waits for slaves that do not answer, or whose EEPROMs are
-    busy for long. So two readers of one EEPROM do not disturb each other.
+    busy for long. Another reader of the same EEPROM leaves another address in its registers, or
+    the words of the same one.
 
     Args:
         registers: Access to the registers of the slaves.
@@ -194,8 +192,6 @@ def reading_eeproms(
 def _assign_to_master(registers: Datagrams, eeproms: Sequence[_Eeprom[T]]) -> None:
     for owner in (_FORCE_TO_MASTER, _TO_MASTER):
         registers.exchange([item.slave.write(_ASSIGNMENT, owner) for item in eeproms])
-    for item in eeproms:
-        item.forget()
 
 
 def _look(registers: Datagrams, eeproms: Sequence[_Eeprom[T]]) -> None:
