@@ -100,8 +100,10 @@ def bench(count: int = 1) -> Iterator[Bench]:
     devices: list[Device] = [Number() for _ in range(count)]
     with in_preop(*devices, timeout=0.5) as (registers, wire):
         made = Bench(devices, registers, wire)
-        yield made
-        made.worker.close()
+        try:
+            yield made
+        finally:
+            made.worker.close()
 
 
 @pytest.fixture
