@@ -124,8 +124,7 @@ class Objects:
         except SdoAbortError:
             pass
         except (NoAnswerError, StateError):
-            if value is None:
-                value = await self._upload(slave, index, subindex, False)
+            value = await self._upload(slave, index, subindex, False)
             self._mute.add(slave.position)  # it does answer other requests
         if not described.data_type:
             if value is None:
