@@ -23,13 +23,14 @@ from ecatd.bus.master.emergencies import Emergency, tell_emergencies
 from ecatd.bus.master.master import Master
 from ecatd.bus.master.worker import Worker
 from ecatd.bus.requests.conversations import Conversations
+from ecatd.bus.requests.dictionaries import Dictionaries
 from ecatd.bus.requests.objects import Objects
 from ecatd.bus.watch.rate_limiter import Batch
 from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import BusyError, NoAnswerError, SdoAbortError, UsageError
-from ecatd.model.requests.objects import SdoRead, SdoWrite
+from ecatd.model.requests.objects import DescribeObject, SdoRead, SdoWrite
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 from ecatsim.slave.mailbox import MailboxError, MailboxFault, RefusedMailError
@@ -72,9 +73,9 @@ class Bench:
             lambda found, left_out: tell_emergencies(log, found, left_out)
         )
         bus = Bus("bench", 1000, SLAVES)
-        self.objects = Objects(
-            bus, Conversations(master, self.worker, self.emergencies.note), Log("ecatd")
-        )
+        conversations = Conversations(master, self.worker, self.emergencies.note)
+        self.dictionaries = Dictionaries(bus, conversations)
+        self.objects = Objects(bus, conversations, self.dictionaries, Log("ecatd"))
 
     def coe(self, position: int, *, alone: bool = False) -> Coe:
         return Coe(position, FIRST_STATION + position, self.lines[position], alone=alone)
@@ -159,6 +160,11 @@ def test_a_slave_is_asked_once_for_the_type_of_an_object(
             with pytest.raises(UsageError, match=naming("-5", "UNSIGNED16")):
                 await made.objects.write(SdoWrite(0, NUMBER, value="-5"))
             assert asked == 1
+            if describes:
+                await made.dictionaries.describe(DescribeObject(0, OTHER))
+                before = asked
+                assert await made.read(index=OTHER) == 0
+                assert asked == before, "the dictionary has the object"
 
         asyncio.run(use())
 

@@ -8,12 +8,12 @@ from typing import Any
 from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import STRINGS, DataType, bit_length, decode, encode
-from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError, UsageError
+from ecatd.model.errors import EcatError, UsageError
 from ecatd.model.object_types import ObjectType, ObjectTypes
 from ecatd.model.requests.objects import SdoRead, SdoWrite, check_data
 
-from ..mailbox.sdo_information import describe_entry
 from .conversations import Conversations
+from .dictionaries import Dictionaries
 
 _SHOWN = 32
 """Bytes of a value in the log."""
@@ -25,26 +25,27 @@ class Objects:
     Args:
         bus: The bus description.
         conversations: The conversations with the slaves.
+        dictionaries: The object dictionaries of the slaves.
         log: The log for changes.
     """
 
-    def __init__(self, bus: Bus, conversations: Conversations, log: Log) -> None:
+    def __init__(
+        self, bus: Bus, conversations: Conversations, dictionaries: Dictionaries, log: Log
+    ) -> None:
         self._log = log
         self._bus = bus
         self._conversations = conversations
+        self._dictionaries = dictionaries
         self._types: dict[int, ObjectTypes] = {}
-        self._described: dict[tuple[int, int, int], ObjectType] = {}  # what slaves were asked for
-        self._mute: set[int] = set()  # positions of slaves that do not describe their objects
 
     async def read(self, request: SdoRead) -> dict[str, Any]:
         """Uploads an object; the reply has `data`, name, type and meaning."""
         slave = self._bus.find_coe(request.slave)
         data = await self._upload(slave, request.index, request.subindex, request.complete)
-        known = self._type(slave, request.index, request.subindex)
         if request.complete:
-            known = ObjectType(known.name)
-        elif not known.data_type and bit_length(known.of(data).data_type):
-            known = await self._asked(slave, request.index, request.subindex, data)
+            known = ObjectType(self._type(slave, request.index, request.subindex).name)
+        else:
+            known = await self._asked_type(slave, request.index, request.subindex)
         return {"data": data, **known.of(data).to_map()}
 
     async def write(self, request: SdoWrite) -> dict[str, Any]:
@@ -54,8 +55,9 @@ class Objects:
         known, data = self._type(slave, index, subindex), request.data
         if data is None:
             assert request.value is not None
+            known = await self._asked_type(slave, index, subindex)
             if not known.data_type:
-                known = await self._asked(slave, index, subindex)
+                known = await self._type_by_size(slave, index, subindex)
             data = encode(DataType(known.data_type), request.value)
             check_data(data)
         before = await self._before(slave, request) if request.by else None
@@ -99,50 +101,35 @@ class Objects:
         )
 
     def _type(self, slave: Slave, index: int, subindex: int) -> ObjectType:
-        if described := self._described.get((slave.position, index, subindex)):
-            return described
+        """What is known about an object without asking the slave."""
         if slave.position not in self._types:
             self._types[slave.position] = ObjectTypes(slave)
-        return self._types[slave.position].find(index, subindex)
+        known = self._types[slave.position].find(index, subindex)
+        entry = self._dictionaries.kept_entry(slave, index, subindex)
+        if known.data_type or entry is None:
+            return known
+        if bit_length(entry.data_type) or entry.data_type in STRINGS:
+            return ObjectType(entry.name or known.name, entry.data_type)
+        return known  # neither a number nor a text
 
-    async def _asked(
-        self, slave: Slave, index: int, subindex: int, value: bytes | None = None
-    ) -> ObjectType:
-        """What the slave says about an object of unknown type; it is asked once.
+    async def _asked_type(self, slave: Slave, index: int, subindex: int) -> ObjectType:
+        """As `_type`, but the slave is asked about an object of unknown type."""
+        if not self._type(slave, index, subindex).data_type:
+            await self._dictionaries.entry(slave, index, subindex)
+        return self._type(slave, index, subindex)
 
-        If the slave does not describe the object, the type follows from the size of its value,
-        which is read unless `value` has it.
+    async def _type_by_size(self, slave: Slave, index: int, subindex: int) -> ObjectType:
+        """The unsigned type that has the size of the object's value, which is read.
 
         Raises:
-            UsageError: No type has this size.
+            UsageError: No number has this size.
             EcatError: The slave does not return the object.
         """
-        described = ObjectType()
-        try:
-            if slave.position not in self._mute:
-                described = await self._description(slave, index, subindex)
-        except SdoAbortError:
-            pass
-        except (NoAnswerError, StateError):
-            value = await self._upload(slave, index, subindex, False)
-            self._mute.add(slave.position)  # it does answer other requests
-        if not described.data_type:
-            if value is None:
-                value = await self._upload(slave, index, subindex, False)
-            described = self._type(slave, index, subindex).of(value)
-            if not bit_length(described.data_type):
-                raise UsageError(
-                    f"the type of 0x{index:04X}:{subindex:02X} is not known and it has "
-                    f"{len(value)} bytes; give it with --type"
-                )
-        self._described[slave.position, index, subindex] = described
-        return described
-
-    async def _description(self, slave: Slave, index: int, subindex: int) -> ObjectType:
-        """The description by the slave; without a type if that is none of numbers or texts."""
-        entry = await self._conversations.coe(
-            slave, lambda coe: describe_entry(coe, index, subindex, tries=1)
-        )
-        if bit_length(entry.data_type) or entry.data_type in STRINGS:
-            return ObjectType(entry.name, entry.data_type)
-        return ObjectType()
+        now = await self._upload(slave, index, subindex, False)
+        found = self._type(slave, index, subindex).of(now)
+        if not bit_length(found.data_type):
+            raise UsageError(
+                f"the type of 0x{index:04X}:{subindex:02X} is not known and it has {len(now)} "
+                "bytes; give it with --type"
+            )
+        return found

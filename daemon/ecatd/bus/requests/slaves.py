@@ -54,8 +54,8 @@ class SlaveRequests:
         log: Log,
     ) -> None:
         self._bus = bus
-        self._objects = Objects(bus, conversations, log)
         self._dictionaries = Dictionaries(bus, conversations)
+        self._objects = Objects(bus, conversations, self._dictionaries, log)
         self._registers = Registers(bus, master, worker, log)
         self._eeproms = Eeproms(bus, master, worker, log)
         self._ethernet = Ethernet(bus, conversations, log)
