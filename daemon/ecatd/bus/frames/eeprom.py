@@ -206,7 +206,7 @@ def _look(registers: Datagrams, eeproms: Sequence[_Eeprom[T]]) -> None:
         item.look(answer.data, answer.wkc == 1)
 
 
-def write_eeprom(
+def writing_eeprom(
     registers: Datagrams, slave: Station, label: str, word: int, data: bytes
 ) -> Steps[dict[int, bytes]]:
     """Writes words of an EEPROM, and reads them back. Does not write words that are right already.

@@ -18,7 +18,7 @@ from ecatd.model.sii_parts import read_mailbox
 
 from ..frames import soem
 from ..frames.datagrams import Datagram, Datagrams, Station, fprd, fpwr, source_address
-from ..frames.eeprom import reading_eeproms, write_eeprom
+from ..frames.eeprom import reading_eeproms, writing_eeprom
 from ..frames.frame_ring import FrameRing
 from ..frames.interface import open_for_control, own, wait_for_carriers
 from ..frames.relay import Relay
@@ -281,10 +281,10 @@ class Master:
             self._cancelled,
         )
 
-    def write_eeprom(self, position: int, word: int, data: bytes) -> Steps[dict[int, bytes]]:
-        """Writes words of the SII EEPROM of one slave; see `eeprom.write_eeprom`."""
+    def writing_eeprom(self, position: int, word: int, data: bytes) -> Steps[dict[int, bytes]]:
+        """Writes words of the SII EEPROM of one slave; see `eeprom.writing_eeprom`."""
         station, label = Station(self.stations[position]), self._label(position)
-        return write_eeprom(self.registers, station, label, word, data)
+        return writing_eeprom(self.registers, station, label, word, data)
 
     def read_registers(self, wanted: Sequence[tuple[int, int, int]]) -> list[bytes]:
         """Carries `reading` out at once, for a start, where no other work waits."""

@@ -69,7 +69,7 @@ class Eeproms:
         """
         slave = self._bus.find(request.slave)
         self._reserve(slave, request.by)
-        steps = self._master.write_eeprom(slave.position, request.word, request.data)
+        steps = self._master.writing_eeprom(slave.position, request.word, request.data)
         try:
             before = await self._worker.request(steps)
             if request.more:
