@@ -39,14 +39,19 @@ def parsed(text: str) -> Values:
     }
 
 
+def free_address() -> str:
+    """An address on this machine that no server has."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"127.0.0.1:{probe.getsockname()[1]}"
+
+
 @pytest.fixture
 def served(start_daemon: Callable[..., Daemon], tmp_path: Path) -> tuple[Daemon, str]:
     """A daemon that serves metrics, and the address of the server."""
     rig = tmp_path / "rig.toml"
     rig.write_text("".join(f'[[slave]]\ndevice = "{kind}"\n' for kind in ("EK1100", "EL2008")))
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{probe.getsockname()[1]}"
+    address = free_address()
     return start_daemon(str(rig), config=CONFIG.format(address=address)), f"http://{address}"
 
 
