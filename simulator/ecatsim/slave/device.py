@@ -75,6 +75,7 @@ class Device(DeviceType):
         self._on_bus: Segment | None = None
         self._awaited = Event(0)
         self._deadline = 0.0
+        self._next_step = 0.0
         self._last_outputs = b""
         self._slots: ModuleSlots | None = None
         self._sync = Synchronization(self.dc_modes, self.minimum_cycle_ns)
@@ -103,7 +104,7 @@ class Device(DeviceType):
         """Adds objects to `dictionary`, or changes those made from the PDOs."""
 
     def step(self, now: float) -> None:
-        """Computes the inputs from the outputs; called every `period` seconds.
+        """Computes the inputs from the outputs; called every `period` seconds (or `idle_period`).
 
         Args:
             now: CLOCK_MONOTONIC in seconds.
@@ -362,9 +363,12 @@ class Device(DeviceType):
         if self._services:
             self._services.server.delay = self.answer_delay
             self._services.run(now)
-        self.step(now)
+        exchanges = self.machine.state >= AlState.SAFEOP
+        if exchanges or now >= self._next_step:
+            self.step(now)
+            self._next_step = now + self.idle_period
         size = self._process_data.inputs.size
-        if size and self.machine.state >= AlState.SAFEOP:
+        if size and exchanges:
             at = self._process_data.at[1]
             self._segment.inputs[at : at + size] = self.give()
 

@@ -81,6 +81,8 @@ class DeviceType:
         eoe_interface: Network interface (TAP) behind its EoE, which the simulator makes; empty: it
             answers ping and the echo service itself.
         period: Seconds between two calls of `step`.
+        idle_period: Least time between two calls in states without process data, in seconds. Nobody
+            sees the difference for a device that only makes inputs.
     """
 
     vendor: int = 0
@@ -131,6 +133,7 @@ class DeviceType:
     idns: Sequence[dict[int, Idn]] = ()
     eoe_interface: str = ""
     period: float = 0.001
+    idle_period: float = 0.0
 
     def _settings(self) -> Sequence[SyncManager]:
         """Returns the given sync managers, or the usual ones for the PDOs."""

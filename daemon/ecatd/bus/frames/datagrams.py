@@ -15,12 +15,10 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
 
 from ecatd.model.frame_sizes import (
-    DATAGRAM_FRAMING,
-    DATAGRAM_HEADER,
-    DATAGRAM_WKC,
     ETHERNET_MIN,
     ETHERTYPE,
     FIRST_DATAGRAM,
@@ -29,7 +27,8 @@ from ecatd.model.frame_sizes import (
 from ..engine.engine import Index
 from ..engine.framing import pack
 
-_MORE = 0x8000
+_MORE, _LENGTH = 0x8000, 0x7FF
+"""Bits of the length of a datagram: another datagram follows; the length itself."""
 _WINDOW = 8
 """Frames on the wire at once: enough to keep it busy, few enough for every receive buffer."""
 
@@ -38,7 +37,8 @@ _TIMEOUT_MIN = 0.02
 """Least timeout in seconds. Several frames are on the wire at once, and this thread may have to
 wait for a processor."""
 
-_HEAD = struct.Struct("<BBIHH")
+_HEAD, _DATAGRAMS = struct.Struct("<H"), 0x1000
+"""The EtherCAT header: a length, and the kind of what follows."""
 
 
 class Command(IntEnum):
@@ -143,11 +143,69 @@ def bwr(register: int, data: bytes) -> Datagram:
     return Datagram(Command.BWR, 0, register, data)
 
 
-@dataclass(slots=True)
+@lru_cache(maxsize=256)
+def _layout(lengths: tuple[int, ...]) -> struct.Struct:
+    """The datagrams of a frame: of each its header, its data and its working counter."""
+    return struct.Struct("<" + "".join(f"BBIHH{length}sH" for length in lengths))
+
+
+_FIELDS = 7
+"""Fields of a datagram in `_layout`: command, index, address, length, IRQ, data and counter."""
+
+_answer = partial(tuple.__new__, Answer)
+"""Makes an `Answer` of a pair, three times as fast as `Answer` itself."""
+
+
 class _Frame:
-    datagrams: range
-    tries: int
-    index: int = 0
+    """Datagrams that travel in one frame. They are packed all at once, since one by one is slow.
+
+    Args:
+        numbers: Their numbers.
+        datagrams: All datagrams.
+        tries: How often the frame may be sent.
+
+    Attributes:
+        tries: How often it may still be sent.
+        index: The index of its datagrams, while it is on the wire.
+        answers: Their answers; those of a lost frame until it has come back.
+    """
+
+    def __init__(self, numbers: range, datagrams: Sequence[Datagram], tries: int) -> None:
+        self.tries = tries
+        self.index = 0
+        items = datagrams[numbers.start : numbers.stop]
+        self._commands, addresses, self._registers, self._data = zip(*items, strict=True)
+        self._lengths = tuple(map(len, self._data))
+        self._addresses = [a | r << 16 for a, r in zip(addresses, self._registers, strict=True)]
+        self._layout = _layout(self._lengths)
+        self.answers: list[Answer] = [Answer(data, 0) for data in self._data]
+
+    def encode(self) -> bytes:
+        """The datagrams with their EtherCAT header (ETG.1000.4)."""
+        count = len(self._data)
+        fields: list[Any] = [0] * (_FIELDS * count)
+        fields[0::_FIELDS] = self._commands
+        fields[1::_FIELDS] = [self.index] * count
+        fields[2::_FIELDS] = self._addresses
+        fields[3::_FIELDS] = [length | _MORE for length in self._lengths]
+        fields[3 - _FIELDS] &= ~_MORE
+        fields[5::_FIELDS] = self._data
+        return _HEAD.pack(self._layout.size | _DATAGRAMS) + self._layout.pack(*fields)
+
+    def take(self, received: bytes) -> bool:
+        """Takes the answers from a received frame; returns False if it is not the frame sent."""
+        if len(received) < FIRST_DATAGRAM + self._layout.size:
+            return False
+        fields = self._layout.unpack_from(received, FIRST_DATAGRAM)
+        # Each slave increments the first half of the address (APRD, BRD), so it is not compared.
+        if (
+            fields[0::_FIELDS] != self._commands
+            or tuple([address >> 16 for address in fields[2::_FIELDS]]) != self._registers
+            or tuple([length & _LENGTH for length in fields[3::_FIELDS]]) != self._lengths
+        ):
+            return False
+        self.answers = [*map(_answer, zip(fields[5::_FIELDS], fields[6::_FIELDS], strict=True))]
+        return True
 
 
 class Datagrams:
@@ -188,10 +246,11 @@ class Datagrams:
         Returns:
             The answers, in the order of `datagrams`.
         """
-        answers = [Answer(item.data, 0) for item in datagrams]
         tries = _TRIES if repeat else 1
-        frames = pack(len(item.data) for item in datagrams)
-        waiting = [_Frame(numbers, tries) for numbers in reversed(frames)]
+        frames = [
+            _Frame(numbers, datagrams, tries) for numbers in pack(len(d.data) for d in datagrams)
+        ]
+        waiting = frames[::-1]
         flying: dict[int, _Frame] = {}
         deadline = 0.0
         while waiting or flying:
@@ -199,7 +258,7 @@ class Datagrams:
                 frame = waiting.pop()
                 frame.index = self._take_index()
                 frame.tries -= 1
-                self._send(frame, datagrams)
+                self._send(frame)
                 flying[frame.index] = frame
                 deadline = time.monotonic() + self._timeout
                 continue
@@ -207,10 +266,10 @@ class Datagrams:
             if received is None:  # late or lost
                 waiting += [frame for frame in reversed(flying.values()) if frame.tries > 0]
                 flying.clear()
-            elif (sent := flying.get(received[17])) and _take(received, sent, datagrams, answers):
+            elif (sent := flying.get(received[17])) and sent.take(received):
                 del flying[sent.index]
                 deadline = time.monotonic() + self._timeout
-        return answers
+        return [answer for frame in frames for answer in frame.answers]
 
     def read_all(self, stations: Iterable[int], register: int, size: int) -> list[Answer]:
         """Reads `size` bytes at one register of many slaves, by configured station address.
@@ -224,28 +283,10 @@ class Datagrams:
         self._next_index = index + 1 if index + 1 < Index.ENGINE else int(Index.CONTROL)
         return index
 
-    def _send(self, frame: _Frame, datagrams: Sequence[Datagram]) -> None:
-        parts = [self._ethernet, b""]
-        last = frame.datagrams[-1]
-        length = 0
-        for number in frame.datagrams:
-            item = datagrams[number]
-            size = len(item.data)
-            parts += (
-                _HEAD.pack(
-                    item.command,
-                    frame.index,
-                    item.address | item.register << 16,
-                    size | (_MORE if number < last else 0),
-                    0,
-                ),
-                item.data,
-                b"\0\0",
-            )
-            length += DATAGRAM_FRAMING + size
-        parts[1] = struct.pack("<H", length | 0x1000)
+    def _send(self, frame: _Frame) -> None:
+        data = self._ethernet + frame.encode()
         with suppress(OSError):  # treated as a lost frame: the interface may be back soon
-            self._link.send(b"".join(parts).ljust(ETHERNET_MIN, b"\0"))
+            self._link.send(data.ljust(ETHERNET_MIN, b"\0"))
 
     def _receive(self, deadline: float) -> bytes | None:
         """Returns the next frame, or None if none comes before `deadline`."""
@@ -265,33 +306,6 @@ class Datagrams:
     def close(self) -> None:
         """Closes the socket."""
         self._link.close()
-
-
-def _take(
-    received: bytes, frame: _Frame, datagrams: Sequence[Datagram], answers: list[Answer]
-) -> bool:
-    """Copies the answers from a received frame; returns False if it is not the frame sent."""
-    at = FIRST_DATAGRAM
-    found = []
-    for number in frame.datagrams:
-        item = datagrams[number]
-        end = at + DATAGRAM_HEADER + len(item.data)
-        if end + DATAGRAM_WKC > len(received):
-            return False
-        command, _, address, length, _ = _HEAD.unpack_from(received, at)
-        # Each slave increments the first half of the address (APRD, BRD), so it is not compared.
-        if (command, address >> 16, length & 0x7FF) != (
-            item.command,
-            item.register,
-            len(item.data),
-        ):
-            return False
-        found.append(
-            Answer(received[at + DATAGRAM_HEADER : end], received[end] | received[end + 1] << 8)
-        )
-        at = end + DATAGRAM_WKC
-    answers[frame.datagrams.start : frame.datagrams.stop] = found
-    return True
 
 
 def source_address(port: int, run: int) -> bytes:

@@ -55,8 +55,10 @@ def start_exchange(
 
 def _guard(engine: Engine, shared: SharedMemory, applied: Applied) -> None:
     """Gives the engine the safe values, the stops of drives, and the copies."""
-    rows = enumerate(shared.signals[: shared.header.signal_count])
-    numbers = {(row.slave, row.index, row.subindex, row.output): number for number, row in rows}
+    numbers: dict[tuple[int, int, int, int], int] = {}
+    if applied.safe.stops or applied.copies:
+        rows = enumerate(shared.signals[: shared.header.signal_count])
+        numbers = {(row.slave, row.index, row.subindex, row.output): n for n, row in rows}
     for position, (value, hold) in applied.safe.images.items():
         engine.set_safe(position, value, hold)
     for stop in applied.safe.stops:

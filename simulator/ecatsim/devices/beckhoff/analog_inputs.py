@@ -139,6 +139,7 @@ class _AnalogInput(Terminal):
     chip = COMPLEX_CHIP
     ebus_current = 130
     fmmus = COMPLEX_FMMUS
+    idle_period = 0.02
 
     def __init__(self, waveforms: Sequence[Waveform] = ()) -> None:
         self._waveforms = tuple(waveforms)
