@@ -149,7 +149,7 @@ def test_a_mistake_is_named_with_its_place(tmp_path: Path, text: str, message: s
     file.write_text(HEAD + text)
     config = load_config(file)
     # Another process gets the configuration without the file.
-    handed_on = read_config(config.to_dict(), origins=find_origins(file))
+    handed_on = read_config(config.to_dict(), origins=find_origins(config))
     for read in (config, handed_on):
         said, *_ = misfits(read, made_bus(), load_profiles())
         said = without_notes(said)

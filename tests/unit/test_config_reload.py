@@ -121,14 +121,16 @@ def test_a_table_that_is_gone_takes_its_limits_with_it() -> None:
 def test_keys_in_force_are_named_where_they_are_written(tmp_path: Path) -> None:
     file = tmp_path / "w.toml"
     file.write_text(BEFORE)
-    before, old = load_config(file), find_origins(file)
+    before = load_config(file)
+    old = find_origins(before)
     later = '[[signal]]\nslave = 5\nentry = "0x1:0"\nname = "later"\n'
     limited = '[[signal]]\nslave = 4\nentry = "0x1:0"\nmaximum = 7\n'
     first, _, second = BEFORE.partition('[[signal]]\nslave = "press"')
     kept = f'[[signal]]\nslave = "press"{second}'.partition("[[signal]]\nslave = 3")[0]
     file.write_text(first + later + limited + kept)
-    found = reload(before, load_config(file))
-    origins = found.origins(old, find_origins(file))
+    now = load_config(file)
+    found = reload(before, now)
+    origins = found.origins(old, find_origins(now))
     lines = file.read_text().splitlines()
     for number, rule in enumerate(found.config.signal):
         where = origins[f"signal[{number}].entry"]

@@ -7,6 +7,7 @@ import asyncio
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 from ecatd.log import Log
 from ecatd.model.applied import alike_slaves, load_description, missing_folders
@@ -88,20 +89,18 @@ def make_parser() -> argparse.ArgumentParser:
 def _configuration(options: argparse.Namespace) -> tuple[Config, dict[str, str]]:
     """The configuration of the file, with the changes of the command line, and its origins."""
     config = load_config(options.config) if options.config else Config()
-    origins = find_origins(options.config) if options.config else {}
-    values = config.to_dict()
-    for option, key in (
-        ("bus", "bus"),
-        ("interface", "interface"),
-        ("cycle_time_us", "cycle_time_us"),
-    ):
-        if getattr(options, option) is not None:
-            values[key] = getattr(options, option)
-            origins[key] = COMMAND_LINE
+    origins = find_origins(config) if options.config else {}
+    given: dict[str, Any] = {
+        key: getattr(options, key)
+        for key in ("bus", "interface", "cycle_time_us")
+        if getattr(options, key) is not None
+    }
+    origins |= dict.fromkeys(given, COMMAND_LINE)
     if options.verbose or options.quiet:
-        values["log"] = {OTHERS: "debug" if options.verbose else "warning"}
+        given["log"] = {OTHERS: "debug" if options.verbose else "warning"}
         origins[f"log.{OTHERS}"] = COMMAND_LINE
-    config = read_config(values, COMMAND_LINE, origins)
+    if given:
+        config = read_config({**config.to_dict(), **given}, COMMAND_LINE, origins)
     if options.replay and not options.simulate:
         raise UsageError("--replay gives values to the slaves of a simulated rig: add --simulate")
     if not (config.interface or options.simulate or options.check_config):

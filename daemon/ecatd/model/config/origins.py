@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
-from ..toml_file import path_text, read_toml
+from ..toml_file import path_text
 from ..toml_places import Path as KeyPath
+from .config import Config
 
 DEFAULT, COMMAND_LINE = "default", "command line"
 
@@ -22,17 +22,18 @@ def flatten(values: dict[str, Any]) -> dict[str, Any]:
     return {path_text(path): value for path, value in _leaves((), values)}
 
 
-def find_origins(file: Path) -> dict[str, str]:
-    """File and line of each key and table in a file, by its name as `flatten` makes it.
+def find_origins(config: Config) -> dict[str, str]:
+    """File and line of each key and table, by its name as `flatten` makes it.
 
     The file alone stands for the name "": the origin of what it does not have.
 
-    Raises:
-        ConfigError: The file cannot be read, or is no valid TOML.
+    Args:
+        config: A configuration as `load_config` has read it.
     """
-    places = read_toml(file).document.places
-    found = {path_text(path): f"{file}:{place.line}" for path, place in places.items()}
-    return {"": str(file), **found}
+    document = config.table.document
+    places = document.places.items()
+    found = {path_text(path): f"{document.source}:{place.line}" for path, place in places}
+    return {"": document.source, **found}
 
 
 def _leaves(path: KeyPath, value: Any) -> Iterator[tuple[KeyPath, Any]]:
