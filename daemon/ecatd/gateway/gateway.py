@@ -92,6 +92,7 @@ class Gateway:
         self._answers: OrderedDict[tuple[str, str], Answer] = OrderedDict()
         self._rates: dict[str, Rate] = {}
         self._bus_description: dict[str, Any] = {}
+        self._described: Bus | None = None  # the same, once it was needed
 
     async def connect(self) -> Config:
         """Connects to the bus server, reads the settings, and makes the folder for the sockets.
@@ -127,7 +128,7 @@ class Gateway:
         Raises:
             EcatError: The session cannot be opened, or the bus server does not answer.
         """
-        self._bus_description = await self._bus.ask(Describe())
+        await self._describe()
         in_use = self._config
         if wrong := wrong_certificates(in_use):
             in_use = without_encryption(in_use)
@@ -137,8 +138,9 @@ class Gateway:
             )
         self._in_use = in_use
         self._full_name = full_name(in_use.host, self._name)
-        for text in unknown_slaves(in_use, self._described()):
-            self._log.warning(text)
+        if any(user.slaves for user in in_use.user):
+            for text in unknown_slaves(in_use, self._description()):
+                self._log.warning(text)
         zenoh.init_log_from_env_or("off")
         listening = Listening(in_use.listen, self._log)
         await listening.look()
@@ -267,7 +269,7 @@ class Gateway:
         who = _LOCAL
         if user is not None:
             try:
-                check(user, request, self._described())
+                check(user, request, self._description())
             except NotPermittedError as error:
                 self._log.notice(f"refused: {error}")
                 raise
@@ -285,8 +287,15 @@ class Gateway:
         await asyncio.sleep(delay)
         return await self._once(user, identity, request)
 
-    def _described(self) -> Bus:
-        return read_bus(self._bus_description, "the bus server", strict=False)
+    async def _describe(self) -> None:
+        """Has the bus server describe the bus as it is now."""
+        self._bus_description = await self._bus.ask(Describe())
+        self._described = None
+
+    def _description(self) -> Bus:
+        if self._described is None:
+            self._described = read_bus(self._bus_description, "the bus server", strict=False)
+        return self._described
 
     def _user(self, name: str) -> UserConfig:
         for user in self._in_use.user:
@@ -331,7 +340,7 @@ class Gateway:
         That is so if its settings have changed, or some of them could not be used.
         """
         with suppress(UnreachableError):  # the bus server has ended
-            self._bus_description = await self._bus.ask(Describe())
+            await self._describe()
             wanted = (await self._settings()).gateway
             # If certificates could not be used, they may be usable now.
             if wanted != self._config or self._in_use != self._config:

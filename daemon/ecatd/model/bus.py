@@ -10,13 +10,14 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Any
 
 from .errors import StateError
 from .pdo import Entry, Pdo
 from .pdo_layout import byte_length, places
+from .plain import plain
 
 SCHEMA = 1
 
@@ -265,4 +266,4 @@ class Bus:
 
     def to_dict(self) -> dict[str, Any]:
         """The description as maps and lists, with `schema` and `fingerprint` (16 hex digits)."""
-        return {"schema": SCHEMA, "fingerprint": f"{self.fingerprint:016x}", **asdict(self)}
+        return {"schema": SCHEMA, "fingerprint": f"{self.fingerprint:016x}", **plain(self)}

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from ..log_levels import DEFAULTS
+from ..plain import plain
 from .clocks import DcConfig, DcSlaveConfig
 from .copies import ABSENT, CopyConfig
 from .domains import DomainConfig
@@ -237,12 +238,4 @@ class Config(Placed):
 
     def to_dict(self) -> dict[str, Any]:
         """The configuration as maps, from which `read_config` makes it again."""
-        return dict(_plain(self))
-
-
-def _plain(value: Any) -> Any:
-    """Tables as maps, without their places."""
-    if is_dataclass(value):
-        kept = (item.name for item in fields(value) if item.compare)
-        return {name: _plain(getattr(value, name)) for name in kept}
-    return [_plain(item) for item in value] if isinstance(value, list) else value
+        return dict(plain(self))
