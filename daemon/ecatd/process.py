@@ -5,7 +5,8 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
@@ -14,6 +15,9 @@ _PR_CAPBSET_DROP = 24
 _PR_CAP_AMBIENT, _PR_CAP_AMBIENT_CLEAR_ALL = 47, 4
 _CAPABILITY_VERSION_3 = 0x20080522
 _CAP_LAST = 63
+
+CAP_NET_ADMIN = 12
+"""The capability to set up network interfaces (capabilities(7))."""
 
 OF_THE_SERVICE = (signal.SIGINT, signal.SIGHUP)
 """Signals that only the service handles. It starts its children with these signals blocked, since
@@ -83,12 +87,45 @@ class _CapData(ctypes.Structure):
     _fields_ = tuple((n, ctypes.c_uint32) for n in ("effective", "permitted", "inheritable"))
 
 
+_OF_THIS_THREAD = ctypes.byref(_CapHeader(_CAPABILITY_VERSION_3, 0))
+
+
+def lower(capability: int) -> None:
+    """Puts a capability out of effect, for this thread and for those that it starts from now on.
+
+    What this process does by mistake, or is made to do, then happens without it. `raised` puts it
+    into effect for a moment.
+    """
+    _put_into_effect(capability, False)
+
+
+@contextmanager
+def raised(capability: int) -> Iterator[None]:
+    """Puts a capability into effect for the block, in this thread, if this process has it."""
+    changed = _put_into_effect(capability, True)
+    try:
+        yield
+    finally:
+        if changed:
+            _put_into_effect(capability, False)
+
+
+def _put_into_effect(capability: int, wanted: bool) -> bool:
+    """Puts a permitted capability into effect, or out of it; returns whether that was a change."""
+    data = (_CapData * 2)()
+    _LIBC.capget(_OF_THIS_THREAD, ctypes.byref(data))
+    part, bit = data[capability // 32], 1 << capability % 32
+    if not part.permitted & bit or bool(part.effective & bit) == wanted:
+        return False
+    part.effective ^= bit
+    done: int = _LIBC.capset(_OF_THIS_THREAD, ctypes.byref(data))
+    return done == 0
+
+
 def drop_rights() -> None:
     """Drops all capabilities for good: neither this process nor its children can regain one."""
     _LIBC.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
     for capability in range(_CAP_LAST + 1):
         _LIBC.prctl(_PR_CAPBSET_DROP, capability, 0, 0, 0)  # may fail: needs CAP_SETPCAP
     _LIBC.prctl(_PR_CAP_AMBIENT, _PR_CAP_AMBIENT_CLEAR_ALL, 0, 0, 0)
-    header = _CapHeader(_CAPABILITY_VERSION_3, 0)
-    data = (_CapData * 2)()
-    _LIBC.capset(ctypes.byref(header), ctypes.byref(data))
+    _LIBC.capset(_OF_THIS_THREAD, ctypes.byref((_CapData * 2)()))

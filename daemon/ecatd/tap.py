@@ -10,6 +10,7 @@ import struct
 
 from ecatd.model.eoe import parse_interface
 from ecatd.model.errors import StateError
+from ecatd.process import CAP_NET_ADMIN, raised
 
 _DEVICE = "/dev/net/tun"
 _TUNSETIFF = 0x400454CA
@@ -48,10 +49,11 @@ class Tap:
         try:
             self._fd = os.open(_DEVICE, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
             wanted = struct.pack(f"{_NAME_BYTES}sH22x", name.encode(), _IFF_TAP | _IFF_NO_PI)
-            fcntl.ioctl(self._fd, _TUNSETIFF, wanted)
-            self._set_up()
-            if address:
-                self._set_address(address)
+            with raised(CAP_NET_ADMIN):
+                fcntl.ioctl(self._fd, _TUNSETIFF, wanted)
+                self._set_up()
+                if address:
+                    self._set_address(address)
         except OSError as error:
             self.close()
             reason = _REASONS.get(error.errno or 0, os.strerror(error.errno or 0))

@@ -35,7 +35,7 @@ CYCLE_TIME_US = 1000
 """These tests count cycles."""
 
 INSIDE = Path(__file__).with_name("inside.py")
-PR_CAPBSET_DROP, CAP_IPC_LOCK, CAP_SYS_NICE = 24, 14, 23
+PR_CAPBSET_DROP, CAP_NET_ADMIN, CAP_IPC_LOCK, CAP_SYS_NICE = 24, 12, 14, 23
 MASTER, SIMULATOR = "ecat-master", "ecat-sim"
 
 
@@ -123,6 +123,14 @@ class Bench:
         header = shm.struct("ecat_shm_header").from_buffer_copy(data)
         return shm.struct("ecat_shm_health").from_buffer_copy(data, header.health_offset)
 
+    def check_rights(self) -> None:
+        """Checks that no thread has CAP_NET_ADMIN in effect, though it can have it."""
+        for thread in Path(f"/proc/{self.server}/task").iterdir():
+            lines = (thread / "status").read_text().splitlines()
+            status = dict(line.split(":\t", 1) for line in lines)
+            found = [int(status[key], 16) >> CAP_NET_ADMIN & 1 for key in ("CapEff", "CapPrm")]
+            assert found == [0, 1], status["Name"]
+
     def busy(self, seconds: float = 1.0) -> float:
         """Share of a CPU that the bus server takes for a while."""
 
@@ -197,6 +205,7 @@ def test_r10_interface_gone_and_back(bench: Bench) -> None:
     bench.wait_for_data()
     bench.wait_for_op()
     assert bench.daemon.ctl("sdo-read", "0", "0x1018", "1").stdout.startswith("0x0000009A")
+    bench.check_rights()
 
 
 def test_r05_slaves_missing_and_back(bench: Bench) -> None:
@@ -415,6 +424,10 @@ def test_r43_no_permission_for_real_time(start_daemon: Callable[..., Daemon]) ->
     bench = Bench(daemon)
     bench.wait_for_data()
     bench.close()
+
+
+def test_r42_the_right_to_set_interfaces_up_is_not_in_effect(bench: Bench) -> None:
+    bench.check_rights()
 
 
 def test_r20_a_cycle_that_is_held_up_is_counted(bench: Bench) -> None:

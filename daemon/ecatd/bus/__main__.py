@@ -32,7 +32,12 @@ from ecatd.log import Log
 from ecatd.model.config import read_config
 from ecatd.model.errors import EcatError
 from ecatd.paths import control_socket
-from ecatd.process import die_with_parent, leave_signals_to_the_service
+from ecatd.process import (
+    CAP_NET_ADMIN,
+    die_with_parent,
+    leave_signals_to_the_service,
+    lower,
+)
 from ecatd.service_link import answer_pings, read_settings, tell
 
 if TYPE_CHECKING:
@@ -129,6 +134,7 @@ def main() -> int:
 
             join(settings["namespace_of"])
         die_with_parent(settings["parent"])
+        lower(CAP_NET_ADMIN)
         if settings["describe"]:
             _describe(settings, log)
         else:

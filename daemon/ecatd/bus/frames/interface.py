@@ -10,12 +10,15 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 
 from ecatd.model.errors import NotPermittedError, StateError, UnreachableError
+from ecatd.process import CAP_NET_ADMIN, raised
 
 from ..engine.engine import Index, open_socket
 from .datagrams import Answer, Datagrams, brd, source_address
 
 _SIOCGIFFLAGS, _SIOCSIFFLAGS = 0x8913, 0x8914
-_IFF_UP, _IFF_RUNNING = 0x1, 0x40
+_IFF_UP, _IFF_RUNNING, _IFF_PROMISC = 0x1, 0x40, 0x100
+_IN_USE = _IFF_UP | _IFF_PROMISC
+"""Promiscuous, since another master may send its frames to any address."""
 _FLAGS = struct.Struct("16sH14x")  # ifreq
 _AL_STATUS = 0x0130
 
@@ -100,23 +103,22 @@ def own(interface: str) -> Iterator[None]:
     """
     with _reserve(interface):
         flags = _flags(interface)
-        _set_flags(interface, flags | _IFF_UP)
+        _set_flags(interface, flags | _IN_USE)
         try:
             yield
-        finally:
-            # SOEM leaves the interface promiscuous. The interface may be gone by now.
+        finally:  # the interface may be gone by now
             with contextlib.suppress(NotPermittedError, UnreachableError):
                 _set_flags(interface, flags)
 
 
 def switch_on(interface: str) -> None:
-    """Sets an interface up.
+    """Sets an interface up that has gone down, or is there again.
 
     Raises:
         UnreachableError: There is no such interface, or it does not go up.
         NotPermittedError: The process may not do that.
     """
-    _set_flags(interface, _flags(interface) | _IFF_UP)
+    _set_flags(interface, _flags(interface) | _IN_USE)
 
 
 def _reserve(interface: str) -> socket.socket:
@@ -151,12 +153,13 @@ def _flags(interface: str) -> int:
 
 
 def _set_flags(interface: str, flags: int) -> None:
-    """Sets the flags: SOEM does not set the interface up, and leaves it promiscuous."""
+    """Sets the flags of an interface; SOEM does not set it up."""
     if flags == _flags(interface):
         return
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
         try:
-            fcntl.ioctl(control, _SIOCSIFFLAGS, _FLAGS.pack(interface.encode(), flags))
+            with raised(CAP_NET_ADMIN):
+                fcntl.ioctl(control, _SIOCSIFFLAGS, _FLAGS.pack(interface.encode(), flags))
         except PermissionError as error:
             raise NotPermittedError(needs_rights(interface)) from error
         except OSError as error:

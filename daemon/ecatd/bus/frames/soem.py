@@ -14,6 +14,7 @@ from typing import Any
 import pysoem
 
 from ecatd.model.errors import NotPermittedError
+from ecatd.process import CAP_NET_ADMIN, raised
 
 from .interface import look, needs_rights
 
@@ -52,7 +53,8 @@ def scan(interfaces: Sequence[str]) -> list[str]:
     # Otherwise SOEM would request PREOP by itself. `Master` requests the states instead.
     master.manual_state_change = 1
     try:
-        master.open(*answering)
+        with raised(CAP_NET_ADMIN):  # SOEM sets flags of the interface
+            master.open(*answering)
     except ConnectionError as error:
         raise NotPermittedError(needs_rights(answering[0])) from error
     try:
