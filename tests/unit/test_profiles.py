@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 
 from conftest import names_at, naming
+from ecatd.model.applied import missing_folders
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import Config, SignalConfig, load_config
+from ecatd.model.config import CaptureConfig, Config, SignalConfig, load_config
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
 from ecatd.model.meanings import give_meanings
@@ -327,6 +328,16 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
         load_profiles(load_config(file))
     names_at(str(told.value), f"{file}:4: profiles[1]: {tmp_path / 'nowhere'} | folder")
     assert load_profiles(None, [tmp_path / "nowhere"]) == load_profiles()
+
+
+def test_a_folder_that_cannot_be_looked_at(tmp_path: Path) -> None:
+    """Such as one in the home directory of another user; too long a name is one for root, too."""
+    folder = tmp_path / ("x" * 300)
+    with pytest.raises(ConfigError, match=naming(folder, "File name too long", "HOME")):
+        load_profiles(None, [folder])
+    with pytest.raises(ConfigError, match=naming(folder, "profiles[0]")):
+        load_profiles(Config(profiles=[str(folder)]))
+    assert missing_folders(Config(capture=CaptureConfig(folder=str(folder))))
 
 
 def test_our_own_profiles_are_about_every_device_once() -> None:

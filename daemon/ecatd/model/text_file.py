@@ -43,3 +43,11 @@ def check_regular(file: Path) -> int:
     if not stat.S_ISREG(info.st_mode) and not stat.S_ISDIR(info.st_mode):
         raise OSError(errno.EINVAL, "it is not a regular file")
     return info.st_size
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is a folder; False also where this process may not look."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False

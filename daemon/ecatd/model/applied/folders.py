@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..config import Config
+from ..text_file import is_folder
 
 
 def missing_folders(config: Config) -> list[str]:
@@ -14,7 +15,7 @@ def missing_folders(config: Config) -> list[str]:
     """
     folder = config.capture.folder
     texts = missing_audit_folder(config)
-    if folder and not Path(folder).is_dir():
+    if folder and not is_folder(Path(folder)):
         texts.append(
             f"{config.capture.table.where('folder')}: there is no folder {folder}: ecatd makes it "
             "at its start if its user may, and otherwise writes no frames of faults; make it for "
@@ -26,7 +27,7 @@ def missing_folders(config: Config) -> list[str]:
 def missing_audit_folder(config: Config) -> list[str]:
     """Warns if the folder of `audit_file` does not exist. Nobody but its administrator makes it."""
     folder = Path(config.audit_file).parent
-    if not config.audit_file or folder.is_dir():
+    if not config.audit_file or is_folder(folder):
         return []
     return [
         f"{config.table.where('audit_file')}: there is no folder {folder}, so changes are only in "

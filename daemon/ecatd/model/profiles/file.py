@@ -10,6 +10,8 @@ from typing import Any
 
 from ..config import Config
 from ..config.signals import MEANING, UNIT_BYTES, check_limits
+from ..errors import ConfigError
+from ..text_file import is_folder
 from ..toml_file import Key, Rules, Table, array, integer, number, printable, read_toml
 from ..units import QUANTITIES, is_unit
 from .profile import DeviceProfile, EntryProfile, Meaning, Profiles
@@ -31,11 +33,11 @@ def load_profiles(config: Config | None = None, standard: Iterable[Path] = ()) -
     first: list[DeviceProfile] = []
     config = config or Config()
     for at, folder in enumerate(map(Path, config.profiles)):
-        if not folder.is_dir():
+        if not is_folder(folder):
             config.table.elements("profiles").fail(
                 at,
-                f"'{folder}' is not a folder: name a folder with device profiles (*.toml), or "
-                "leave it out",
+                f"'{folder}' is not a folder, or may not be read: name a folder with device "
+                "profiles (*.toml), or leave it out",
             )
         first += _folder(folder)
     others = [device for folder in (*standard, _OURS) for device in _folder(folder)]
@@ -43,7 +45,15 @@ def load_profiles(config: Config | None = None, standard: Iterable[Path] = ()) -
 
 
 def _folder(folder: Path) -> Iterator[DeviceProfile]:
-    for file in sorted(folder.glob("*.toml")):
+    try:
+        files = sorted(folder.glob("*.toml"))
+    except OSError as error:
+        raise ConfigError(
+            f"the folder '{folder}', which may have device profiles, cannot be read: "
+            f"{error.strerror}; let the user who runs ecatd read it, or set HOME to a folder of "
+            "this user"
+        ) from error
+    for file in files:
         yield from read_toml(file).read({"device": _devices}).get("device", ())
 
 
