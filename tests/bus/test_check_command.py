@@ -71,6 +71,37 @@ def test_slaves_leave_op_and_come_back(daemon: Daemon) -> None:
     assert check(daemon)[0] == WELL
 
 
+def test_a_slave_that_was_missing_at_the_start(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    """The bus has no place for it, since nothing says what process data it has."""
+    rig = tmp_path / "rig.toml"
+    rig.write_text('[[slave]]\ndevice = "EK1100"\n')
+    config = """
+[gateway]
+listen = []
+[expected]
+policy = "tolerant"
+[[slave]]
+position = 0
+vendor = 2
+product = 0x044C2C52
+[[slave]]
+position = 1
+name = "lamps"
+vendor = 2
+product = 0x07D83052
+"""
+    daemon = start_daemon(str(rig), config=config)
+    status, line = check(daemon)
+    assert status == DEGRADED
+    assert line.startswith(f"degraded: bus {daemon.bus}, 1 of 2 slaves in OP; ")
+    names(line, "lamps")
+    wait_for(lambda: "1 of 2 slaves in OP" in daemon.status, daemon)
+    (row,) = json.loads(daemon.ctl("buses", "--json").stdout)["buses"]
+    assert (row["slaves"], row["in_op"], len(row["problems"])) == (2, 1, 1)
+
+
 def test_a_gateway_that_does_not_answer(daemon: Daemon) -> None:
     gateway = daemon.child_pid("ecatd.gateway")
     stop_process(gateway)

@@ -58,6 +58,21 @@ def test_parameters_are_verified(machine: Callable[[str], Daemon]) -> None:
     names(daemon.ctl("startup", "verify", "EK1100").stdout, "no", "slave 0 (EK1100)")
 
 
+def test_what_a_slave_may_refuse_is_no_difference(machine: Callable[[str], Daemon]) -> None:
+    tables = "".join(
+        f'[[slave.startup]]\nobject = "{address}"\ntype = "int16"\nvalue = 7\noptional = true\n'
+        for address in ("0x1018:01", "0x5555:00", "0x2000:03")
+    )
+    daemon = machine(tables)
+    fixed, absent, taken = (
+        row["result"] for row in daemon.ctl_json("startup", "verify")["parameters"]
+    )
+    names(fixed, "optional", "different")
+    names(absent, "optional", "not verified", "0x06020000")
+    assert taken == "as configured"
+    assert daemon.ctl("startup", "verify").returncode == 0
+
+
 @pytest.mark.long
 def test_what_cannot_be_verified_is_no_success(
     machine: Callable[[str], Daemon], tmp_path: Path
@@ -111,6 +126,9 @@ def test_what_differs_from_the_defaults_is_captured(
     file = tmp_path / "captured.toml"
     said = daemon.ctl("startup", "capture", "axis", "--esi", str(tmp_path), "-o", str(file)).stdout
     names(said, str(file), "2 parameters")
+    kept = daemon.ctl("startup", "capture", "axis", "-o", str(daemon.config_file), check=False)
+    assert kept.returncode == 7
+    names(one_line_error(kept.stderr, "ecatctl"), str(daemon.config_file), "exists")
     tables = file.read_text()
     names(tables, "slave 1 (axis, AX2)", "Limit; default -2", "axis.xml", "# 25 V")
     itself = daemon.ctl("startup", "capture", "axis").stdout

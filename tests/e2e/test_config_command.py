@@ -132,7 +132,8 @@ def test_from_an_unknown_bus_to_a_checked_configuration(
     (row,) = json.loads(document.stdout)["differences"]
     assert (row["used"]["product"], row["file"]) == (0x044C2C52, None)
     only = daemon.ctl("config", "diff", str(daemon.config_file), check=False)
-    assert [line.split()[0] for line in only.stdout.splitlines()] == ["KEY", "bus", "restart"]
+    assert only.returncode == 0
+    names(only.stderr, "command line", "bus")
 
 
 def test_a_file_is_checked_against_the_bus(machine: Callable[..., Daemon], tmp_path: Path) -> None:

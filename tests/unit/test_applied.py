@@ -166,7 +166,7 @@ def test_an_exchange_within_the_watchdog_fits(tmp_path: Path) -> None:
     assert not misfits(load_config(file), made_bus(), load_profiles())
     file.write_text(f"cycle_time_us = 2000\n{HEAD}watchdog_ms = 2")
     (short,) = misfits(load_config(file), made_bus(), load_profiles())
-    names_at(short, f"{file}:1: cycle_time_us: every 2 ms | waits 2 ms | slave 0 (press, D)")
+    names_at(short, f"{file}:5: slave[0].watchdog_ms: every 2 ms | waits 2 ms | slave 0 (press, D)")
     file.write_text(f"{HEAD}vendor = 1\nproduct = 2\n")
     bus = made_bus()
     bus.slaves[0].watchdog_ms = 0

@@ -339,6 +339,7 @@ def test_numbers_are_written_as_numbers(tmp_path: Path, given: str, written: str
         (f"{SLAVE}{PDO}{PDO}", ":7: slave[0].pdo[1].index:", "0x1600"),
         (f"{SLAVE}[[slave.pdo]]\nindex = 0x1600", ":3: slave[0].pdo[0].entries:", "entries = []"),
         (f"{SLAVE}{PDO[:-2]}{{}}]", ":5: slave[0].pdo[0].entries[0].bits:", "missing"),
+        (f"{SLAVE}{PDO[:-2]}{{bits = 256}}]", ":5: slave[0].pdo[0].entries[0].bits:", "256 | 255"),
         ("[[slave]]\nidentification = 0", ":2: slave[0].identification:", "0 | 1 | 65535"),
         ("[[slave]]\nalias = 1\nidentification = 2", ":3: slave[0].identification:", "alias"),
         ("[[slave]]\nposition = 1\nidentification = 2", ":2: slave[0].position:", "identification"),

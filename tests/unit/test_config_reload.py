@@ -136,9 +136,25 @@ def test_keys_in_force_are_named_where_they_are_written(tmp_path: Path) -> None:
         where = origins[f"signal[{number}].entry"]
         assert where.startswith(str(file))
         if rule.slave == 3:  # the file does not have it any more
-            assert where == old["signal[1].entry"]
+            assert where == f"{old['signal[1].entry']} (before it was changed)"
         else:
             line = int(where.rpartition(":")[2])
             assert lines[line - 1] == f'entry = "{rule.entry}"'
     assert [rule.slave for rule in found.config.signal] == [0, 3, 4]
     assert origins["slave[0].name"] == f"{file}:5"
+
+
+def test_what_waits_for_a_restart_has_its_earlier_place(tmp_path: Path) -> None:
+    file = tmp_path / "w.toml"
+    file.write_text("cycle_time_us = 2000\n[recovery]\nretry_s = 5\n[mailbox]\nshare = 0.5\n")
+    before = load_config(file)
+    origins = {**find_origins(before), "bus": "command line"}
+    for text in ("[recovery]\nretry_s = 7\n", "[recovery]\nretry_s = 8\n", ""):
+        file.write_text(text)
+        wanted = load_config(file)
+        found = reload(before, wanted)
+        origins = found.origins(origins, find_origins(wanted))
+        assert origins["cycle_time_us"] == f"{file}:1 (before it was changed)"
+        assert origins.get("recovery.retry_s") == (f"{file}:2" if text else None)
+        assert "mailbox.share" not in origins, "it has its default again"
+        before = found.config

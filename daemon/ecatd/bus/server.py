@@ -109,6 +109,7 @@ class BusServer:
         self._slave_requests: SlaveRequests | None = None
         self._ethernet: EthernetTraffic | None = None
         self._started = 0.0
+        self._missing: list[dict[str, Any]] = []  # slaves that were missing at the start
 
     @property
     def bus(self) -> Bus:
@@ -159,6 +160,7 @@ class BusServer:
             self._fault_files,
         )
         monitor.read_states()
+        self._missing = running.expectation.left_out
         running.shared.publish()
         self._started = time.time()
         return monitor
@@ -232,8 +234,7 @@ class BusServer:
         It answers only if the worker does its work.
         """
         await self._worker.run(_nothing)
-        rows = [self._state_row(item) for item in self._running.states]
-        health = look_at(rows)
+        health = look_at(self._state_rows())
         assert self._up.shared is not None, "asked before the bus was brought up"
         return {
             "cycle": self._up.shared.header.cycle,
@@ -293,7 +294,10 @@ class BusServer:
         }
 
     def _state_rows(self) -> dict[str, Any]:
-        return {"slaves": [self._state_row(item) for item in self._running.states]}
+        return {
+            "slaves": [self._state_row(item) for item in self._running.states],
+            "missing": self._missing,
+        }
 
     def _state_row(self, item: SlaveState) -> dict[str, Any]:
         condition, more = self._running.condition(item.position)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ecatd.model.errors import EcatError
-from ecatd.model.health import look_at
+from ecatd.model.health import Health, look_at
 from ecatd.paths import search_dirs, served_buses
 
 from .output import print_json, print_table
@@ -41,7 +41,7 @@ def _here(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     for bus in names:
         try:
             with Remote(bus, timeout=options.timeout) as remote:
-                yield _row(bus, remote.info(), remote.states())
+                yield _row(bus, remote.info(), remote.health())
         except EcatError as error:
             yield {"bus": bus, "error": error.to_reply()}
 
@@ -53,11 +53,10 @@ def _there(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     with Remote(options.bus, options.connect, options.timeout) as remote:
         infos, states = remote.ask_all("info"), remote.ask_all("state")
     for bus, info in sorted(infos.items()):
-        yield _row(bus, info, list(states.get(bus, {}).get("slaves", ())))
+        yield _row(bus, info, look_at(states.get(bus, {"slaves": []})))
 
 
-def _row(bus: str, info: dict[str, Any], states: list[dict[str, Any]]) -> dict[str, Any]:
-    health = look_at(states)
+def _row(bus: str, info: dict[str, Any], health: Health) -> dict[str, Any]:
     return {
         "bus": bus,
         **{key: info.get(key) for key in ("host", "interface", "cycle_time_us", "started")},

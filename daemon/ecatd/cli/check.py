@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from ecatd import shm
 from ecatd.model.al import AlState
 from ecatd.model.errors import EcatError, NoAnswerError, NotPermittedError, UnreachableError
-from ecatd.model.health import Health, look_at
+from ecatd.model.health import Health
 from ecatd.stats import Snapshot
 
 from .output import print_json
@@ -70,7 +70,7 @@ def _look(source: Source) -> tuple[int, list[str], Health | None]:
         return _DOWN, [f"no cycle for {snapshot.silence:.1f} s: the exchange stands still"], None
     problems = list(_wire_problems(snapshot))
     try:
-        slaves = look_at(source.remote().states())
+        slaves = source.remote().health()
     except (UnreachableError, NoAnswerError) as error:
         problems += _seen_from_here(snapshot)
         problems.append(str(error))

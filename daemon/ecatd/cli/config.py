@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from ecatd.model.bus import Bus, Slave
 from ecatd.model.bus_name import check_bus_name
 from ecatd.model.config import Config, load_config
 from ecatd.model.config.differences import Difference, Moved, differences
-from ecatd.model.config.origins import DEFAULT, flatten
+from ecatd.model.config.origins import COMMAND_LINE, DEFAULT, flatten
 from ecatd.model.config.writer import number_of, value_text, write_config
 from ecatd.model.errors import StateError, UsageError
 from ecatd.model.expected_bus import compare
@@ -205,7 +206,13 @@ def _from_eni(options: argparse.Namespace) -> int:
 
 def _diff(options: argparse.Namespace) -> int:
     wanted = load_config(options.file)
-    bus, used, _ = _remote(options)
+    bus, used, origins = _remote(options)
+    given = [
+        key for key in ("bus", "interface", "cycle_time_us") if origins.get(key) == COMMAND_LINE
+    ]
+    log = [key for key in flatten({"log": used.log}) if origins.get(key) == COMMAND_LINE]
+    fixed = [*given, "log"] if log else given
+    wanted = replace(wanted, **{key: getattr(used, key) for key in fixed})
     result = differences(used, wanted)
     if options.json:
         rows = [{"key": item.key, "used": item.before, "file": item.after} for item in result.found]
@@ -213,6 +220,7 @@ def _diff(options: argparse.Namespace) -> int:
             {"slave": item.slave, "used": item.before, "file": item.after} for item in result.moved
         ]
         document = {"bus": bus.name, "file": str(options.file), "differences": rows}
+        document["command_line"] = given + log
         print_json({**document, "moved": moved})
     elif result.found:
         print_table(
@@ -225,6 +233,9 @@ def _diff(options: argparse.Namespace) -> int:
         print(f"restart ecatd with {options.file} to use it")
     else:
         print(f"bus {bus.name} uses what is in {options.file}")
+    if (given or log) and not options.json:
+        keys = ", ".join(given + log)
+        print(f"given on the command line of ecatd, so not compared: {keys}", file=sys.stderr)
     return _DIFFERENT if result.found else 0
 
 

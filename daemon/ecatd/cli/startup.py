@@ -46,7 +46,9 @@ _FIRST_OWN = 0x2000
 """Objects below describe the communication (ETG.1000.6); PDOs have keys of their own."""
 
 _DIFFERENT, _UNKNOWN, _SECRET = "different", "not verified", "cannot be read"
-"""Beginnings of the results of a comparison. Only the first two are worth an exit status."""
+_SAME, _OPTIONAL = "as configured", "optional"
+"""Beginnings of the results of a comparison. Only the first two are worth an exit status: a slave
+may refuse an optional parameter."""
 
 _ACTIONS = """\
 actions:
@@ -56,7 +58,8 @@ actions:
                              those of its ESI file
 
 exit status:
-  0 done, no difference   7 verify: a slave has another value, or cannot be asked for it
+  0 done, no difference   7 verify: a slave has another value of a parameter that is not optional,
+  or cannot be asked for it
 """
 
 
@@ -93,6 +96,11 @@ def startup(options: argparse.Namespace) -> int:
         raise UsageError("--config goes with startup verify")
     if options.action == "verify" and (options.esi is not None or options.out is not None):
         raise UsageError("--esi and -o go with startup capture")
+    if options.out is not None and options.out.is_file():
+        raise StateError(
+            f"{options.out} exists, and would be overwritten: write the tables to a new file, and "
+            "copy them from there into your configuration, below the [[slave]] table of this slave"
+        )
     with Remote(options.bus, options.connect, options.timeout) as remote:
         return _RUN[options.action](remote, options)
 
@@ -165,6 +173,8 @@ def _compared(
             found = _value_of(remote, settings.position, raw, known)
             if in_op.get(parameter.address) is not parameter and found["has"] is not None:
                 found["result"] = f"of {parameter.transition}: not what a slave in OP has"
+            elif parameter.optional and found["result"] != _SAME:
+                found["result"] = f"{_OPTIONAL}: {found['result']}"
             yield {**row, "configured": _shown(raw, known, raw.data), **found}
 
 
@@ -207,15 +217,17 @@ def _value_of(
         secret = isinstance(error, SdoAbortError) and error.code == WRITE_ONLY
         return {"has": None, "result": f"{_SECRET if secret else _UNKNOWN}: {error}"}
     same = data[: len(parameter.data)] == parameter.data
-    result = "as configured" if same else _DIFFERENT
+    result = _SAME if same else _DIFFERENT
     return {"has": _shown(parameter, known, data), "result": result}
 
 
 def _shown(parameter: StartupConfig, known: Entry, data: bytes) -> str:
-    if parameter.type is None:
+    kind = None if parameter.type is None else parse_type(parameter.type)
+    bits = bit_length(kind) if kind is not None else 0
+    if kind is None or (bits and (bits + 7) // 8 != len(data)):
         return data.hex(" ")
     physical = physical_text(known, data)
-    text = str(decode(parse_type(parameter.type), data))
+    text = str(decode(kind, data))
     return f"{text} ({physical})" if physical else text
 
 
@@ -271,7 +283,10 @@ def _capture(remote: Remote, options: argparse.Namespace) -> int:
         return 0
     save(options.out, "\n".join(lines) + "\n")
     count = len(rows)
-    print(f"{options.out}: {count} parameter{'s' * (count != 1)}; append them to its [[slave]]")
+    print(
+        f"{options.out}: {count} parameter{'s' * (count != 1)}; copy them into the configuration, "
+        f"below the [[slave]] table of {found.label}"
+    )
     return 0
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ecatd.model.bus import Bus
     from ecatd.model.config import Config
     from ecatd.model.dictionary import DictionaryObject
+    from ecatd.model.health import Health
     from ecatd.model.idns import IdnValue
     from ecatd.model.port_errors import SlaveErrors
     from ecatd.stats import Snapshot
@@ -177,6 +178,12 @@ class Remote:
     def states(self) -> list[dict[str, Any]]:
         """AL states of all slaves: `position`, names, `al_state`, `al_code` and `text`."""
         return list(self.request(ReadStates())["slaves"])
+
+    def health(self) -> Health:
+        """How the slaves are, with those that were missing at the start."""
+        from ecatd.model.health import look_at
+
+        return look_at(self.request(ReadStates()))
 
     def rescan(self) -> dict[str, Any]:
         """The devices that are on the wire now, and the slaves that are not; see `Wire.scan`.

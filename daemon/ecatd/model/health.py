@@ -19,11 +19,12 @@ class Health:
     """The health of the slaves of a bus.
 
     Attributes:
-        expected: Number of slaves that should be there: all but optional ones that are absent.
+        expected: Number of slaves that should be there: all but optional ones that are absent, and
+            those that were missing at the start, so that they are no part of the bus.
         in_op: Number of those that are in OP.
         absent: Number of optional slaves that are absent.
-        problems: A text for each slave with a problem, and for each group of optional slaves of
-            which only some are there.
+        problems: A text for each slave with a problem, for each group of optional slaves of which
+            only some are there, and for what was missing at the start.
     """
 
     expected: int
@@ -48,18 +49,20 @@ class Health:
         return self.counts + (f": {'; '.join(named)}" if named else "")
 
 
-def look_at(rows: Iterable[Mapping[str, Any]]) -> Health:
+def look_at(reply: Mapping[str, Any]) -> Health:
     """Finds the problems of slaves.
 
     Args:
-        rows: The slaves as the bus server describes them (`ReadStates`).
+        reply: The answer of the bus server to `ReadStates`.
     """
-    rows = list(rows)
+    rows, missing = list(reply["slaves"]), list(reply.get("missing", ()))
     expected = [row for row in rows if row.get("recovery") != _ABSENT]
     in_op = [row for row in expected if row["al_state"] == AlState.OP]
     problems = [_told(row) for row in expected if row not in in_op or row.get("recovery")]
     problems += _incomplete(rows, {row["group"] for row in expected if row.get("group")})
-    return Health(len(expected), len(in_op), len(rows) - len(expected), problems)
+    problems += [item["text"] for item in missing]
+    count = len(expected) + sum(len(item["expected"]) for item in missing)
+    return Health(count, len(in_op), len(rows) - len(expected), problems)
 
 
 def _incomplete(rows: list[Mapping[str, Any]], there: set[str]) -> Iterator[str]:

@@ -378,21 +378,19 @@ class Supervisor:
         """
         wanted, origins = self._read()
         found = reload(self._config, wanted)
-        settings = {**self._settings, "log": wanted.log}
-        if found.used:
-            origins = found.origins(self._origins, origins)
-            settings |= {"config": found.config.to_dict(), "origins": origins}
+        origins = found.origins(self._origins, origins)
+        new = {"log": wanted.log, "config": found.config.to_dict(), "origins": origins}
+        settings = {**self._settings, **new}
         if settings != self._settings and (why := await server.change(settings)):
             later = f" (the file also has {_keys(found.later)}, which is used after a restart only)"
             raise ConfigError(why + later * bool(found.later))
         if self._settings["log"] != self._config.log:
             self._log.notice("the levels of the log are those of the configuration again")
-        self._settings |= settings
+        self._settings, self._config, self._origins = settings, found.config, origins
         self._log.levels = wanted.log
         if found.later:
             self._log.warning(f"used after a restart of ecatd: {_keys(found.later)}")
         if found.used:
-            self._config, self._origins = found.config, origins
             text = f"configuration read again; changed: {_keys(found.used)}"
             self._log.info(text, "configuration")
         else:

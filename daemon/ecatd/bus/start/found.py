@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import STRICT, TOLERANT, Config, Mark
@@ -30,6 +31,18 @@ class Expectation:
     wire: list[Slave]
     differences: list[Difference]
     positions: dict[int, int]
+
+    @property
+    def left_out(self) -> list[dict[str, Any]]:
+        """Slaves that the bus has no place for, since they were missing: `expected` and `text`.
+
+        They stay left out until the next start. `expected` are positions in the configuration.
+        """
+        return [
+            {"expected": list(item.expected), "text": item.text}
+            for item in self.differences
+            if item.expected and not item.found and self.positions.keys().isdisjoint(item.expected)
+        ]
 
     def restart_without(self, positions: Iterable[int]) -> str:
         """What a restart would do if slaves stay missing, or others stay in their places.

@@ -38,8 +38,11 @@ def check_watchdog(config: Config, bus: Bus, slave: Slave) -> str:
     )
     if slave.watchdog_ms <= cycle_ms:
         slow = bus.domains[slave.domain].divider > 1
+        settings = config.settings_of(slave.position)
         table, key = (
-            (config.domain[slave.domain].table, "divider")
+            (settings.table, "watchdog_ms")
+            if settings.watchdog_ms is not None
+            else (config.domain[slave.domain].table, "divider")
             if slow
             else (config.table, "cycle_time_us")
         )

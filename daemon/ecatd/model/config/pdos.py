@@ -100,7 +100,7 @@ def _entries(table: Table, key: Key) -> list[PdoEntryConfig]:
     return [PdoEntryConfig(**row.read(_ENTRY, required=["bits"])) for row in rows]
 
 
-_ENTRY: Rules = {"object": read_entry, "bits": integer(1, 8 * 1486)}
+_ENTRY: Rules = {"object": read_entry, "bits": integer(1, 0xFF)}
 _PDO: Rules = {"index": read_pdo_index, "entries": _entries}
 
 

@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 
 from .config import Config
 from .differences import differences
+from .origins import COMMAND_LINE, flatten
 from .signals import SignalConfig
 
+_EARLIER = " (before it was changed)"
 _SIGNAL_KEY = re.compile(r"signal\[(\d+)\](.*)")
 
 
@@ -19,6 +21,7 @@ class Reload:
 
     Attributes:
         config: The configuration that is in force from now on.
+        wanted: The new configuration.
         used: Keys that have changed in it.
         later: Keys that have changed in the new one, and need a restart.
         signals: For each `[[signal]]` table in force, whether the new configuration has one like
@@ -26,6 +29,7 @@ class Reload:
     """
 
     config: Config
+    wanted: Config
     used: list[str]
     later: list[str]
     signals: list[tuple[bool, int]]
@@ -37,12 +41,25 @@ class Reload:
             before: Where those of the configuration before are written, see `find_origins`.
             wanted: Where those of the new one are written.
         """
-        found = {key: place for key, place in wanted.items() if not _SIGNAL_KEY.fullmatch(key)}
+        values, new = flatten(self.config.to_dict()), flatten(self.wanted.to_dict())
+        kept = {key for key, value in values.items() if new.get(key) != value}
+        found = {key: place for key, place in wanted.items() if key not in kept}
+        found |= {key: _earlier(before[key]) for key in kept & before.keys()}
+        found = {key: place for key, place in found.items() if not _SIGNAL_KEY.fullmatch(key)}
         tables = {True: _by_number(wanted), False: _by_number(before)}
         for number, (is_new, place) in enumerate(self.signals):
             keys = tables[is_new].get(place, {})
-            found |= {f"signal[{number}]{key}": where for key, where in keys.items()}
+            found |= {
+                f"signal[{number}]{key}": where if is_new else _earlier(where)
+                for key, where in keys.items()
+            }
         return found
+
+
+def _earlier(place: str) -> str:
+    """A place in a file as it was when its values were read."""
+    in_file = place != COMMAND_LINE and not place.endswith(_EARLIER)
+    return f"{place}{_EARLIER}" if in_file else place
 
 
 def reload(before: Config, wanted: Config) -> Reload:
@@ -71,7 +88,7 @@ def reload(before: Config, wanted: Config) -> Reload:
     )
     used = [item.key for item in differences(before, config).found]
     later = [item.key for item in differences(config, wanted).found]
-    return Reload(config, used, later, [place for _, place in rules])
+    return Reload(config, wanted, used, later, [place for _, place in rules])
 
 
 def _with_limits(before: Config, wanted: Config) -> list[tuple[SignalConfig, tuple[bool, int]]]:

@@ -9,7 +9,9 @@ POSITION_MAX = 65535
 
 def slave_reference(table: Table, key: Key) -> int:
     """Reads which slave is meant: its position, or the name that a `[[slave]]` gives it."""
-    value = table.data.get(key)
+    if key not in table:
+        table.fail(key, "is missing: write the position of the slave, or its name")
+    value = table.data[key]
     names = table.document.names
     if isinstance(value, str):
         if value not in names:

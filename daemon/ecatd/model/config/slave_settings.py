@@ -195,7 +195,14 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
             slave.mark is not None and slave.group == group for slave in slaves if group
         )
         found = bool(marked) or follows
-        values = row.read(_SLAVE, required=[] if found else ["position"])
+        row.only(_SLAVE)
+        if not found and "position" not in row:
+            row.fail(
+                "position",
+                "is missing: write where the slave stands, or the alias or the identification by "
+                "which it is found",
+            )
+        values = row.read(_SLAVE)
         _check_identity(row)
         in_group = bool(values.get("group"))
         if not values.setdefault("optional", in_group) and in_group:

@@ -157,7 +157,8 @@ def _value(table: Table, key: Key) -> str:
     if isinstance(value, float) or (real and isinstance(value, str)):
         _check_finite(table, key)
     if isinstance(value, int | float):
-        if isinstance(value, float) and kind is not None and not real:
+        fits = kind is None or real or (isinstance(value, int) and kind not in STRINGS)
+        if not fits:
             wanted = "a text in quotes" if kind in STRINGS else "a whole number"
             name = table.text("type")
             table.fail(key, f"must be {wanted}, since the type is {name}, not {value!r}")
