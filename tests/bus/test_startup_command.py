@@ -120,7 +120,10 @@ def test_what_differs_from_the_defaults_is_captured(
     scaled = '[[slave.startup]]\nobject = "0x2000:03"\ntype = "int16"\nvalue = 20\nunit = "V"\n'
     meaning = '[[signal]]\nslave = 1\nentry = "0x2000:03"\nunit = "V"\nscale = 0.5\n'
     daemon = machine(scaled + meaning)
-    assert daemon.ctl_json("sdo-read", "axis", "0x2000", "3")["value"] == 40
+    read = daemon.ctl_json("sdo-read", "axis", "0x2000", "3")
+    assert (read["value"], read["unit"], read["scale"]) == (40, "V", 0.5)
+    daemon.ctl("sdo-write", "axis", "0x2000", "3", "21 V")
+    assert daemon.ctl_json("sdo-read", "axis", "0x2000", "3")["value"] == 42
     daemon.ctl("sdo-write", "axis", "0x2000", "3", "50")
     daemon.ctl("sdo-write", "axis", "0x2001", "1", "9")
     file = tmp_path / "captured.toml"

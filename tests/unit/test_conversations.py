@@ -75,7 +75,9 @@ class Bench:
         bus = Bus("bench", 1000, SLAVES)
         conversations = Conversations(master, self.worker, self.emergencies.note)
         self.dictionaries = Dictionaries(bus, conversations)
-        self.objects = Objects(bus, conversations, self.dictionaries, Log("ecatd"))
+        self.objects = Objects(
+            bus, conversations, self.dictionaries, lambda _, entry: entry, Log("ecatd")
+        )
 
     def coe(self, position: int, *, alone: bool = False) -> Coe:
         return Coe(position, FIRST_STATION + position, self.lines[position], alone=alone)

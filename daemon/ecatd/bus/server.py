@@ -19,11 +19,13 @@ from ecatd import shm
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.applied import missing_audit_folder
-from ecatd.model.bus import Bus
+from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError
 from ecatd.model.health import look_at
 from ecatd.model.log_levels import Levels, level_of, level_of_each, levels_text, with_level
+from ecatd.model.meanings import object_meaning
+from ecatd.model.pdo import Entry
 from ecatd.model.requests.bus import (
     Describe,
     ReadConfig,
@@ -132,13 +134,17 @@ class BusServer:
         conversations = Conversations(self._up.master, self._worker, self._monitor.emergencies.note)
         self._slave_requests = SlaveRequests(
             *(self.bus, self._up.master, self._config, self._worker),
-            *(conversations, self._monitor, self._log),
+            *(conversations, self._monitor, self._meaning, self._log),
         )
         self._ethernet = EthernetTraffic(
             *(self._config.eoe, self.bus, self._up.master, self._worker),
             *(self._monitor.emergencies.note, self._log),
         )
         self._monitor.start(asyncio.get_running_loop())
+
+    def _meaning(self, slave: Slave, entry: Entry) -> Entry:
+        """What an object means that is not in the process data."""
+        return object_meaning(slave, entry, self._up.profiles, self._up.config.signal)
 
     def abort(self) -> None:
         """Makes a start that is under way fail soon."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -10,10 +11,13 @@ from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import STRINGS, DataType, bit_length, decode, encode
 from ecatd.model.errors import EcatError, UsageError
 from ecatd.model.object_types import ObjectType, ObjectTypes
+from ecatd.model.pdo import Entry
 from ecatd.model.requests.objects import SdoRead, SdoWrite, check_data
 
 from .conversations import Conversations
 from .dictionaries import Dictionaries
+
+Meaning = Callable[[Slave, Entry], Entry]
 
 _SHOWN = 32
 """Bytes of a value in the log."""
@@ -26,17 +30,26 @@ class Objects:
         bus: The bus description.
         conversations: The conversations with the slaves.
         dictionaries: The object dictionaries of the slaves.
+        meaning: Gives an object that is not in the process data its meaning, from device profiles
+            and `[[signal]]` tables.
         log: The log for changes.
     """
 
     def __init__(
-        self, bus: Bus, conversations: Conversations, dictionaries: Dictionaries, log: Log
+        self,
+        bus: Bus,
+        conversations: Conversations,
+        dictionaries: Dictionaries,
+        meaning: Meaning,
+        log: Log,
     ) -> None:
         self._log = log
         self._bus = bus
         self._conversations = conversations
         self._dictionaries = dictionaries
+        self._meaning = meaning
         self._types: dict[int, ObjectTypes] = {}
+        self._units: dict[tuple[int, int, int], ObjectType] = {}  # of objects with a meaning
 
     async def read(self, request: SdoRead) -> dict[str, Any]:
         """Uploads an object; the reply has `data`, name, type and meaning."""
@@ -102,6 +115,22 @@ class Objects:
 
     def _type(self, slave: Slave, index: int, subindex: int) -> ObjectType:
         """What is known about an object without asking the slave."""
+        known = self._plain_type(slave, index, subindex)
+        if not bit_length(known.data_type) or known.unit:
+            return known
+        key = slave.position, index, subindex
+        if key not in self._units or self._units[key].data_type != known.data_type:
+            kind = known.data_type
+            entry = Entry(index, subindex, known.name, kind, bit_length(kind))
+            with suppress(EcatError):  # the object can have no value within its limits
+                entry = self._meaning(slave, entry)
+            self._units[key] = ObjectType(
+                known.name or entry.name, kind, entry.unit, entry.scale, entry.offset
+            )
+        return self._units[key]
+
+    def _plain_type(self, slave: Slave, index: int, subindex: int) -> ObjectType:
+        """The same, without the meaning of objects that are not in the process data."""
         if slave.position not in self._types:
             self._types[slave.position] = ObjectTypes(slave)
         known = self._types[slave.position].find(index, subindex)

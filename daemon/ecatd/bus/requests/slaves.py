@@ -25,7 +25,7 @@ from .eeproms import Eeproms
 from .ethernet import Ethernet
 from .files import Files, States
 from .idns import Idns
-from .objects import Objects
+from .objects import Meaning, Objects
 from .registers import Registers
 from .wire import Wire
 
@@ -40,6 +40,7 @@ class SlaveRequests:
         worker: The worker on which slaves are asked.
         conversations: The conversations with the mailboxes of the slaves.
         states: The AL states of the slaves.
+        meaning: See `Objects`.
         log: The log for changes.
     """
 
@@ -51,11 +52,12 @@ class SlaveRequests:
         worker: Worker,
         conversations: Conversations,
         states: States,
+        meaning: Meaning,
         log: Log,
     ) -> None:
         self._bus = bus
         self._dictionaries = Dictionaries(bus, conversations)
-        self._objects = Objects(bus, conversations, self._dictionaries, log)
+        self._objects = Objects(bus, conversations, self._dictionaries, meaning, log)
         self._registers = Registers(bus, master, worker, log)
         self._eeproms = Eeproms(bus, master, worker, log)
         self._ethernet = Ethernet(bus, conversations, log)

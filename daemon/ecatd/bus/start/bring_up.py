@@ -18,6 +18,7 @@ from ecatd.model.applied import alike_slaves
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError
+from ecatd.model.profiles import Profiles
 from ecatd.model.requests.frames import RINGS
 
 from ..engine.engine import Engine, Index, open_socket
@@ -60,6 +61,7 @@ class BringUp:
         wire: The time that the frames of a cycle take on the wire, from "map" on.
         clocks: The distributed clocks, from "map" on, if the configuration enables them.
         limits: The limits of outputs, which may change, from "exchange" on.
+        profiles: The device profiles, once the files of the configuration have been read.
         config: The configuration; from "map" on, it has the positions at which slaves were found.
         frame_rings: The last frames: those of the engine are in `cycle`, all others in `control`;
             empty if the configuration gives no memory for them.
@@ -84,6 +86,7 @@ class BringUp:
         self.wire: WireTime | None = None
         self.clocks: Clocks | None = None
         self.limits: Limits | None = None
+        self.profiles = Profiles((), 0)
         self.frame_rings: dict[str, FrameRing] = {}
         self.summary = ""
 
@@ -94,6 +97,7 @@ class BringUp:
             EcatError: A step failed. The results of the steps before it stay in the attributes.
         """
         files = self._read_files()
+        self.profiles = files.profiles
         # This reserves the bus, before anything is sent: another daemon may run it.
         self.shared = shared = SharedMemory(self.config.bus)
         if size := self.config.capture.memory_mb * _MIB:
