@@ -161,9 +161,10 @@ def _write(
         return
     if kept:
         print(f"{kept}: the file that was there, with its comments", file=sys.stderr)
+    which = "" if "\ninterface = " in text else " --interface IF"
     print(
         f"{options.out}: bus {bus.name}, {slaves} slave{'s' * (slaves != 1)}; {then} "
-        f"`ecatd --config {options.out}`"
+        f"`ecatd --config {options.out}{which}`"
     )
 
 

@@ -43,7 +43,7 @@ def read_domains(top: Table, key: Key) -> list[DomainConfig]:
     """Reads all `[[domain]]` tables, domain 0 first."""
     rows = top.tables(key)
     if len(rows) > DOMAINS_MAX:
-        top.fail(key, f"{len(rows)} tables, but there can be {DOMAINS_MAX} domains")
+        rows[DOMAINS_MAX].fail(None, f"is one too many: there can be {DOMAINS_MAX} domains")
     domains: list[DomainConfig] = []
     for row in rows:
         values = row.read(_DOMAIN, required=["slaves"])
