@@ -573,8 +573,8 @@ def test_numbers_are_written_as_numbers(tmp_path: Path, given: str, written: str
         ('[[domain]]\nname = "a\\u0000"', ":2: domain[0].name:", "printable"),
         (
             "".join(f"[[domain]]\nslaves = [{n}]\n" for n in range(17)),
-            ":1: domain:",
-            "17 | 16",
+            ":33: domain[16]:",
+            "16",
         ),
         ("[dc]\nreference = -2", ":2: dc.reference:", "-2 | -1 | 65535"),
         ("\ndc = { reference = -2 }", ":2: dc.reference:", "-2 | -1 | 65535"),
