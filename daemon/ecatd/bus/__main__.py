@@ -32,12 +32,7 @@ from ecatd.log import Log
 from ecatd.model.config import read_config
 from ecatd.model.errors import EcatError
 from ecatd.paths import control_socket
-from ecatd.process import (
-    CAP_NET_ADMIN,
-    die_with_parent,
-    leave_signals_to_the_service,
-    lower,
-)
+from ecatd.process import CAP_NET_ADMIN, die_with_parent, leave_signals_to_the_service, lower
 from ecatd.service_link import answer_pings, read_settings, tell
 
 if TYPE_CHECKING:

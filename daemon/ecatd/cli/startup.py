@@ -45,10 +45,11 @@ if TYPE_CHECKING:
 _FIRST_OWN = 0x2000
 """Objects below describe the communication (ETG.1000.6); PDOs have keys of their own."""
 
-_DIFFERENT, _UNKNOWN, _SECRET = "different", "not verified", "cannot be read"
-_SAME, _OPTIONAL = "as configured", "optional"
-"""Beginnings of the results of a comparison. Only the first two are worth an exit status: a slave
-may refuse an optional parameter."""
+_DIFFERENT, _UNKNOWN = "different", "not verified"
+"""Beginnings of the results of a comparison that are worth an exit status."""
+
+_SAME, _SECRET, _OPTIONAL = "as configured", "cannot be read", "optional"
+"""Those of the other results. A slave may refuse an optional parameter."""
 
 _ACTIONS = """\
 actions:

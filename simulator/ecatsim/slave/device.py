@@ -363,12 +363,11 @@ class Device(DeviceType):
         if self._services:
             self._services.server.delay = self.answer_delay
             self._services.run(now)
-        exchanges = self.machine.state >= AlState.SAFEOP
-        if exchanges or now >= self._next_step:
+        if self.machine.state >= AlState.SAFEOP or now >= self._next_step:
             self.step(now)
             self._next_step = now + self.idle_period
         size = self._process_data.inputs.size
-        if size and exchanges:
+        if size and self.machine.state >= AlState.SAFEOP:
             at = self._process_data.at[1]
             self._segment.inputs[at : at + size] = self.give()
 

@@ -153,7 +153,7 @@ _FIELDS = 7
 """Fields of a datagram in `_layout`: command, index, address, length, IRQ, data and counter."""
 
 _answer = partial(tuple.__new__, Answer)
-"""Makes an `Answer` of a pair, three times as fast as `Answer` itself."""
+"""Makes an `Answer` of a pair, without the call of a Python function that `Answer` itself is."""
 
 
 class _Frame:
