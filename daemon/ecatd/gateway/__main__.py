@@ -17,7 +17,6 @@ import sys
 import traceback
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ecatd.landlock import restrict
 from ecatd.log import Log
@@ -35,9 +34,6 @@ from ecatd.process import (
 from ecatd.service_link import answer_pings, read_settings, tell
 from ecatd.stats import read
 from ecatd.systemd_services import other_version
-
-if TYPE_CHECKING:
-    from .gateway import Gateway
 
 _OOM_SCORE = 500
 """The bus does not need the gateway, so the kernel ends it first if there is no memory left."""
@@ -60,7 +56,13 @@ async def _serve(bus: str, log: Log, *, alone: bool) -> None:
         if not restrict(_folders(bus, config.gateway)):
             log.debug("this kernel has no Landlock: the gateway may write what its user may")
         await gateway.start()
-        working = asyncio.create_task(_notify_manager(bus) if alone else _answer_service(gateway))
+        # Before the first values are published, which takes a while on a large bus.
+        if alone:
+            notify("READY=1", f"STATUS=serves bus '{bus}'")
+        else:
+            tell("ready")
+        work = _feed_watchdog() if alone else answer_pings(gateway.report)
+        working = asyncio.create_task(work)
         working.add_done_callback(lambda _: stop.set())  # it ends when the service was killed
         await stop.wait()
         working.cancel()
@@ -68,13 +70,7 @@ async def _serve(bus: str, log: Log, *, alone: bool) -> None:
         await gateway.stop()
 
 
-async def _answer_service(gateway: Gateway) -> None:
-    tell("ready")
-    await answer_pings(gateway.report)
-
-
-async def _notify_manager(bus: str) -> None:
-    notify("READY=1", f"STATUS=serves bus '{bus}'")
+async def _feed_watchdog() -> None:
     while True:
         notify("WATCHDOG=1", wait=False)
         await asyncio.sleep(_PERIOD)

@@ -61,6 +61,9 @@ _CLOSE_PATIENCE = 1.0
 _REMEMBERED = 1024
 """Number of changes whose answers are kept: a change that arrives twice is carried out once."""
 
+_SECTIONS = ("bus", "gateway", "realtime")
+"""What the gateway uses of the configuration."""
+
 _LOCAL = "somebody on this machine"
 """How the log names a user of the Unix socket."""
 
@@ -91,8 +94,8 @@ class Gateway:
         self._tasks: set[asyncio.Task[Any]] = set()
         self._answers: OrderedDict[tuple[str, str], Answer] = OrderedDict()
         self._rates: dict[str, Rate] = {}
-        self._bus_description: dict[str, Any] = {}
-        self._described: Bus | None = None  # the same, once it was needed
+        self._description: Answer | None = None  # once somebody has asked for it
+        self._named = Bus(name, 0)  # has slaves if the rights of users name some
 
     async def connect(self) -> Config:
         """Connects to the bus server, reads the settings, and makes the folder for the sockets.
@@ -117,7 +120,9 @@ class Gateway:
         return config
 
     async def _settings(self) -> Config:
-        config = read_config((await self._bus.ask(ReadConfig()))["config"])
+        given = (await self._bus.ask(ReadConfig()))["config"]
+        # The rest is not for the gateway, and would take a while for a large bus.
+        config = read_config({key: given[key] for key in _SECTIONS if key in given})
         levels = (await self._bus.ask(ReadLogLevels()))["levels"]
         self._log.levels = {**DEFAULTS, **levels}
         return config
@@ -128,7 +133,6 @@ class Gateway:
         Raises:
             EcatError: The session cannot be opened, or the bus server does not answer.
         """
-        await self._describe()
         in_use = self._config
         if wrong := wrong_certificates(in_use):
             in_use = without_encryption(in_use)
@@ -138,9 +142,9 @@ class Gateway:
             )
         self._in_use = in_use
         self._full_name = full_name(in_use.host, self._name)
-        if any(user.slaves for user in in_use.user):
-            for text in unknown_slaves(in_use, self._description()):
-                self._log.warning(text)
+        await self._look_at_slaves()
+        for text in unknown_slaves(in_use, self._named):
+            self._log.warning(text)
         zenoh.init_log_from_env_or("off")
         listening = Listening(in_use.listen, self._log)
         await listening.look()
@@ -249,7 +253,8 @@ class Gateway:
         parameters = str(query.parameters)
         match parts:
             case ["ro", "slaves"]:
-                return _known(parameters, lambda: self._bus_description)
+                read_parameters(parameters, ())
+                return self._describe()
             case ["ro", "stats"]:
                 return _known(parameters, self._stats, "buckets")
             case ["ro", "stream"]:
@@ -269,7 +274,7 @@ class Gateway:
         who = _LOCAL
         if user is not None:
             try:
-                check(user, request, self._description())
+                check(user, request, self._named)
             except NotPermittedError as error:
                 self._log.notice(f"refused: {error}")
                 raise
@@ -287,15 +292,19 @@ class Gateway:
         await asyncio.sleep(delay)
         return await self._once(user, identity, request)
 
-    async def _describe(self) -> None:
-        """Has the bus server describe the bus as it is now."""
-        self._bus_description = await self._bus.ask(Describe())
-        self._described = None
+    def _describe(self) -> Answer:
+        """The bus description. A large one takes a while, so it is kept until it changes."""
+        kept = self._description
+        if kept is None or (kept.done() and kept.exception() is not None):
+            self._description = kept = self._bus.ask(Describe())
+        return kept
 
-    def _description(self) -> Bus:
-        if self._described is None:
-            self._described = read_bus(self._bus_description, "the bus server", strict=False)
-        return self._described
+    async def _look_at_slaves(self) -> None:
+        """Reads which slaves the bus has, if the rights of users name some."""
+        if any(user.slaves for user in self._in_use.user):
+            self._named = read_bus(
+                await asyncio.shield(self._describe()), "the bus server", strict=False
+            )
 
     def _user(self, name: str) -> UserConfig:
         for user in self._in_use.user:
@@ -335,12 +344,13 @@ class Gateway:
             self._session.put(key, pack({"schema": SCHEMA, **event}))
 
     async def _reconfigure(self) -> None:
-        """Reads the limits of outputs again; calls `on_end` if another gateway must be started.
+        """Reads what may have changed; calls `on_end` if another gateway must be started.
 
         That is so if its settings have changed, or some of them could not be used.
         """
+        self._description = None  # the limits of outputs may have changed
         with suppress(UnreachableError):  # the bus server has ended
-            await self._describe()
+            await self._look_at_slaves()
             wanted = (await self._settings()).gateway
             # If certificates could not be used, they may be usable now.
             if wanted != self._config or self._in_use != self._config:

@@ -187,7 +187,7 @@ class Supervisor:
         gateway = await self._start_gateway() if self._with_gateway else None
         in_op = await self._ready(server)
         if gateway is not None:
-            gateway.give(settings)
+            gateway.give({"parent": os.getpid()})
             while not await self._gets_ready(gateway):
                 await self._kill_gateway(gateway)
                 gateway = await self._replace(gateway)
@@ -351,7 +351,7 @@ class Supervisor:
                     self._log.error(text, "gateway")
                 told = True
             else:
-                gateway.give(self._settings)
+                gateway.give({"parent": os.getpid()})
                 return gateway
 
     async def _kill_gateway(self, gateway: Child) -> None:

@@ -16,7 +16,7 @@ from ecatd.model.eoe import EoeType, type_of
 from ecatd.model.errors import NoAnswerError, StateError
 
 from ..engine.framing import DATAGRAM_MAX
-from ..frames.datagrams import Datagram, fprd, fpwr
+from ..frames.datagrams import fprd, fpwr
 from .line import Line, Turn
 from .talks import Talk
 
@@ -112,6 +112,8 @@ class Mailbox:
         self.on_other: Callable[[int, bytes], object] = lambda _protocol, _body: None
         self._alone = alone
         self._station = station
+        # The datagram that reads the registers of both sync managers.
+        self._question = fprd(station, _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE)
         self._line = line
         self._managers = b""  # registers of both sync managers, as last read
         self._out = self._in = _Area(0, 0)
@@ -369,11 +371,6 @@ class Mailbox:
             else:
                 yield []
             managers = yield from self._look()
-
-    @property
-    def _question(self) -> Datagram:
-        """The datagram that reads the registers of both sync managers."""
-        return fprd(self._station, _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE)
 
     def _look(self) -> Talk[bytes]:
         """Reads the registers of both sync managers; repeats that until the slave answers."""

@@ -51,31 +51,35 @@ def talk_all(
     """
     found: dict[int, T] = {}
     failed: dict[int, EcatError] = {}
-    wanted: dict[int, list[Datagram]] = {}
-
-    def step(number: int, answers: list[Answer] | None) -> None:
-        talk = talks[number]
-        try:
-            wanted[number] = next(talk) if answers is None else talk.send(answers)
-        except StopIteration as end:
-            found[number] = end.value
-        except EcatError as error:
-            failed[number] = error
-
+    due: list[tuple[int, list[Answer] | None]] = [(number, None) for number in range(len(talks))]
+    rounds = 0
     try:
-        for number in range(len(talks)):
-            step(number, None)
-        rounds = 0
-        while wanted:
-            asked, wanted = wanted, {}
-            datagrams = [datagram for item in asked.values() for datagram in item]
+        while due:
+            datagrams: list[Datagram] = []
+            counts: list[tuple[int, int]] = []  # of each conversation: its number and datagrams
+            for number, answers in due:
+                talk = talks[number]
+                try:
+                    wanted = next(talk) if answers is None else talk.send(answers)
+                except StopIteration as end:
+                    found[number] = end.value
+                except EcatError as error:
+                    failed[number] = error
+                else:
+                    counts.append((number, len(wanted)))
+                    datagrams += wanted
+            if not counts:
+                break
             rounds += 1
             if not datagrams or rounds > _ROUNDS:
                 yield rounds > _LOOKING  # with more rounds, an answer was read and a request sent
                 rounds = 0
-            answers = iter(registers.exchange(datagrams, repeat=False))
-            for number, item in asked.items():
-                step(number, list(itertools.islice(answers, len(item))))
+            received = registers.exchange(datagrams, repeat=False)
+            ends = itertools.accumulate(count for _, count in counts)
+            due = [
+                (number, received[end - count : end])
+                for (number, count), end in zip(counts, ends, strict=True)
+            ]
     finally:
         for talk in talks:  # unfinished conversations must leave the queues of their slaves
             talk.close()

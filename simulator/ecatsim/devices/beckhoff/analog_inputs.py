@@ -139,7 +139,7 @@ class _AnalogInput(Terminal):
     chip = COMPLEX_CHIP
     ebus_current = 130
     fmmus = COMPLEX_FMMUS
-    idle_period = 0.02
+    idle_period = 0.1
 
     def __init__(self, waveforms: Sequence[Waveform] = ()) -> None:
         self._waveforms = tuple(waveforms)
