@@ -161,6 +161,7 @@ def test_objects_that_a_slave_would_refuse_are_found_beforehand(
     tables = (
         '[[slave.startup]]\nobject = "0x2000:03"\ntype = "int16"\nvalue = 101\n'
         '[[slave.startup]]\nobject = "0x2009:00"\ntype = "int16"\nvalue = 1\n'
+        '[[slave.startup]]\nobject = "0x200A:00"\ntype = "int16"\nvalue = 1\noptional = true\n'
     )
     file.write_text(daemon.config_file.read_text() + tables)
     for more in ((), ("--esi", str(tmp_path / "axis.xml"))):
@@ -169,6 +170,8 @@ def test_objects_that_a_slave_would_refuse_are_found_beforehand(
         limit, missing = [line for line in found.stdout.splitlines() if "other objects" in line]
         names(limit, f"{file}:", "slave 1 (axis, AX2)", "0x2000:03", "-10", "100", "101")
         names(missing, "slave[0].startup[1]", "slave 1 (axis, AX2)", "no object", "0x2009:00")
+        (optional,) = [line for line in found.stdout.splitlines() if line.startswith("note: ")]
+        names(optional, f"{file}:", "slave[0].startup[2]", "no object", "0x200A:00", "optional")
     with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
         simulator.faults.mailbox(1, "stuck")
         other = '[[slave.startup]]\nobject = "0x2001:03"\nhex = "05 00"\n'  # not asked for before

@@ -68,7 +68,7 @@ def pdo(index: int, object_: str, bits: int) -> str:
         ('[[slave.startup]]\nobject = "0x2000:03"\nhex = "01"\n', "INTEGER16 | 2 | 1 | hex"),
         (startup("0x2000:06", "int16", 7), "no entry | 0x2000:06 | object"),
         (startup("0x2005:00", "int16", 7), "no object | 0x2005:00 | object"),
-        (startup("0x2005:00", "int16", 7, "optional = true"), None),
+        (startup("0x2005:00", "int16", 7, "optional = true"), "no object | 0x2005:00 | object"),
         (startup("0x7000:00", "int16", 7), None),
         (startup("0x6041:00", "uint16", 7), "only to read | 0x6041:00"),
         (pdo(0x1600, "0x2000:03", 16), None),
@@ -100,4 +100,6 @@ def test_complete_access_is_compared_by_object_only() -> None:
 
 def test_the_objects_that_a_table_names() -> None:
     text = startup("0x2000:03", "int16", 7) + startup("0x2005:00", "int16", 7, "optional = true")
-    assert object_indices(table(text + pdo(0x1600, "0x6040:00", 16))) == [0x2000, 0x6040]
+    settings = table(text + pdo(0x1600, "0x6040:00", 16))
+    assert object_indices(settings) == [0x2000, 0x2005, 0x6040]
+    assert object_indices(settings, optional=False) == [0x2000, 0x6040]

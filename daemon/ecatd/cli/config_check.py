@@ -18,7 +18,8 @@ from ecatd.model.applied.pdos import (
     pdo_obstacles,
 )
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import Config, SlaveConfig, load_config
+from ecatd.model.config import Config, SlaveConfig, StartupConfig, load_config
+from ecatd.model.config.placed import Placed
 from ecatd.model.doubts import REMEDIES, SILENT
 from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.expected_bus import Difference, compare
@@ -86,20 +87,27 @@ def check(options: argparse.Namespace) -> int:
     objects = dict(told.objects)
     for n, named in esi_objects(moved, in_esi).items():
         objects[n] = {**objects.get(n, {}), **named}
-    differences += [
-        Difference("other objects", (n,), (n,), f"{where}: {bus.slaves[n].label} {text}", False)
+    refused = [
+        (n, item, f"{item.table.where()}: {bus.slaves[n].label} {text}")
         for n, known in objects.items()
         if n in places.values()
-        for where, text in (
-            (item.table.where(), text)
-            for item, text in object_problems(moved.settings_of(n), known, told.eeproms.get(n))
-        )
+        for item, text in object_problems(moved.settings_of(n), known, told.eeproms.get(n))
+    ]
+    differences += [
+        Difference("other objects", (n,), (n,), text, strict=False)
+        for n, item, text in refused
+        if not _is_optional(item)
+    ]
+    notes += [
+        f"{text}. The parameter is optional, so a start goes on without it"
+        for _, item, text in refused
+        if _is_optional(item)
     ]
     warnings += [
         f"{bus.slaves[n].label} does not tell which objects it has, so its start-up parameters and "
         "[[slave.pdo]] are not checked; --esi takes its objects from an ESI file"
         for n, known in objects.items()
-        if not {*object_indices(moved.settings_of(n))} <= known.keys()
+        if not {*object_indices(moved.settings_of(n), optional=False)} <= known.keys()
     ]
     if options.json:
         rows = [
@@ -131,6 +139,10 @@ def check(options: argparse.Namespace) -> int:
     if wrong:
         return ConfigError.exit_code
     return StateError.exit_code if differences else 0
+
+
+def _is_optional(item: Placed) -> bool:
+    return isinstance(item, StartupConfig) and item.optional
 
 
 def _bus(

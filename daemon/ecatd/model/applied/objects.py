@@ -26,9 +26,9 @@ Objects = Mapping[int, DictionaryObject | None]
 """Objects by their index; None: the slave has no such object. The others are not known."""
 
 
-def object_indices(settings: SlaveConfig) -> list[int]:
-    """The objects that a table names, except those of optional parameters: these may be missing."""
-    named = {item.address[0] for item in settings.startup if not item.optional}
+def object_indices(settings: SlaveConfig, *, optional: bool = True) -> list[int]:
+    """The objects that a table names; those of optional parameters only if `optional` is true."""
+    named = {item.address[0] for item in settings.startup if optional or not item.optional}
     named |= {entry.address[0] for pdo in settings.pdo for entry in pdo.entries}
     return sorted(named - {_GAP})
 
@@ -44,14 +44,13 @@ def object_problems(
         sii: What is in its EEPROM; None if that is not known.
 
     Yields:
-        A table, and a sentence without a subject: `has no object 0x2005:00, to which ...`.
+        A table, and a sentence without a subject: `has no object 0x2005:00, to which ...`. A slave
+        may refuse an optional parameter.
     """
     if settings.module and CONFIGURED in objects and objects[CONFIGURED] is None:
         yield settings.module[0], no_slots_text(SdoAbortError(NO_OBJECT))
     for parameter in settings.startup:
         index, subindex = parameter.address
-        if parameter.optional:
-            continue
         what = f"0x{index:04X}:{subindex:02X}"
         if parameter.complete and sii is not None and not sii.complete_access:
             text = f"does not support complete access, as its EEPROM says, so it cannot take {what}"
