@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from ecatd.model.bus import Slave, display_name
 from ecatd.model.datatypes import type_name
@@ -55,17 +55,26 @@ def build_blocks(slaves: Iterable[Slave], library: str) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
-def renamed(blocks: Iterable[Block]) -> tuple[str, ...]:
+def renamed(blocks: Sequence[Block]) -> tuple[str, ...]:
     """Returns a sentence for each slave whose block does not have the name in the configuration.
 
     Capital letters, `-` and `_` are not compared: they follow the conventions of Modelica.
     """
     return tuple(
-        f"slave {block.position}: its name {block.given_name} becomes {block.name}, since no class "
-        "of the library can have it"
+        f"slave {block.position}: its name {block.given_name} becomes {block.name}, since "
+        f"{_hindrance(block, blocks)}"
         for block in blocks
         if block.given_name and _letters(block.given_name) != _letters(block.name)
     )
+
+
+def _hindrance(block: Block, blocks: Iterable[Block]) -> str:
+    """Why a block does not have the name that the configuration gives its slave."""
+    wanted = names.class_name(block.given_name, "")
+    other = next((item for item in blocks if item.name == wanted and item is not block), None)
+    if other is None:
+        return "no class of the library can have it"
+    return f"the class of slave {other.position} ({other.slave_label}) is {other.name} already"
 
 
 def _letters(name: str) -> str:

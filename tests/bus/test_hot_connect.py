@@ -206,6 +206,10 @@ def test_a_mark_finds_a_group_wherever_it_is_plugged_in(
     daemon = start(config, rig_file, whole=rig_file)
     assert [row["given_name"] for row in daemon.slave_rows()] == order
     assert states(daemon) == ["OP"] * 9
+    if key == "alias":
+        asked = daemon.ctl("alias", "s4", "8", check=False).stderr
+        names(asked, "warning", "alias 7", "before the next start", "Nothing was done")
+        names(daemon.ctl("alias", "s0", "7", check=False).stderr, "warning", "s4", "this alias")
     with Simulator(str(daemon.child_pid("ecatsim"))) as rig, daemon.client() as client:
         tool = Plant(client, "s5/0x7000:01", "s6/0x6000:01")
         for fault in (rig.faults.power_off, rig.faults.power_on):
@@ -260,8 +264,15 @@ def test_two_tools_at_the_same_addresses_are_named(start: Start) -> None:
         wait_for(lambda: "two devices answer" in daemon.log, daemon)
         (line,) = [line for line in daemon.log.splitlines() if "two devices answer" in line]
         names(line, "error", "slaves 1-2", "addresses")
+        checked = daemon.ctl("check", check=False)
+        assert checked.returncode == 1
+        names(checked.stdout, "degraded", "two devices answer", "slaves 1-2")
+        wire = daemon.ctl("rescan", check=False)
+        assert wire.returncode == 7
+        names(wire.stdout, "5 devices", "address of slave 2", "like place 4")
         rig.faults.break_link(1)
         wait_for(lambda: "and no others" in daemon.log, daemon)
+        assert daemon.ctl("check").returncode == 0
         wait_for_states(daemon, ["OP"] * 3)
 
 

@@ -111,18 +111,28 @@ def test_an_island_with_other_modules_takes_no_part(start: Start) -> None:
     assert expected_by(daemon) == []
 
 
-def test_a_module_is_exchanged_while_the_bus_runs(start: Start) -> None:
+def test_a_module_is_exchanged_while_the_bus_runs(start: Start, tmp_path: Path) -> None:
     daemon = start(config=CONFIG.replace("[gateway]", "[recovery]\nretry_s = 0.5\n[gateway]"))
     with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
         simulator.faults.module(1, 2, "AO2")
         wait_for(lambda: "refused" in daemon.ctl("info").stdout, daemon)
         names(daemon.log, "slave 1 (island, ModularIO)", "slot 2", "DO8 (0x00000208)", "0x00000402")
         assert [row["text"] for row in daemon.slave_rows("state")] == ["OP", "PREOP"]
+        checked = daemon.ctl("config", "check", str(daemon.config_file), check=False)
+        assert checked.returncode == 7
+        names(checked.stdout, "other modules", "slot 2", "DO8 (0x00000208)", "0x00000402")
+        new = tmp_path / "new.toml"
+        daemon.ctl("config", "init", "-o", str(new))
+        assert "ident = 0x00000402" in new.read_text()
+        assert daemon.ctl("config", "check", str(new)).returncode == 0
         simulator.faults.module(1, 2, "DO8")
         wait_for(
             lambda: [row["text"] for row in daemon.slave_rows("state")] == ["OP", "OP"], daemon
         )
     assert expected_by(daemon) == [DI8, DO8, 0, AI2]
+    assert daemon.stop() == 0
+    daemon = start("DI8, AO2, -, AI2", config=new.read_text())
+    assert expected_by(daemon) == [DI8, 0x0402, 0, AI2]
 
 
 def test_the_slave_itself_refuses_modules_that_it_has_not(start: Start) -> None:

@@ -176,6 +176,12 @@ def test_a_name_that_no_class_can_have_is_told() -> None:
         all_named(note, f"slave {position}", name, class_)
 
 
+def test_a_name_that_another_class_has_is_told() -> None:
+    slaves = [Slave(n, "T", 1, 2, 3, given_name=name) for n, name in enumerate(["left", "Left"])]
+    (note,) = build_library(bus(*slaves), "P").notes
+    all_named(note, "slave 1", "Left_2", "slave 0", "left")
+
+
 def test_names_of_equal_slaves_follow_from_those_before_them() -> None:
     def names(*kinds: str) -> list[str]:
         slaves = [Slave(n, name, 2, 1, 1) for n, name in enumerate(kinds)]

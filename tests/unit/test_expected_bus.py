@@ -234,6 +234,51 @@ def test_a_group_stands_behind_its_first_slave() -> None:
     assert read_config(wanted.to_dict()) == wanted
 
 
+def test_a_group_of_which_something_is_missing_takes_no_slave_behind_it() -> None:
+    rows = [
+        {"position": 0, "vendor": VENDOR, "product": 1},
+        {"name": "a", "alias": 7, "group": "long", "vendor": VENDOR, "product": 2},
+        {"name": "b", "group": "long", "vendor": VENDOR, "product": 3},
+        {"name": "c", "group": "long", "vendor": VENDOR, "product": 5},
+        {"name": "d", "alias": 8, "group": "short", "vendor": VENDOR, "product": 2},
+        {"position": 1, "vendor": VENDOR, "product": 4},
+    ]
+    wanted = read_config({"slave": rows, "expected": {"unlisted": False}})
+    a, b, c, d = (slave.position for slave in wanted.slave[1:5])
+    short = compare(wanted, bus(1, 2, 3, 4, aliases={1: 7}))
+    assert (kinds(short), short.places) == ([], {0: 0, a: 1, b: 2, 1: 3})
+    assert [slave.name for slave in short.absent] == ["c", "d"]
+    other = compare(wanted, bus(1, 2, 3, 6, 4, aliases={1: 7}))
+    assert kinds(other) == [("other device", (c,), (3,))]
+    # The aliases are exchanged: the third slave of the long group stands behind the short one.
+    exchanged = compare(wanted, bus(1, 2, 5, 2, 3, 4, aliases={1: 8, 3: 7}))
+    assert kinds(exchanged) == [("wrong place", (c,), (2,))]
+    names(exchanged.differences[0].text, "behind a (", "group long", "slave 2")
+    assert (exchanged.places[1], exchanged.places[d]) == (5, 1)
+
+
+def test_an_extra_slave_may_be_in_the_place_of_an_optional_one() -> None:
+    wanted = expect(1, 2, 3, n1={"optional": True, "name": "gripper"})
+    (there,) = compare(wanted, bus(1, 9, 3)).differences
+    assert (there.kind, there.found) == ("extra", (1,))
+    names(there.text, "slave 1 (P9)", "gripper", "absent", "in its place")
+    (elsewhere,) = compare(wanted, bus(1, 2, 9, 3)).differences
+    assert "absent" not in elsewhere.text
+
+
+def test_groups_with_the_same_alias_are_one_difference() -> None:
+    rows = [
+        {"name": "a", "alias": 7, "group": "tool", "vendor": VENDOR, "product": 2},
+        {"name": "b", "group": "tool", "vendor": VENDOR, "product": 3},
+        {"position": 0, "vendor": VENDOR, "product": 1},
+    ]
+    wanted = read_config({"slave": rows, "expected": {"unlisted": False}})
+    twice = compare(wanted, bus(1, 2, 3, 2, 3, aliases={1: 7, 3: 7}))
+    ((kind, _, found),) = kinds(twice)
+    assert (kind, found) == ("other device", (1, 2, 3, 4))
+    names(twice.differences[0].text, "slaves 1, 3", "station alias", "7")
+
+
 def test_a_slave_that_tells_another_identification_is_no_extra_one() -> None:
     tool = {"group": "tool", "vendor": VENDOR}
     rows = [

@@ -303,6 +303,7 @@ class BusServer:
         return {
             "slaves": [self._state_row(item) for item in self._running.states],
             "missing": self._missing,
+            "others": self._running.others,
         }
 
     def _state_row(self, item: SlaveState) -> dict[str, Any]:

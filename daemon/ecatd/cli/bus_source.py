@@ -19,7 +19,6 @@ from ecatd.model import bus_file
 from ecatd.model.bus import Bus
 from ecatd.model.bus_name import check_bus_name
 from ecatd.model.errors import EcatError, UsageError, error_class
-from ecatd.model.health import silent_slaves
 
 Kind = Literal["scan", "rig", "esi"]
 
@@ -89,20 +88,6 @@ def get_bus(options: argparse.Namespace) -> Bus:
         except EcatError as error:  # about a temporary file that the user does not know
             text = re.sub(rf"{re.escape(str(rig))}(:\d+)?", source, str(error))
             raise type(error)(text) from None
-
-
-def silent_now(options: argparse.Namespace) -> list[int]:
-    """Positions of slaves of a running bus that do not answer, without absent optional ones.
-
-    Raises:
-        EcatError: The daemon cannot be asked.
-    """
-    if options.sources:
-        return []
-    from ecatd.client.remote import Remote  # loading Zenoh is slow
-
-    with Remote(options.bus, options.connect, options.timeout) as remote:
-        return silent_slaves(remote.states())
 
 
 def warn_of_silent(bus: Bus, silent: Sequence[int]) -> None:

@@ -18,10 +18,12 @@ from ecatd.model.config.origins import COMMAND_LINE, DEFAULT, flatten
 from ecatd.model.config.writer import number_of, value_text, write_config
 from ecatd.model.errors import StateError, UsageError
 from ecatd.model.expected_bus import compare
+from ecatd.model.health import silent_slaves
 from ecatd.version import VERSION
 
-from .bus_source import add_options, get_bus, silent_now, warn_of_silent
+from .bus_source import add_options, get_bus, warn_of_silent
 from .config_check import check, described
+from .named_objects import refresh_modules
 from .output import print_json, print_table, shortened
 from .saving import save
 
@@ -110,11 +112,17 @@ def _init(options: argparse.Namespace) -> int:
         bus = get_bus(options)
         known = load_config(options.config) if options.config else Config(bus=bus.name)
         known.cycle_time_us = bus.cycle_time_us
+        silent: list[int] = []
     else:
-        bus, known, _ = _remote(options)
+        from ecatd.client.remote import Remote  # loading Zenoh is slow
+
+        with Remote(options.bus, options.connect, options.timeout) as remote:
+            bus, (known, _), rows = remote.describe(), remote.configuration(), remote.states()
+            refresh_modules(remote, bus, rows)
+        silent = silent_slaves(rows)
     known = known.moved(compare(known, bus.slaves).places)
-    notes, more = None, {"silent": silent_now(options)}
-    warn_of_silent(bus, more["silent"])
+    notes, more = None, {"silent": silent}
+    warn_of_silent(bus, silent)
     if options.esi is not None:
         from ecatd.esi.configure import add_esi
 

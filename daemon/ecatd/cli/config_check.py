@@ -31,7 +31,7 @@ from ecatd.model.wire import found_slaves, known_slaves
 from ecatd.paths import profile_folders
 
 from .bus_source import check_options, get_bus, warn_of_silent
-from .named_objects import Told, ask_slaves, esi_objects
+from .named_objects import Told, ask_slaves, esi_objects, refresh_modules
 from .output import print_json
 
 if TYPE_CHECKING:
@@ -162,6 +162,7 @@ def _bus(
     with Remote(options.bus, options.connect, options.timeout) as remote:
         bus, rows = remote.describe(), remote.states()
         devices = remote.rescan()["devices"]
+        refresh_modules(remote, bus, rows)
         unexpected = compare(remote.configuration()[0], bus.slaves).unexpected
         told = ask_slaves(remote, wanted, bus, rows)
     return bus, devices, {n for n in unexpected if not _exchanges(bus.slaves[n])}, rows, told

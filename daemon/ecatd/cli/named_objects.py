@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 from ecatd.model.abort_codes import NO_OBJECT
 from ecatd.model.applied.objects import Objects, object_indices
 from ecatd.model.applied.pdos import pdo_change, pdo_objects
-from ecatd.model.bus import Bus
+from ecatd.model.bus import Bus, Module
 from ecatd.model.config import Config, SlaveConfig
 from ecatd.model.dictionary import DictionaryObject
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.model.expected_bus import compare
-from ecatd.model.modules import CONFIGURED
+from ecatd.model.modules import CONFIGURED, DETECTED, module_differences
 from ecatd.model.sii import Sii
 from ecatd.model.sii_check import check_sii
 
@@ -36,6 +36,25 @@ class Told:
 
     objects: dict[int, Objects] = field(default_factory=dict)
     eeproms: dict[int, Sii] = field(default_factory=dict)
+
+
+def refresh_modules(remote: Remote, bus: Bus, states: Iterable[dict[str, Any]]) -> None:
+    """Asks modular devices which modules they have now; the description has those of the start.
+
+    Nobody knows the PDOs of other modules before a start has read them, so the slave has none then.
+    """
+    there = {row["position"] for row in states if row["al_state"]}
+    for slave in bus.slaves:
+        if not slave.modules or slave.position not in there:
+            continue
+        with suppress(SdoAbortError, NoAnswerError, StateError):  # it cannot be asked now
+            count = remote.sdo_read(slave.position, DETECTED).data[0]
+            slots = [remote.sdo_read(slave.position, DETECTED, n + 1).data for n in range(count)]
+            now = [Module(int.from_bytes(slot, "little")) for slot in slots]
+            if module_differences(slave.modules, now):
+                names = {module.ident: module.name for module in slave.modules}
+                slave.modules = [Module(item.ident, names.get(item.ident, "")) for item in now]
+                slave.outputs, slave.inputs = [], []
 
 
 def ask_slaves(remote: Remote, wanted: Config, bus: Bus, states: list[dict[str, Any]]) -> Told:

@@ -44,6 +44,7 @@ def rescan(remote: Remote, options: argparse.Namespace) -> int:
     answer = remote.rescan()
     missing = [bus.slaves[at] for at in answer["missing"]]
     rows = [_row(bus, missing, place, device) for place, device in enumerate(answer["devices"])]
+    _mark_twice(bus, rows)
     different = [row for row in rows if row["difference"]]
     lost = [item for item in missing if not item.group]
     if options.json:
@@ -82,6 +83,21 @@ def _row(bus: Bus, missing: list[Slave], place: int, device: dict[str, Any]) -> 
         elif device["revision"] != known.revision:
             row["difference"] = f"another revision than 0x{known.revision:08X}"
     return row
+
+
+def _mark_twice(bus: Bus, rows: list[dict[str, Any]]) -> None:
+    """Says of devices at the address of the same slave that they differ from the start."""
+    places: dict[int, list[dict[str, Any]]] = {}
+    for row in rows:
+        if row["position"] is not None:
+            places.setdefault(row["position"], []).append(row)
+    for position, alike in places.items():
+        for row in alike if len(alike) > 1 else ():
+            where = ", ".join(str(other["place"]) for other in alike if other is not row)
+            row["difference"] = (
+                f"has the address of {bus.slaves[position].label}, like place {where}, so both get "
+                "its outputs: remove one of them, or switch one off and on"
+            )
 
 
 def _cells(bus: Bus, row: dict[str, Any]) -> tuple[object, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from ecatd.model.bus import Slave
 from ecatd.model.errors import BusyError, EcatError, NotPermittedError, StateError, UsageError
+from ecatd.model.expected_bus import compare
 from ecatd.model.requests.eeproms import SII_WORDS_MAX
 from ecatd.model.sii import Sii
 from ecatd.model.sii_categories import FIRST_CATEGORY
@@ -217,6 +219,22 @@ def _report(
 # --- alias ---------------------------------------------------------------------------------------
 
 
+def _warn_of_alias(remote: Remote, found: Slave, alias: int) -> None:
+    """Warns if the next start would not find the slave by its new alias."""
+    bus, (config, _) = remote.describe(), remote.configuration()
+    same = [item.label for item in bus.slaves if alias and item.alias == alias]
+    if same:
+        text = f"{', '.join(same)} has this alias, too, so a start cannot tell which is which"
+        print(f"ecatctl: warning: {text}", file=sys.stderr)
+    wanted = config.moved(compare(config, bus.slaves).places).settings_of(found.position)
+    if wanted.alias not in (None, alias):
+        text = (
+            f"the configuration finds {found.label} by the alias {wanted.alias}: correct it before "
+            "the next start, or it does not find the slave"
+        )
+        print(f"ecatctl: warning: {text}", file=sys.stderr)
+
+
 def set_alias(remote: Remote, options: argparse.Namespace) -> None:
     """Writes the configured station alias, and the checksum that belongs to it."""
     found = remote.describe().find(options.slave)
@@ -228,6 +246,7 @@ def set_alias(remote: Remote, options: argparse.Namespace) -> None:
             f"it first with `ecatctl sii-write {found.position} FILE`; nothing was written"
         )
     if before != options.alias:
+        _warn_of_alias(remote, found, options.alias)
         confirm(
             options, f"This changes the alias of {found.label} from {before} to {options.alias}."
         )

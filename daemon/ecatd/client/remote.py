@@ -180,7 +180,7 @@ class Remote:
         return list(self.request(ReadStates())["slaves"])
 
     def health(self) -> Health:
-        """How the slaves are, with those that were missing at the start."""
+        """How the slaves are, with those that were missing at the start, and with other devices."""
         from ecatd.model.health import look_at
 
         return look_at(self.request(ReadStates()))

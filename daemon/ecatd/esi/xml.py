@@ -18,6 +18,7 @@ MAX_BYTES = 128 << 20
 _MAX_DEPTH = 64
 _MAX_ELEMENTS = 2_000_000
 _CHUNK = 1 << 16
+_DAMAGED = "the file may be damaged: get it again, or leave it out"
 
 
 @dataclass(slots=True)
@@ -214,10 +215,10 @@ class _Builder:
                 self._parser.Parse(chunk, False)
             self._parser.Parse(b"", True)
         except expat.ExpatError as error:
-            text = expat.ErrorString(error.code)
-            raise ConfigError(f"{self._path}:{error.lineno}: this is no XML: {text}") from None
+            text = f"this is no XML: {expat.ErrorString(error.code)}; {_DAMAGED}"
+            raise ConfigError(f"{self._path}:{error.lineno}: {text}") from None
         except (LookupError, ValueError) as error:  # errors of the encoding
-            self._fail(f"this is no XML: {error}")
+            self._fail(f"this is no XML: {error}; {_DAMAGED}")
         assert self._root is not None
         return self._root
 

@@ -105,6 +105,8 @@ class _Comparer:
         """Places of slaves that are not where they are expected, or not clear."""
         self._marked: list[Pair] = []
         """The slaves that are found by a mark, with those of their groups."""
+        self._behind: dict[int, SlaveConfig] = {}
+        """Members of groups by the place at which they should be, where another device is."""
         self._unmarked: list[SlaveConfig] = []
         """Expected slaves whose mark no slave has."""
 
@@ -124,9 +126,11 @@ class _Comparer:
         self._found.absent += [item for item in missing if item.optional]
         for alike in self._rows([item for item in missing if not item.optional]):
             self._add("missing", alike, (), self._missing(alike))
-        for wanted, slave in pairs:
+        for number, (wanted, slave) in enumerate(pairs):
             if wanted is None and slave is not None:
-                self._add("extra", [], (slave.position,), _extra(slave))
+                beside = pairs[max(0, number - 1) : number + 2]
+                absent = [item for item, there in beside if item in missing and there is None]
+                self._add("extra", [], (slave.position,), _extra(slave, absent))
         self._found.differences.sort(key=self._order)
         return self._found
 
@@ -141,7 +145,24 @@ class _Comparer:
         unlisted = self._config.expected.unlisted
         aligned = Alignment(self._slaves, taken, self._known, unlisted=unlisted)
         rest = [item for item in self._expected if item.position not in self._settled]
-        return [*map(self._without_gone, (*marked, *aligned.pairs(rest)))]
+        pairs = self._instead_of_members([*marked, *aligned.pairs(rest)])
+        return [*map(self._without_gone, pairs)]
+
+    def _instead_of_members(self, pairs: Sequence[Pair]) -> list[Pair]:
+        """Pairs members of groups with the devices in their places that nobody else expects."""
+        open_ = {wanted.position for wanted, slave in pairs if wanted is not None and slave is None}
+        extra = [slave for wanted, slave in pairs if wanted is None and slave is not None]
+        instead = {
+            wanted.position: slave
+            for slave in extra
+            if (wanted := self._behind.get(slave.position)) and wanted.position in open_
+        }
+        used = {slave.position for slave in instead.values()}
+        return [
+            (wanted, instead.get(wanted.position, slave) if wanted is not None else slave)
+            for wanted, slave in pairs
+            if wanted is not None or (slave is not None and slave.position not in used)
+        ]
 
     def _without_gone(self, pair: Pair) -> Pair:
         """A pair, in which nobody stands for a slave that is not there any more."""
@@ -229,14 +250,16 @@ class _Comparer:
             if len(with_it) == 1:
                 self._marked += self._group(wanted, with_it[0], marked)
                 continue
-            positions = tuple(slave.position for slave in with_it)
+            heads = ", ".join(str(slave.position) for slave in with_it)
+            groups = [pair for slave in with_it for pair in self._group(wanted, slave, marked)]
+            positions = tuple(slave.position for _, slave in groups if slave is not None)
             self._taken.update(positions)
             self._add(
                 "other device",
                 [wanted],
                 positions,
-                f"slaves {', '.join(map(str, positions))} have the same {mark.kind}, "
-                f"{mark.value}, so it is not clear which is {label(wanted)}: give each its own",
+                f"slaves {heads} have the same {mark.kind}, {mark.value}, so it is not clear which "
+                f"is {label(wanted)}: give each its own",
             )
 
     def _place_gone(self, head: SlaveConfig, mark: Mark) -> None:
@@ -248,14 +271,21 @@ class _Comparer:
                 self._taken.add(slave.position)
 
     def _group(self, head: SlaveConfig, first: Slave, marked: Collection[int]) -> list[Pair]:
-        """A slave that is found by its mark, with those of its group behind it."""
+        """A slave that is found by its mark, with those of its group behind it.
+
+        The group ends before another device: that may be the next slave behind a group of which
+        something is missing. `_behind` has the places of the rest.
+        """
         pairs: list[Pair] = [(head, first)]
-        place = first.position
+        place, whole = first.position, True
         for wanted in self._config.followers(head):
             place += 1
             there = place < len(self._slaves) and place not in marked
             place = place if there else len(self._slaves)  # nor is another one behind it
-            pairs.append((wanted, self._slaves[place] if there else None))
+            whole = whole and there and _is_device(wanted, self._slaves[place])
+            pairs.append((wanted, self._slaves[place] if whole else None))
+            if there and not whole:
+                self._behind[place] = wanted
         return pairs
 
     # --- slaves that are missing here and extra there --------------------------------------------
@@ -427,8 +457,11 @@ def _other_mark(wanted: SlaveConfig, mark: Mark, slave: Slave) -> str:
     )
 
 
-def _extra(slave: Slave) -> str:
+def _extra(slave: Slave, absent: Sequence[SlaveConfig | None]) -> str:
+    """Why a slave is extra; `absent` are expected ones beside it that are not there."""
+    optional = [label(item) for item in absent if item is not None and item.optional]
+    instead = f", or put {optional[0]}, which is absent, in its place" if optional else ""
     return (
         f"{slave.label} is extra: no [[slave]] table expects "
-        f"{device(slave.vendor, slave.product)} there; remove it, or write a table for it"
+        f"{device(slave.vendor, slave.product)} there; remove it, or write a table for it{instead}"
     )

@@ -24,7 +24,8 @@ class Health:
         in_op: Number of those that are in OP.
         absent: Number of optional slaves that are absent.
         problems: A text for each slave with a problem, for each group of optional slaves of which
-            only some are there, and for what was missing at the start.
+            only some are there, for what was missing at the start, and for devices that are no
+            slaves of the bus.
     """
 
     expected: int
@@ -61,6 +62,7 @@ def look_at(reply: Mapping[str, Any]) -> Health:
     problems = [_told(row) for row in expected if row not in in_op or row.get("recovery")]
     problems += _incomplete(rows, {row["group"] for row in expected if row.get("group")})
     problems += [item["text"] for item in missing]
+    problems += filter(None, [reply.get("others")])
     count = len(expected) + sum(len(item["expected"]) for item in missing)
     return Health(count, len(in_op), len(rows) - len(expected), problems)
 

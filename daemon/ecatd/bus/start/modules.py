@@ -60,7 +60,10 @@ class Modules:
         there = yield from self.detected()
         text = module_differences(wanted, there) if there else ""
         if text:
-            raise RefusedError(f"{self._slave.label} has other modules: {text}")
+            raise RefusedError(
+                f"{self._slave.label} has other modules: {text}; put the right ones in, or correct "
+                "its [[slave.module]] tables"
+            )
         idents = [module.ident for module in wanted]
         try:
             yield from self._coe.upload(CONFIGURED, 0)

@@ -125,6 +125,11 @@ class Monitor:
         """When a slave that should be in OP has left it, in Unix seconds; None if it has not."""
         return self._slaves.down_since(position)
 
+    @property
+    def others(self) -> str:
+        """What devices are there beside the slaves of the bus, in words; empty: none."""
+        return self._slaves.others
+
     def set_recovery(self, config: RecoveryConfig) -> None:
         """Changes which slaves are recovered, and how often it is tried."""
         self._slaves.set_recovery(config)

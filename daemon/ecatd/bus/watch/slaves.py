@@ -110,6 +110,15 @@ class SlaveWatch:
         """When a slave that should be in OP has left it, in Unix seconds; None: it has not."""
         return self._repair.down_since(position)
 
+    @property
+    def others(self) -> str:
+        """What devices are there beside the slaves of the bus, in words; empty: none.
+
+        A device that answers at the address of a slave is one of them.
+        """
+        more = self._twice or self._found > len(self._bus.slaves)
+        return self._told if more else ""
+
     def set_recovery(self, config: RecoveryConfig) -> None:
         """Changes which slaves are recovered, and how often it is tried."""
         self._by_hand = config.slaves != "all"

@@ -189,10 +189,11 @@ def _slave(
         yield f"# identification = {slave.identification}  # {text}"
     if off:
         yield "watchdog_ms = 0  # it is off: outputs keep their values if ecatd dies; better: 100"
-    pdos = settings.pdos
+    pdos = None if _has_other_modules(settings, slave) else settings.pdos
     assigned = [pdo.index for pdo in (*slave.outputs, *slave.inputs)]
     usual = len(set(assigned)) == len(assigned) and {*assigned} <= {*OUTPUT_PDOS, *INPUT_PDOS}
-    if pdos is None and slave.coe and assigned and usual:
+    modular = settings.module or slave.modules  # such a slave assigns the PDOs of its modules
+    if pdos is None and slave.coe and assigned and usual and not modular:
         pdos = assigned
     if pdos is not None:
         yield f"pdos = {value_text('pdos', pdos)}"
@@ -217,10 +218,14 @@ def _slave(
         yield from ("", "# [slave.eoe]  # its IP parameters", '# address = "192.168.7.2/24"')
 
 
+def _has_other_modules(settings: SlaveConfig, slave: Slave) -> bool:
+    """Whether a slave has other modules than the configuration says."""
+    return bool(slave.modules and module_differences(settings.modules, slave.modules))
+
+
 def _modules(settings: SlaveConfig, slave: Slave) -> Iterator[ModuleConfig]:
     """The modules that a slave has in its slots."""
-    as_expected = settings.module and not module_differences(settings.modules, slave.modules)
-    if as_expected or not slave.modules:
+    if (settings.module and not _has_other_modules(settings, slave)) or not slave.modules:
         yield from settings.module
         return
     for slot, module in enumerate(slave.modules, 1):
