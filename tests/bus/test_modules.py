@@ -124,6 +124,7 @@ def test_a_module_is_exchanged_while_the_bus_runs(start: Start, tmp_path: Path) 
         new = tmp_path / "new.toml"
         daemon.ctl("config", "init", "-o", str(new))
         assert "ident = 0x00000402" in new.read_text()
+        assert "\npdos" not in new.read_text()
         assert daemon.ctl("config", "check", str(new)).returncode == 0
         simulator.faults.module(1, 2, "DO8")
         wait_for(
