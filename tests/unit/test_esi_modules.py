@@ -100,3 +100,17 @@ def test_a_device_with_modules_is_simulated(file: Path) -> None:
         with pytest.raises(ConfigError) as error:
             device_from_esi(file, "Island", modules=wrong)
         names(error.value, "Island", *tokens)
+
+
+@pytest.mark.parametrize(
+    ("tables", "kept"), [([DI, AO], True), ([DI, AXIS], False), ([], True)], ids=str
+)
+def test_pdos_of_other_modules_are_not_kept(tables: list[int], kept: bool) -> None:
+    slave = Slave(0, "", 0xFFFF, 0x77, 1, coe=True, modules=[Module(DI), Module(AO)])
+    modules = [ModuleConfig(slot, ident) for slot, ident in enumerate(tables, 1)]
+    config = Config(slave=[SlaveConfig(0, module=modules, pdos=[0x1A00])])
+    text = write_config(config, Bus("ecat0", 1000, [slave]), "1.0")
+    assert ("\npdos = [0x1A00]" in text) == kept
+    assert text.count("[[slave.module]]") == 2
+    alone = write_config(Config(), Bus("ecat0", 1000, [slave]), "1.0")
+    assert "\npdos" not in alone, "the slave assigns them by itself"

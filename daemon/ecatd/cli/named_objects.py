@@ -48,7 +48,7 @@ def refresh_modules(remote: Remote, bus: Bus, states: Iterable[dict[str, Any]]) 
         if not slave.modules or slave.position not in there:
             continue
         with suppress(SdoAbortError, NoAnswerError, StateError):  # it cannot be asked now
-            count = remote.sdo_read(slave.position, DETECTED).data[0]
+            count = int.from_bytes(remote.sdo_read(slave.position, DETECTED).data[:1], "little")
             slots = [remote.sdo_read(slave.position, DETECTED, n + 1).data for n in range(count)]
             now = [Module(int.from_bytes(slot, "little")) for slot in slots]
             if module_differences(slave.modules, now):

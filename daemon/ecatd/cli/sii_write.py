@@ -222,7 +222,8 @@ def _report(
 def _warn_of_alias(remote: Remote, found: Slave, alias: int) -> None:
     """Warns if the next start would not find the slave by its new alias."""
     bus, (config, _) = remote.describe(), remote.configuration()
-    same = [item.label for item in bus.slaves if alias and item.alias == alias]
+    others = [item for item in bus.slaves if item.position != found.position]
+    same = [item.label for item in others if alias and item.alias == alias]
     if same:
         text = f"{', '.join(same)} has this alias, too, so a start cannot tell which is which"
         print(f"ecatctl: warning: {text}", file=sys.stderr)

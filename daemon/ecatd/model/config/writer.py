@@ -220,7 +220,8 @@ def _slave(
 
 def _has_other_modules(settings: SlaveConfig, slave: Slave) -> bool:
     """Whether a slave has other modules than the configuration says."""
-    return bool(slave.modules and module_differences(settings.modules, slave.modules))
+    compared = settings.module and slave.modules
+    return bool(compared and module_differences(settings.modules, slave.modules))
 
 
 def _modules(settings: SlaveConfig, slave: Slave) -> Iterator[ModuleConfig]:
