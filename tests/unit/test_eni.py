@@ -135,6 +135,13 @@ def test_a_machine(tmp_path: Path) -> None:
     assert found.report.ours["commands for all slaves at once"] == 2
 
 
+def test_names_that_two_slaves_have_are_told(tmp_path: Path) -> None:
+    found = converted(tmp_path, MACHINE.replace("Term 3 (", "Press ("))
+    assert [item.given_name for item in found.bus.slaves][2:] == ["Press", "Press_2"]
+    told = {n: any("'Press'" in part for part in parts) for n, parts in found.report.taken.items()}
+    assert told == {0: False, 1: False, 2: False, 3: True}
+
+
 def test_what_the_slaves_of_the_file_have_as_a_whole(tmp_path: Path) -> None:
     """Every command of the file is taken, ours, or named."""
     found = converted(tmp_path, MACHINE)

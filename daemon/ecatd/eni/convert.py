@@ -195,6 +195,8 @@ class _Converter:
         self._bus.slaves.append(description)
         self._config.slave.append(settings)
         self._report.take(position, "identity")
+        if description.given_name != unique_name(given, set()):
+            self._report.take(position, f"its name, with a number, as another slave is '{given}'")
         if slave.identification:
             self._take_identification(slave, settings, marks)
             description.alias = settings.alias or 0
