@@ -22,6 +22,7 @@ from hypothesis import HealthCheck, settings
 
 import guard
 from ecatd.client import Client, Signal, Summary
+from ecatd.model.errors import UnreachableError
 
 # A shell that starts the tests in the background has them ignore SIGINT, and so do their programs.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -235,6 +236,16 @@ def wait_for(condition: Callable[[], bool], daemon: Daemon, seconds: float = PAT
         assert daemon.process.poll() is None, f"ecatd has ended:\n{daemon.log}"
         assert time.monotonic() < deadline, f"it does not come about:\n{daemon.log}"
         time.sleep(0.02)
+
+
+def wait_for_end(client: Client) -> None:
+    """Waits until the daemon of a client has ended. While it dies, its cycle only stands still."""
+    while True:
+        try:
+            client.wait()
+        except UnreachableError as error:
+            if "has ended" in str(error):
+                return
 
 
 def stop_process(pid: int) -> None:

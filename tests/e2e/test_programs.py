@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 import ecatd.client
-from conftest import Daemon, names, run_module, wait_for
+from conftest import Daemon, names, run_module, wait_for, wait_for_end
 from ecatd import shm
 from ecatd.client import Claim, Client, Request, Signal
 from ecatd.model import errors
@@ -298,9 +298,7 @@ def test_the_controller_goes_on_with_the_next_daemon(
     ):
         wait_for(is_on(client, 1), daemon)
         daemon.kill_all()
-        with pytest.raises(errors.UnreachableError, match="has ended"):
-            while True:
-                client.wait()
+        wait_for_end(client)
         daemon = start_daemon("troll", "--bus", client.name)
         client.wait(timeout=30)
         wait_for(is_on(client, 1), daemon)
