@@ -1,6 +1,7 @@
 """A minute of `soak.py`; `make soak` runs it for half an hour."""
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -21,7 +22,7 @@ def test_r02_r22_r44_a_minute_of_faults() -> None:
     if os.geteuid() == 0:
         env["ECAT_OWN_SHM"] = "1"
         own = ["unshare", "--mount", "--propagation", "private", "sh", "-ec"]
-        command = [*own, MEMORY + " ".join(command)]
+        command = [*own, MEMORY + shlex.join(command)]
     done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr[-6000:]
