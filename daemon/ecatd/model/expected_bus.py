@@ -129,7 +129,7 @@ class _Comparer:
         for number, (wanted, slave) in enumerate(pairs):
             if wanted is None and slave is not None:
                 beside = pairs[max(0, number - 1) : number + 2]
-                absent = [item for item, there in beside if item in missing and there is None]
+                absent = [item for item, there in beside if item and item.optional and not there]
                 self._add("extra", [], (slave.position,), _extra(slave, absent))
         self._found.differences.sort(key=self._order)
         return self._found
@@ -457,10 +457,9 @@ def _other_mark(wanted: SlaveConfig, mark: Mark, slave: Slave) -> str:
     )
 
 
-def _extra(slave: Slave, absent: Sequence[SlaveConfig | None]) -> str:
-    """Why a slave is extra; `absent` are expected ones beside it that are not there."""
-    optional = [label(item) for item in absent if item is not None and item.optional]
-    instead = f", or put {optional[0]}, which is absent, in its place" if optional else ""
+def _extra(slave: Slave, absent: Sequence[SlaveConfig]) -> str:
+    """Why a slave is extra; `absent` are optional ones beside it that are not there."""
+    instead = f", or put {label(absent[0])}, which is absent, in its place" if absent else ""
     return (
         f"{slave.label} is extra: no [[slave]] table expects "
         f"{device(slave.vendor, slave.product)} there; remove it, or write a table for it{instead}"

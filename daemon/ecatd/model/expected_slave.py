@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .bus import Slave
 from .config import Mark, SlaveConfig
-from .modules import module_differences
+from .modules import other_modules
 
 _NOT_WRITTEN = ((0, 0), (0xFFFFFFFF, 0xFFFFFFFF))
 """Vendor ID and product code of an EEPROM that was never written."""
@@ -72,11 +72,7 @@ def difference(wanted: SlaveConfig, slave: Slave) -> tuple[str, str]:
         }
         return kind, f"{slave.label} has {what}: put the right one in, or correct {correct[kind]}"
     if wanted.product is not None and wanted.module and slave.modules:
-        text = module_differences(wanted.modules, slave.modules)
+        text = other_modules(slave.label, wanted.modules, slave.modules)
         if text:
-            return (
-                "other modules",
-                f"{slave.label} has other modules: {text}; put the right ones in, or correct its "
-                "[[slave.module]] tables",
-            )
+            return "other modules", text
     return "", ""

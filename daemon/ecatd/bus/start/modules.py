@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from ecatd.model.bus import Module, Slave
 from ecatd.model.errors import SdoAbortError
-from ecatd.model.modules import CONFIGURED, DETECTED, module_differences, no_slots_text
+from ecatd.model.modules import CONFIGURED, DETECTED, no_slots_text, other_modules
 from ecatd.model.sii import Sii
 
 from ..mailbox.coe import Coe
@@ -58,12 +58,9 @@ class Modules:
             StateError: Its answers are malformed.
         """
         there = yield from self.detected()
-        text = module_differences(wanted, there) if there else ""
+        text = other_modules(self._slave.label, wanted, there) if there else ""
         if text:
-            raise RefusedError(
-                f"{self._slave.label} has other modules: {text}; put the right ones in, or correct "
-                "its [[slave.module]] tables"
-            )
+            raise RefusedError(text)
         idents = [module.ident for module in wanted]
         try:
             yield from self._coe.upload(CONFIGURED, 0)
