@@ -5,6 +5,7 @@ import itertools
 import json
 import os
 import re
+import select
 import shlex
 import shutil
 import signal
@@ -164,10 +165,19 @@ class Daemon:
         return self.process.wait(PATIENCE)
 
     def kill_all(self) -> None:
-        """Kills every process of it at once, as a power cut would."""
-        for pid in (*children(self.process.pid), self.process.pid):
-            with_suppress_kill(pid, signal.SIGKILL)
-        self.process.wait(PATIENCE)
+        """Kills every process of it at once, as a power cut would; waits until all have ended."""
+        with contextlib.ExitStack() as stack:
+            ends = []
+            for pid in (*children(self.process.pid), self.process.pid):
+                with contextlib.suppress(ProcessLookupError):
+                    ends.append(os.pidfd_open(pid))
+                    stack.callback(os.close, ends[-1])
+            for end in ends:
+                with contextlib.suppress(ProcessLookupError):
+                    signal.pidfd_send_signal(end, signal.SIGKILL)
+            for end in ends:
+                assert select.select([end], [], [], PATIENCE)[0], "a killed process has not ended"
+        self.process.wait()
 
     def child_pid(self, module: str) -> int:
         """The child that runs a module: `ecatd.bus`, `ecatd.gateway` or `ecatsim`."""
@@ -254,11 +264,6 @@ def stop_process(pid: int) -> None:
     tasks = [*Path(f"/proc/{pid}/task").iterdir()]
     while any((task / "stat").read_text().rsplit(")", 1)[1].split()[0] != "T" for task in tasks):
         time.sleep(0.001)
-
-
-def with_suppress_kill(pid: int, number: int) -> None:
-    with contextlib.suppress(ProcessLookupError):
-        os.kill(pid, number)
 
 
 def children(pid: int) -> list[int]:

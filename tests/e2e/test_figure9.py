@@ -2,6 +2,7 @@
 
 import csv
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -123,7 +124,8 @@ def test_the_daemon_that_dies_ends_the_experiment(
         daemon.kill_all()
         assert program.wait() not in (0, 139)
         assert program.stderr
-        assert "has ended; start it again" in program.stderr.read()
+        # While the daemon dies, which takes long on a busy machine, its cycle only stands still.
+        assert re.search("has ended; start it again|stands still since", program.stderr.read())
 
 
 def run_demo(out: Path, bus: str, *arguments: str) -> list[str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
+from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
@@ -37,6 +38,18 @@ from .slot_requests import Answer, SlotRequests
 _EVENT_PATIENCE = 0.2
 _EVENTS_WAITING = 64
 """Events that may wait for the event loop; others wait in the engine, which has bounded room."""
+_LAST_EVENTS = 1024
+"""Most events that are read from the engine at the end; a client could go on causing more."""
+_ABOUT_OUTPUTS = frozenset(
+    {
+        EventType.CLAIMED,
+        EventType.SAFE,
+        EventType.REFUSED,
+        EventType.MALFORMED,
+        EventType.CONFLICT,
+        EventType.STOPPED,
+    }
+)
 _COUNTER_PAUSE = 0.1
 """Seconds between two events about a domain's working counter, which may change in every cycle."""
 
@@ -87,6 +100,7 @@ class Monitor:
         ]
         self._mailboxes = MailboxWatch(running, worker, log.of("mailbox"), self._tell)
         self._files = FileWatch(running.shared, outputs_log, self._tell)
+        self._events: deque[Event] = deque()
         self._room = threading.Semaphore(_EVENTS_WAITING)
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
@@ -164,6 +178,7 @@ class Monitor:
         """Waits until nothing uses the engine any more; after `stop`."""
         if self._thread is not None:
             self._thread.join()
+        self._handle_last_events()
         for item in self._working_counters:
             item.close()
         self._outputs.close()
@@ -177,30 +192,36 @@ class Monitor:
             if not self._room.acquire(timeout=_EVENT_PATIENCE):
                 continue
             event = self._engine.wait_event(_EVENT_PATIENCE)
-            if event is None or self._stopping.is_set():
+            if event is None:
                 self._room.release()
             else:
-                loop.call_soon_threadsafe(self._take, event)
+                self._events.append(event)
+                loop.call_soon_threadsafe(self._take)
 
-    def _take(self, event: Event) -> None:
-        self._room.release()
-        self._handle(event)
+    def _take(self) -> None:
+        if self._events:  # else `close` has taken it
+            self._room.release()
+            self._handle(self._events.popleft())
+
+    def _handle_last_events(self) -> None:
+        """Handles what nobody has taken yet: the last events say why outputs became safe."""
+        while self._events:
+            self._handle(self._events.popleft())
+        for _ in range(_LAST_EVENTS):
+            if (event := self._engine.wait_event(0)) is None:
+                break
+            self._handle(event)
 
     def _handle(self, event: Event) -> None:
-        if self._stopping.is_set():
-            return
+        if event.type in _ABOUT_OUTPUTS:
+            self._outputs.handle(event)
+        elif not self._stopping.is_set():
+            self._handle_while_running(event)
+
+    def _handle_while_running(self, event: Event) -> None:
         match event.type:
             case EventType.REQUEST:
                 self._requests.ring(event.slot)
-            case (
-                EventType.CLAIMED
-                | EventType.SAFE
-                | EventType.REFUSED
-                | EventType.MALFORMED
-                | EventType.CONFLICT
-                | EventType.STOPPED
-            ):
-                self._outputs.handle(event)
             case EventType.WKC:
                 self._working_counters[event.slave].note(event)
             case EventType.SEND:
