@@ -119,9 +119,17 @@ class Log:
         """
         self._write("debug", text, event, slaves)
 
+    @property
+    def writes_debug(self) -> bool:
+        """Whether `debug` writes anything, for a text that takes a while to make."""
+        return self._writes("debug")
+
+    def _writes(self, level: str) -> bool:
+        return _PRIORITIES[level] <= _PRIORITIES[level_of(self._writer.levels, self._part)]
+
     def _write(self, level: str, text: str, event: str, slaves: Iterable[int]) -> None:
         writer = self._writer
-        if _PRIORITIES[level] <= _PRIORITIES[level_of(writer.levels, self._part)]:
+        if self._writes(level):
             if level == "debug":
                 writer.write_debug(self._part, text, event, slaves)
             else:

@@ -218,24 +218,26 @@ class Gateway:
     def _receive(self, query: zenoh.Query) -> None:
         """Starts to answer a query; the reply is sent when the bus server has answered."""
         begin = time.monotonic()
+        parts = str(query.key_expr).split("/")[3:]  # those that follow the name of the bus
         try:
-            answer = self._carry_out(query)
+            answer = self._carry_out(query, parts)
         except Exception as error:
             answer = asyncio.get_running_loop().create_future()
             answer.set_exception(error)
-        answer.add_done_callback(partial(self._reply, query, begin))
+        answer.add_done_callback(partial(self._reply, query, parts, begin))
 
-    def _reply(self, query: zenoh.Query, begin: float, answer: Answer) -> None:
+    def _reply(self, query: zenoh.Query, parts: list[str], begin: float, answer: Answer) -> None:
         with query:
             if self._session is None:  # it is being closed, so there is no way to reply
                 answer.exception()  # else asyncio complains that the exception was never retrieved
                 return
-            how = answer.exception() or "answered"
-            took_ms = 1e3 * (time.monotonic() - begin)
-            self._log.debug(f"{str(query.selector)!r}: {how} after {took_ms:.1f} ms")
+            if self._log.writes_debug:
+                how = answer.exception() or "answered"
+                took_ms = 1e3 * (time.monotonic() - begin)
+                self._log.debug(f"{str(query.selector)!r}: {how} after {took_ms:.1f} ms")
             try:
                 # The query may be for all buses, so the answer says which one this is.
-                key = bus_key(self._full_name, *_parts(query))
+                key = bus_key(self._full_name, *parts)
                 query.reply(key, pack({"schema": SCHEMA, **answer.result()}))
             except EcatError as error:
                 query.reply_err(pack({"schema": SCHEMA, "error": error.to_reply()}))
@@ -245,8 +247,7 @@ class Gateway:
                 reply = EcatError(f"defect in the gateway: {error!r}").to_reply()
                 query.reply_err(pack({"schema": SCHEMA, "error": reply}))
 
-    def _carry_out(self, query: zenoh.Query) -> Answer:
-        parts = _parts(query)
+    def _carry_out(self, query: zenoh.Query, parts: list[str]) -> Answer:
         payload = b"" if query.payload is None else bytes(query.payload)
         if len(payload) > MAX_MESSAGE:
             raise UsageError(f"a request of {len(payload)} bytes is too long")
@@ -376,11 +377,6 @@ class Gateway:
             closing.start()
             await asyncio.to_thread(closing.join, _CLOSE_PATIENCE)
         remove_zenoh_socket(self._runtime_dir, self._name)
-
-
-def _parts(query: zenoh.Query) -> list[str]:
-    """Returns the parts of a query's key that follow the name of the bus."""
-    return str(query.key_expr).split("/")[3:]
 
 
 def _known(parameters: str, make: Callable[..., dict[str, Any]], *flags: str) -> Answer:

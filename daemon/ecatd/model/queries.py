@@ -40,6 +40,32 @@ class Query(NamedTuple):
     payload: dict[str, Any] | None
 
 
+class _Template(NamedTuple):
+    """What stands where in the query of one kind of request.
+
+    Attributes:
+        key: For each part of the key: its text, and the field that takes its place, or "".
+        others: The fields that are not in the key.
+    """
+
+    key: tuple[tuple[str, str], ...]
+    others: tuple[str, ...]
+
+    @classmethod
+    def of(cls, kind: type[Request]) -> _Template:
+        parts = kind.key.split("/")
+        key = tuple((part, part[1:-1] if part.startswith("{") else "") for part in parts)
+        in_key = {field for _, field in key}
+        return cls(key, tuple(name for name in kind.fields if name not in in_key))
+
+
+_TEMPLATES = {kind.op: _Template.of(kind) for kind in KINDS.values()}
+_BY_BEGIN: dict[tuple[str, ...], list[tuple[type[Request], _Template]]] = {}
+"""The kinds of requests by the first two parts of their keys, which are never fields."""
+for _kind in KINDS.values():
+    _BY_BEGIN.setdefault(tuple(_kind.key.split("/")[:2]), []).append((_kind, _TEMPLATES[_kind.op]))
+
+
 def changes(kind: type[Request]) -> bool:
     """Whether requests of this kind change something."""
     return kind.key.startswith("rw/")
@@ -47,20 +73,20 @@ def changes(kind: type[Request]) -> bool:
 
 def to_query(request: Request) -> Query:
     """Makes a query of a request. Fields that are None are left out."""
-    in_key, key = set(), []
-    for part in request.key.split("/"):
-        name = _field_of(part)
-        in_key.add(name)
-        key.append(_to_text(name, getattr(request, name)) if name else part)
+    template = _TEMPLATES[request.op]
+    key = tuple(
+        [
+            _to_text(field, getattr(request, field)) if field else text
+            for text, field in template.key
+        ]
+    )
     others = {
-        name: value
-        for name in request.fields
-        if name not in in_key and (value := getattr(request, name)) is not None
+        name: value for name in template.others if (value := getattr(request, name)) is not None
     }
     if changes(type(request)):
-        return Query(tuple(key), "", others)
-    texts = (f"{name}={_to_text(name, value)}" for name, value in others.items() if value)
-    return Query(tuple(key), ";".join(texts), None)
+        return Query(key, "", others)
+    texts = [f"{name}={_to_text(name, value)}" for name, value in others.items() if value]
+    return Query(key, ";".join(texts), None)
 
 
 def from_query(key: Sequence[str], parameters: str, payload: Mapping[str, Any]) -> Request:
@@ -81,11 +107,12 @@ def from_query(key: Sequence[str], parameters: str, payload: Mapping[str, Any]) 
         raise UsageError(f"'{'/'.join(key)}' takes parameters and no payload")
     if "op" in values:
         raise UsageError("'op' belongs in the key, not in the payload")
-    known = [name for name in fields if f"{{{name}}}" not in kind.key]
-    for name, text in read_parameters(parameters, () if changes(kind) else known).items():
+    template = _TEMPLATES[kind.op]
+    known = () if changes(kind) else template.others
+    for name, text in read_parameters(parameters, known).items():
         values[name] = _from_text(name, text, fields[name].types, "the query")
-    for part, text in zip(kind.key.split("/"), key, strict=True):
-        if name := _field_of(part):
+    for (_, name), text in zip(template.key, key, strict=True):
+        if name:
             if name in values:
                 raise UsageError(f"'{name}' belongs in the key, not in the payload")
             values[name] = _from_text(name, text, fields[name].types, "the key")
@@ -121,18 +148,12 @@ def read_flag(name: str, text: str) -> bool:
 
 
 def _kind_of(key: Sequence[str]) -> type[Request]:
-    for kind in KINDS.values():
-        parts = kind.key.split("/")
-        if len(parts) == len(key) and all(
-            _field_of(part) or part == text for part, text in zip(parts, key, strict=True)
+    for kind, template in _BY_BEGIN.get(tuple(key[:2]), ()):
+        if len(template.key) == len(key) and all(
+            field or part == text for (part, field), text in zip(template.key, key, strict=True)
         ):
             return kind
     raise UsageError(f"'{'/'.join(key)}' is not a key of this version")
-
-
-def _field_of(part: str) -> str:
-    """The field that stands in a part of the template of a key; empty for fixed text."""
-    return part[1:-1] if part.startswith("{") else ""
 
 
 def _to_text(name: str, value: Any) -> str:
@@ -142,7 +163,7 @@ def _to_text(name: str, value: Any) -> str:
         return "1" if value else "0"
     if name in _HEX_DIGITS:
         return f"0x{value:0{_HEX_DIGITS[name]}X}"
-    return quote(str(value), safe="")
+    return str(value) if isinstance(value, int) else quote(str(value), safe="")
 
 
 def _from_text(name: str, text: str, types: frozenset[str], where: str) -> Any:

@@ -24,12 +24,10 @@ class Field(NamedTuple):
     Attributes:
         kind: Its type, for messages.
         types: Names of the types that it may have.
-        needed: Whether it is required.
     """
 
     kind: str
     types: frozenset[str]
-    needed: bool
 
 
 @dataclass_transform(frozen_default=True, eq_default=True)
@@ -43,17 +41,18 @@ class Request:
     op: ClassVar[str]
     key: ClassVar[str]
     fields: ClassVar[dict[str, Field]]
+    needed: ClassVar[tuple[str, ...]]
 
     def __init_subclass__(cls) -> None:
         cls.fields = {
-            name: Field(kind, frozenset(kind.split(" | ")), not hasattr(cls, name))
+            name: Field(kind, frozenset(kind.split(" | ")))
             for name, kind in cls.__annotations__.items()
         }
+        cls.needed = tuple(name for name in cls.fields if not hasattr(cls, name))
 
     def __init__(self, *args: Any, **values: Any) -> None:
         values.update(zip(self.fields, args, strict=False))
-        missing = [name for name in self.fields if name not in values and self.fields[name].needed]
-        if missing:
+        if missing := [name for name in self.needed if name not in values]:
             raise UsageError(f"{self.op} needs {', '.join(missing)}")
         self.__dict__.update(values)
         self._check()
