@@ -100,6 +100,10 @@ product = 0x07D83052
     wait_for(lambda: "1 of 2 slaves in OP" in daemon.status, daemon)
     (row,) = json.loads(daemon.ctl("buses", "--json").stdout)["buses"]
     assert (row["slaves"], row["in_op"], len(row["problems"])) == (2, 1, 1)
+    for command in ("state", "slaves"):
+        names(daemon.ctl(command).stdout.splitlines()[-1], "not as configured", "lamps")
+        (text,) = json.loads(daemon.ctl(command, "--json").stdout)["differences"]
+        names(text, "lamps")
 
 
 def test_a_gateway_that_does_not_answer(daemon: Daemon) -> None:

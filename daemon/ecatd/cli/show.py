@@ -38,6 +38,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> int:
     """Lists the slaves in the order of the wire."""
     bus = remote.describe()
     states = {row["position"]: row for row in remote.states()}
+    differences = remote.health().differences
     if options.json:
         rows = [
             {
@@ -70,9 +71,17 @@ def slaves(remote: Remote, options: argparse.Namespace) -> int:
             }
             for slave in bus.slaves
         ]
-        print_json({"bus": bus.name, "fingerprint": f"{bus.fingerprint:016x}", "slaves": rows})
+        print_json(
+            {
+                "bus": bus.name,
+                "fingerprint": f"{bus.fingerprint:016x}",
+                "slaves": rows,
+                "differences": differences,
+            }
+        )
     else:
         _print_slaves(bus, states)
+        _print_differences(differences)
     return check_slaves(states.values())
 
 
@@ -116,6 +125,12 @@ def _print_slaves(bus: Bus, states: dict[int, dict[str, Any]]) -> None:
             print(f"{slave.label}: EEPROM, {problem}")
         if (more := len(slave.problems) - _PROBLEMS_SHOWN) > 0:
             print(f"{slave.label}: EEPROM, and {more} more (--json lists all)")
+
+
+def _print_differences(differences: list[str]) -> None:
+    """Prints what was missing at the start, and which other devices are there."""
+    for text in differences:
+        print(f"not as configured: {text}")
 
 
 def _modules(slave: Slave) -> str:
@@ -203,8 +218,9 @@ def state(remote: Remote, options: argparse.Namespace) -> int:
     wanted = options.state
     rows = remote.states() if wanted is None else remote.set_state(wanted, chosen)
     shown = rows if chosen is None else [row for row in rows if row["position"] == chosen]
+    differences = remote.health().differences if chosen is None else []
     if options.json:
-        print_json({"bus": remote.bus, "slaves": shown})
+        print_json({"bus": remote.bus, "slaves": shown, "differences": differences})
     else:
         print_table(
             ("POS", "NAME", "STATE"),
@@ -214,6 +230,7 @@ def state(remote: Remote, options: argparse.Namespace) -> int:
             ),
             ">",
         )
+        _print_differences(differences)
     return check_slaves(rows)
 
 

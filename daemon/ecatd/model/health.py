@@ -23,14 +23,16 @@ class Health:
             those that were missing at the start, so that they are no part of the bus.
         in_op: Number of those that are in OP.
         absent: Number of optional slaves that are absent.
+        differences: A text for each slave that was missing at the start, and for devices that are
+            no slaves of the bus.
         problems: A text for each slave with a problem, for each group of optional slaves of which
-            only some are there, for what was missing at the start, and for devices that are no
-            slaves of the bus.
+            only some are there, and `differences`.
     """
 
     expected: int
     in_op: int
     absent: int
+    differences: list[str]
     problems: list[str]
 
     @property
@@ -61,10 +63,11 @@ def look_at(reply: Mapping[str, Any]) -> Health:
     in_op = [row for row in expected if row["al_state"] == AlState.OP]
     problems = [_told(row) for row in expected if row not in in_op or row.get("recovery")]
     problems += _incomplete(rows, {row["group"] for row in expected if row.get("group")})
-    problems += [item["text"] for item in missing]
-    problems += filter(None, [reply.get("others")])
+    differences = [item["text"] for item in missing]
+    differences += filter(None, [reply.get("others")])
+    problems += differences
     count = len(expected) + sum(len(item["expected"]) for item in missing)
-    return Health(count, len(in_op), len(rows) - len(expected), problems)
+    return Health(count, len(in_op), len(rows) - len(expected), differences, problems)
 
 
 def _incomplete(rows: list[Mapping[str, Any]], there: set[str]) -> Iterator[str]:
