@@ -62,10 +62,16 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 
 class PatientClient(Client):
-    """A client that goes on waiting where a busy machine exchanges nothing for a second."""
+    """A client that goes on where a busy machine exchanges nothing for a second.
+
+    Then the cycle stands still: a client hears of it at once, whatever its time-out is.
+    """
 
     def wait(self, cycles: int = 1, timeout: float = PATIENCE, domain: int | None = None) -> None:
-        super().wait(cycles, timeout, domain)
+        _while_it_stands_still(lambda: Client.wait(self, cycles, timeout, domain))
+
+    def sample(self, domain: int | None = None) -> None:
+        _while_it_stands_still(lambda: Client.sample(self, domain))
 
     def summarize(
         self, signals: Sequence[str | Signal], cycles: int, timeout: float = PATIENCE
@@ -77,6 +83,18 @@ class PatientClient(Client):
 
     def cycles(self, every: int = 1, timeout: float = PATIENCE) -> AsyncIterator[int]:
         return super().cycles(every, timeout)
+
+
+def _while_it_stands_still(call: Callable[[], None]) -> None:
+    """Calls again until the cycle goes on, or the daemon has ended."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return call()
+        except UnreachableError as error:
+            if "stands still" not in str(error) or time.monotonic() > end:
+                raise
+        time.sleep(0.01)
 
 
 class Daemon:

@@ -126,7 +126,7 @@ def test_an_extra_slave_is_named_once_and_a_restart_is_not_advised(start: Start)
         wire = daemon.ctl("rescan", check=False)
         assert wire.returncode == 7
         names(wire.stdout, "new (EL2004)", "ecatctl config check FILE")
-        assert states(daemon) == ["OP"] * 4
+        wait_for(lambda: states(daemon) == ["OP"] * 4, daemon)
         # A cable that breaks is told by the number of slaves alone.
         rig.faults.break_link(2)
         wait_for(lambda: "slave count changed: 4, now 2" in daemon.log, daemon)
@@ -214,7 +214,7 @@ def test_equal_slaves_that_are_inserted_are_the_new_ones(
             names(line, new, "extra", "behind slave 0 (EK1122)")
         found = differences(daemon)
         assert [row["found"] for row in found] == [[1], [2]]
-        assert states(daemon) == ["OP"] * 3
+        wait_for(lambda: states(daemon) == ["OP"] * 3, daemon)
 
 
 # --- a device is exchanged -----------------------------------------------------------------------

@@ -28,6 +28,7 @@ slaves = "none"
 [[slave]]
 position = 1
 name = "lamps"
+watchdog_ms = 5000
 """
 
 
@@ -123,6 +124,10 @@ def test_the_exchange_stands_still(daemon: Daemon) -> None:
     try:
         wait_for(lambda: check(daemon, "--timeout", "1")[0] == DOWN, daemon)
         names(check(daemon, "--timeout", "1")[1], "no cycle")
+        os.kill(server, signal.SIGCONT)  # else it is killed, since it hangs
+        wait_for(lambda: check(daemon)[0] != DOWN, daemon)
+        stop_process(server)
+        wait_for(lambda: daemon.ctl("stats", check=False).returncode != 0, daemon)
         done = daemon.ctl("stats", check=False)
         assert done.returncode == NoAnswerError.exit_code
         names(done.stdout, "NO CYCLE")

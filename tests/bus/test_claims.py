@@ -17,7 +17,7 @@ from conftest import CYCLE_TIME_US, Daemon, names, naming, wait_for
 from ecatd import shm
 from ecatd.client import Outputs, Reason
 from ecatd.model.errors import UsageError
-from handle import EARG, ELEASE, EOWNED, ERANGE, Handle
+from handle import EARG, ELEASE, EOWNED, ERANGE, ESTALE, Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -65,7 +65,9 @@ def child(program: Callable[[], object]) -> Iterator[None]:
 
 def own_lamps(daemon: Daemon) -> None:
     handle = Handle(daemon.bus)
-    assert handle.claim(EL2008, 50.0) == 0, handle.error
+    while (code := handle.claim(EL2008, 50.0)) == ESTALE:
+        pass  # a busy machine exchanges nothing for a while
+    assert code == 0, handle.error
     assert handle.write(handle.bind(EL2008, 0x7000, 1, 1), 1.0) == 0
     assert handle.commit() == 0
 
@@ -101,7 +103,9 @@ def test_r15_a_killed_owner_is_gone_and_has_released_nothing(daemon: Daemon) -> 
             with child(lambda: own_lamps(daemon)):
                 wait_for(lambda: eye.output(lamp).state is Outputs.ACTIVE, daemon)
             with Handle(daemon.bus) as successor:
-                assert successor.claim(DRIVE, 0.0) == 0
+                while (code := successor.claim(DRIVE, 0.0)) == ESTALE:
+                    pass
+                assert code == 0
                 assert eye.output(lamp).state is Outputs.SAFE
                 assert eye.output(lamp).reason is Reason.GONE
 

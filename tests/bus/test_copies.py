@@ -210,7 +210,7 @@ def test_the_output_is_safe_while_its_source_is_not_in_op(
     """EL1008 has no outputs, so the working counter is complete in SAFEOP, too."""
     rig = tmp_path / "rig.toml"
     rig.write_text(RIG)
-    config = CONFIG.replace("[gateway]", '[recovery]\nslaves = "none"\n[gateway]')
+    config = CONFIG.replace("[gateway]", '[recovery]\nslaves = "watchdog"\n[gateway]')
     daemon = start_daemon(str(rig), config=config)
     with daemon.client() as client, Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
         client.claim(0, lease=30)
@@ -283,7 +283,7 @@ def test_a_floating_point_number_becomes_an_integer(
         for value, raw in ((-2.7, 6), (-2.8, 7), (2.0, -3), (-1e9, 1000), (1e9, -32768)):
             simulator.set(0, 0x6000, 1, value)
             wait_for(lambda wanted=raw: simulator.get(0, 0x7000, 1) == wanted, daemon)  # type: ignore[misc]
-        assert client.output(output).reason == shm.Reason.START
+        wait_for(lambda: client.output(output).reason == shm.Reason.START, daemon)
 
 
 NUMBERS_RIG = """

@@ -38,7 +38,7 @@ def test_the_bus_is_described_and_in_op(troll: Daemon) -> None:
             0x1A5F3052,
             0x1A5F3052,
         ]
-        assert all(slave.al_state == 8 for slave in slaves)
+        wait_for(lambda: all(slave.al_state == 8 for slave in client.slaves()), troll)
         assert client.cycle_time == CYCLE_TIME_US / 1e6
         with Handle(troll.bus) as handle:
             assert [handle.find(2, 0x0BC03052, nth) for nth in (0, 1, 2)] == [4, 5, EBUS]
@@ -171,6 +171,7 @@ def test_a_client_of_a_bus_that_is_not_there() -> None:
 OWNER = """
 import sys, time
 from ecatd.client import Client
+from ecatd.model.errors import UnreachableError
 client = Client(sys.argv[1])
 client.claim(3, lease=float(sys.argv[2]))
 for n in range(8):
@@ -178,8 +179,11 @@ for n in range(8):
 client.commit()
 print("owns", flush=True)
 while True:
-    client.wait()
-    client.sample()
+    try:
+        client.wait()
+        client.sample()
+    except UnreachableError:  # a busy machine exchanges nothing for a while
+        pass
 """
 
 

@@ -108,12 +108,15 @@ def test_a_closed_speed_loop(model: Model, troll: Daemon) -> None:
 
 def test_the_example(troll: Daemon, tmp_path: Path) -> None:
     troll.ctl("generate", "TrollPlant", str(tmp_path), "--fmu")
-    result = subprocess.run(
-        [sys.executable, str(EXAMPLE), str(tmp_path / "TrollPlant.fmu"), "--bus", troll.bus],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    for _ in range(5):  # it ends if a busy machine exchanges nothing for 0.1 s
+        result = subprocess.run(
+            [sys.executable, str(EXAMPLE), str(tmp_path / "TrollPlant.fmu"), "--bus", troll.bus],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if result.returncode == 0:
+            break
     assert (result.returncode, result.stderr) == (0, "")
     *_, last, missed = result.stdout.splitlines()
     time, reference, measured = map(float, last.split())
@@ -155,7 +158,7 @@ def test_a_simulation_by_fmpy(model: Model, troll: Daemon) -> None:
     assert result["cycle"][-1] - result["cycle"][0] >= 299
     assert any(result["el2008.valid"])
     assert result["el2008.channel7Output"][[0, 300]].tolist() == [False, True]
-    assert outputs(troll) == [0] * 8
+    wait_for(lambda: outputs(troll) == [0] * 8, troll)
 
 
 def test_what_was_set_is_written_and_nothing_else(model: Model, troll: Daemon) -> None:

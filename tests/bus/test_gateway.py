@@ -103,7 +103,7 @@ def test_r36_the_network_reads_and_does_not_write(daemon: Daemon, network: zenoh
     with pytest.raises(NotPermittedError):
         remote.set_state("SAFEOP")
     remote.close()
-    assert {row["text"] for row in daemon.slave_rows("state")} == {"OP"}
+    wait_for(lambda: {row["text"] for row in daemon.slave_rows("state")} == {"OP"}, daemon)
 
 
 def test_nobody_can_forge_what_the_daemon_says(daemon: Daemon, network: zenoh.Session) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from test_bad_conditions import Bench
 
-from conftest import Daemon, names, one_line_error
+from conftest import Daemon, names, one_line_error, wait_for
 
 pytestmark = pytest.mark.bus
 
@@ -72,7 +72,7 @@ def test_an_identification_finds_a_slave(start: Start) -> None:
         daemon = start(*slaves)
         assert daemon.slave_rows()[place]["given_name"] == "spindle"
         assert daemon.ctl_json("sdo-read", "spindle", "0x6065")["value"] == 4711
-        assert {row["state"] for row in daemon.slave_rows()} == {"OP"}
+        wait_for(lambda: {row["state"] for row in daemon.slave_rows()} == {"OP"}, daemon)  # noqa: B023
         assert daemon.slave_rows()[place]["identification"] == 42
         names(daemon.ctl("slaves").stdout, "IDENT", "42")
         names(daemon.ctl("config", "init").stdout, "identification = 42", "identification 42")

@@ -25,6 +25,7 @@ slaves = "none"
 [[slave]]
 position = 1
 name = "lamps"
+watchdog_ms = 5000
 """
 
 Values = dict[tuple[str, frozenset[tuple[str, str]]], float]

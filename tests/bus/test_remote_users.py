@@ -118,7 +118,8 @@ def test_r36_a_user_reads_and_changes_what_the_configuration_says(site: Site) ->
             anna.register_write(0, 0x0410, b"\0")
         with pytest.raises(StateError, match="slave 99"):
             anna.sdo_write(99, 0x6060, 0, b"\x09")
-    assert {row["text"] for row in site.daemon.slave_rows("state")} == {"OP"}
+    rows = site.daemon.slave_rows
+    wait_for(lambda: {row["text"] for row in rows("state")} == {"OP"}, site.daemon)
 
 
 def test_a_user_without_rights_only_reads(site: Site) -> None:

@@ -353,7 +353,7 @@ def test_steps_are_as_far_apart_as_asked_for(tmp_path):
         times = [int(row["time_ns"]) for row in csv.DictReader(lines)]
     # A late step is followed by one in time, so that only all together say how far apart they are.
     assert len(times) > 1
-    assert times[-1] - times[0] > (len(times) - 2) * 10_000_000
+    assert times[-1] - times[0] > (len(times) - 2) * 7_500_000
 
 
 def test_example_of_the_documentation(tmp_path):

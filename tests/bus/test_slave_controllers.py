@@ -192,7 +192,7 @@ def test_an_eeprom_is_written(bus: Daemon, tmp_path: Path) -> None:
     names(again.stdout, "slave 9 (EL3102)", "nothing was written")
     bus.ctl("sii-write", "9", str(backup), "--backup", str(tmp_path / "x"), "--yes")
     assert bus.ctl_json("sii-read", "9")["sii"]["order"] == "EL3102"
-    assert all(row["text"] == "OP" for row in bus.slave_rows("state"))
+    wait_for(lambda: all(row["text"] == "OP" for row in bus.slave_rows("state")), bus)
 
 
 def test_an_eeprom_that_does_not_answer_delays_no_other(
@@ -364,7 +364,7 @@ def test_a_slave_is_reset_and_comes_back(bus: Daemon) -> None:
     names(one_line_error(asked.stderr, "ecatctl"), "slave 5", "--yes")
     document = bus.ctl_json("--timeout", "60", "reboot", "5", "--yes")
     assert document["slave"] == 5
-    assert all(row["text"] == "OP" for row in bus.slave_rows("state"))
+    wait_for(lambda: all(row["text"] == "OP" for row in bus.slave_rows("state")), bus)
     assert any(
         row["event"] == "al_state" and row["slave"] == 5 for row in bus.ctl_json("events")["events"]
     )

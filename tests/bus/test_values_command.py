@@ -37,11 +37,12 @@ def test_values_are_read_by_patterns(bus: Daemon) -> None:
     of_slave = bus.ctl_json("read", "4/*")["values"]
     addresses = [row["address"] for row in everything if row["slave"] == 4]
     assert [row["address"] for row in of_slave] == addresses
-    inputs = bus.ctl_json("read", "el3008/*value")["values"]
-    assert {(row["slave"], row["unit"], row["validity"]) for row in inputs} == {
-        (4, "V", "valid"),
-        (5, "V", "valid"),
-    }
+
+    def inputs() -> set[tuple[int, str, str]]:
+        rows = bus.ctl_json("read", "el3008/*value")["values"]
+        return {(row["slave"], row["unit"], row["validity"]) for row in rows}
+
+    wait_for(lambda: inputs() == {(4, "V", "valid"), (5, "V", "valid")}, bus)
     both = bus.ctl_json("read", "0x6041:00", "0/0x6040:00")["values"]
     assert [(row["output"], row["name"]) for row in both] == [
         (True, "Control word"),
@@ -128,7 +129,8 @@ def test_whole_numbers_keep_their_digits(bus: Daemon, tmp_path: Path) -> None:
             bus.ctl("record", "-o", str(file), target, "--for", "0.01")
         finally:
             process.terminate()
-    assert {row.split(",")[2] for row in file.read_text().splitlines()[1:]} == {"1234567891"}
+    cells = {row.split(",")[2] for row in file.read_text().splitlines()[1:]}
+    assert cells - {""} == {"1234567891"}  # empty: a late frame
 
 
 def test_cycles_are_recorded(bus: Daemon, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ VELOCITY, STATUS_WORD = 0x606C, 0x6041
 LONG_WATCHDOG = """
 [[slave]]
 position = 0
-watchdog_ms = 300
+watchdog_ms = 1000
 """
 
 

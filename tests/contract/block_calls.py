@@ -191,7 +191,7 @@ int main(int argc, char **argv) {{
   static {LIBRARY} plant;
   double time, value;
   int cycle;
-  void *master = ecatm_master_open(argv[argc - 1], 1, {sample_time}, 1, 30.0, 1, 1, 0, 0, 0, "");
+  void *master = ecatm_master_open(argv[argc - 1], 1, {sample_time}, 1, 30.0, 1, 2, 0, 0, 0, "");
   {LIBRARY}_open(&plant, master, 1);
   while (scanf("%lf", &time) == 1) {{
     cycle = ecatm_wait(master, time);

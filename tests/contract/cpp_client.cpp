@@ -57,7 +57,7 @@ static void reading_and_writing(ecat::Client& bus) {
   for (bool level : {true, false}) {
     light.write(level);
     bus.commit();
-    for (int n = 0; n < 3000 && (bus.wait(1, 30s), bus.sample(), input.read() != level); n++) continue;
+    for (int n = 0; n < 3000 && (bus.wait(1, 30s), bus.sample(), input.read() != level || !input.valid()); n++) continue;
     expect(input.read() == level && light.read() == level, "what is written comes back");
   }
   expect(bus.image().second > 0 && bus.domain().wkc_state == ECAT_WKC_COMPLETE, "the image");

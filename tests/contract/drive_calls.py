@@ -42,7 +42,7 @@ class State(IntEnum):
 
 
 RELATIVE, ABSOLUTE = 1, 2
-ERROR, CONTINUE = 1, 3  # whenFailed of the EtherCATMaster
+WAIT, CONTINUE = 2, 3  # whenFailed of the EtherCATMaster
 
 
 class Has(IntFlag):
@@ -170,7 +170,7 @@ class Player:
         slave: int,
         drive: Settings,
         start_up: Sequence[tuple[int, int, int, int]] = (),
-        failure: int = ERROR,
+        failure: int = WAIT,
         lease: float = 30.0,
     ) -> None:
         vendor, product = ((0x9A, 0x30924), (0xFFFF, 0x402))[slave]

@@ -161,9 +161,9 @@ START = """
 int main(int argc, char **argv) {
   static Plant plant;
   int n, cycle, last = 0;
-  void *master = ecatm_master_open(argv[argc - 1], 1, 0.002, 1, 30, 1, 1, 0, 0, 0, "");
+  void *master = ecatm_master_open(argv[argc - 1], 1, 0.002, 1, 30, 1, 2, 0, 0, 0, "");
   Plant_open(&plant, master, 1);
-  for (n = 0; n < 100; n++) {
+  for (n = 0; n < 1000; n++) {
     double time = 0.002 * n;
     cycle = ecatm_wait(master, time);
     Plant_read(&plant, time, cycle);
@@ -188,7 +188,7 @@ ONE_CYCLE_PER_TIME = """
 
 OUTPUTS = """
     plant.el2008.channel1Output = n >= 20;
-    plant.el2008.channel2Output = n >= 20 && n < 60;
+    plant.el2008.channel2Output = n >= 20 && n < 500;
     printf("%d %d %d\\n", n, plant.el1018.channel1Input, plant.el1018.channel2Input);
     Plant_write(&plant, time, cycle);
 """
@@ -221,8 +221,8 @@ def test_writes_reach_the_slaves_and_may_be_repeated(
     assert result.returncode == 0, result.stderr
     rows = [line.split() for line in result.stdout.splitlines()]
     assert rows[15][1:] == ["0", "0"]
-    assert rows[50][1:] == ["1", "1"]
-    assert rows[90][1:] == ["1", "0"]
+    assert rows[490][1:] == ["1", "1"]
+    assert rows[990][1:] == ["1", "0"]
 
 
 @pytest.mark.bus
@@ -257,7 +257,7 @@ def test_slaves_in_other_domains_of_the_bus(
     result = run(build(START + OUTPUTS + END, live), daemon.bus)
     assert result.returncode == 0, result.stderr
     rows = [line.split() for line in result.stdout.splitlines()]
-    assert [rows[n][1:] for n in (15, 50, 90)] == [["0", "0"], ["1", "1"], ["1", "0"]]
+    assert [rows[n][1:] for n in (15, 490, 990)] == [["0", "0"], ["1", "1"], ["1", "0"]]
     program = build("#include <unistd.h>" + START + ONE_CYCLE_PER_TIME + END, live)
     assert run(program, daemon.bus).returncode == 0
 
@@ -267,7 +267,7 @@ SLOW = """
 int main(int argc, char **argv) {
   Plant_EL2008 block;
   int n;
-  void *master = ecatm_master_open(argv[argc - 1], 1, 3, 1, 2, 1, 1, 0, 0, 0, "");
+  void *master = ecatm_master_open(argv[argc - 1], 1, 3, 1, 2, 1, 2, 0, 0, 0, "");
   Plant_EL2008_open(&block, master, 1);
   for (n = 0; n < 2; n++) Plant_EL2008_write(&block, 3 * n, ecatm_wait(master, 3 * n));
   ecatm_master_close(master);

@@ -52,7 +52,7 @@ int main(int argc, char **argv) {
   ecatm_drive_settings settings;
   int n, enabled = 0;
   double from = 0;
-  void *master = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 30, 1, 1, 0, 0, 0, "");
+  void *master = ecatm_master_open(argv[argc - 1], 1, 0.001, 1, 30, 1, 2, 0, 0, 0, "");
   ecatm_drive_defaults(&settings, ECATM_CYCLIC_VELOCITY, 1); /* 1: what follows from the units */
   Plant_Drives_GoldGCONDrive_open(&drive, master, 1, &settings, NULL, 0);
   for (n = 0; n < 20000; n++) {

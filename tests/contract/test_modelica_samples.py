@@ -110,7 +110,7 @@ TOGETHER = """
 int main(int argc, char **argv) {
   static Plant plant;
   int n, cycle, both = atoi(argv[2]);
-  void *master = ecatm_master_open(argv[1], 1, 0.002, 1, 0.5, 1, 1, 0, 0, 0, "");
+  void *master = ecatm_master_open(argv[1], 1, 0.002, 1, 30, 1, 2, 0, 0, 0, "");
   Plant_open(&plant, master, 1);
   for (n = 1; n < 200; n++) {
     double time = 0.002 * n;

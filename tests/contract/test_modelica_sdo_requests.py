@@ -125,6 +125,7 @@ def test_only_an_edge_asks_and_the_last_evaluation_of_a_time_counts(call: Run) -
   cycle = sample();
   printf("%d\\n", ecatm_sdo_write_integer(sdo, now, cycle, 1, 4));
   printf("%d\\n", ecatm_sdo_write_integer(sdo, now, cycle, 1, 5)); /* this value is written */
+  while (ecatm_sdo_write_integer(sdo, now, sample(), 1, 6) == 1) continue; /* 1: it is busy */
   for (n = 0; n < 100; n++) ecatm_sdo_write_integer(sdo, now, sample(), 1, 6);
   printf("%d\\n", ecatm_sdo_write_integer(sdo, now, sample(), 1, 7)); /* still true: no edge */
   answer(other);

@@ -13,7 +13,7 @@ static int failures[2];
 static void work(ecat::Client& bus, unsigned channel) {
   auto light = bus.output<bool>(channel == 1 ? "EL2008/0x7000:01" : "EL2008/0x7010:01");
   for (int round = 0; round < 5; round++) {
-    ecat::Claim claim = bus.claim(light, 500ms);
+    ecat::Claim claim = bus.claim(light, 30s);
     ecat::Request question = bus.upload(0, 0x1018, channel);
     for (int n = 0; n < 200; n++) {
       bus.wait(1, 10s);

@@ -9,7 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from conftest import CYCLE_TIME_US, PYTHON, Daemon, names, naming, one_line_error, run_module
+from conftest import (
+    CYCLE_TIME_US,
+    PYTHON,
+    Daemon,
+    names,
+    naming,
+    one_line_error,
+    run_module,
+    wait_for,
+)
 from ecatd.model.errors import EcatError, StateError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -49,7 +58,7 @@ def test_pdos_names_every_entry(troll: Daemon) -> None:
 
 
 def test_state_shows_and_changes(troll: Daemon) -> None:
-    assert troll.ctl("state").stdout.count("OP") == 8
+    wait_for(lambda: troll.ctl("state", check=False).stdout.count("OP") == 8, troll)
     assert troll.ctl("state", "SAFEOP", "-p", "3").stdout.split()[-1] == "SAFEOP"
     rows = troll.slave_rows("state")
     assert [row["text"] for row in rows] == ["OP"] * 3 + ["SAFEOP"] + ["OP"] * 4

@@ -114,7 +114,8 @@ def test_the_rig_and_device_files(tmp_path: Path) -> None:
     assert re.search(r"2 0000ffff:00000020:00000000 +1 +4 +1:1 +Valve\n$", checked.stdout)
     master = (
         "import sys, time, pysoem; m = pysoem.Master(); m.open('ecat-master'); m.config_init(); "
-        "m.config_map(); valve = m.slaves[2]; m.state_check(4, 2_000_000); m.state = 8; "
+        "m.config_map(); [s.set_watchdog('processdata', 3000) for s in m.slaves]; "
+        "valve = m.slaves[2]; m.state_check(4, 2_000_000); m.state = 8; "
         "m.send_processdata(); m.write_state(); "
         "wait = lambda: (m.send_processdata(), m.receive_processdata(10_000), time.sleep(0.001)); "
         # Ends with the first OP: without process data the watchdog would take the slaves out of it.

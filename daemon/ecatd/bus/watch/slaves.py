@@ -155,6 +155,8 @@ class SlaveWatch:
         self._find_strangers(sum(bool(item.al_state) for item in self.states))
         for now in changed:
             row = self._rows[now.position]
+            if now.al_code:  # before the state: whoever sees an error must see its code
+                row.al_code = now.al_code
             row.al_state, row.al_code = now.al_state, now.al_code
         return changed
 
