@@ -385,7 +385,7 @@ def test_more_slaves_than_at_the_start(start_daemon: Callable[..., Daemon], tmp_
     bench.ctl("heal-link", "3")
     bench.wait_for_log("slave count changed: 3, now 4: a slave was added behind slave 2 (EL1018)")
     bench.wait_for_event("slaves", found=4, expected=3)
-    assert bench.health().slaves_found == 4
+    bench.wait_for(lambda: bench.health().slaves_found == 4)
     bench.wait_for_data()
     bench.ctl("break-link", "3")
     bench.wait_for_log("all 3 slaves answer, and no others")
@@ -511,9 +511,9 @@ def test_a_ring_that_is_cut_anywhere(ring: Bench, place: int) -> None:
     assert f"OPEN {where}, second interface up" in ring_of(ring)
     exchange_everything(ring, 20)
     ring.wait_for_data()
-    assert ring.health().slaves_found == SLAVES
+    ring.wait_for(lambda: ring.health().slaves_found == SLAVES)
     # Mailbox and registers reach all of them, too.
-    assert {row["text"] for row in ring.daemon.slave_rows("state")} == {"OP"}
+    ring.wait_for(lambda: {row["text"] for row in ring.daemon.slave_rows("state")} == {"OP"})
     ring.ctl("heal-link", *cable)
     ring.wait_for_log("the ring is closed", 2)
     ring.wait_for_event("ring", state="closed")

@@ -139,7 +139,7 @@ def test_signals_that_end_nothing(daemon: Daemon, tmp_path: Path, number: int) -
 
 
 def test_a_command_waits_for_a_gateway_that_starts(daemon: Daemon, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "ecatd.cli", "slaves"]
+    command = [sys.executable, "-m", "ecatd.cli", "--timeout", "60", "slaves"]
     with (
         subprocess.Popen(command, env=daemon.env, stdout=subprocess.DEVNULL) as early,
         gateway_of(daemon, tmp_path),

@@ -222,7 +222,11 @@ def test_a_limit_of_working_counters_counts_at_once(start_daemon: Callable[..., 
         log = reload(daemon, changed, "configuration read again; changed")
         names(log, "outputs.wkc_limit", "mailbox.share")
         with pytest.raises(LeaseError, match=naming("take part")):
-            sends(daemon, client, torque, 120)
+            while True:  # until enough cycles in a row are wrong
+                client.wait()
+                client.sample()
+                torque.raw = 120
+                client.commit()
     wait_for(lambda: "wrong working counters in a row" in daemon.log, daemon)
     assert daemon.ctl("sdo-read", "0", "0x1018", "1").returncode == 0
     assert in_force(daemon)["mailbox.share"] == 0.05

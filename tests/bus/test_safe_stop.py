@@ -22,10 +22,13 @@ DRIVE, EL2008 = 0, 3
 SPEED = 200_000
 READY, SWITCHED_ON, ENABLED, DISABLED, QUICK_STOP = 0x21, 0x23, 0x27, 0x40, 0x07
 BASE = "[gateway]\nlisten = []\n"
+# A busy machine may exchange nothing for longer than the usual 100 ms.
+WATCHDOG = "[[slave]]\nposition = 0\nwatchdog_ms = 1000\n"
 
 
 def stop_rule(value: str, more: str = "") -> str:
-    return f"{BASE}{more}[[outputs.safe]]\nslave = 0\nvalue = '{value}'\nstop_timeout_s = 10\n"
+    base = f"{BASE}{WATCHDOG}{more}"
+    return f"{base}[[outputs.safe]]\nslave = 0\nvalue = '{value}'\nstop_timeout_s = 10\n"
 
 
 class Drive:
@@ -209,7 +212,7 @@ def test_disable_operation_brakes_too(start_daemon: Callable[..., Daemon]) -> No
 
 
 def test_a_drive_that_stays_in_quick_stop_has_its_time(start_daemon: Callable[..., Daemon]) -> None:
-    config = stop_rule("quick_stop").replace("= 10", "= 0.3")
+    config = stop_rule("quick_stop").replace("stop_timeout_s = 10", "stop_timeout_s = 0.3")
     daemon = start_daemon("troll", config=config)
     with Drive(daemon) as drive:
         drive.sdo(0x605A, struct.pack("<h", 6))

@@ -17,11 +17,6 @@ from ecatsim.control import Simulator
 
 MAIN, BUS, GATEWAY = "main", "ecatd.bus", "ecatd.gateway"
 VELOCITY, STATUS_WORD = 0x606C, 0x6041
-LONG_WATCHDOG = """
-[[slave]]
-position = 0
-watchdog_ms = 1000
-"""
 
 
 class Machine:
@@ -83,7 +78,7 @@ def turning_drive(tmp_path: Path) -> Iterator[Machine]:
                 tmp_path,
                 "",
                 *("--interface", at["interface"]),
-                config=stop_rule("quick_stop", LONG_WATCHDOG),
+                config=stop_rule("quick_stop"),
                 preexec=lambda: join(at["pid"]),
             ).wait_ready()
             with Drive(daemon) as drive:
