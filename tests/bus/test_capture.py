@@ -123,11 +123,12 @@ def test_without_memory(start_daemon: Callable[..., Daemon], tmp_path: Path) -> 
 
 
 def test_a_fault_is_in_a_file(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
-    folder = tmp_path / "faults"
-    daemon = start_daemon("troll", config=f'[capture]\nfolder = "{folder}"\nkeep = 2\n')
-    if list(folder.iterdir()):  # on the way to OP nothing is a fault
-        assert "incomplete" in daemon.ctl("events").stdout
-        pytest.skip("this machine is so busy that a frame was late")
+    for number in range(5):  # on a busy machine a frame may be late, which is a fault
+        folder = tmp_path / f"faults{number}"
+        daemon = start_daemon("troll", config=f'[capture]\nfolder = "{folder}"\nkeep = 2\n')
+        if not list(folder.iterdir()):
+            break
+    assert not list(folder.iterdir())  # on the way to OP nothing is a fault
     for day in (1, 2, 3):
         (folder / f"{daemon.bus}-2026010{day}T000000.000000Z.pcapng").touch()
     (folder / "zero.pcapng").touch()

@@ -154,8 +154,6 @@ def test_r44_a_fault_and_its_end_are_told_once(bench: Bench, name: str) -> None:
     bench.wait_for_op()
     bench.wait_for_data()
     wait_for_tries(bench)
-    if "no slave answers" in bench.daemon.log[since:]:
-        pytest.skip("this machine stood still, which is another fault")
     assert facts(bench.events) == told
     lines = [
         line

@@ -273,7 +273,7 @@ def test_a_break_anywhere_in_a_ring_loses_nothing(place):
             write_all(client, b, 0)
             until(lambda: returned(client, b, 0), "the pattern")
             until(lambda: health.ring == shm.Ring.CLOSED)
-            missed = []
+            wrong = []
             for number in range(1, 4):
                 lost, bad = health.lost - health.late, health.wkc_bad
                 b.esc.break_link(*at, True)
@@ -282,12 +282,12 @@ def test_a_break_anywhere_in_a_ring_loses_nothing(place):
                 assert health.slaves_found == 4
                 write_all(client, b, number)
                 until(lambda number=number: returned(client, b, number), "the pattern")
-                missed.append((health.lost - health.late - lost, health.wkc_bad - bad))
+                # At most the frames that were under way are lost.
+                assert health.lost - health.late - lost <= 2
+                wrong.append(health.wkc_bad - bad)
                 b.esc.break_link(*at, False)
                 until(lambda: health.ring == shm.Ring.CLOSED, "the repair")
-            # At most the frames that were under way are lost. A busy machine makes others late.
-            assert min(lost for lost, _ in missed) <= 2
-            assert min(bad for _, bad in missed) <= 2
+            assert min(wrong) <= 2  # a busy machine makes other frames late, too
         told = [(e.value, e.slave) for e in b.events() if e.type == EventType.RING]
         assert (shm.Ring.OPEN, place) in told
         assert told[-1][0] == shm.Ring.CLOSED

@@ -114,7 +114,7 @@ def test_recovery(tmp_path: Path) -> None:
     power, group, told = result["power"], result["group"], result["told"]
     assert (power["losses"], power["verified"], group["joins"]) == (1, 1, 2)
     for part in (power, group):
-        assert part["fallen"] >= 0  # on a busy machine, watchdogs may take slaves out of OP
+        assert part["fallen"] == 0
         assert 0 < part["median"] <= part["longest"]
         assert min(part[kind]["cycles"] for kind in ("changes", "pauses")) > 0
     assert group["asked"] > 0

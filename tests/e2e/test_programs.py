@@ -53,14 +53,23 @@ def run(*command: str | Path, **options: str) -> str:
     return result.stdout
 
 
+def said_by(*command: str | Path) -> str:
+    """What a program prints; it runs again if a frame came too late on a busy machine."""
+    for _ in range(5):
+        said = run(*command)
+        if not re.search("INCOMPLETE|valid: 0", said):
+            break
+    return said
+
+
 # --- the page -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("language", "compiler", "expected"),  # on a busy machine a frame may come too late
+    ("language", "compiler", "expected"),
     [
         ("c", "gcc", r"after 1000 cycles the input is 1\n"),
-        ("cpp", "g++", r"the input is 1, valid: [01]\nserial number \d+\n"),
+        ("cpp", "g++", r"the input is 1, valid: 1\nserial number \d+\n"),
     ],
 )
 def test_the_compiled_program(
@@ -72,14 +81,14 @@ def test_the_compiled_program(
     flags = shlex.split(run_module("ecatd.cli", "client-flags").stdout)
     standard = "-std=c99" if language == "c" else "-std=c++17"
     run(compiler, standard, *WARNINGS, file, *flags, "-o", tmp_path / "program")
-    assert re.fullmatch(expected, run(tmp_path / "program"))
+    assert re.fullmatch(expected, said_by(tmp_path / "program"))
 
 
 @pytest.mark.parametrize(
     ("number", "expected"),
     [
-        (0, r"the input is 1 (VALID|INCOMPLETE)\nserial number \d+\n"),
-        (1, r"(\d+ -?[\d.]+ -?[\d.]+ (VALID|INCOMPLETE)\n){5}"),
+        (0, r"the input is 1 VALID\nserial number \d+\n"),
+        (1, r"(\d+ -?[\d.]+ -?[\d.]+ VALID\n){5}"),
         (2, r"(-?\d+ -?\d+\n){3}"),
         (3, r"[1-9]\d* cycles, \d+ frames lost\nP99 [\d.]+ µs, longest [\d.]+ µs\n"),
     ],
@@ -87,7 +96,7 @@ def test_the_compiled_program(
 def test_the_python_programs(number: int, expected: str, troll: Daemon) -> None:
     if "domain_array" in (source := blocks("python", troll.bus)[number]):
         pytest.importorskip("numpy")
-    assert re.fullmatch(expected, run(sys.executable, "-W", "error", "-c", source))
+    assert re.fullmatch(expected, said_by(sys.executable, "-W", "error", "-c", source))
 
 
 def test_every_program_of_the_page_is_run() -> None:

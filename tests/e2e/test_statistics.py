@@ -103,11 +103,13 @@ def test_stats_since_the_start(rates: Daemon) -> None:
 
 
 def test_every_domain_has_its_row(rates: Daemon) -> None:
-    fast, slow = complete_stats(rates)["domains"]
+    document = complete_stats(rates)
+    fast, slow = document["domains"]
     assert (fast["name"], fast["divider"], slow["name"], slow["divider"]) == ("fast", 1, "slow", 10)
     assert fast["wkc_state"] == slow["wkc_state"] == "complete"
     assert (fast["wkc"], slow["wkc"]) == (fast["wkc_expected"], slow["wkc_expected"])
-    assert fast["exchanges"] > 2 * slow["exchanges"] > 0  # a missed cycle costs only `fast` one
+    # A missed cycle costs `fast` an exchange; `slow` makes up for it.
+    assert fast["exchanges"] + document["missed"] > 9 * slow["exchanges"] > 0
     rows = rates.ctl("stats").stdout.split("DOMAIN, SINCE START")[1].splitlines()
     assert [row.split()[:3] for row in rows[1:3]] == [["0", "fast", "1"], ["1", "slow", "10"]]
 
@@ -288,7 +290,7 @@ def test_watch_redraws_in_place_and_gives_the_cursor_back(
     assert text.count("\033[2J") == 1  # the screen is cleared once, then written over
     first, *others = drawn_screens(text)
     assert "LAST " not in "\n".join(first)
-    assert "LAST " in "\n".join(others[0])
+    assert re.search(r"LAST [\d.]+ s", "\n".join(others[0]))
     for lines in (first, *others):
         assert max(len(line) for line in lines) <= 80
         assert len(lines) < 24  # the line below is the cursor's

@@ -91,7 +91,7 @@ def test_nothing_from_outside_ends_the_engine_or_mixes_frames(driver, kind, port
 def test_the_relay_answers_or_keeps_silent_but_never_hangs_or_lies(driver, kind, ports):
     found = run(driver(kind, "relay"), FRAMES, ports)
     assert found["sent"] >= FRAMES
-    assert found["answered"] > found["sent"] / 10
+    assert found["answered"] > found["sent"] / 2
     assert found["answered"] + found["silent"] == found["sent"]
     for what in ("silent", "junk", "lost", "repeated", "damaged", "swaps", "follows"):
         assert found[what] > 3, what

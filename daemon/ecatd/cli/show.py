@@ -37,8 +37,8 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
 def slaves(remote: Remote, options: argparse.Namespace) -> int:
     """Lists the slaves in the order of the wire."""
     bus = remote.describe()
-    states = {row["position"]: row for row in remote.states()}
-    differences = remote.health().differences
+    health = remote.health()
+    states = {row["position"]: row for row in health.rows}
     if options.json:
         rows = [
             {
@@ -76,12 +76,12 @@ def slaves(remote: Remote, options: argparse.Namespace) -> int:
                 "bus": bus.name,
                 "fingerprint": f"{bus.fingerprint:016x}",
                 "slaves": rows,
-                "differences": differences,
+                "differences": health.differences,
             }
         )
     else:
         _print_slaves(bus, states)
-        _print_differences(differences)
+        _print_differences(health.differences)
     return check_slaves(states.values())
 
 
@@ -215,10 +215,12 @@ def _meaning(entry: Entry) -> str:
 def state(remote: Remote, options: argparse.Namespace) -> int:
     """Shows the AL states, or brings slaves to one."""
     chosen = None if options.slave is None else remote.describe().find(options.slave).position
-    wanted = options.state
-    rows = remote.states() if wanted is None else remote.set_state(wanted, chosen)
+    if options.state is not None:
+        remote.set_state(options.state, chosen)
+    health = remote.health()
+    rows = health.rows
     shown = rows if chosen is None else [row for row in rows if row["position"] == chosen]
-    differences = remote.health().differences if chosen is None else []
+    differences = health.differences if chosen is None else []
     if options.json:
         print_json({"bus": remote.bus, "slaves": shown, "differences": differences})
     else:

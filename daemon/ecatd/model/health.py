@@ -19,6 +19,7 @@ class Health:
     """The health of the slaves of a bus.
 
     Attributes:
+        rows: AL states of all slaves, as `Remote.states` returns them.
         expected: Number of slaves that should be there: all but optional ones that are absent, and
             those that were missing at the start, so that they are no part of the bus.
         in_op: Number of those that are in OP.
@@ -29,6 +30,7 @@ class Health:
             only some are there, and `differences`.
     """
 
+    rows: list[dict[str, Any]]
     expected: int
     in_op: int
     absent: int
@@ -67,7 +69,7 @@ def look_at(reply: Mapping[str, Any]) -> Health:
     differences += filter(None, [reply.get("others")])
     problems += differences
     count = len(expected) + sum(len(item["expected"]) for item in missing)
-    return Health(count, len(in_op), len(rows) - len(expected), differences, problems)
+    return Health(rows, count, len(in_op), len(rows) - len(expected), differences, problems)
 
 
 def _incomplete(rows: list[Mapping[str, Any]], there: set[str]) -> Iterator[str]:
