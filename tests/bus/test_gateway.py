@@ -18,7 +18,7 @@ import zenoh
 
 from conftest import CYCLE_TIME_US, Daemon, names, naming, wait_for
 from ecatd.client.remote import Remote
-from ecatd.encoding import frame, pack, unpack
+from ecatd.encoding import LENGTH, frame, pack, unpack
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import NoAnswerError, NotPermittedError, StateError, UsageError
 from ecatd.paths import control_socket, zenoh_socket
@@ -289,6 +289,38 @@ def test_r38_a_change_that_arrives_twice_is_carried_out_once(daemon: Daemon) -> 
     assert "error" not in ask(session, key, payload)[0]
     assert daemon.ctl("sdo-read", "0", "0x6060").stdout == "0x08 8\n"
     session.close()
+
+
+def test_r38_a_change_that_arrives_again_at_another_gateway_is_carried_out_once(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    daemon = start_daemon("troll")
+    key = bus_key(daemon.bus, "rw", "sdo", "0", "0x6060", "0x00")
+    payload = pack({"id": "same", "data": b"\x09"})
+    session = local(daemon)
+    answer = ask(session, key, payload)[0]
+    session.close()
+    daemon.ctl("sdo-write", "0", "0x6060", "0", "8")
+    gateway = daemon.child_pid("ecatd.gateway")
+    os.kill(gateway, signal.SIGKILL)
+    wait_for(lambda: daemon.ctl("info", check=False).returncode == 0, daemon)
+    assert daemon.child_pid("ecatd.gateway") != gateway
+    session = local(daemon)
+    assert ask(session, key, payload)[0] == answer
+    assert daemon.ctl("sdo-read", "0", "0x6060").stdout == "0x08 8\n"
+    session.close()
+
+
+@pytest.mark.parametrize("once", ["x", ["x"], ["x", 1], {}, 7])
+def test_a_gateway_that_names_no_user_for_a_change(daemon: Daemon, once: object) -> None:
+    path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
+    with socket.socket(socket.AF_UNIX) as gateway:
+        gateway.connect(str(path))
+        body = {"op": "set_log_level", "level": "debug", "part": "dc", "by": "test"}
+        gateway.sendall(frame({"id": 1, "once": once, **body}))
+        (length,) = LENGTH.unpack(gateway.recv(LENGTH.size, socket.MSG_WAITALL))
+        error = unpack(gateway.recv(length, socket.MSG_WAITALL))["error"]
+        names(error["message"], "'once'", "user", "id")
 
 
 @pytest.mark.parametrize(

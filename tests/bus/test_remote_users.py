@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import socket
 import subprocess
 from collections.abc import Callable
@@ -14,7 +15,13 @@ from conftest import Daemon, names, naming, one_line_error, run_module, wait_for
 from ecatd.client.identity import read_identity
 from ecatd.client.remote import Remote
 from ecatd.encoding import pack, unpack
-from ecatd.model.errors import NotPermittedError, StateError, UnreachableError, UsageError
+from ecatd.model.errors import (
+    NoAnswerError,
+    NotPermittedError,
+    StateError,
+    UnreachableError,
+    UsageError,
+)
 from ecatd.zenoh_keys import bus_key, session_config
 
 pytestmark = [
@@ -192,6 +199,34 @@ def test_r36_who_is_not_let_in(site: Site, tmp_path: Path) -> None:
     with pytest.raises(UnreachableError, match="ecatctl remote user"):
         Remote(site.daemon.bus, site.endpoint, 1.0)
     assert site.as_user("anna").info()["host"]
+
+
+@pytest.mark.long
+def test_who_may_not_and_who_gets_no_answer_are_told_apart(
+    start_daemon: Callable[..., Daemon], site: Site
+) -> None:
+    port = _free_port()
+    daemon = start_daemon("troll", config=CONFIG.format(port=port, folder=site.folder))
+    server = daemon.child_pid("ecatd.bus")
+    users = {
+        name: Remote(daemon.bus, f"tls/127.0.0.1:{port}", 2.0, site[name])
+        for name in ("anna", "carl")
+    }
+    os.kill(server, signal.SIGSTOP)
+    try:
+        with pytest.raises(NoAnswerError, match=naming("2 s", "bus server", "change")):
+            users["anna"].sdo_write(0, 0x6060, 0, b"\x09")
+        with pytest.raises(NoAnswerError, match=naming("2 s", "bus server")):
+            users["anna"].states()
+        with pytest.raises(NotPermittedError, match=naming("'carl'", "[[gateway.user]]")):
+            users["carl"].set_state("OP")
+    finally:
+        daemon.kill_all()
+    for user in users.values():
+        for ask in (user.info, lambda user=user: user.set_state("OP")):
+            with pytest.raises(UnreachableError, match=naming(f"127.0.0.1:{port}", "ended")):
+                ask()
+        user.close()
 
 
 def expired_identity(authority: Path, folder: Path) -> Path:

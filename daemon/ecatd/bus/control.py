@@ -17,6 +17,7 @@ from ecatd.model.errors import EcatError, UnreachableError, UsageError
 from ecatd.model.requests.parsing import parse_request
 from ecatd.paths import make_dir
 
+from .once import Once
 from .server import BusServer
 from .watch.rate_limiter import Batch
 
@@ -34,6 +35,7 @@ class ControlSocket:
         self._log = log
         self._clients: set[_Client] = set()
         self._tasks: set[asyncio.Task[None]] = set()
+        self._once = Once()
         self._socket: asyncio.Server | None = None
         # A client that connects again and again must not fill the log of the bus.
         self._problems = Batch[str](self._report_problems)
@@ -51,7 +53,10 @@ class ControlSocket:
         old = os.umask(0o177)
         try:
             self._socket = await loop.create_unix_server(
-                lambda: _Client(server, self._clients, self._tasks, self._log, self._problems.note),
+                lambda: _Client(
+                    *(server, self._once, self._clients, self._tasks),
+                    *(self._log, self._problems.note),
+                ),
                 self._path,
             )
         except OSError as error:
@@ -85,6 +90,7 @@ class ControlSocket:
             client.close()
         for task in list(self._tasks):
             task.cancel()
+        self._once.close()
         self._path.unlink(missing_ok=True)
 
 
@@ -93,6 +99,7 @@ class _Client(Connection):
 
     Args:
         server: Answers its requests.
+        once: Keeps the answers to changes, of all clients.
         clients: All connected clients; this one adds itself.
         tasks: The tasks of all requests that are being carried out.
         log: The log for defects.
@@ -103,6 +110,7 @@ class _Client(Connection):
     def __init__(
         self,
         server: BusServer,
+        once: Once,
         clients: set[_Client],
         tasks: set[asyncio.Task[None]],
         log: Log,
@@ -110,6 +118,7 @@ class _Client(Connection):
     ) -> None:
         super().__init__(MAX_MESSAGE)
         self._server = server
+        self._once = once
         self._clients = clients
         self._tasks = tasks
         self._log = log
@@ -162,7 +171,7 @@ class _Client(Connection):
     async def _answer(self, message: dict[str, Any]) -> None:
         identity = message.pop("id", None)
         try:
-            reply = {"id": identity, "ok": await self._server.answer(parse_request(message))}
+            reply = {"id": identity, "ok": await self._carry_out(message)}
         except EcatError as error:
             reply = {"id": identity, "error": error.to_reply()}
         except Exception as error:
@@ -173,3 +182,14 @@ class _Client(Connection):
                 "error": EcatError(f"defect in the daemon: {error!r}").to_reply(),
             }
         self.send(reply)
+
+    async def _carry_out(self, message: dict[str, Any]) -> dict[str, Any]:
+        """Carries out a request; a change has its user and its `id` in `once`."""
+        once = message.pop("once", None)
+        request = parse_request(message)
+        match once:
+            case None:
+                return await self._server.answer(request)
+            case [str(user), str(change)]:
+                return await self._once.answer(user, change, lambda: self._server.answer(request))
+        raise UsageError(f"'once' of {request.op} must be a list of two texts: user and id")

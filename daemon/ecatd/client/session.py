@@ -23,7 +23,7 @@ from ecatd.model.queries import to_query
 from ecatd.model.requests.request import Request
 from ecatd.paths import read_host, search_dirs, zenoh_socket
 from ecatd.systemd_services import how_to_start
-from ecatd.zenoh_keys import AS, bus_key, bus_of, full_name, session_config
+from ecatd.zenoh_keys import AS, RIGHTS, bus_key, bus_of, full_name, session_config
 
 from .identity import find_identity, is_encrypted, whose
 
@@ -201,6 +201,11 @@ class Session:
 
     def _silence(self, key: tuple[str, ...]) -> EcatError:
         """Why no answer came: a change that is asked for from the network gets none at all."""
+        if self._connect and not self.zenoh.info.transports():
+            return UnreachableError(
+                f"the connection to {self._connect} has ended, or was never made: ecatd there has "
+                "ended, or its machine cannot be reached now" + self._doubt(key)
+            )
         buses = self.alive()
         alive = self._full_name in buses
         if buses and not alive and not self._is_local:
@@ -220,20 +225,33 @@ class Session:
             start = how_to_start(self.bus.rpartition("/")[2])
             return UnreachableError(f"no ecatd serves bus '{self.bus}' there; {start}")
         silent = f"the daemon of bus '{self.bus}' gave no answer"
-        if key[0] == AS:
+        if key[0] == AS and not self._is_known:
             return NotPermittedError(
                 f"{silent} to user '{self.user}': it does not know this user (`[[gateway.user]]` "
-                "of its configuration), or is busy"
+                "of its configuration)"
             )
         if key[0] == "rw" and not self._is_local:
             return NotPermittedError(
                 f"{silent}: changes are permitted on its own machine to members of the group "
                 f"'ecat', and to users with a certificate (`ecatctl remote`)"
             )
-        silent += f" within {self.timeout:g} s: its bus server is busy, or hangs"
-        if key[0] == "rw":
-            silent += "; the change may still be carried out, so look before you ask again"
-        return NoAnswerError(silent)
+        return NoAnswerError(
+            f"{silent} within {self.timeout:g} s: its bus server is busy, or hangs"
+            + self._doubt(key)
+        )
+
+    @property
+    def _is_known(self) -> bool:
+        """Whether the daemon knows the user. Its gateway answers that without the bus server."""
+        key = bus_key(self._full_name, AS, self.user, *RIGHTS)
+        return any(reply.ok for reply in self.zenoh.get(key, timeout=self.timeout))
+
+    @staticmethod
+    def _doubt(key: tuple[str, ...]) -> str:
+        """What whoever has asked for a change must know about it, if no answer came."""
+        if "rw" not in key[:3]:
+            return ""
+        return "; the change may still be carried out, so look before you ask again"
 
     @property
     def user(self) -> str:

@@ -75,8 +75,14 @@ class BusClient(Connection):
         self._waiting.clear()
         self._on_end()
 
-    def ask(self, request: Request) -> Answer:
-        """Sends a request; returns a future with its answer, or with an `EcatError`."""
+    def ask(self, request: Request, once: tuple[str, str] | None = None) -> Answer:
+        """Sends a request; returns a future with its answer, or with an `EcatError`.
+
+        Args:
+            request: The request.
+            once: For a change: the user, and what the user calls it. The bus server carries out a
+                change once, and answers it as often as it comes.
+        """
         answer: Answer = asyncio.get_running_loop().create_future()
         if not self.is_open:
             answer.set_exception(UnreachableError("the bus server has ended"))
@@ -87,5 +93,6 @@ class BusClient(Connection):
         else:
             number = next(self._numbers)
             self._waiting[number] = answer
-            self.send({"id": number, **to_map(request)})
+            message = {"id": number, **to_map(request)}
+            self.send(message if once is None else {**message, "once": once})
         return answer

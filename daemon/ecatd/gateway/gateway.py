@@ -6,7 +6,6 @@ import asyncio
 import os
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -26,6 +25,7 @@ from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError, U
 from ecatd.model.log_levels import DEFAULTS
 from ecatd.model.queries import changes, from_query, read_flag, read_parameters
 from ecatd.model.requests.bus import Describe, ReadConfig, ReadStates
+from ecatd.model.requests.files import PutFoe
 from ecatd.model.requests.log import ReadLogLevels
 from ecatd.model.requests.request import Request, on_behalf
 from ecatd.paths import (
@@ -58,9 +58,6 @@ _OPEN_PATIENCE, _OPEN_PAUSE = 5.0, 0.005
 """Seconds that Zenoh has to listen on the local socket, and seconds between two looks."""
 _CLOSE_PATIENCE = 1.0
 """Seconds that Zenoh has to close its session."""
-_REMEMBERED = 1024
-"""Number of changes whose answers are kept: a change that arrives twice is carried out once."""
-
 _SECTIONS = ("bus", "gateway", "realtime")
 """What the gateway uses of the configuration."""
 
@@ -92,7 +89,6 @@ class Gateway:
         self._metrics: MetricsServer | None = None
         self._streams: Streams | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._answers: OrderedDict[tuple[str, str], Answer] = OrderedDict()
         self._rates: dict[str, Rate] = {}
         self._description: Answer | None = None  # once somebody has asked for it
         self._named = Bus(name, 0)  # has slaves if the rights of users name some
@@ -327,15 +323,12 @@ class Gateway:
         return to_map(read(self._name), buckets=buckets)
 
     def _once(self, user: UserConfig | None, identity: Any, request: Request) -> Answer:
-        """Carries out a change; returns the earlier answer if its id has come before."""
+        """Carries out a change; the answer is the earlier one if its id has come before."""
         if not isinstance(identity, str) or not 1 <= len(identity) <= 64:
             raise UsageError("a change needs an 'id': a text of 1 to 64 characters, new each time")
-        whose = (user.name if user else "", identity)
-        if whose not in self._answers:
-            self._answers[whose] = self._bus.ask(request)
-            if len(self._answers) > _REMEMBERED:
-                self._answers.popitem(last=False)
-        return self._answers[whose]
+        if isinstance(request, PutFoe):  # its offset says whether it has come before
+            return self._bus.ask(request)
+        return self._bus.ask(request, (user.name if user else "", identity))
 
     def _on_event(self, event: dict[str, Any]) -> None:
         if event["event"] in ("configuration", "log_levels"):
