@@ -30,6 +30,9 @@ T = TypeVar("T")
 
 _REQUESTS_MAX, _OF_ONE_SLAVE_MAX = 128, 32
 """Requests that may wait, in all and for one slave; further ones are refused with BusyError."""
+_FOR_CHANGES = 0.25
+"""The share of these places that only requests which change something may take. Everybody who may
+read can ask for as much as he likes, and must not keep others from their changes."""
 _PATIENCE = 10.0
 """Seconds after which a request that could not begin is given up."""
 
@@ -55,12 +58,15 @@ class Conversations:
         self._waiting = 0
         self._note = note
 
-    async def coe(self, slave: Slave, part: Callable[[Coe], Talk[T]]) -> T:
+    async def coe(
+        self, slave: Slave, part: Callable[[Coe], Talk[T]], *, changes: bool = False
+    ) -> T:
         """Has a conversation about the objects of a slave, once the request has its turn.
 
         Args:
             slave: The slave, which speaks CoE.
             part: The conversation, for example `coe.upload`.
+            changes: Whether it belongs to a request that changes something.
 
         Raises:
             BusyError: Too many requests are waiting, or this one waited too long.
@@ -74,10 +80,12 @@ class Conversations:
             yield from coe.open()
             return (yield from part(coe))
 
-        return await self._hold(slave, coe, talk())
+        return await self._hold(slave, coe, talk(), changes)
 
     async def foe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
         """Has a conversation about files of a slave, once the request has its turn.
+
+        Only users with a right to do so transfer files, so this counts as a change.
 
         Args:
             slave: The slave.
@@ -88,15 +96,19 @@ class Conversations:
             StateError: The slave is in INIT, or has no mailbox.
             EcatError: As the conversation raises.
         """
-        return await self._other(slave, part, FOE_LEAST, _WITHOUT_FOE, "files (FoE)")
+        return await self._other(slave, part, FOE_LEAST, _WITHOUT_FOE, "files (FoE)", True)
 
-    async def soe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
-        """Has a conversation about IDNs of a drive, as `foe`."""
-        return await self._other(slave, part, SOE_LEAST, _WITHOUT_SOE, "IDNs (SoE)")
+    async def soe(
+        self, slave: Slave, part: Callable[[Mailbox], Talk[T]], *, changes: bool = False
+    ) -> T:
+        """Has a conversation about IDNs of a drive, as `coe`."""
+        return await self._other(slave, part, SOE_LEAST, _WITHOUT_SOE, "IDNs (SoE)", changes)
 
-    async def eoe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
-        """Has a conversation about the IP parameters of a slave, as `foe`."""
-        return await self._other(slave, part, EOE_LEAST, _WITHOUT_EOE, "Ethernet (EoE)")
+    async def eoe(
+        self, slave: Slave, part: Callable[[Mailbox], Talk[T]], *, changes: bool = False
+    ) -> T:
+        """Has a conversation about the IP parameters of a slave, as `coe`."""
+        return await self._other(slave, part, EOE_LEAST, _WITHOUT_EOE, "Ethernet (EoE)", changes)
 
     async def _other(
         self,
@@ -105,6 +117,7 @@ class Conversations:
         least: int,
         without: Mapping[AlState, str],
         what: str,
+        changes: bool,
     ) -> T:
         """Has a conversation of a protocol other than CoE, and notes emergencies meanwhile."""
         coe = self._master.coe(slave.position, alone=True)
@@ -115,7 +128,7 @@ class Conversations:
             return (yield from part(coe.mailbox))
 
         try:
-            return await self._hold(slave, coe, talk())
+            return await self._hold(slave, coe, talk(), changes)
         except UnknownProtocolError as error:
             raise StateError(
                 f"{slave.label} has no {what}: its mailbox does not support them"
@@ -125,8 +138,8 @@ class Conversations:
                 raise
             raise type(error)(f"{slave.label}: {error}") from error
 
-    async def _hold(self, slave: Slave, coe: Coe, talk: Talk[T]) -> T:
-        async with self._turn(slave, coe.line):
+    async def _hold(self, slave: Slave, coe: Coe, talk: Talk[T], changes: bool) -> T:
+        async with self._turn(slave, coe.line, changes):
             try:
                 return await self._worker.request(talk_alone(self._master.registers, talk))
             finally:
@@ -134,19 +147,18 @@ class Conversations:
                     self._note((slave, code, register))
 
     @asynccontextmanager
-    async def _turn(self, slave: Slave, line: Line) -> AsyncIterator[None]:
+    async def _turn(self, slave: Slave, line: Line, changes: bool) -> AsyncIterator[None]:
         """Waits in the queue of the slave, and holds its turn for the block.
 
         Raises:
             BusyError: Too many requests are waiting, or this one waited too long.
         """
-        if len(line) >= _OF_ONE_SLAVE_MAX:
+        share = 1 if changes else 1 - _FOR_CHANGES
+        if len(line) >= _OF_ONE_SLAVE_MAX * share:
+            raise BusyError(f"{slave.label} has {len(line)} requests waiting already; try again")
+        if self._waiting >= _REQUESTS_MAX * share:
             raise BusyError(
-                f"{slave.label} has {_OF_ONE_SLAVE_MAX} requests waiting already; try again"
-            )
-        if self._waiting >= _REQUESTS_MAX:
-            raise BusyError(
-                f"busy: {_REQUESTS_MAX} mailbox requests are waiting already; try again"
+                f"busy: {self._waiting} mailbox requests are waiting already; try again"
             )
         loop, called = asyncio.get_running_loop(), asyncio.Event()
         self._waiting += 1

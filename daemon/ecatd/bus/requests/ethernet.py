@@ -72,7 +72,7 @@ class Ethernet:
             yield from set_ip(mailbox, after)
             return before, after
 
-        before, after = await self._conversations.eoe(slave, talk)
+        before, after = await self._conversations.eoe(slave, talk, changes=True)
         if before != after:
             self._log.notice(
                 f"{slave.label}: IP parameters changed from {before.text} to {after.text} by "

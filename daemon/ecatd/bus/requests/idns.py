@@ -67,7 +67,7 @@ class Idns:
             yield from write_idn(mailbox, drive, number, data, is_list=is_list)
             return {**old.to_map(), "value": data, "before": old.value}
 
-        answer = await self._conversations.soe(slave, talk)
+        answer = await self._conversations.soe(slave, talk, changes=True)
         self._log.notice(
             f"{slave.label}, drive {drive}, {idn_text(number)} ({answer['name']}): changed from "
             f"{_shown(answer['before'])} to {_shown(data)} by {request.by}"

@@ -75,7 +75,9 @@ class Objects:
             check_data(data)
         before = await self._before(slave, request) if request.by else None
         await self._conversations.coe(
-            slave, lambda coe: coe.download(index, subindex, data, complete=request.complete)
+            slave,
+            lambda coe: coe.download(index, subindex, data, complete=request.complete),
+            changes=True,
         )
         if request.by:
             self._tell(slave, request, before, data)
@@ -86,7 +88,9 @@ class Objects:
         index, subindex, complete = request.index, request.subindex, request.complete
         with suppress(EcatError):
             return await self._conversations.coe(
-                slave, lambda coe: coe.upload(index, subindex, complete=complete, tries=1)
+                slave,
+                lambda coe: coe.upload(index, subindex, complete=complete, tries=1),
+                changes=True,
             )
         return None
 
