@@ -190,7 +190,12 @@ def test_the_diagnosis_history_has_the_emergencies(bus: Daemon, tmp_path: Path) 
     wait_for(lambda: len(bus.ctl_json("diagnosis", "0")["messages"]) == 5, bus)
     rows = bus.ctl_json("diagnosis", "0")["messages"]
     assert [row["code"] >> 16 for row in rows] == codes[-5:]  # the oldest are overwritten
-    names(bus.ctl("diagnosis", "0").stdout, "error code 0x3220", "0x3220E800", "KIND")
+    names(
+        bus.ctl("diagnosis", "0").stdout,
+        "error code 0x3220 (voltage inside the device)",
+        "0x3220E800",
+        "KIND",
+    )
     asked = bus.ctl("diagnosis", "0", "--clear", check=False)
     assert asked.returncode == 2
     bus.ctl("diagnosis", "0", "--clear", "--yes")

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from ecatd.model.datatypes import DataType
 from ecatd.model.diagnosis import FIRST, Kind, order, parse_message
+from ecatd.model.emergency_codes import emergency_text, error_class
 from ecatd.model.errors import StateError
 
 
@@ -32,7 +33,7 @@ def test_a_message_has_its_text_from_the_esi_file() -> None:
 
 def test_codes_without_text() -> None:
     for code, flags, kind, word in (
-        (0x7305E800, 0x0012, "error", "error code 0x7305"),
+        (0x7305E800, 0x0012, "error", "error code 0x7305 (additional modules)"),
         (0x1234E001, 0x0001, "warning", "0x1234 of the manufacturer"),
         (0x0000F000, 0x0000, "info", "0x0000F000"),
         (0x0000F000, 0x000F, "kind 15", "0x0000F000"),
@@ -42,6 +43,25 @@ def test_codes_without_text() -> None:
         assert found.kind_name == kind
         assert word in found.text({})
     assert Kind.ERROR == 2
+
+
+def test_error_codes_have_their_class() -> None:
+    for code, words in (
+        (0x0000, "error reset"),
+        (0x0123, "unknown class"),
+        (0x1000, "generic error"),
+        (0x2310, "current, output side"),
+        (0x3210, "voltage inside the device"),
+        (0x3401, "voltage"),  # a subclass of its own
+        (0x8130, "communication"),
+        (0x8611, "monitoring"),
+        (0xB000, "unknown class"),
+        (0xFF01, "device specific"),
+    ):
+        assert error_class(code) == words
+    assert emergency_text(0x3210, 4) == (
+        "error code 0x3210 (voltage inside the device), error register 0x04"
+    )
 
 
 def test_empty_places_and_damage() -> None:

@@ -26,6 +26,8 @@ _UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
 _SAID = ("event", "sequence", "time_ns", "slave", "text")
 """Facts that have a place of their own in the line of an event."""
+_IN_TEXT = {"emergency": ("code", "register")}
+"""Facts that the text of an event says already."""
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
@@ -131,10 +133,11 @@ def _line(bus: Bus, event: dict[str, Any]) -> str:
     position = event.get("slave", -1)
     label = bus.slaves[position].label if 0 <= position < len(bus.slaves) else ""
     facts = [str(event["text"])] if event.get("text") else []
+    said = _SAID + _IN_TEXT.get(event["event"], ())
     facts += [
         f"{name} {_shown(value)}"
         for name, value in event.items()
-        if name not in _SAID and value not in ("", None)
+        if name not in said and value not in ("", None)
     ]
     what = f"{label}: {', '.join(facts)}" if label and facts else label or ", ".join(facts)
     return f"{when}.{ns // 10**6:03}  {event['event']:<16}  {what}".rstrip()

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 from .datatypes import DataType, bit_length, decode
+from .emergency_codes import error_code_text
 from .errors import StateError
 
 HISTORY = 0x10F3
@@ -70,7 +71,7 @@ class DiagnosisMessage:
             return _filled(texts[self.text_id], self.parameters)
         low = self.code & 0xFFFF
         if low == _EMERGENCY:
-            said = f"error code 0x{number:04X}"
+            said = error_code_text(number)
         elif low in _OWN:
             said = f"code 0x{number:04X} of the manufacturer"
         else:

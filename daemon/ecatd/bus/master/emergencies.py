@@ -6,6 +6,7 @@ from collections import Counter
 
 from ecatd.log import Log
 from ecatd.model.bus import Slave
+from ecatd.model.emergency_codes import emergency_text
 
 Emergency = tuple[Slave, int, int]
 """A slave, an error code, and the content of the error register."""
@@ -26,8 +27,8 @@ def tell_emergencies(log: Log, emergencies: list[Emergency], left_out: int = 0) 
     )
     for (label, position, code, register), count in times.items():
         log.warning(
-            f"{label} sent an emergency{f' {count} times' if count > 1 else ''}: error code "
-            f"0x{code:04X}, error register 0x{register:02X}",
+            f"{label} sent an emergency{f' {count} times' if count > 1 else ''}: "
+            + emergency_text(code, register),
             "emergency",
             [position],
         )

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from ecatd.coroutine_steps import Steps
 from ecatd.log import Log
 from ecatd.model.bus import Slave
+from ecatd.model.emergency_codes import emergency_text
 
 from ..mailbox.mailbox import MAILBOX_IN, has_mail
 from ..mailbox.talks import talk_all
@@ -60,7 +61,8 @@ class MailboxWatch:
         tell_emergencies(self._log, found, left_out)
         counts = Counter((slave.position, code, register) for slave, code, register in found)
         for (position, code, register), times in counts.items():
-            self._tell("emergency", slave=position, code=code, register=register, times=times)
+            facts = {"code": code, "register": register, "text": emergency_text(code, register)}
+            self._tell("emergency", slave=position, **facts, times=times)
 
     async def watch(self) -> None:
         """Looks for messages of each slave again and again."""
