@@ -218,6 +218,13 @@ def test_idns_are_read_and_written(bus: Daemon) -> None:
     assert bus.ctl("soe-read", "1", "S-0-0001").stdout == "2000 us  Control unit cycle time\n"
     listed = bus.ctl("soe-read", "1").stdout
     names(listed, "S-0-0017", "P-0-0200", "Boost", "-0.1 mm", "OP")
+    before = bus.ctl_json("soe-read", "1", "S-0-0017")["idns"][0]["data"]
+    bus.ctl("soe-write", "1", "S-0-0017", f"hex:{before[:8]}6300")
+    names(bus.ctl("soe-read", "1").stdout, "S-0-0099: ", "0x1001", "S-0-0001")
+    refused = {item["idn"]: item for item in bus.ctl_json("soe-read", "1")["idns"]}["S-0-0099"]
+    assert refused["error"]["name"] == "state"
+    names(refused["error"]["message"], "slave 1", "0x1001")
+    bus.ctl("soe-write", "1", "S-0-0017", f"hex:{before}")
     bus.ctl("soe-write", "1", "S-0-0047", "12.5 mm")
     (row,) = bus.ctl_json("soe-read", "1", "S-0-0047")["idns"]
     assert (row["value"], row["unit"], row["data"]) == (12.5, "mm", "48e80100")

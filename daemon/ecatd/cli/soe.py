@@ -59,17 +59,20 @@ def soe_read(remote: Remote, options: argparse.Namespace) -> None:
         return
     listed = remote.read_idn(options.slave, ALL_IDNS, options.drive).value
     numbers = [int.from_bytes(listed[at : at + 2], "little") for at in range(0, len(listed), 2)]
-    rows = []
+    rows: list[IdnValue] = []
+    documents: list[dict[str, Any]] = []
     for number in counted(numbers, "IDNs"):
         try:
-            rows.append(remote.read_idn(options.slave, number, options.drive))
-        except StateError as error:
-            if options.json:
-                continue
-            print(f"{idn_text(number)}: {error}")
+            found = remote.read_idn(options.slave, number, options.drive)
+        except StateError as error:  # the drive may list what cannot be read now
+            documents.append({"idn": idn_text(number), "error": error.to_reply()})
+            if not options.json:
+                print(f"{idn_text(number)}: {error}")
+        else:
+            documents.append(_document(found))
+            rows.append(found)
     if options.json:
-        idns = [_document(item) for item in rows]
-        print_json({"bus": remote.bus, "slave": options.slave, "idns": idns})
+        print_json({"bus": remote.bus, "slave": options.slave, "idns": documents})
         return
     print_table(
         ("IDN", "NAME", "VALUE", "WRITE-PROTECTED IN"),
