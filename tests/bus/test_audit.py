@@ -26,7 +26,7 @@ def test_each_change_is_in_the_file(start_daemon: Callable[..., Daemon], tmp_pat
     daemon = start_daemon("troll", config=config)
     before = daemon.ctl_json("sdo-read", "0", "0x6083", "0")["value"]
     daemon.ctl("sdo-write", "0", "0x6083", "0", "1234")
-    daemon.ctl("state", "SAFEOP", "-p", "4")
+    daemon.ctl("state", "SAFEOP", "--yes", "-p", "4")
     daemon.ctl("sdo-write", "0", "0x1018", "1", "7", check=False)  # is refused: no change
     daemon.ctl("sdo-read", "0", "0x6083", "0")
     first, second = file.read_text().splitlines()

@@ -101,7 +101,7 @@ def test_slaves_have_names(start: Start) -> None:
     names(daemon.ctl("pdos", "-p", "EL1008").stdout, "EL1008", "TxPDO")
     names(daemon.ctl("shm", "-p", "infeed").stdout, "infeed")
     assert json.loads(daemon.ctl("sdo-read", "pressures", "0x1018", "1", "--json").stdout)["value"]
-    daemon.ctl("state", "PREOP", "-p", "infeed")
+    daemon.ctl("state", "PREOP", "--yes", "-p", "infeed")
     states = [row["text"] for row in daemon.slave_rows("state")]
     assert states == ["OP", "PREOP", "OP", "OP"]
     refused = daemon.ctl("sdo-read", "pressure", "0x1018", "1", check=False)

@@ -271,7 +271,7 @@ def test_values_and_events_are_published(daemon: Daemon, network: zenoh.Session)
     wait_for(lambda: bool(blinking), daemon)
     assert blinking[0]["raw"] in (0, 1)
     assert blinking[0]["name"] == "Input"
-    daemon.ctl("state", "SAFEOP", "-p", "3")
+    daemon.ctl("state", "SAFEOP", "--yes", "-p", "3")
     states = ("al_state", 3, "SAFEOP")
     wait_for(
         lambda: states in [(x["event"], x.get("slave"), x.get("text")) for x in events], daemon

@@ -251,7 +251,7 @@ def test_r07_another_device_is_left_alone(start: Start) -> None:
 def test_a_state_that_a_user_wants_is_respected(start: Start) -> None:
     bench = start()
     in_op(bench)
-    bench.daemon.ctl("state", "PREOP", "-p", "2")
+    bench.daemon.ctl("state", "PREOP", "--yes", "-p", "2")
     bench.ctl("al-error", "4", "0x001B")
     bench.wait_for_event("recovery", slave=4, state="recovered")
     rows = bench.daemon.slave_rows("state")

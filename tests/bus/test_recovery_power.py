@@ -193,14 +193,14 @@ def test_asking_by_hand_sets_up_a_slave_that_forgot_its_address(
     bench.wait_for_data()
     bench.power(4, 5, on=False)
     bench.wait_for(lambda: conditions(bench).keys() == {4, 5, 6, 7})
-    result = bench.daemon.ctl("state", "PREOP", "-p", "5", check=False)
+    result = bench.daemon.ctl("state", "PREOP", "--yes", "-p", "5", check=False)
     assert result.returncode == 7
     assert result.stderr.count("\n") == 1
     said = one_line_error(result.stderr, "ecatctl")
     names(said, "slave 5 (EL3008)", "PREOP", "no answer")
     bench.power(4, 5, on=True)
     bench.wait_for_log("no answer from slaves 4-5 at their address, though 8 slaves are there")
-    bench.daemon.ctl("state", "PREOP", "-p", "5")
+    bench.daemon.ctl("state", "PREOP", "--yes", "-p", "5")
     assert bench.daemon.ctl("sdo-read", "5", "0x1018", "1").stdout.startswith("0x00000002")
     assert conditions(bench).get(4) == "missing"
     bench.daemon.ctl("state", "OP")

@@ -123,7 +123,7 @@ def test_what_was_taken_back_is_dropped(start_daemon: Callable[..., Daemon]) -> 
 
 
 def test_a_slave_without_mailbox_now_is_told_at_once(troll: Daemon) -> None:
-    troll.ctl("state", "INIT", "-p", "0")
+    troll.ctl("state", "INIT", "--yes", "-p", "0")
     result = troll.ctl("sdo-read", "0", "0x6060", check=False)
     assert result.stderr.count("\n") == 1
     said = one_line_error(result.stderr, "ecatctl")

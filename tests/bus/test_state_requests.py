@@ -24,7 +24,7 @@ def states(daemon: Daemon) -> list[str]:
 
 
 def refused(daemon: Daemon, *arguments: str) -> str:
-    result = daemon.ctl("state", *arguments, check=False)
+    result = daemon.ctl("state", *arguments, "--yes", check=False)
     assert result.returncode == 7
     return one_line_error(result.stderr, "ecatctl")
 
@@ -45,13 +45,13 @@ def test_boot_of_all_slaves_is_not_asked_for_where_one_has_none(daemon: Daemon) 
 
 
 def test_boot_is_reached_and_left_from_and_to_op(daemon: Daemon) -> None:
-    daemon.ctl("state", "BOOT", "-p", str(BOOTABLE))
+    daemon.ctl("state", "BOOT", "--yes", "-p", str(BOOTABLE))
     wait_for(lambda: states(daemon) == ["OP", "OP", "BOOT", "OP", "OP"], daemon)
     text = daemon.ctl("sdo-read", str(BOOTABLE), "0x1018", "1", check=False).stderr
     names(text, f"slave {BOOTABLE}", "BOOT", "PREOP")
-    daemon.ctl("state", "PREOP", "-p", str(BOOTABLE))
+    daemon.ctl("state", "PREOP", "--yes", "-p", str(BOOTABLE))
     assert daemon.ctl("sdo-read", str(BOOTABLE), "0x1018", "1").stdout.startswith("0x00000002")
-    daemon.ctl("state", "BOOT", "-p", str(BOOTABLE))
+    daemon.ctl("state", "BOOT", "--yes", "-p", str(BOOTABLE))
     daemon.ctl("state", "OP", "-p", str(BOOTABLE))
     wait_for(lambda: states(daemon) == 5 * ["OP"], daemon)
 
@@ -67,7 +67,7 @@ def test_a_slave_that_refuses_stays_where_it_was_without_an_error(
     start_daemon: Callable[..., Daemon],
 ) -> None:
     daemon = start_daemon(str(RIG))
-    daemon.ctl("state", "PREOP", "-p", str(TIRED))
+    daemon.ctl("state", "PREOP", "--yes", "-p", str(TIRED))
     text = refused(daemon, "SAFEOP", "-p", str(TIRED))
     assert "slave 4 (EL2008)" in text
     assert "AL status 0x001D" in text
@@ -76,7 +76,7 @@ def test_a_slave_that_refuses_stays_where_it_was_without_an_error(
 
 def test_a_slave_that_refuses_op_keeps_its_reason(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon(str(RIG))
-    daemon.ctl("state", "PREOP", "-p", str(TIRED))
+    daemon.ctl("state", "PREOP", "--yes", "-p", str(TIRED))
     refused(daemon, "OP", "-p", str(TIRED))
     wait_for(lambda: bool(re.search(r"slave 4 \(EL2008\) .*0x001D", daemon.log)), daemon)
     assert states(daemon)[TIRED].startswith("PREOP+ERROR (AL status 0x001D")

@@ -59,7 +59,7 @@ def test_pdos_names_every_entry(troll: Daemon) -> None:
 
 def test_state_shows_and_changes(troll: Daemon) -> None:
     wait_for(lambda: troll.ctl("state", check=False).stdout.count("OP") == 8, troll)
-    assert troll.ctl("state", "SAFEOP", "-p", "3").stdout.split()[-1] == "SAFEOP"
+    assert troll.ctl("state", "SAFEOP", "--yes", "-p", "3").stdout.split()[-1] == "SAFEOP"
     rows = troll.slave_rows("state")
     assert [row["text"] for row in rows] == ["OP"] * 3 + ["SAFEOP"] + ["OP"] * 4
     troll.ctl("state", "op")
@@ -70,13 +70,30 @@ def test_state_shows_and_changes(troll: Daemon) -> None:
 
 
 def test_state_goes_through_all_states_on_the_way_up(troll: Daemon) -> None:
-    troll.ctl("state", "PREOP")
+    troll.ctl("state", "PREOP", "--yes")
     assert {row["text"] for row in troll.slave_rows("state")} == {"PREOP"}
     troll.ctl("state", "OP")
     assert {row["text"] for row in troll.slave_rows("state")} == {"OP"}
-    refused = troll.ctl("state", "PREOP", "-p", "77", check=False)
+    refused = troll.ctl("state", "PREOP", "--yes", "-p", "77", check=False)
     assert refused.returncode == 7
     assert {row["text"] for row in troll.slave_rows("state")} == {"OP"}
+
+
+def test_state_asks_before_slaves_leave_op(troll: Daemon) -> None:
+    def refused(*arguments: str) -> str:
+        found = troll.ctl("state", *arguments, check=False)
+        assert found.returncode == 2
+        return one_line_error(found.stderr, "ecatctl")
+
+    names(refused("INIT"), f"8 slaves of bus '{troll.bus}'", "INIT", "outputs", "safe", "--yes")
+    names(refused("SAFEOP", "-p", "EL2008"), "slave 3 (EL2008)", "SAFEOP", "outputs", "--yes")
+    assert {row["text"] for row in troll.slave_rows("state")} == {"OP"}
+    troll.ctl("state", "PREOP", "--yes", "-p", "3")
+    troll.ctl("state", "SAFEOP", "-p", "3")  # it is not in OP, and goes up
+    for position in range(4, 8):
+        troll.ctl("state", "SAFEOP", "--yes", "-p", str(position))
+    names(refused("SAFEOP"), "slave 0 (", "slave 1 (", "slave 2 (EL1018)", "their outputs")
+    troll.ctl("state", "OP")
 
 
 def test_sdo_in_every_kind(troll: Daemon) -> None:

@@ -15,6 +15,7 @@ from ecatd.installation.service import install, upgrade
 from ecatd.model.errors import UsageError
 from ecatd.version import VERSION
 
+from .confirm import add_yes, confirm
 from .output import print_json
 
 _ACTIONS = """\
@@ -22,7 +23,7 @@ actions:
   install    put units, rules of udev, man pages, completion and files for monitoring into place,
              make the user `ecatd` and the group `ecat`, and have the service start with the machine
   upgrade    the same after `pip install --upgrade`, for what is installed; a bus that runs goes on
-  uninstall  stop the services, remove all that, and put back files that were there before;
+  uninstall  ask, stop the services, remove all that, and put back files that were there before;
              --purge also removes /etc/ecatd and /var/lib/ecatd, drop-ins of units, users and groups
 """
 
@@ -48,6 +49,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         metavar="DIR",
         help="install into the file system of an image; commands of the system are not run",
     )
+    add_yes(command)
     command.set_defaults(alone=service)
 
 
@@ -70,6 +72,12 @@ def service(options: argparse.Namespace) -> None:
     place = here(root)
     before = enabled(place)
     actions = _plan(place, options)
+    if options.action == "uninstall" and place.is_running and not options.dry_run:
+        confirm(
+            options,
+            "This stops the services of all buses of this machine (drives stop, slaves go to INIT) "
+            "and removes them.",
+        )
     for action in actions:
         if not options.dry_run:
             action.do()

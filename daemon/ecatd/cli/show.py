@@ -6,7 +6,7 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.al import al_state_text
+from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text
 from ecatd.model.bus import Bus, Slave, display_name
 from ecatd.model.datatypes import type_name
 from ecatd.model.pdo import Entry, Pdo
@@ -14,6 +14,7 @@ from ecatd.model.pdo_layout import places
 
 from .answering import check_slaves
 from .arguments import add_slave
+from .confirm import add_yes, confirm
 from .output import print_json, print_table
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 
 _PROBLEMS_SHOWN = 10
+_NAMED_MAX = 4
+"""Most slaves that a question names."""
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
@@ -30,6 +33,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         command.add_argument(
             "state", nargs="?", metavar="STATE", help="INIT, PREOP, BOOT, SAFEOP, OP"
         )
+        add_yes(command)
     if name in ("pdos", "state"):
         add_slave(command)
 
@@ -216,6 +220,7 @@ def state(remote: Remote, options: argparse.Namespace) -> int:
     """Shows the AL states, or brings slaves to one."""
     chosen = None if options.slave is None else remote.describe().find(options.slave).position
     if options.state is not None:
+        _ask(remote, options, chosen)
         remote.set_state(options.state, chosen)
     health = remote.health()
     rows = health.rows
@@ -234,6 +239,30 @@ def state(remote: Remote, options: argparse.Namespace) -> int:
         )
         _print_differences(differences)
     return check_slaves(rows)
+
+
+def _ask(remote: Remote, options: argparse.Namespace, chosen: int | None) -> None:
+    """Asks before slaves leave OP; the way up needs no question.
+
+    Raises:
+        UsageError: There is no such state, or the user does not want it.
+    """
+    wanted = AlState.parse(options.state)
+    if options.yes or wanted == AlState.OP:
+        return
+    bus = remote.describe()
+    leaving = [
+        bus.slaves[row["position"]].label
+        for row in remote.states()
+        if row["al_state"] & ~AL_ERROR_FLAG == AlState.OP and chosen in (None, row["position"])
+    ]
+    if leaving:
+        few = len(leaving) <= _NAMED_MAX
+        who = ", ".join(leaving) if few else f"{len(leaving)} slaves of bus '{bus.name}'"
+        whose = "its" if len(leaving) == 1 else "their"
+        confirm(
+            options, f"This takes {who} out of OP, to {wanted.name}: {whose} outputs become safe."
+        )
 
 
 def _told(row: dict[str, Any]) -> str:

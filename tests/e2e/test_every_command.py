@@ -1,0 +1,107 @@
+"""What holds for each command of `ecatctl`: it asks before it does harm, and prints JSON."""
+
+import argparse
+import json
+import shlex
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon
+from ecatd.cli.main import _COMMANDS
+
+MODULES = {name: module for name, module, _ in _COMMANDS}
+RIGS = Path(__file__).parents[1] / "rigs"
+
+# --- questions -----------------------------------------------------------------------------------
+
+SHOW = """
+    buses slaves graph pdos read watch check stats metrics claims shm dc info sdos sdo-read events
+    sii-read soe-read eoe eoe-read rescan reg-read scan cstruct xml client-flags
+"""
+"""Commands that change nothing."""
+
+ASK = """
+    write state sdo-restore diagnosis sii-write alias foe-read foe-write reboot reg-write service
+"""
+"""Commands that ask before they do harm."""
+
+ONE_VALUE = "it changes exactly the value of one slave that the user has typed"
+FILES = "it writes files for the user, and nothing to a slave"
+DO_NOT_ASK = {
+    "sdo-write": ONE_VALUE,
+    "soe-write": ONE_VALUE,
+    "eoe-write": ONE_VALUE,
+    "errors": "--reset clears counters that nothing but their readers depends on",
+    "log-level": "it holds until the next start, and the bus does not depend on it",
+    "identify": "a LED flickers for some seconds",
+    "doctor": "--fix changes only what --undo changes back",
+    "record": FILES,
+    "sdo-dump": FILES,
+    "config": FILES,
+    "startup": FILES,
+    "generate": FILES,
+    "library": FILES,
+    "capture": FILES,
+    "remote": FILES,
+}
+
+
+def test_each_command_that_changes_something_asks_or_has_a_reason() -> None:
+    groups = [*SHOW.split(), *ASK.split(), *DO_NOT_ASK]
+    assert sorted(groups) == sorted(MODULES)
+    for name, module in MODULES.items():
+        parser = argparse.ArgumentParser()
+        import_module(f"ecatd.cli.{module}").add_arguments(parser, name)
+        assert ("--yes" in parser.format_usage()) == (name in ASK.split()), name
+
+
+# --- JSON ----------------------------------------------------------------------------------------
+
+WITHOUT_JSON = {
+    "metrics": "OpenMetrics is a format for programs; `stats --json` has the same",
+}
+
+FILES_RIG = """
+buses; slaves; graph; pdos; read; watch --count 1; state; check; stats; claims; shm; dc; info
+write '0/0x6040:00=0' --for 0.1 --yes
+record -o record.csv --for 0.1
+sdos 0 0x1018; sdo-read 0 0x1018 1; sdo-write 0 0x6060 0 8
+sdo-dump 0 -o values.toml; sdo-restore 0 values.toml --yes
+diagnosis 0; events; errors
+sii-read 0 -o sii.bin; sii-write 0 sii.bin --yes; alias 0 7 --yes
+foe-read 0 parameters.bin -o parameters.bin; foe-write 0 parameters.bin --yes
+soe-read 1 S-0-0001; soe-write 1 S-0-0001 2000
+rescan; reboot 2 --yes; identify 0 --seconds 0.1
+reg-read 0 al_status; reg-write 0 0x0410 1000 --yes
+log-level; config show; config init; startup verify; startup capture 0
+scan; cstruct; xml; generate Plant library; library other; client-flags
+capture -o last.pcapng; doctor; service install --root . --dry-run; remote init --dir tls
+"""
+ETHERNET_RIG = "eoe; eoe-read 1; eoe-write 1 --address 192.168.7.2/24"
+
+
+def lines(text: str) -> list[str]:
+    return [line.strip() for line in text.replace(";", "\n").splitlines() if line.strip()]
+
+
+@pytest.mark.bus
+@pytest.mark.long
+def test_each_command_prints_json(
+    start_daemon: Callable[..., Daemon], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = {line.split()[0] for line in lines(FILES_RIG) + lines(ETHERNET_RIG)}
+    assert sorted(run | set(WITHOUT_JSON)) == sorted(MODULES)
+    assert not run & set(WITHOUT_JSON)
+    wrong = []
+    for rig, text in (("files", FILES_RIG), ("ethernet", ETHERNET_RIG)):
+        daemon = start_daemon(str(RIGS / f"{rig}.py"))
+        for line in lines(text):
+            found = daemon.ctl(*shlex.split(line), "--json", check=False)
+            document = json.loads(found.stdout or "{}")
+            if document.get("schema") != 1 or "error" in document:
+                wrong.append((line, found))
+    assert not wrong
