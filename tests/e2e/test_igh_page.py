@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ecatd.cli.main import _COMMANDS
-from ecatdev.igh_page import ROWS, table
+from ecatdev.igh_page import ROWS, shown, table
 
 PAGE = Path(__file__).parents[2] / "docs" / "from-igh.md"
 
@@ -19,3 +19,9 @@ def test_the_page_is_that_of_the_tool() -> None:
     text = PAGE.read_text()
     assert table() in text
     assert all(f"$ ecatctl {row.run}\n" in text for row in ROWS if row.run)
+
+
+def test_what_is_cut_has_a_mark() -> None:
+    whole = "x" * 110
+    assert shown(f"{whole}\n{whole}y\n") == f"{whole}\n{whole[:-1]}…"
+    assert shown(13 * "a\n") == 12 * "a\n" + "..."

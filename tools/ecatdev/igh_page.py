@@ -25,10 +25,13 @@ _LINES_MOST, _WIDTH_MOST = 12, 110
 _INTRO = """\
 # Coming from IgH
 
-IgH's EtherCAT Master has a command `ethercat` with 34 subcommands. For each of them, this page has
-the command of `ecatctl`, with its output on a simulated rig. [Command line](command-line.md)
-explains all commands. Every command that shows something takes `--json`, and `--connect` asks the
-daemon of another machine.
+IgH's EtherCAT Master has a command `ethercat` with 34 subcommands. For each of them, the table has
+the command of `ecatctl`, or what to use instead. Below the table are examples on simulated rigs,
+with all that they print: nothing, if the command only writes a value. Long outputs are cut: `…`
+ends a line that goes on, and `...` stands for further lines.
+
+[Command line](command-line.md#ecatctl) explains all commands, and says which of them ask the daemon
+of another machine (`--connect`) and print JSON (`--json`).
 """
 
 
@@ -75,7 +78,7 @@ ROWS = (
         "sdo-read 0 0x6060",
     ),
     Row("download", "sdo-write", "also called `download`", "sdo-write 4 0x8000 0x06 1"),
-    Row("states", "state", "`state PREOP -p 3` asks for a state", "state"),
+    Row("states", "state", "`state PREOP -p 3` requests a state; it asks first", "state"),
     Row(
         "rescan",
         "rescan",
@@ -129,9 +132,13 @@ def table() -> str:
     return "\n".join(lines)
 
 
-def _shown(text: str) -> str:
+def shown(text: str) -> str:
+    """An output as the page shows it: what is cut has a mark."""
     lines = text.rstrip().splitlines()
-    kept = [line[:_WIDTH_MOST].rstrip() for line in lines[:_LINES_MOST]]
+    kept = [
+        line if len(line) <= _WIDTH_MOST else line[: _WIDTH_MOST - 1].rstrip() + "…"
+        for line in map(str.rstrip, lines[:_LINES_MOST])
+    ]
     return "\n".join([*kept, *(["..."] if len(lines) > _LINES_MOST else [])])
 
 
@@ -167,12 +174,13 @@ def _outputs(rig: str, rows: list[Row]) -> Iterator[tuple[Row, str]]:
                 [sys.executable, "-m", "ecatd.cli", *shlex.split(text)],
                 env=environment,
                 cwd=folder,
-                capture_output=True,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
                 text=True,
                 check=False,
             )
             if done.returncode:
-                raise SystemExit(f"ecatctl {text}: {done.stderr}")
+                raise SystemExit(f"ecatctl {text}: {done.stdout}")
             return done.stdout
 
         if rig == "troll":
@@ -187,11 +195,11 @@ def page() -> str:
     outputs: dict[str, str] = {}
     for rig in dict.fromkeys(row.rig for row in ROWS):
         mine = [row for row in ROWS if row.rig == rig and row.run]
-        outputs |= {row.igh: _shown(text) for row, text in _outputs(rig, mine)}
+        outputs |= {row.igh: shown(text) for row, text in _outputs(rig, mine)}
     for row in ROWS:
         if row.igh in outputs:
-            shown = [f"$ ecatctl {row.run}", *filter(None, [outputs[row.igh]])]
-            parts += [f"## {row.igh}", "", "```", *shown, "```", ""]
+            lines = [f"$ ecatctl {row.run}", *filter(None, [outputs[row.igh]])]
+            parts += [f"## {row.igh}", "", "```", *lines, "```", ""]
     return "\n".join(parts).replace("ecatp", "ecat0")
 
 
