@@ -3,8 +3,10 @@
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,7 +18,14 @@ from conftest import CYCLE_TIME_US, SHM, Daemon, names, naming, one_line_error, 
 from ecatd import shm
 from ecatd.client import Request
 from ecatd.model.al import AlState
-from ecatd.model.errors import SdoAbortError, StateError, UnreachableError, UsageError
+from ecatd.model.errors import (
+    LOOPBACK,
+    SdoAbortError,
+    StateError,
+    UnreachableError,
+    UsageError,
+)
+from ecatd.paths import zenoh_socket
 from handle import EBUS, Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -359,6 +368,27 @@ def test_r17_the_daemon_ends_when_its_bus_server_dies(start_daemon: Callable[...
 def test_r31_both_files_have_the_documented_modes(troll: Daemon) -> None:
     modes = {path.name: oct(path.stat().st_mode & 0o777) for path in SHM.glob(f"ecat.{troll.bus}*")}
     assert modes == {f"ecat.{troll.bus}": "0o640", f"ecat.{troll.bus}.out": "0o660"}
+
+
+def test_r31_others_are_told_how_to_get_in() -> None:
+    code = (
+        "import os; from ecatd.client.session import _local_endpoint\n"
+        "if os.geteuid() == 0: os.setuid(65534)\n"
+        "_local_endpoint('tclosed')\n"
+    )
+    with tempfile.TemporaryDirectory() as folder, socket.socket(socket.AF_UNIX) as closed:
+        Path(folder).chmod(0o755)
+        path = zenoh_socket(Path(folder), "tclosed")
+        path.parent.mkdir(parents=True)
+        closed.bind(str(path))
+        path.chmod(0)
+        told = subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "ECATD_RUNTIME_DIR": folder},
+            capture_output=True,
+            text=True,
+        ).stderr
+    names(told, "NotPermittedError", "'tclosed'", "usermod -aG ecat", f"--connect {LOOPBACK}")
 
 
 def test_r23_stopping_takes_the_slaves_to_init(tmp_path: Path) -> None:

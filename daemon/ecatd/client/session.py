@@ -13,6 +13,7 @@ from ecatd.encoding import MAX_REPLY, pack, unpack
 from ecatd.model.bus_name import check_bus_name, check_full_bus_name
 from ecatd.model.errors import (
     JOIN,
+    LOOPBACK,
     EcatError,
     NoAnswerError,
     NotPermittedError,
@@ -29,6 +30,7 @@ from .identity import find_identity, is_encrypted, whose
 
 _GATEWAY_PATIENCE, _GATEWAY_PAUSE = 5.0, 0.05
 """Seconds for which a gateway is waited for that starts while the bus runs, and between tries."""
+_JOIN = f"{JOIN}; to read only, add '--connect {LOOPBACK}', where ecatd listens by default"
 
 
 def _local_endpoint(bus: str) -> tuple[str, str]:
@@ -42,13 +44,13 @@ def _local_endpoint(bus: str) -> tuple[str, str]:
         try:
             if path.is_socket():
                 if not os.access(path, os.W_OK):
-                    raise NotPermittedError(f"no right to use bus '{bus}': {JOIN}")
+                    raise NotPermittedError(f"no right to use bus '{bus}': {_JOIN}")
                 return f"unixsock-stream/{path}", full_name(read_host(folder, bus), bus)
         except PermissionError as error:
             from .unserved import has_shared_memory
 
             if has_shared_memory(bus):  # else none of these serves it
-                raise NotPermittedError(f"no right to look into {folder}: {JOIN}") from error
+                raise NotPermittedError(f"no right to look into {folder}: {_JOIN}") from error
     raise _unserved(bus)
 
 

@@ -139,7 +139,7 @@ def check(user: UserConfig, request: Request, bus: Bus) -> None:
             f"(gateway.user.write in the configuration of the daemon)"
         )
     if not user.slaves or "slave" not in request.fields:
-        return  # requests about a transfer: only the client that started it knows its number
+        return  # about no slave: levels of the log, or a transfer, whose number its client knows
     allowed = set()
     for slave in user.slaves:
         with suppress(StateError):  # there is no such slave; `unknown_slaves` has warned of it

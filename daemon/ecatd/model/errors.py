@@ -27,6 +27,8 @@ from .abort_codes import abort_text
 
 JOIN = "become a member of the group 'ecat' ('sudo usermod -aG ecat $USER', then log in again)"
 """Advice for messages if a daemon runs, but this user may not use it."""
+LOOPBACK = "tcp/127.0.0.1:7447"
+"""Where the gateway listens by default: all users of the machine may read there."""
 
 
 class EcatError(Exception):

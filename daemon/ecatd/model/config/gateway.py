@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass, field
 
 from ..bus_name import HOST_NAME, HOST_NAME_RULE
+from ..errors import LOOPBACK
 from ..queries import CHANGES
 from ..toml_file import Key, Rules, Table, number, show
 
@@ -25,8 +26,9 @@ class UserConfig:
     Attributes:
         name: Common name of the certificate.
         write: Kinds of changes that the user may ask for, of `CHANGES`; none: only reading.
-        slaves: The slaves that they may be about, by position or name; none: all, and what is about
-            no particular slave.
+        slaves: The slaves that they may be about, by position or name; none: all. With
+            some, the user may not change all slaves at once. What is about no slave, such as levels
+            of the log, needs only its kind in `write`.
         changes_max: Changes a second that the user may ask for in the long run.
     """
 
@@ -57,7 +59,7 @@ class GatewayConfig:
     """
 
     host: str = ""
-    listen: list[str] = field(default_factory=lambda: ["tcp/127.0.0.1:7447"])
+    listen: list[str] = field(default_factory=lambda: [LOOPBACK])
     connect: list[str] = field(default_factory=list)
     certificate: str = ""
     key: str = ""
@@ -192,7 +194,7 @@ def _check_endpoint(table: Table, key: Key) -> None:
         table.fail(
             key,
             f"{show(endpoint)} is no Zenoh endpoint: write PROTOCOL/HOST:PORT, such as "
-            f'"tcp/127.0.0.1:7447", with one of the protocols {", ".join(PROTOCOLS)}; or '
+            f'"{LOOPBACK}", with one of the protocols {", ".join(PROTOCOLS)}; or '
             f'"{_LOCAL}/PATH"',
         )
     if not _is_port(port):
