@@ -28,12 +28,12 @@ ASK = """
 """
 """Commands that ask before they do harm."""
 
-ONE_VALUE = "it changes exactly the value of one slave that the user has typed"
+TYPED = "it changes exactly what the user has typed, of one slave"
 FILES = "it writes files for the user, and nothing to a slave"
 DO_NOT_ASK = {
-    "sdo-write": ONE_VALUE,
-    "soe-write": ONE_VALUE,
-    "eoe-write": ONE_VALUE,
+    "sdo-write": TYPED,
+    "soe-write": TYPED,
+    "eoe-write": TYPED,
     "errors": "--reset clears counters that nothing but their readers depends on",
     "log-level": "it holds until the next start, and the bus does not depend on it",
     "identify": "a LED flickers for some seconds",
