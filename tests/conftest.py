@@ -43,7 +43,7 @@ PYTHON = shlex.quote(sys.executable)
 settings.register_profile("ecatd", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("ecatd")
 
-CYCLE_TIME_US = 4000
+CYCLE_TIME_US = 8000
 """Cycle time of the daemons that tests start, if neither test nor configuration says another.
 Cycles cost processor time, and most tests are not about how many there are in a second."""
 
