@@ -1,6 +1,9 @@
 """The metrics for Prometheus: by `ecatctl metrics`, and over HTTP while faults happen."""
 
+import json
+import os
 import re
+import signal
 import socket
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -11,7 +14,7 @@ from urllib.request import Request, urlopen
 import pytest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
-from conftest import Daemon, names, wait_for
+from conftest import Daemon, names, stop_process, wait_for
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus
@@ -26,6 +29,21 @@ slaves = "none"
 position = 1
 name = "lamps"
 watchdog_ms = 5000
+"""
+
+MISSING = """
+[gateway]
+listen = []
+[expected]
+policy = "tolerant"
+[[slave]]
+position = 0
+vendor = 2
+product = 0x044C2C52
+[[slave]]
+position = 1
+vendor = 2
+product = 0x07D83052
 """
 
 Values = dict[tuple[str, frozenset[tuple[str, str]]], float]
@@ -62,6 +80,18 @@ def scrape(url: str) -> Values:
         return parsed(answer.read().decode())
 
 
+def told(daemon: Daemon) -> dict[str, float]:
+    """What `ecatctl metrics` says of the whole bus."""
+    labels = frozenset({("bus", daemon.bus)})
+    values = parsed(daemon.ctl("metrics", "--timeout", "5").stdout)
+    return {name: value for (name, given), value in values.items() if given == labels}
+
+
+def problems(daemon: Daemon) -> int:
+    """How many `ecatctl check` names."""
+    return len(json.loads(daemon.ctl("check", "--json", check=False).stdout)["problems"])
+
+
 def test_what_prometheus_sees_of_a_fault(served: tuple[Daemon, str]) -> None:
     daemon, url = served
 
@@ -70,28 +100,72 @@ def test_what_prometheus_sees_of_a_fault(served: tuple[Daemon, str]) -> None:
 
     assert value("ecat_up") == 1
     assert value("ecat_slave_in_op", slave="1", name="lamps (EL2008)") == 1
+    assert value("ecat_problems") == problems(daemon) == 0
+    assert value("ecat_slaves_required") == value("ecat_slaves_in_op") == 2
     before = value("ecat_cycles_total")
     wait_for(lambda: value("ecat_cycles_total") > before, daemon)
     with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
         simulator.faults.power_off(1)
         wait_for(lambda: value("ecat_slaves_found") == 1, daemon)
         wait_for(lambda: value("ecat_slave_in_op", slave="1", name="lamps (EL2008)") == 0, daemon)
+        assert value("ecat_problems") == problems(daemon) == 1
+        assert value("ecat_slaves_in_op") == 1
     assert value("ecat_wkc_bad_total") > 0
     assert value("ecat_domain_wkc_bad_total", domain="0", name="") > 0
 
 
+def test_slaves_that_were_missing_at_the_start(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text('[[slave]]\ndevice = "EK1100"\n')
+    daemon = start_daemon(str(rig), config=MISSING)
+    found = told(daemon)
+    assert (found["ecat_slaves_required"], found["ecat_slaves_in_op"]) == (2, 1)
+    assert (found["ecat_slaves_missing"], found["ecat_slaves_expected"]) == (1, 1)
+    assert found["ecat_problems"] == problems(daemon) == 1
+
+
+def test_a_ring_that_opens(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text("ring = true\n" + "[[slave]]\ndevice = 'Loopback32'\n" * 2)
+    daemon = start_daemon(str(rig))
+    wait_for(lambda: told(daemon)["ecat_ring_closed"] == 1, daemon)
+    wait_for(lambda: told(daemon)["ecat_problems"] == problems(daemon) == 0, daemon)
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.break_link(1)
+        wait_for(lambda: told(daemon)["ecat_ring_closed"] == 0, daemon)
+        wait_for(lambda: told(daemon)["ecat_problems"] == problems(daemon) == 1, daemon)
+
+
+def test_a_bus_server_that_does_not_answer(served: tuple[Daemon, str]) -> None:
+    daemon, url = served
+    stopped = [daemon.process.pid, daemon.child_pid("ecatd.bus")]  # the first would kill the second
+    for pid in stopped:
+        stop_process(pid)
+    try:
+        found = scrape(url)
+    finally:
+        for pid in reversed(stopped):
+            os.kill(pid, signal.SIGCONT)
+    labels = frozenset({("bus", daemon.bus)})
+    assert found["ecat_states_known", labels] == 0
+    assert found["ecat_problems", labels] >= 1
+    assert not {name for name, _ in found} & {"ecat_slaves_in_op", "ecat_slave_in_op"}
+
+
 def test_the_command_prints_the_same(served: tuple[Daemon, str]) -> None:
     daemon, url = served
-    told = parsed(daemon.ctl("metrics").stdout)
-    assert told.keys() == scrape(url).keys()
+    found = parsed(daemon.ctl("metrics").stdout)
+    assert found.keys() == scrape(url).keys()
     steps = [
         (float(dict(labels)["le"]), count)
-        for (name, labels), count in told.items()
+        for (name, labels), count in found.items()
         if name == "ecat_cycle_seconds_bucket"
     ]
     counts = [count for _, count in sorted(steps)]
     assert counts == sorted(counts)
-    assert counts[-1] == told["ecat_cycle_seconds_count", frozenset({("bus", daemon.bus)})] > 0
+    assert counts[-1] == found["ecat_cycle_seconds_count", frozenset({("bus", daemon.bus)})] > 0
     done = daemon.ctl("metrics", "--json", check=False)
     assert done.returncode == 2
     names(done.stdout, "stats --json")
@@ -104,7 +178,8 @@ def test_alerts_and_dashboard_name_what_there_is(served: tuple[Daemon, str], fil
     asked = set(re.findall(r"\becat_[a-z_]+", text))
     there = {name for name, _ in parsed(daemon.ctl("metrics").stdout)}
     assert asked
-    assert asked - there <= {"ecat_dc_locked"}  # only with distributed clocks
+    # Only with distributed clocks, and with a second interface.
+    assert asked - there <= {"ecat_dc_locked", "ecat_ring_closed"}
 
 
 @pytest.mark.parametrize(

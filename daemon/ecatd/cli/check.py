@@ -7,17 +7,13 @@ the user may not look.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 
-from ecatd import shm
-from ecatd.model.al import AlState
 from ecatd.model.errors import EcatError, NoAnswerError, NotPermittedError, UnreachableError
 from ecatd.model.health import Health
-from ecatd.stats import Snapshot
+from ecatd.stats.problems import find_problems, is_exchanged
 
 from .output import print_json
 from .source import Source
-from .stats_screen import ring_line, word
 
 WORDS = ("well", "degraded", "down", "denied")
 _WELL, _DEGRADED, _DOWN, _DENIED = range(4)
@@ -64,39 +60,13 @@ def _look(source: Source) -> tuple[int, list[str], Health | None]:
         EcatError: The bus cannot be seen at all.
     """
     snapshot = source.read()
-    if snapshot.state != shm.BusState.RUNNING:
-        return _DOWN, [f"the daemon is {word(snapshot.state)}"], None
-    if snapshot.silence:
-        return _DOWN, [f"no cycle for {snapshot.silence:.1f} s: the exchange stands still"], None
-    problems = list(_wire_problems(snapshot))
+    if not is_exchanged(snapshot):
+        return _DOWN, find_problems(snapshot), None
     try:
         slaves = source.remote().health()
     except (UnreachableError, NoAnswerError) as error:
-        problems += _seen_from_here(snapshot)
-        problems.append(str(error))
-        return _DEGRADED, problems, None
-    problems += slaves.problems
+        return _DEGRADED, find_problems(snapshot, error), None
+    problems = find_problems(snapshot, slaves)
     if slaves.expected and not slaves.in_op:
         return _DOWN, problems, slaves
     return (_DEGRADED if problems else _WELL), problems, slaves
-
-
-def _wire_problems(snapshot: Snapshot) -> Iterator[str]:
-    names = ("the interface", "the second interface")
-    for name, link in zip(names, snapshot.links, strict=True):
-        if link == shm.Link.NO_CARRIER:
-            yield f"{name} has {word(link)}"
-        elif link not in (shm.Link.UNUSED, shm.Link.UP):
-            yield f"{name} is {word(link)}"
-    if snapshot.ring == shm.Ring.OPEN:
-        yield ring_line(snapshot)
-    if snapshot.clock.state == shm.DcState.LOCKING:
-        yield "the cycle is not in step with the reference clock"
-
-
-def _seen_from_here(snapshot: Snapshot) -> Iterator[str]:
-    """What the shared memory says of the slaves, if no gateway answers for each of them."""
-    if snapshot.slaves_found < snapshot.slaves_expected:
-        yield f"{snapshot.slaves_found} of {snapshot.slaves_expected} slaves answer"
-    if snapshot.slaves_found and snapshot.al_status != AlState.OP:
-        yield "slaves are not in OP"

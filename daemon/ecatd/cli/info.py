@@ -14,11 +14,12 @@ from ecatd.model.bus import positions_text
 from ecatd.model.errors import NoAnswerError, UnreachableError
 from ecatd.real_time import SETTINGS
 from ecatd.stats import Grant, Snapshot, to_map
+from ecatd.stats.problems import ring_line, word
 
 from .answering import check_cycle
 from .output import print_json, table_lines
 from .source import Source
-from .stats_screen import clock_line, duration, ring_line, word
+from .stats_screen import clock_line, duration
 
 # AL states that are no bitwise OR of others: BOOT (3) is INIT (1) | PREOP (2).
 _SINGLE = (AlState.INIT, AlState.PREOP, AlState.SAFEOP, AlState.OP)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import suppress
 
 from ecatd.model.errors import EcatError, UsageError
+from ecatd.model.health import Health
 from ecatd.stats.open_metrics import write_metrics
 
 from .source import Source
@@ -25,7 +25,9 @@ def metrics(options: argparse.Namespace) -> None:
         )
     with Source(options) as source:
         snapshot = source.read()
-        slaves = []
-        with suppress(EcatError):
-            slaves = source.remote().states()
+        slaves: Health | EcatError
+        try:
+            slaves = source.remote().health()
+        except EcatError as error:
+            slaves = error
     print(write_metrics(snapshot, slaves), end="")

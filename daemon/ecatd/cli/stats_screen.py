@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from ecatd import shm
 from ecatd.stats import Domain, Histogram, Snapshot
 from ecatd.stats.maps import QUANTILES
+from ecatd.stats.problems import ring_line, word
 
 from .output import shortened, table_lines
 
@@ -52,11 +53,6 @@ def duration(seconds: float) -> str:
     return f"{hour}:{minute:02d}:{second:02d}"
 
 
-def word(member: shm.Link | shm.Ring | shm.BusState | shm.DcState) -> str:
-    """Name of a state in words, such as `no carrier`."""
-    return member.name.lower().replace("_", " ")
-
-
 def _head(snapshot: Snapshot) -> list[str]:
     state = word(snapshot.state)
     if snapshot.state == shm.BusState.RUNNING:
@@ -92,25 +88,6 @@ def real_time_line(snapshot: Snapshot) -> str:
     if refused:
         parts.append(f"{refused} not granted (see ecatctl info)")
     return ", ".join(parts)
-
-
-def ring_line(snapshot: Snapshot) -> str:
-    """A line with the state of cable redundancy."""
-    second = f"second interface {word(snapshot.links[1])}"
-    if snapshot.ring == shm.Ring.NONE:
-        return "none: one interface"
-    if not snapshot.slaves_found:
-        return f"ring unknown while no frame comes back, {second}"
-    if snapshot.ring == shm.Ring.CLOSED:
-        return f"ring closed, {second}"
-    before = snapshot.ring_break
-    if before == 0:
-        place = "in front of slave 0"
-    elif before == snapshot.slaves_expected:
-        place = f"behind slave {before - 1}"
-    else:
-        place = f"between slaves {before - 1} and {before}"
-    return f"ring OPEN {place}, {second}"
 
 
 def clock_line(snapshot: Snapshot) -> str:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from ecatd.log import Log
-from ecatd.model.errors import EcatError
+from ecatd.model.errors import EcatError, NoAnswerError
+from ecatd.model.health import Health, look_at
 from ecatd.stats import read
 from ecatd.stats.open_metrics import CONTENT_TYPE, write_metrics
 
@@ -108,9 +108,13 @@ class MetricsServer:
             snapshot = read(self._bus)
         except EcatError as error:
             return "503 Service Unavailable", _TEXT, f"{error}\n".encode()
-        slaves: list[Mapping[str, Any]] = []
-        with suppress(EcatError, TimeoutError):
+        slaves: Health | EcatError
+        try:
             async with asyncio.timeout(_PATIENCE / 2):
-                slaves = (await self._states())["slaves"]
+                slaves = look_at(await self._states())
+        except EcatError as error:
+            slaves = error
+        except TimeoutError:
+            slaves = NoAnswerError("the bus server does not say how the slaves are")
         body = b"" if method == b"HEAD" else write_metrics(snapshot, slaves).encode()
         return "200 OK", CONTENT_TYPE, body

@@ -23,6 +23,7 @@ class Health:
         expected: Number of slaves that should be there: all but optional ones that are absent, and
             those that were missing at the start, so that they are no part of the bus.
         in_op: Number of those that are in OP.
+        missing: Number of those that were missing at the start.
         absent: Number of optional slaves that are absent.
         differences: A text for each slave that was missing at the start, and for devices that are
             no slaves of the bus.
@@ -33,6 +34,7 @@ class Health:
     rows: list[dict[str, Any]]
     expected: int
     in_op: int
+    missing: int
     absent: int
     differences: list[str]
     problems: list[str]
@@ -61,15 +63,17 @@ def look_at(reply: Mapping[str, Any]) -> Health:
         reply: The answer of the bus server to `ReadStates`.
     """
     rows, missing = list(reply["slaves"]), list(reply.get("missing", ()))
-    expected = [row for row in rows if row.get("recovery") != _ABSENT]
+    expected = required(rows)
     in_op = [row for row in expected if row["al_state"] == AlState.OP]
     problems = [_told(row) for row in expected if row not in in_op or row.get("recovery")]
     problems += _incomplete(rows, {row["group"] for row in expected if row.get("group")})
     differences = [item["text"] for item in missing]
     differences += filter(None, [reply.get("others")])
     problems += differences
-    count = len(expected) + sum(len(item["expected"]) for item in missing)
-    return Health(rows, count, len(in_op), len(rows) - len(expected), differences, problems)
+    left_out = sum(len(item["expected"]) for item in missing)
+    absent = len(rows) - len(expected)
+    count = len(expected) + left_out
+    return Health(rows, count, len(in_op), left_out, absent, differences, problems)
 
 
 def _incomplete(rows: list[Mapping[str, Any]], there: set[str]) -> Iterator[str]:
@@ -81,11 +85,14 @@ def _incomplete(rows: list[Mapping[str, Any]], there: set[str]) -> Iterator[str]
             yield f"group {group} is incomplete, because these slaves are absent: {names}"
 
 
-def silent_slaves(rows: Iterable[Mapping[str, Any]]) -> list[int]:
+def required(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The rows of the slaves that should be there: all but optional ones that are absent."""
+    return [row for row in rows if row.get("recovery") != _ABSENT]
+
+
+def silent_slaves(rows: Iterable[dict[str, Any]]) -> list[int]:
     """Positions of the slaves that do not answer, without optional ones that are absent."""
-    return [
-        row["position"] for row in rows if not row["al_state"] and row.get("recovery") != _ABSENT
-    ]
+    return [row["position"] for row in required(rows) if not row["al_state"]]
 
 
 def _told(row: Mapping[str, Any]) -> str:

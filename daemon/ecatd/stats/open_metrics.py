@@ -6,17 +6,18 @@ Counters are those since the start of the exchange; times are in seconds.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
 
 from ecatd import shm
 from ecatd.model.al import AlState
 from ecatd.model.bus import display_name
+from ecatd.model.errors import EcatError
+from ecatd.model.health import Health, required
 
+from .problems import find_problems, is_exchanged
 from .snapshot import DOMAIN_COUNTERS, Histogram, Snapshot
 
 CONTENT_TYPE = "application/openmetrics-text; version=1.0.0; charset=utf-8"
 
-_ABSENT = "absent"
 _BOUNDS_NS = tuple(step * 10**power for power in range(3, 9) for step in (1, 2, 5))
 """Upper bounds of the steps of all histograms: 1 µs to 0.5 s."""
 _COUNTERS = {
@@ -51,22 +52,28 @@ _TIMES = {
 }
 
 
-def write_metrics(snapshot: Snapshot, slaves: Iterable[Mapping[str, Any]] = ()) -> str:
+def write_metrics(snapshot: Snapshot, slaves: Health | EcatError) -> str:
     """Makes the text of one scrape.
 
     Args:
         snapshot: Statistics since the start.
-        slaves: AL states as `Remote.states` returns them; empty if no gateway answers.
+        slaves: The health of the slaves, or why it is unknown.
     """
-    return "\n".join([*_lines(snapshot, list(slaves)), "# EOF", ""])
+    return "\n".join([*_lines(snapshot, slaves), "# EOF", ""])
 
 
-def _lines(snapshot: Snapshot, slaves: list[Mapping[str, Any]]) -> Iterator[str]:
+def _lines(snapshot: Snapshot, slaves: Health | EcatError) -> Iterator[str]:
     bus = {"bus": snapshot.bus}
-    up = snapshot.state == shm.BusState.RUNNING and not snapshot.silence
     yield from _family("ecat_bus", "info", "The daemon.")
     yield _sample("ecat_bus_info", {**bus, "version": snapshot.version}, 1)
-    yield from _gauge("ecat_up", "Whether the bus is exchanged.", [(bus, int(up))])
+    yield from _gauge(
+        "ecat_up", "Whether the bus is exchanged.", [(bus, int(is_exchanged(snapshot)))]
+    )
+    yield from _gauge(
+        "ecat_problems",
+        "Number of problems that ecatctl check names.",
+        [(bus, len(find_problems(snapshot, slaves)))],
+    )
     yield from _gauge(
         "ecat_start_time_seconds",
         "Start of the daemon.",
@@ -80,7 +87,13 @@ def _lines(snapshot: Snapshot, slaves: list[Mapping[str, Any]]) -> Iterator[str]
         "ecat_slaves_expected", "Slaves of the bus.", [(bus, snapshot.slaves_expected)]
     )
     yield from _gauge("ecat_slaves_found", "Slaves that answer.", [(bus, snapshot.slaves_found)])
-    yield from _slaves(bus, slaves)
+    yield from _gauge(
+        "ecat_states_known",
+        "Whether the bus server says how the slaves are.",
+        [(bus, int(isinstance(slaves, Health)))],
+    )
+    if isinstance(slaves, Health):
+        yield from _slaves(bus, slaves)
     yield from _gauge(
         "ecat_link_up",
         "Whether an interface has a carrier.",
@@ -90,6 +103,11 @@ def _lines(snapshot: Snapshot, slaves: list[Mapping[str, Any]]) -> Iterator[str]
             if link != shm.Link.UNUSED
         ],
     )
+    if snapshot.ring != shm.Ring.NONE:
+        closed = snapshot.ring == shm.Ring.CLOSED
+        yield from _gauge(
+            "ecat_ring_closed", "Whether the ring of cables is closed.", [(bus, int(closed))]
+        )
     if snapshot.clock.state != shm.DcState.OFF:
         locked = snapshot.clock.state == shm.DcState.LOCKED
         yield from _gauge(
@@ -110,8 +128,14 @@ def _lines(snapshot: Snapshot, slaves: list[Mapping[str, Any]]) -> Iterator[str]
         yield from _histogram(f"ecat_{name}_seconds", _TIMES[name], bus, histogram)
 
 
-def _slaves(bus: Mapping[str, str], every: list[Mapping[str, Any]]) -> Iterator[str]:
-    rows = [row for row in every if row.get("recovery") != _ABSENT]  # optional slaves may be absent
+def _slaves(bus: Mapping[str, str], slaves: Health) -> Iterator[str]:
+    for name, text, count in (
+        ("required", "Slaves that should be in OP.", slaves.expected),
+        ("in_op", "Slaves that are in OP.", slaves.in_op),
+        ("missing", "Slaves that were missing at the start.", slaves.missing),
+    ):
+        yield from _gauge(f"ecat_slaves_{name}", text, [(bus, count)])
+    rows = required(slaves.rows)
     labels = [
         {
             **bus,
