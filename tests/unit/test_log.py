@@ -5,6 +5,7 @@ import re
 import shutil
 import socket
 import subprocess
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from time import sleep
@@ -16,7 +17,7 @@ from ecatd.model.log_levels import LEVELS, PARTS
 
 ROOT = Path(__file__).parents[2]
 CATALOG = ROOT / "systemd" / "ecatd.catalog"
-OVER_ZENOH = re.compile(r"^\| ((?:`[a-z_]+`(?:, )?)+) \|", re.MULTILINE)
+FIRST_COLUMN = re.compile(r"^\| ((?:`[a-z_]+`(?:, )?)+) \|", re.MULTILINE)
 
 
 @pytest.fixture
@@ -117,30 +118,57 @@ def explained() -> set[str]:
     return set(re.findall(r"^-- ([0-9a-f]{32})$", CATALOG.read_text(), re.MULTILINE))
 
 
-def logged() -> set[str]:
-    """The names of events that the code gives to the log."""
-    trees = [ast.parse(file.read_text()) for file in (ROOT / "daemon" / "ecatd").rglob("*.py")]
-    calls = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call)]
+def texts(nodes: Iterable[ast.expr | None]) -> set[str]:
+    """The constant texts among some expressions."""
     return {
-        call.args[1].value
-        for call in calls
-        if isinstance(call.func, ast.Attribute) and call.func.attr in LEVELS and len(call.args) > 1
-        if isinstance(call.args[1], ast.Constant) and isinstance(call.args[1].value, str)
+        node.value
+        for node in nodes
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value
     }
+
+
+def code() -> tuple[set[str], set[str]]:
+    """The names of events that the code publishes, and those that it gives to the log."""
+    published, logged = set(), set()
+    for file in (ROOT / "daemon" / "ecatd").rglob("*.py"):
+        nodes = list(ast.walk(ast.parse(file.read_text())))
+        for node in nodes:
+            match node:
+                case ast.Call(func=ast.Attribute(attr="_tell"), args=[kind], keywords=[_, *_]):
+                    published |= texts([kind])
+                case ast.Dict(keys=keys):
+                    named = zip(keys, node.values, strict=True)
+                    published |= texts([value for key, value in named if texts([key]) == {"event"}])
+                case ast.Call(
+                    func=ast.Attribute(attr=level) | ast.Name(id="tell" as level),
+                    args=[_, kind, *_],
+                ) if level in {*LEVELS, "tell"}:  # `tell` is the method for one of two levels
+                    logged |= texts([kind])
+        if "EventType(" in file.read_text():  # it uses the names of the engine's events
+            cases = [
+                part
+                for node in nodes
+                if isinstance(node, ast.match_case)
+                for part in ast.walk(node.pattern)
+            ]
+            names = {part.attr.lower() for part in cases if isinstance(part, ast.Attribute)}
+            published, logged = published | names, logged | names
+    return published, logged
+
+
+def table(page: str, head: str) -> set[str]:
+    """The names in the first column of a table."""
+    rows = page.partition(head)[2].partition("\n\n")[0]
+    return {name for row in FIRST_COLUMN.findall(rows) for name in re.findall(r"[a-z_]+", row)}
 
 
 def test_r44_every_event_is_explained() -> None:
     page = (ROOT / "docs" / "troubleshooting.md").read_text()
-    table = page.partition("| `event` | facts |")[2].partition("\n\n")[0]
-    over_zenoh = {name for row in OVER_ZENOH.findall(table) for name in re.findall(r"[a-z_]+", row)}
-    assert len(over_zenoh) > 15
-    # In the log, the first one is a disturbance, and the second one a notice.
-    not_in_the_log = {"working_counter", "log_levels"}
-    of_the_service = {"in_op", "failed", "ended", "hung", "gateway", "configuration"}
-    of_the_service |= {"frames_written"}
-    known = (over_zenoh - not_in_the_log) | of_the_service | {"expected_bus"}
-    assert of_the_service <= logged() <= known
-    assert explained() == {message_id(name) for name in known}
+    published, logged = code()
+    assert table(page, "| `event` | facts |") == published
+    assert table(page, "| `ECAT_EVENT` | what has happened |") == logged - published
+    assert published - logged == {"working_counter", "log_levels"}, "as the page says"
+    assert explained() == {message_id(name) for name in logged}
 
 
 @pytest.mark.skipif(shutil.which("journalctl") is None, reason="there is no systemd")
