@@ -1,6 +1,7 @@
 """Users of other machines: certificates, what each may do, and what nobody may."""
 
 import os
+import re
 import shutil
 import signal
 import socket
@@ -137,7 +138,7 @@ def test_a_user_without_rights_only_reads(site: Site) -> None:
     refused = site.ctl("bob", "sdo-write", "0", "0x6060", "0", "9")
     assert refused.returncode == 6
     names(one_line_error(refused.stderr, "ecatctl"), "'bob'", "'sdo'", "only read")
-    names(site.daemon.log, "refused", "'bob'")
+    wait_for(lambda: "refused: user 'bob'" in site.daemon.log, site.daemon)
 
 
 def test_r36_nobody_asks_in_the_name_of_another_user(site: Site) -> None:
@@ -414,3 +415,23 @@ def test_a_program_that_runs_wild_is_slowed_down(site: Site) -> None:
     assert {error["name"] for error in refused} == {"busy"}
     names(refused[0]["message"], "'dora'", "2", "gateway.user.changes_max")
     assert sum(reply.ok is not None for reply in answers) >= 6
+
+
+def test_r36_refused_changes_do_not_fill_the_log(site: Site) -> None:
+    key = bus_key(site.daemon.bus, "as", "dora", "rw", "sdo", "0", "0x6060", "00")
+    answers: list[zenoh.Reply] = []
+    with site.session("dora") as dora:
+        for number in range(100):
+            payload = pack({"id": f"refused {number}", "data": b"\x09"})
+            dora.get(key, answers.append, payload=payload, timeout=60.0)
+        wait_for(lambda: len(answers) == 100, site.daemon)
+    assert all(reply.err and b"permission" in bytes(reply.err.payload) for reply in answers)
+
+    def lines() -> list[str]:
+        return [line for line in site.daemon.log.splitlines() if "refused: user 'dora'" in line]
+
+    def told() -> int:
+        return len(lines()) + sum(map(int, re.findall(r"and (\d+) more", "\n".join(lines()))))
+
+    wait_for(lambda: told() == 100, site.daemon)
+    assert len(lines()) < 20

@@ -7,11 +7,12 @@ import pytest
 
 import virtual_time
 from conftest import names
+from ecatd.batch import Batch
 from ecatd.bus.engine.engine import Event
 from ecatd.bus.watch.counters import Disturbance, Report
 from ecatd.bus.watch.interfaces import describe_ring
 from ecatd.bus.watch.presence import describe_presence
-from ecatd.bus.watch.rate_limiter import Batch, Throttle
+from ecatd.bus.watch.rate_limiter import Throttle
 from ecatd.model.bus import Bus, Slave
 from ecatd.shm import Ring
 

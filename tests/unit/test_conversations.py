@@ -14,6 +14,7 @@ import pytest
 from wire_bench import FIRST_STATION, Wire, in_preop
 
 from conftest import PATIENCE, names, naming
+from ecatd.batch import Batch
 from ecatd.bus.mailbox import coe as coe_module
 from ecatd.bus.mailbox import line as line_module
 from ecatd.bus.mailbox.coe import Coe
@@ -25,7 +26,6 @@ from ecatd.bus.master.worker import Worker
 from ecatd.bus.requests.conversations import Conversations
 from ecatd.bus.requests.dictionaries import Dictionaries
 from ecatd.bus.requests.objects import Objects
-from ecatd.bus.watch.rate_limiter import Batch
 from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType

@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from ecatd.batch import Batch, last_of
 from ecatd.connection import Connection
 from ecatd.encoding import MAX_MESSAGE
 from ecatd.log import Log
@@ -19,7 +20,6 @@ from ecatd.paths import make_dir
 
 from .once import Once
 from .server import BusServer
-from .watch.rate_limiter import Batch
 
 _PENDING_MAX = 256
 _CLIENTS_MAX = 8
@@ -76,9 +76,7 @@ class ControlSocket:
                 client.send(event)
 
     def _report_problems(self, problems: list[str], left_out: int) -> None:
-        others = len(problems) - 1 + left_out
-        more = f" (and {others} more like this)" if others else ""
-        self._log.warning(f"control socket: {problems[-1]}{more}")
+        self._log.warning(f"control socket: {last_of(problems, left_out)}")
 
     async def close(self) -> None:
         """Stops listening and removes the socket."""

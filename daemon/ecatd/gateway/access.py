@@ -18,6 +18,8 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
+from ecatd.batch import Batch, last_of
+from ecatd.log import Log
 from ecatd.model.bus import Bus
 from ecatd.model.config import GatewayConfig, UserConfig
 from ecatd.model.config.gateway import ENCRYPTED, PLAIN, host_of, is_encrypted
@@ -150,6 +152,25 @@ def check(user: UserConfig, request: Request, bus: Bus) -> None:
             f"user '{user.name}' may change only slaves {', '.join(map(str, user.slaves))} of bus "
             f"'{bus.name}' (gateway.user.slaves in the configuration of the daemon)"
         )
+
+
+class Refusals:
+    """Logs refused changes. A user who goes on gets fewer and fewer lines, which tell how many.
+
+    Args:
+        log: The log.
+    """
+
+    def __init__(self, log: Log) -> None:
+        self._log = log
+        self._batches: dict[str, Batch[str]] = {}
+
+    def note(self, user: str, text: str) -> None:
+        """Takes one of a user whom the configuration names."""
+        self._batches.setdefault(user, Batch(self._tell)).note(text)
+
+    def _tell(self, texts: list[str], left_out: int) -> None:
+        self._log.notice(f"refused: {last_of(texts, left_out)}")
 
 
 class Rate:

@@ -40,6 +40,7 @@ from ecatd.zenoh_keys import AS, RIGHTS, SCHEMA, bus_key, full_name, session_con
 
 from .access import (
     Rate,
+    Refusals,
     access_control,
     certificates,
     check,
@@ -90,6 +91,7 @@ class Gateway:
         self._streams: Streams | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
         self._rates: dict[str, Rate] = {}
+        self._refusals = Refusals(log)
         self._description: Answer | None = None  # once somebody has asked for it
         self._named = Bus(name, 0)  # has slaves if the rights of users name some
 
@@ -273,7 +275,7 @@ class Gateway:
             try:
                 check(user, request, self._named)
             except NotPermittedError as error:
-                self._log.notice(f"refused: {error}")
+                self._refusals.note(user.name, str(error))
                 raise
             who = f"user '{user.name}'"
             if "by" in request.fields:  # not the parts of a file: they do not count as changes

@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 
+from ecatd.batch import Batch
 from ecatd.coroutine_steps import Steps
 from ecatd.log import Log
 from ecatd.model.bus import Slave
@@ -20,7 +21,6 @@ from ..mailbox.talks import talk_all
 from ..master.emergencies import Emergency, tell_emergencies
 from ..master.worker import Worker
 from ..start.running import RunningBus
-from .rate_limiter import Batch
 
 _TOGETHER_S = 0.005
 """Looks that are due within so many seconds are one: they share frames."""

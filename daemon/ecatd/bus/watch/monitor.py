@@ -15,6 +15,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
 
 from ecatd import shm
+from ecatd.batch import Batch
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.config import OutputsConfig, RecoveryConfig
@@ -31,7 +32,7 @@ from .files import FileWatch
 from .interfaces import InterfaceWatch
 from .mailboxes import MailboxWatch
 from .outputs import OutputWatch
-from .rate_limiter import Batch, Throttle
+from .rate_limiter import Throttle
 from .slaves import SlaveWatch
 from .slot_requests import Answer, SlotRequests
 

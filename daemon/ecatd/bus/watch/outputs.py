@@ -16,6 +16,7 @@ from itertools import groupby
 from typing import Any
 
 from ecatd import shm
+from ecatd.batch import Batch
 from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave, positions_text
 from ecatd.model.config import OutputsConfig
@@ -24,7 +25,6 @@ from ecatd.model.pdo import Entry
 from ..engine.engine import Event, EventType
 from ..engine.shared_memory import SharedMemory
 from .file_users import Program, names, programs_with
-from .rate_limiter import Batch
 
 _TOLD = 4
 """Most events about one client in one report; earlier ones are only counted."""
