@@ -18,6 +18,8 @@ pytestmark = pytest.mark.bus
 
 CTL = f"{PYTHON} -m ecatd.cli doctor"
 needs_ethtool = pytest.mark.skipif(not shutil.which("ethtool"), reason="ethtool is not installed")
+ORDINARY = [] if os.geteuid() else ["unshare", "--user", "--map-user=1000", "--map-group=1000"]
+"""Runs a command without the rights of root."""
 NAMES = ["area", "name", "level", "text", "remedy", "cost", "fixable"]
 
 
@@ -202,12 +204,34 @@ def test_a_killed_daemon_leaves_memory_that_is_named(
 
 def test_ordinary_users_are_told_that_they_may_write(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("line:1")
-    user = [] if os.geteuid() else ["unshare", "--user", "--map-user=1000", "--map-group=1000"]
-    command = [*user, *shlex.split(CTL), "--bus", daemon.bus, "--json"]
+    command = [*ORDINARY, *shlex.split(CTL), "--bus", daemon.bus, "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=daemon.env)
     found = findings(done.stdout)["this user", "use of the bus"]
     assert found["level"] == "ok"
     assert "write outputs" in found["text"]
+
+
+def test_r43_what_an_ordinary_user_lacks_is_named() -> None:
+    limits = ["prlimit", "--rtprio=0", "--memlock=65536"]
+    command = [*ORDINARY, *limits, *shlex.split(CTL), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    found = findings(done.stdout)
+    for name, text, remedy in (
+        ("real time", "limit 0:", "@ecat - rtprio 98"),
+        ("locked memory", "limit 65536:", "@ecat - memlock unlimited"),
+        ("raw frames", "no CAP_NET_RAW and no CAP_NET_ADMIN", "sudo"),
+    ):
+        item = found["this user", name]
+        assert item["level"] == "hint"
+        names(item["text"], text, "the service")
+        assert remedy in item["remedy"]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root has all rights")
+def test_r43_root_lacks_nothing() -> None:
+    found = findings(run("--json").stdout)
+    for name in ("real time", "locked memory", "raw frames"):
+        assert (found["this user", name]["level"], found["this user", name]["remedy"]) == ("ok", "")
 
 
 def test_a_bus_without_a_gateway(start_daemon: Callable[..., Daemon]) -> None:

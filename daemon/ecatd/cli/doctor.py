@@ -13,7 +13,7 @@ from ecatd.doctor.findings import Finding, Level
 from ecatd.doctor.interface import look_at
 from ecatd.doctor.mend import mend, undo
 from ecatd.doctor.processors import look_at_processors
-from ecatd.doctor.rights import look_at_rights
+from ecatd.doctor.rights import look_at_rights, service_group
 from ecatd.doctor.service import look_at_service
 from ecatd.doctor.software import (
     look_at_configuration,
@@ -112,7 +112,7 @@ def _look(options: argparse.Namespace, config: Config | None) -> Iterator[Findin
         yield from look_at_settings(config.realtime)
     for name in names:
         yield from look_at(name, cpu)
-    yield from look_at_processors(cpu)
+    yield from look_at_processors(cpu, service_group())
     yield from look_at_service(options.bus)
     yield from look_at_rights(options.bus)
     yield from look_at_shared_memory()

@@ -12,24 +12,25 @@ from pathlib import Path
 
 from . import ethtool
 from .findings import Change, Finding, Level
-from .values import read, text_change
+from .values import ROOT, read, text_change
 
 _SIOCGIFADDR = 0x8915
-_NETWORK = Path("/sys/class/net")
+_NETWORK = "sys/class/net"
 _COALESCING_OFF = "rx 0 tx 0 adaptive off"
 
 
-def look_at(interface: str, cpu: int | None) -> Iterator[Finding]:
+def look_at(interface: str, cpu: int | None, root: Path = ROOT) -> Iterator[Finding]:
     """Findings about an interface.
 
     Args:
         interface: Its name.
         cpu: `realtime.cpu` of the configuration.
+        root: The folder with `sys` and `proc`.
     """
     area = f"interface {interface}"
-    folder = _NETWORK / interface
+    folder = root / _NETWORK / interface
     if not folder.exists():
-        names = ", ".join(sorted(path.name for path in _NETWORK.iterdir()))
+        names = ", ".join(sorted(path.name for path in folder.parent.iterdir()))
         text = f"there is no interface of this name, only {names}"
         remedy = "correct 'interface' in the configuration, or look at `dmesg` for the card"
         yield Finding(area, "interface", Level.PROBLEM, text, remedy)
@@ -38,13 +39,15 @@ def look_at(interface: str, cpu: int | None) -> Iterator[Finding]:
     yield _link(area, interface, folder)
     yield from _users(area, interface, folder)
     yield from _settings(area, interface)
-    yield from _interrupts(area, folder, cpu)
+    yield from _interrupts(area, folder, cpu, root / "proc/irq")
 
 
 def _driver(area: str, folder: Path) -> Finding:
     driver = folder / "device/driver"
     if not driver.exists():
-        return Finding(area, "driver", Level.HINT, "it is a virtual interface, which has no card")
+        text = "it is a virtual interface, which has no card"
+        remedy = "for slaves that are no simulation, name an Ethernet port of this machine"
+        return Finding(area, "driver", Level.HINT, text, remedy)
     name = driver.resolve().name
     if (folder / "wireless").exists():
         remedy = "use an Ethernet port"
@@ -150,13 +153,13 @@ def _settings(area: str, interface: str) -> Iterator[Finding]:
             yield Finding(area, "sleep of the port", Level.HINT, text, remedy, change)
 
 
-def _interrupts(area: str, folder: Path, cpu: int | None) -> Iterator[Finding]:
+def _interrupts(area: str, folder: Path, cpu: int | None, irqs: Path) -> Iterator[Finding]:
     """Finds the processors that handle the interrupts of the card."""
     numbers = [path.name for path in (folder / "device/msi_irqs").glob("*")]
     if not numbers and (single := read(folder / "device/irq")) not in ("", "0"):
         numbers = [single]
     for number in sorted(numbers, key=int):
-        file = Path("/proc/irq") / number / "smp_affinity_list"
+        file = irqs / number / "smp_affinity_list"
         where = read(file)
         if not where:
             continue

@@ -8,40 +8,44 @@ from pathlib import Path
 
 from .costs import COSTS
 from .findings import Finding, Level
-from .values import cpu_list, read, text_change
+from .values import ROOT, cpu_list, read, text_change
 
-_CPUS = Path("/sys/devices/system/cpu")
+_CPUS = "sys/devices/system/cpu"
 _AREA = "processors"
 _DEEP_US = 50
 """A sleep from which a processor takes longer to wake up costs as much as a short cycle."""
 
 
-def look_at_processors(cpu: int | None) -> Iterator[Finding]:
+def look_at_processors(
+    cpu: int | None, group: int | None = None, root: Path = ROOT
+) -> Iterator[Finding]:
     """Findings about kernel and processors.
 
     Args:
         cpu: `realtime.cpu` of the configuration.
+        group: The group of the service; None if there is no service.
+        root: The folder with `sys`, `proc` and `dev`.
     """
-    yield _kernel()
-    yield from _engine_cpu(cpu)
-    yield from _governor()
-    yield _sleep()
-    yield _clock()
-    yield from _others(cpu)
+    yield _kernel(root)
+    yield from _engine_cpu(cpu, root / _CPUS)
+    yield from _governor(root / _CPUS)
+    yield _sleep(group, root)
+    yield _clock(root)
+    yield from _others(cpu, root / "proc")
 
 
-def _kernel() -> Finding:
+def _kernel(root: Path) -> Finding:
     version = os.uname()
-    if read(Path("/sys/kernel/realtime")) == "1" or "PREEMPT_RT" in version.version:
+    if read(root / "sys/kernel/realtime") == "1" or "PREEMPT_RT" in version.version:
         return Finding(_AREA, "kernel", Level.OK, f"{version.release}, with PREEMPT_RT")
     text = f"{version.release}, without PREEMPT_RT: drivers may delay a cycle by milliseconds"
     remedy = "Debian: `apt install linux-image-rt-amd64`; `ecatctl doctor --latency 60` measures it"
     return Finding(_AREA, "kernel", Level.HINT, text, remedy)
 
 
-def _engine_cpu(cpu: int | None) -> Iterator[Finding]:
-    online = cpu_list(read(_CPUS / "online"))
-    isolated = cpu_list(read(_CPUS / "isolated"))
+def _engine_cpu(cpu: int | None, cpus: Path) -> Iterator[Finding]:
+    online = cpu_list(read(cpus / "online"))
+    isolated = cpu_list(read(cpus / "isolated"))
     if cpu is None:
         text = f"the engine has no CPU for itself (realtime.cpu); this machine has {len(online)}"
         best = max(isolated or online, default=0)
@@ -51,7 +55,7 @@ def _engine_cpu(cpu: int | None) -> Iterator[Finding]:
         yield Finding(_AREA, "CPU of the engine", Level.HINT, text, remedy)
         return
     if cpu not in online:
-        text = f"realtime.cpu is {cpu}, but there are only {read(_CPUS / 'online')}"
+        text = f"realtime.cpu is {cpu}, but there are only {read(cpus / 'online')}"
         yield Finding(_AREA, "CPU of the engine", Level.PROBLEM, text, "correct realtime.cpu")
         return
     if cpu in isolated:
@@ -61,16 +65,16 @@ def _engine_cpu(cpu: int | None) -> Iterator[Finding]:
         remedy = f"boot with isolcpus={cpu} nohz_full={cpu} rcu_nocbs={cpu}, or remove realtime.cpu"
         cost = str(COSTS["cpu"])
         yield Finding(_AREA, "CPU of the engine", Level.HINT, text, remedy, cost=cost)
-    twins = cpu_list(read(_CPUS / f"cpu{cpu}/topology/thread_siblings_list")) - {cpu}
+    twins = cpu_list(read(cpus / f"cpu{cpu}/topology/thread_siblings_list")) - {cpu}
     if twins:
         text = f"CPU {cpu} shares its core with CPU {min(twins)}: they slow each other down"
         remedy = f"switch hyper-threading off, or isolate CPU {min(twins)}, too"
         yield Finding(_AREA, "shared core", Level.HINT, text, remedy)
 
 
-def _governor() -> Iterator[Finding]:
+def _governor(cpus: Path) -> Iterator[Finding]:
     slow = []
-    files = sorted(_CPUS.glob("cpu[0-9]*/cpufreq/scaling_governor"))
+    files = sorted(cpus.glob("cpu[0-9]*/cpufreq/scaling_governor"))
     for file in files:
         if read(file) != "performance":
             slow.append(file)
@@ -93,23 +97,41 @@ def _governor() -> Iterator[Finding]:
         )
 
 
-def _sleep() -> Finding:
-    states = sorted(_CPUS.glob("cpu0/cpuidle/state[0-9]*"))
-    latencies = [int(read(state / "latency") or 0) for state in states]
-    deepest = max(latencies, default=0)
+def _sleep(group: int | None, root: Path) -> Finding:
+    latencies = [0]
+    for state in (root / _CPUS).glob("cpu[0-9]*/cpuidle/state[0-9]*"):
+        if read(state / "disable") != "1":
+            latencies.append(int(read(state / "latency") or 0))
+    deepest = max(latencies)
     if deepest <= _DEEP_US:
         return Finding(_AREA, "sleep", Level.OK, f"they wake up within {deepest} µs")
-    device = Path("/dev/cpu_dma_latency")
+    device = root / "dev/cpu_dma_latency"
     text = f"they sleep so deeply that they take {deepest} µs to wake up"
-    if device.exists():
-        text += "; ecatd prevents this while it runs, if it may write /dev/cpu_dma_latency"
-        return Finding(_AREA, "sleep", Level.OK, text)
-    remedy = "boot with intel_idle.max_cstate=1, or switch C-states off in the BIOS"
+    if not device.exists():
+        remedy = "boot with intel_idle.max_cstate=1, or switch C-states off in the BIOS"
+    elif _may_write(device, group):
+        return Finding(_AREA, "sleep", Level.OK, f"{text}; ecatd prevents this while it runs")
+    else:
+        text += f"; ecatd cannot prevent this, because it may not write {device}"
+        remedy = (
+            "run ecatd as a service (`ecatctl service install`), or with sudo"
+            if group is None
+            else "`udevadm control --reload`, then `udevadm trigger --name-match=cpu_dma_latency`: "
+            "a rule of the service gives the device to its group"
+        )
     return Finding(_AREA, "sleep", Level.HINT, text, remedy, cost=str(COSTS["dma_latency_us"]))
 
 
-def _clock() -> Finding:
-    source = read(Path("/sys/devices/system/clocksource/clocksource0/current_clocksource"))
+def _may_write(device: Path, group: int | None) -> bool:
+    """Whether the service may write a device, or this user if there is no service."""
+    if group is None:
+        return os.access(device, os.W_OK)
+    status = device.stat()
+    return bool(status.st_mode & (0o020 if status.st_gid == group else 0o002))
+
+
+def _clock(root: Path) -> Finding:
+    source = read(root / "sys/devices/system/clocksource/clocksource0/current_clocksource")
     if source in ("hpet", "acpi_pm", "jiffies", "refined-jiffies"):
         text = f"{source}: reading the time takes a microsecond or more, instead of 20 ns"
         remedy = (
@@ -120,18 +142,18 @@ def _clock() -> Finding:
     return Finding(_AREA, "clock", Level.OK, source or "unknown")
 
 
-def _others(cpu: int | None) -> Iterator[Finding]:
-    runtime = read(Path("/proc/sys/kernel/sched_rt_runtime_us"))
+def _others(cpu: int | None, proc: Path) -> Iterator[Finding]:
+    runtime = read(proc / "sys/kernel/sched_rt_runtime_us")
     if runtime not in ("", "-1"):
-        period = int(read(Path("/proc/sys/kernel/sched_rt_period_us")) or 1_000_000)
+        period = int(read(proc / "sys/kernel/sched_rt_period_us") or 1_000_000)
         share = 100 * int(runtime) // period
         text = f"real-time programs get {share} % of each second; enough unless busy_receive is set"
         yield Finding(_AREA, "share of real time", Level.OK, text)
-    names = (read(path / "comm") for path in Path("/proc").glob("[0-9]*"))
+    names = (read(path / "comm") for path in proc.glob("[0-9]*"))
     if cpu is not None and "irqbalance" in names:
         text = "irqbalance runs: it may move interrupts to the CPU of the engine"
         remedy = f"IRQBALANCE_BANNED_CPULIST={cpu} in /etc/default/irqbalance, or stop it"
         yield Finding(_AREA, "irqbalance", Level.HINT, text, remedy)
-    if "hypervisor" in read(Path("/proc/cpuinfo")).partition("\n\n")[0].split():
+    if "hypervisor" in read(proc / "cpuinfo").partition("\n\n")[0].split():
         text = "this is a virtual machine: its host decides when it runs"
         yield Finding(_AREA, "machine", Level.HINT, text, "measure: `ecatctl doctor --latency 60`")

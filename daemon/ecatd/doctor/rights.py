@@ -9,14 +9,28 @@ from collections.abc import Iterator
 
 from ecatd.model.errors import JOIN
 from ecatd.paths import control_socket, search_dirs
+from ecatd.process import CAP_NET_ADMIN
 
 from .costs import COSTS
 from .findings import Finding, Level
+from .values import ROOT, read
+
+_FOR_FRAMES = {"CAP_NET_RAW": 13, "CAP_NET_ADMIN": CAP_NET_ADMIN}
+"""What a daemon on an interface needs, with the numbers of capabilities(7)."""
+
+
+def service_group() -> int | None:
+    """The group of the service; None if it is not installed."""
+    try:
+        return grp.getgrnam("ecat").gr_gid
+    except KeyError:
+        return None
 
 
 def look_at_rights(bus: str) -> Iterator[Finding]:
     """What this user may do."""
     yield _membership(bus)
+    yield _raw_frames()
     area = "this user"
     for name, number, least, line, cost in (
         ("real time", resource.RLIMIT_RTPRIO, 98, "@ecat - rtprio 98", str(COSTS["priority"])),
@@ -34,6 +48,21 @@ def look_at_rights(bus: str) -> Iterator[Finding]:
             yield Finding(area, name, Level.HINT, text, remedy, cost=cost)
 
 
+def _raw_frames() -> Finding:
+    """Whether an ecatd that this user starts by hand may use an interface."""
+    area, name = "this user", "raw frames"
+    lines = read(ROOT / "proc/self/status").splitlines()
+    effective = next(int(line.split()[1], 16) for line in lines if line.startswith("CapEff:"))
+    missing = [cap for cap, bit in _FOR_FRAMES.items() if not effective >> bit & 1]
+    if not missing:
+        return Finding(area, name, Level.OK, "granted")
+    text = (
+        f"no {' and no '.join(missing)}: an ecatd that this user starts cannot use an interface, "
+        "but the service can"
+    )
+    return Finding(area, name, Level.HINT, text, "start the service, or ecatd with sudo")
+
+
 def _membership(bus: str) -> Finding:
     area, name = "this user", "use of the bus"
     if os.geteuid() == 0:
@@ -41,12 +70,11 @@ def _membership(bus: str) -> Finding:
     reachable = any(os.access(control_socket(folder, bus), os.W_OK) for folder in search_dirs())
     if reachable:
         return Finding(area, name, Level.OK, "may write outputs and send requests")
-    try:
-        member = grp.getgrnam("ecat").gr_gid in os.getgroups()
-    except KeyError:
+    group = service_group()
+    if group is None:
         return Finding(
             area, name, Level.HINT, "the group 'ecat' does not exist", "install the service"
         )
-    if member:
+    if group in os.getgroups():
         return Finding(area, name, Level.OK, "member of the group 'ecat'")
     return Finding(area, name, Level.PROBLEM, "not a member of the group 'ecat'", JOIN)

@@ -11,7 +11,14 @@ from contextlib import suppress
 from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError
 from ecatd.paths import search_dirs, zenoh_socket
 from ecatd.stats import read
-from ecatd.systemd_services import gateway, other_version, why_no_gateway, why_not_running
+from ecatd.systemd_services import (
+    gateway,
+    how_to_start,
+    other_version,
+    service,
+    why_no_gateway,
+    why_not_running,
+)
 
 from .findings import Finding, Level
 
@@ -30,12 +37,12 @@ def _bus_and_gateway(bus: str) -> Iterator[Finding]:
         if advice := why_not_running(bus):
             yield Finding(area, name, Level.PROBLEM, advice.text, advice.remedy)
         else:  # nothing says that it should run on this machine
-            yield Finding(area, name, Level.HINT, str(error))
+            yield Finding(area, name, Level.HINT, str(error), how_to_start(bus))
         return
     except NotPermittedError:  # the rights of this user are checked, too
         return
     except EcatError as error:
-        yield Finding(area, name, Level.PROBLEM, str(error))
+        yield Finding(area, name, Level.PROBLEM, str(error), f"'systemctl restart {service(bus)}'")
         return
     yield Finding(area, name, Level.OK, "runs")
     advice = why_no_gateway(bus)

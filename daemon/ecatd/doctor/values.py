@@ -7,6 +7,9 @@ from pathlib import Path
 
 from .findings import Change
 
+ROOT = Path("/")
+"""The folder with `sys`, `proc` and `dev`."""
+
 
 def read(file: Path) -> str:
     """The text of a file without the space around it; empty if it cannot be read."""
