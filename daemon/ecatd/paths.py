@@ -18,6 +18,8 @@ from .model.errors import NotPermittedError, StateError, UsageError
 
 SYSTEM = Path("/run/ecatd")
 MACHINE = Path("/etc/ecatd")
+DOCTOR_CHANGES = "ecatd-doctor.json"
+"""The list of what `ecatctl doctor --fix` has changed, beside the folders of the buses."""
 
 _SOCKET_PATH_MAX = 107  # of a Unix socket in Linux
 _OWN = "set ECATD_RUNTIME_DIR to a directory of your own"

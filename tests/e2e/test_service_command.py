@@ -16,6 +16,7 @@ from ecatd.installation.places import Place
 from ecatd.installation.service import check_readable, install
 from ecatd.model.errors import UsageError
 
+POSTRM = Path(__file__).parents[2] / "packaging/debian/ecatd.postrm"
 PROGRAMS = Path(sysconfig.get_path("scripts"))
 UNIT = "usr/local/lib/systemd/system/ecatd.service"
 UNIT_OF_BUS = "usr/local/lib/systemd/system/ecatd@.service"
@@ -157,6 +158,7 @@ OF_THE_ADMINISTRATOR = {
     f"{SETTINGS}/ecatd@press.service.d/override.conf",
     f"{SETTINGS}/ecatd-gateway.service",
     "var/lib/ecatd/ecat0/fault.pcapng",
+    "run/ecatd-doctor.json",
     f"{UNIT}.ecatd-old",
 }
 
@@ -190,6 +192,7 @@ def test_purge_names_what_it_removes_and_leaves_what_was_there_before(tmp_path: 
     }
     assert folders(tmp_path) == (above | {SETTINGS}) - {"."} | {
         f"{SETTINGS}/multi-user.target.wants",
+        "run",
         "var",
         "var/lib",
     }
@@ -207,6 +210,38 @@ def test_without_purge_files_of_the_administrator_stay_and_are_named(tmp_path: P
     assert f"{PROGRAMS}/ecatctl service uninstall --purge" in told
     service(tmp_path, "uninstall", "--purge")
     assert set(tree(tmp_path)) == {RULES, f"{SETTINGS}/ecatd-exporter.service"}
+
+
+def test_a_purge_of_the_package_leaves_only_what_is_not_of_ecatd() -> None:
+    """The script of the Debian package, in a file system of its own."""
+    script = """
+        for folder in etc run var; do mount -t tmpfs none /$folder; done
+        mkdir -p /run/ecatd/ecat0 /etc/ecatd /var/lib/ecatd /var/log/ecatd
+        touch /run/ecatd-doctor.json
+        mkdir -p /etc/systemd/system; cd /etc/systemd/system
+        mkdir multi-user.target.wants cell.target.requires ecatd.service.d
+        ln -s /lib/systemd/system/ecatd@.service multi-user.target.wants/ecatd@press.service
+        ln -s /usr/lib/systemd/system/ecatd@.service cell.target.requires/ecatd@saw.service
+        ln -s /usr/local/lib/systemd/system/ecatd@.service multi-user.target.wants/ecatd@own.service
+        ln -s /lib/systemd/system/ssh.service multi-user.target.wants/ssh.service
+        touch ecatd.service.d/override.conf
+        sh "$0" remove
+        test -L multi-user.target.wants/ecatd@press.service
+        sh "$0" purge
+        find /etc /run /var ! -type d
+    """
+    user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
+    command = ["unshare", *user, "--mount", "sh", "-ec", script, str(POSTRM)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert set(done.stdout.split()) == {
+        f"/{SETTINGS}/{path}"
+        for path in (
+            "multi-user.target.wants/ecatd@own.service",
+            "multi-user.target.wants/ssh.service",
+            "ecatd.service.d/override.conf",
+        )
+    }
 
 
 def test_a_removal_names_the_buses_that_no_longer_start_with_the_machine(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ecatd.model.atomic_write import write_whole
 from ecatd.model.errors import NotPermittedError, StateError
-from ecatd.paths import user_dir
+from ecatd.paths import DOCTOR_CHANGES, user_dir
 
 from . import ethtool
 from .findings import Change
@@ -90,8 +90,8 @@ def _change(name: str, wanted: str) -> Change:
 
 
 def _list() -> Path:
-    """The list of changes: beside the folders of the buses."""
-    return user_dir().with_name("ecatd-doctor.json")
+    """The list of changes."""
+    return user_dir().with_name(DOCTOR_CHANGES)
 
 
 def _read() -> dict[str, str]:

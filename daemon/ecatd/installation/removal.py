@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 
 from ecatd.model.errors import StateError
+from ecatd.paths import DOCTOR_CHANGES
 
 from .actions import Action, Remove, RemoveFolder, RemoveTree, Restore, run
 from .buses import autostart_links, is_masked
@@ -51,6 +52,9 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Action]:
     yield from _remove_folders(place, record.folders, actions)
     if place.at(SOCKETS).is_dir():
         yield RemoveFolder("remove", str(SOCKETS), "if no other ecatd runs", place.at(SOCKETS))
+    if place.at(changes := SOCKETS.with_name(DOCTOR_CHANGES)).is_file():
+        what = "what `ecatctl doctor --fix` has changed, until the machine starts again"
+        yield _remove_or_keep(place, place.at(changes), what, purge=purge)
     yield from _remove_settings(place, purge=purge)
     for folder, what in (
         (CONFIGURATION, "your configuration"),
