@@ -163,6 +163,14 @@ class Daemon:
         self._status = [line for line in lines if line.startswith("STATUS=")] or self._status
         return lines
 
+    def told(self, seconds: float = PATIENCE) -> list[str]:
+        """What it tells systemd next; empty if it tells nothing for so long."""
+        self._socket.settimeout(seconds)
+        try:
+            return self._notified()
+        except TimeoutError:
+            return []
+
     @property
     def status(self) -> str:
         """The last STATUS that it has told systemd."""

@@ -3,6 +3,7 @@
 The service writes lines of JSON to the child's stdin: first the settings, later `{"ping": 1}` or
 changed settings. The child writes lines to its stdout, each with a word and a text:
 
+- `starting` regularly while it starts, if that may take long;
 - `ready` once it serves;
 - `failed` with the reason;
 - `alive` with a JSON document, as the answer to a ping;
@@ -23,6 +24,9 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from ecatd.model.errors import EcatError
+
+_STARTING_S = 2.0
+"""Seconds between two lines that say that the start goes on."""
 
 _LINE_MAX = 1 << 26
 """Most bytes of the settings."""
@@ -48,6 +52,13 @@ def tell(word: str, text: str = "") -> None:
     """Writes a line to the service; does nothing if the service has been killed."""
     with contextlib.suppress(BrokenPipeError):
         os.write(sys.stdout.fileno(), f"{word} {text}\n".encode())
+
+
+async def tell_starting() -> None:
+    """Tells the service regularly that the start goes on, until it is cancelled."""
+    while True:
+        await asyncio.sleep(_STARTING_S)
+        tell("starting")
 
 
 async def answer_pings(

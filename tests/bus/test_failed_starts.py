@@ -11,13 +11,13 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-from conftest import PATIENCE, names, run_module
+from conftest import PATIENCE, Daemon, names, run_module, stop_process
 from ecatd.failure_record import read_record
 from ecatd.log import Log
 from ecatd.service.failed_starts import FailedStarts
@@ -121,7 +121,7 @@ def test_r46_the_pause_grows_until_somebody_stops_the_service(manager: Manager) 
         names(status, "eth77", BUS)
         assert re.search(r"next try at \d\d:\d\d:\d\d$", status)
         names(manager.log, "eth77", "next try", f"{next_s} s", status.rpartition(" ")[2])
-        (extended,) = [line for line in manager.told if line.startswith("EXTEND_TIMEOUT_USEC=")]
+        *_, extended = [line for line in manager.told if line.startswith("EXTEND_TIMEOUT_USEC=")]
         assert int(extended.partition("=")[2]) > next_s * 1_000_000
     assert manager.fail_and_wait(signal.SIGTERM) == 0
     manager.fail_at_once()  # it is counted from the beginning
@@ -146,6 +146,29 @@ def test_r46_ecatctl_says_why_and_when_the_next_try_is(manager: Manager) -> None
         names(manager.ctl(command), "failed 2 times", "'eth77'", at, f"ecatd@{BUS}")
     assert manager.fail_and_wait(signal.SIGTERM) == 0
     assert "eth77" not in manager.ctl("check")
+
+
+@pytest.mark.long
+def test_a_start_may_take_longer_than_systemd_gives_it(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    """A drive answers late, many times. The bus server says that it works, unless it hangs."""
+    rig = tmp_path / "rig.toml"
+    rig.write_text(
+        '[[slave]]\ndevice = "CiA402"\n'
+        '[[fault]]\nkind = "mailbox"\nslave = 0\nmode = "slow"\ndelay_s = 3.0\n'
+    )
+    config = "[[slave]]\nposition = 0\nmailbox_timeout_ms = 9000\n"
+    daemon = start_daemon(str(rig), config=f"{config}[gateway]\nlisten = []\n", ready=False)
+    more = [daemon.told() for _ in range(3)]
+    for lines in more:
+        assert lines == ["EXTEND_TIMEOUT_USEC=60000000"], daemon.log
+    hung = daemon.child_pid("ecatd.bus")
+    stop_process(hung)
+    assert [] in [daemon.told(6) for _ in range(3)], "nobody works on the start"
+    os.kill(hung, signal.SIGCONT)
+    assert daemon.told() == more[0]
+    assert daemon.stop() == 0
 
 
 def test_damage_to_the_record_does_no_harm(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 from ecatd.installation.places import LOCAL, files
 from ecatd.service.failed_starts import RESTART_S
 from ecatd.service.main import make_parser
+from ecatd.service.supervisor import STOP_PATIENCE_S
 
 UNITS = Path(__file__).parents[2] / "systemd"
 ALL = ("ecatd.service", "ecatd@.service", "ecatd-gateway.service", "ecatd-gateway@.service")
@@ -47,6 +48,13 @@ def test_only_one_of_both_runs_the_bus() -> None:
 
 def test_the_pause_after_a_failed_start_is_that_of_the_unit() -> None:
     assert f"RestartSec={RESTART_S}" in settings("ecatd@.service")
+
+
+@pytest.mark.parametrize("setting", ["TimeoutStopSec", "TimeoutAbortSec"])
+def test_systemd_waits_for_the_longest_orderly_end(setting: str) -> None:
+    (line,) = (line for line in settings("ecatd@.service") if line.startswith(f"{setting}="))
+    drives_s, mailboxes_s = 30, 9  # the most that a configuration may allow
+    assert int(line.partition("=")[2]) > STOP_PATIENCE_S + drives_s + mailboxes_s
 
 
 def test_r41_the_gateway_has_a_user_of_its_own_and_no_rights() -> None:

@@ -33,7 +33,7 @@ from ecatd.model.config import read_config
 from ecatd.model.errors import EcatError
 from ecatd.paths import control_socket
 from ecatd.process import CAP_NET_ADMIN, die_with_parent, leave_signals_to_the_service, lower
-from ecatd.service_link import answer_pings, read_settings, tell
+from ecatd.service_link import answer_pings, read_settings, tell, tell_starting
 
 if TYPE_CHECKING:
     from .server import BusServer
@@ -61,8 +61,10 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         loop.add_signal_handler(number, stop.set)
     starting = asyncio.create_task(server.start())
     stopping = asyncio.create_task(stop.wait())
+    telling = asyncio.create_task(tell_starting())
     try:
         await asyncio.wait((starting, stopping), return_when=asyncio.FIRST_COMPLETED)
+        telling.cancel()
         if starting.done():
             starting.result()
             await control.open(server)

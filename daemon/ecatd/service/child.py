@@ -31,6 +31,7 @@ class Child:
         end: Done when the process has ended; its result is the return code.
         report: Its last answer.
         on_levels: Called with other levels of the log that it has been asked for.
+        on_starting: Called when it says that its start goes on.
     """
 
     def __init__(self, name: str, process: asyncio.subprocess.Process) -> None:
@@ -38,6 +39,7 @@ class Child:
         self.end = asyncio.ensure_future(process.wait())
         self.report: dict[str, Any] = {}
         self.on_levels: Callable[[dict[str, str]], None] = lambda levels: None
+        self.on_starting: Callable[[], None] = lambda: None
         self._process = process
         self._asked_at: float | None = None
         self._first: bytes | None = None
@@ -85,13 +87,17 @@ class Child:
         return (await self._stdout.read()).decode()
 
     async def first_line(self) -> tuple[str, str]:
-        """Waits for its first line, which says whether it is ready.
+        """Waits for the line that says whether it is ready.
 
         Returns:
             Its word and its text; two empty ones if it has ended.
         """
-        if self._first is None:
-            self._first = await self._stdout.readline()
+        while self._first is None:
+            line = await self._stdout.readline()
+            if line.startswith(b"starting"):
+                self.on_starting()
+                continue
+            self._first = line
             self._listening = asyncio.create_task(self._listen())
         word, _, text = self._first.decode(errors="replace").strip().partition(" ")
         return word, text

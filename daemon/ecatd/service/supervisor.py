@@ -55,9 +55,12 @@ _OOM_SCORE = -500
 process is killed."""
 _KEYS_MAX = 8
 """Keys of the configuration in one message."""
-_STOP_PATIENCE = 15.0
+STOP_PATIENCE_S = 15.0
 """Seconds that a child has to clean up. The time to stop drives and the time-out of mailboxes are
-added."""
+added. `TimeoutStopSec=` and `TimeoutAbortSec=` of the units are longer than all three."""
+_START_GOES_ON_S = 60
+"""Seconds that a start gets from the service manager each time the bus server says that it works
+on it. That can take longer than `TimeoutStartSec=`, and a bus server that hangs says nothing."""
 
 
 class _EndedError(EcatError):
@@ -182,6 +185,7 @@ class Supervisor:
             await self._print_description(server)
             return
         server.on_levels = self._take_levels
+        server.on_starting = _extend_start
         fatal.append(server)
         # The gateway loads while the bus comes up, and begins when the bus is there.
         gateway = await self._start_gateway() if self._with_gateway else None
@@ -404,7 +408,7 @@ class Supervisor:
     async def _end(self) -> None:
         """Ends the children, the last one first, and gives each time to clean up."""
         mailboxes = max((item.mailbox_timeout_ms or 0 for item in self._config.slave), default=0)
-        patience = _STOP_PATIENCE + self._config.outputs.stop_patience + mailboxes / 1e3
+        patience = STOP_PATIENCE_S + self._config.outputs.stop_patience + mailboxes / 1e3
         for child in reversed(self._children):
             self._log.debug(f"{child} is asked to end")
             if not await child.stop(patience):
@@ -435,6 +439,11 @@ async def _ask(child: Child) -> None:
 def _feed(status: str) -> None:
     """Reports to the service manager that this process works, and the state of the bus."""
     notify("WATCHDOG=1", f"STATUS={status}", wait=False)
+
+
+def _extend_start() -> None:
+    """Asks the service manager for more time, for a start that goes on."""
+    notify(f"EXTEND_TIMEOUT_USEC={_START_GOES_ON_S * 1_000_000}", wait=False)
 
 
 def _again() -> str:
