@@ -225,13 +225,13 @@ def test_a_purge_of_the_package_leaves_only_what_is_not_of_ecatd() -> None:
         ln -s /usr/local/lib/systemd/system/ecatd@.service multi-user.target.wants/ecatd@own.service
         ln -s /lib/systemd/system/ssh.service multi-user.target.wants/ssh.service
         touch ecatd.service.d/override.conf
-        sh "$0" remove
+        sh -c "$0" postrm remove
         test -L multi-user.target.wants/ecatd@press.service
-        sh "$0" purge
+        sh -c "$0" postrm purge
         find /etc /run /var ! -type d
     """
     user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
-    command = ["unshare", *user, "--mount", "sh", "-ec", script, str(POSTRM)]
+    command = ["unshare", *user, "--mount", "sh", "-ec", script, POSTRM.read_text()]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert set(done.stdout.split()) == {
