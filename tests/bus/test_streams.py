@@ -1,13 +1,16 @@
 """Streams of values over Zenoh: minimum, mean and maximum, so that no peak is lost."""
 
 import json
+import os
+import signal
 from collections.abc import Callable, Iterator
 
 import pytest
+from following import following
 
-from conftest import Daemon, names, one_line_error, wait_for
+from conftest import PATIENCE, Daemon, names, naming, one_line_error, stop_process, wait_for
 from ecatd.client.remote import Remote
-from ecatd.model.errors import NoAnswerError, StateError, UsageError
+from ecatd.model.errors import NoAnswerError, StateError, UnreachableError, UsageError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -111,12 +114,31 @@ def test_a_stream_ends_with_its_daemon(
     daemon = start_daemon("troll")
     monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
     with Remote(daemon.bus, timeout=20) as remote, remote.stream("2/*", 20) as stream:
-        rows = iter(stream)
-        next(rows)
+        next(iter(stream))
+        gateway = daemon.child_pid("ecatd.gateway")
+        stop_process(gateway)
+        stream._patience_s = 0.5
+        with pytest.raises(NoAnswerError, match=naming("0.5 s")):
+            for _ in stream:
+                pass
+        stream._patience_s = PATIENCE
+        os.kill(gateway, signal.SIGCONT)
         daemon.stop()
-        with pytest.raises(NoAnswerError):
-            for _ in range(1000):
-                next(rows)
+        with pytest.raises(UnreachableError, match="ended"):
+            for _ in stream:
+                pass
+
+
+@pytest.mark.long
+def test_watch_outlives_the_gateway(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("troll")
+    with following("watch", "2/*", "--hz", "10", env=daemon.env) as watch:
+        wait_for(lambda: len(watch.documents) > 1, daemon)
+        os.kill(daemon.child_pid("ecatd.gateway"), signal.SIGKILL)
+        wait_for(lambda: "waiting for it" in watch.said, daemon)
+        shown = len(watch.documents)
+        wait_for(lambda: len(watch.documents) > shown, daemon)
+        names(watch.said, "ecatctl", "gateway", "connection")
 
 
 def test_a_summary_of_cycles_in_this_process(bus: Daemon) -> None:

@@ -1,18 +1,25 @@
-"""Helps commands that show something once, or repeatedly with `--watch`."""
+"""Helps commands that show something once, or repeatedly with `--watch`, or go on without end."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any
 
 from ecatd.model.errors import EcatError, UsageError
 
 from .output import print_json, print_json_line
 from .terminal import Screen, check_stdout, show
 
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
+
 Document = dict[str, Any]
+
+_RETRY = 2.0
+"""Seconds until a daemon that is away is asked again."""
 
 
 def clock() -> str:
@@ -33,6 +40,35 @@ def ticks(seconds: float, count: int | None) -> Iterator[None]:
         due = max(due + seconds, time.monotonic())
         if shown != count:
             time.sleep(max(0.0, due - time.monotonic()))
+
+
+def outlive(options: argparse.Namespace, follow: Callable[[Remote], Iterable[None]]) -> None:
+    """Follows a daemon, and goes on with a new session whenever it was away.
+
+    Args:
+        options: Options with `bus`, `connect` and `timeout`.
+        follow: Shows what the daemon says, until that is enough; yields after each answer.
+
+    Raises:
+        EcatError: The daemon has not answered yet. Later errors are shown, and each of them may
+            mean that it is away: a user with a certificate is then told "not permitted".
+    """
+    from ecatd.client.remote import Remote  # loading Zenoh is slow
+
+    has_answered, said = False, ""
+    while True:
+        try:
+            with Remote(options.bus, options.connect, options.timeout) as remote:
+                for _ in follow(remote):
+                    has_answered, said = True, ""
+            return
+        except EcatError as error:
+            if not has_answered:
+                raise
+            if str(error) != said:
+                said = str(error)
+                print(f"ecatctl: {said}; waiting for it to come back", file=sys.stderr, flush=True)
+        time.sleep(_RETRY)
 
 
 def check(options: argparse.Namespace) -> None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import itertools
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from .arguments import times
 from .output import print_json_line, table_lines
 from .terminal import Screen, check_stdout
+from .watch import outlive
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -15,7 +18,7 @@ if TYPE_CHECKING:
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(run=watch)
+    command.set_defaults(alone=watch)
     command.add_argument(
         "pattern",
         nargs="?",
@@ -29,20 +32,24 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.add_argument("--count", type=times, metavar="N", help="end after N times")
 
 
-def watch(remote: Remote, options: argparse.Namespace) -> None:
+def watch(options: argparse.Namespace) -> None:
     """Shows minimum, mean and maximum of each value, again and again."""
     check_stdout()
-    screen, shown = Screen(), 0
-    with remote.stream(options.pattern, options.hz) as stream:
-        for row in stream:
-            document = _document(remote, stream.signals, row)
-            if options.json:
-                print_json_line(document)
-            else:
-                screen.draw(_lines(document, stream.cycles))
-            shown += 1
-            if shown == options.count:
-                return
+    screen, shown = Screen(), itertools.count(1)
+
+    def follow(remote: Remote) -> Iterator[None]:
+        with remote.stream(options.pattern, options.hz) as stream:
+            for row in stream:
+                document = _document(remote, stream.signals, row)
+                if options.json:
+                    print_json_line(document)
+                else:
+                    screen.draw(_lines(document, stream.cycles))
+                yield
+                if next(shown) == options.count:
+                    return
+
+    outlive(options, follow)
 
 
 def _document(remote: Remote, signals: list[dict[str, Any]], row: dict[str, Any]) -> dict[str, Any]:

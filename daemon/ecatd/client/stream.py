@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from types import TracebackType
@@ -10,7 +11,8 @@ from typing import Any, Self
 import zenoh
 
 from ecatd.encoding import MAX_REPLY, unpack
-from ecatd.model.errors import NoAnswerError
+from ecatd.model.errors import NoAnswerError, UnreachableError
+from ecatd.zenoh_keys import bus_key, bus_of
 
 _ROWS = 100
 """Rows that may wait; older ones are dropped."""
@@ -34,7 +36,8 @@ class Stream:
         cycles: Number of cycles that each row covers.
 
     Raises:
-        NoAnswerError: While iterating: no row comes any more.
+        UnreachableError: While iterating: the gateway has ended, or the connection is broken.
+        NoAnswerError: As above; no row comes any more.
     """
 
     def __init__(self, session: zenoh.Session, opened: dict[str, Any], patience_s: float) -> None:
@@ -45,18 +48,33 @@ class Stream:
         self._subscriber = session.declare_subscriber(
             opened["key"], zenoh.handlers.RingChannel(_ROWS)
         )
+        self._has_ended = threading.Event()
+        self._token = session.liveliness().declare_subscriber(
+            bus_key(bus_of(opened["key"]), "alive"),
+            self._look_at,
+            history=True,  # else nobody tells of the end of a token that is there already
+        )
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         while True:
             deadline = time.monotonic() + self._patience_s
             while (sample := self._subscriber.try_recv()) is None:
+                if self._has_ended.is_set():
+                    raise UnreachableError(
+                        "no more values come: the gateway or the daemon has ended, or the "
+                        "connection is broken"
+                    )
                 if time.monotonic() > deadline:
                     raise NoAnswerError(
-                        f"no values have come for {self._patience_s:g} s: the daemon has ended, or "
-                        "the connection is broken"
+                        f"no values have come for {self._patience_s:g} s: the daemon stands still, "
+                        "or the connection is broken"
                     )
                 time.sleep(min(0.01, 0.2 / self.rate))
             yield unpack(bytes(sample.payload), MAX_REPLY)
+
+    def _look_at(self, token: zenoh.Sample) -> None:
+        if token.kind == zenoh.SampleKind.DELETE:
+            self._has_ended.set()
 
     def __enter__(self) -> Self:
         return self
@@ -68,3 +86,4 @@ class Stream:
         trace: TracebackType | None,
     ) -> None:
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+        self._token.undeclare()  # type: ignore[no-untyped-call]
