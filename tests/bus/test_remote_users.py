@@ -6,13 +6,23 @@ import shutil
 import signal
 import socket
 import subprocess
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import zenoh
+from following import following
 
-from conftest import Daemon, names, naming, one_line_error, run_module, wait_for
+from conftest import (
+    Daemon,
+    names,
+    naming,
+    one_line_error,
+    run_module,
+    stop_process,
+    wait_for,
+)
 from ecatd.client.identity import read_identity
 from ecatd.client.remote import Remote
 from ecatd.encoding import pack, unpack
@@ -320,6 +330,49 @@ def test_a_user_is_taken_out_while_the_bus_runs(
 
     wait_for(lambda: (rights("bob") or {}).get("write") == [], daemon)
     wait_for(lambda: rights("bob") is not None and rights("anna") is None, daemon)
+
+
+@pytest.mark.long
+def test_what_a_user_follows_goes_on_after_a_restart_of_the_daemon(
+    start_daemon: Callable[..., Daemon], site: Site
+) -> None:
+    """No event is lost, even if the new daemon has had as many as the old one before."""
+    config = CONFIG.format(port=(port := _free_port()), folder=site.folder)
+    daemon = start_daemon("troll", config=config)
+    bus, endpoint = daemon.bus, f"tls/127.0.0.1:{port}"
+    where = ("--bus", bus, "--connect", endpoint, "--identity", str(site["anna"]))
+    with (
+        following(*where, "events", "-f") as events,
+        following(*where, "watch", "2/*", "--hz", "10") as watch,
+    ):
+        daemon.ctl("log-level", "dc", "debug")
+        wait_for(lambda: "log_levels" in [item["event"] for item in events.documents], daemon)
+        wait_for(lambda: bool(watch.documents), daemon)
+        daemon.kill_all()
+        while not all("waiting for it" in item.said and item.documents for item in (events, watch)):
+            time.sleep(0.02)
+        before, rows = events.documents, len(watch.documents)
+        stop_process(events.process.pid)
+        again = start_daemon("troll", "--bus", bus, config=config)
+        with Remote(bus, endpoint, 60.0, site["anna"]) as anna:
+            for level in ("debug", "info"):
+                anna.set_log_level(level, "dc")
+            while anna.events()["next"] <= before[-1]["sequence"] + 1:
+                anna.set_log_level("debug", "dc")
+                anna.set_log_level("info", "dc")
+            events.process.send_signal(signal.SIGCONT)
+            new = anna.events()
+            assert new["instance"] != before[-1]["instance"]
+            expected = [(new["instance"], number) for number in range(1, new["next"])]
+
+            def shown() -> list[tuple[int, int]]:
+                later = events.documents[len(before) :]
+                return [(item["instance"], item["sequence"]) for item in later]
+
+            wait_for(lambda: len(shown()) >= len(expected), again)
+            assert shown()[: len(expected)] == expected
+        names(events.said, "started again", f"'{bus}'")
+        wait_for(lambda: len(watch.documents) > rows, again)
 
 
 @pytest.mark.long

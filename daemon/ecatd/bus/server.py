@@ -152,6 +152,7 @@ class BusServer:
 
     def _bring_up(self) -> Monitor:
         running = self._up.run()
+        self._events.instance = running.shared.header.instance
         self._fault_files = FaultFiles(
             *(self.bus.name, self._config.capture, self._up.frame_rings, running.interfaces),
             *(running.shared.header.cycle, self._log),

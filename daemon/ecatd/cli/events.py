@@ -10,22 +10,22 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.bus import Bus
-from ecatd.model.errors import NoAnswerError, UnreachableError
 
 from .arguments import add_slave
 from .output import print_json, print_json_line
 from .terminal import check_stdout
+from .watch import outlive
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-_PAUSE, _RETRY = 0.5, 2.0
-"""Seconds between two requests for new events, and for a daemon that is gone."""
+_PAUSE = 0.5
+"""Seconds between two requests for new events."""
 _AGO = re.compile(r"(\d+)([smhd])")
 _UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
-_SAID = ("event", "sequence", "time_ns", "slave", "text")
-"""Facts that have a place of their own in the line of an event."""
+_SAID = ("event", "sequence", "instance", "time_ns", "slave", "text")
+"""Facts that have a place of their own in the line of an event, or are for programs."""
 _IN_TEXT = {"emergency": ("code", "register")}
 """Facts that the text of an event says already."""
 
@@ -59,55 +59,50 @@ def _time(text: str) -> float:
 
 def events(options: argparse.Namespace) -> None:
     """Prints the events that the daemon keeps; with `--follow`, new ones as they come."""
-    from ecatd.client.remote import Remote  # loading Zenoh is slow
-
     if options.follow:
         check_stdout()
-    since, shown_since, first = 0, options.since, True
-    while True:
-        try:
-            with Remote(options.bus, options.connect, options.timeout) as remote:
-                for answered in _follow(remote, options, since, shown_since):
-                    since, first = answered, False
-            return
-        except (UnreachableError, NoAnswerError) as error:
-            if first or not options.follow:
-                raise
-            print(f"ecatctl: {error}; waiting for it to come back", file=sys.stderr)
-            time.sleep(_RETRY)
-        shown_since = None
+    outlive(options, _Follower(options).follow)
 
 
-def _follow(
-    remote: Remote, options: argparse.Namespace, since: int, shown_since: float | None
-) -> Iterator[int]:
-    """Prints events; yields the number of the next one after each answer.
+class _Follower:
+    """Prints the events of a daemon, and of the next one after a restart."""
 
-    Args:
-        remote: The daemon.
-        options: The options.
-        since: Number of the first event to ask for.
-        shown_since: Unix time before which events are not shown.
-    """
-    bus = remote.describe()
-    chosen = None if options.slave is None else bus.find(options.slave).position
-    while True:
-        answer = remote.events(since)
-        found = list(_wanted(answer["events"], chosen, shown_since))
+    def __init__(self, options: argparse.Namespace) -> None:
+        self._options = options
+        self._since: float | None = options.since
+        self._instance: int | None = None  # the run of the daemon that has answered last
+        self._next = 0  # number of its next event
+
+    def follow(self, remote: Remote) -> Iterator[None]:
+        """Prints events; yields after each answer."""
+        bus = remote.describe()
+        while True:
+            answer = remote.events(self._next)
+            if self._instance not in (None, answer["instance"]):
+                bus, answer = remote.describe(), remote.events()
+                text = f"ecatctl: the daemon of bus '{remote.bus}' has started again"
+                print(text, file=sys.stderr, flush=True)
+                self._since = None  # all of them are new, whatever the clock of the daemon says
+            self._show(bus, answer)
+            self._instance, self._next = answer["instance"], answer["next"]
+            yield
+            if not self._options.follow:
+                return
+            time.sleep(_PAUSE)
+
+    def _show(self, bus: Bus, answer: dict[str, Any]) -> None:
+        options = self._options
+        chosen = None if options.slave is None else bus.find(options.slave).position
+        found = list(_wanted(answer["events"], chosen, self._since))
         if options.json and not options.follow:
             print_json({"bus": bus.name, "events": found})
-        else:
-            if since and answer["left_out"] and not options.json:
-                print(
-                    f"{answer['left_out']} events are missing: the daemon keeps only the last ones",
-                    flush=True,
-                )
-            _print(bus, found, as_json=options.json)
-        since = answer["next"]
-        yield since
-        if not options.follow:
             return
-        time.sleep(_PAUSE)
+        if self._instance is not None and answer["left_out"] and not options.json:
+            print(
+                f"{answer['left_out']} events are missing: the daemon keeps only the last ones",
+                flush=True,
+            )
+        _print(bus, found, as_json=options.json)
 
 
 def _wanted(

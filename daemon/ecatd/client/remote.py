@@ -145,6 +145,7 @@ class Remote:
         """The last events, from a number on.
 
         Returns:
+            `instance`, which stands for this run of the daemon: another run counts from 1 again;
             `events`, each with its `sequence`; `next`, the number of the next one; and `left_out`,
             how many from `since` on the daemon no longer keeps.
         """

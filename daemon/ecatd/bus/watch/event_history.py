@@ -10,31 +10,39 @@ _KEPT = 1000
 
 
 class EventHistory:
-    """The last events of a bus.
+    """The last events of one run of the daemon.
 
     Args:
-        send: Called with every event, as a map with its `sequence`.
+        send: Called with every event, as a map with its `sequence` and the `instance`.
+
+    Attributes:
+        instance: Stands for this run of the daemon, as in its shared memory. Each run counts its
+            events from 1 on.
     """
 
     def __init__(self, send: Callable[[dict[str, Any]], None]) -> None:
         self._send = send
         self._kept: deque[dict[str, Any]] = deque(maxlen=_KEPT)
         self._next = 1
+        self.instance = 0
 
     def publish(self, event: dict[str, Any]) -> None:
         """Numbers an event, keeps it, and sends it."""
-        numbered = {"sequence": self._next, **event}
+        numbered = {"sequence": self._next, "instance": self.instance, **event}
         self._next += 1
         self._kept.append(numbered)
         self._send(numbered)
 
     def since(self, sequence: int) -> dict[str, Any]:
-        """Returns the events from a number on, or all of them if this run has not reached it.
+        """Returns the events of this run from a number on.
 
-        The reply has `events`, `next` (the number of the next one), and `left_out`: how many from
-        that number on are no longer kept.
+        The reply has `instance`, `events`, `next` (the number of the next one), and `left_out`: how
+        many from that number on are no longer kept.
         """
-        first = sequence if sequence <= self._next else 0
         oldest = self._next - len(self._kept)
-        events = [event for event in self._kept if event["sequence"] >= first]
-        return {"events": events, "next": self._next, "left_out": max(0, oldest - max(first, 1))}
+        return {
+            "instance": self.instance,
+            "events": [event for event in self._kept if event["sequence"] >= sequence],
+            "next": self._next,
+            "left_out": max(0, oldest - max(sequence, 1)),
+        }
