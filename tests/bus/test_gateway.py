@@ -12,11 +12,12 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zenoh
 
-from conftest import CYCLE_TIME_US, Daemon, names, naming, wait_for
+from conftest import CYCLE_TIME_US, Daemon, names, naming, stop_process, wait_for
 from ecatd.client.remote import Remote
 from ecatd.encoding import LENGTH, frame, pack, unpack
 from ecatd.model.datatypes import DataType
@@ -158,6 +159,28 @@ def test_buses_are_found(daemon: Daemon, network: zenoh.Session) -> None:
     assert row["host"] == socket.gethostname()
     assert row in daemon.ctl_json("buses")["buses"]  # there may be others on this machine
     names(daemon.ctl("buses").stdout, daemon.bus, f"{CYCLE_TIME_US} µs", "8 of 8 in OP")
+
+
+@pytest.mark.long
+def test_a_bus_is_listed_whose_server_does_not_answer(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("line:1")
+    path = zenoh_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
+
+    def row() -> dict[str, Any]:
+        where = ("--connect", f"unixsock-stream/{path}", "--timeout", "2")
+        (found,) = daemon.ctl_json("buses", *where)["buses"]
+        assert found["bus"] == daemon.bus
+        return found
+
+    server = daemon.child_pid("ecatd.bus")
+    stop_process(server)
+    try:
+        silent = row()
+    finally:
+        os.kill(server, signal.SIGCONT)
+    assert silent["error"]["name"] == "timeout"
+    names(silent["error"]["message"], "no answer", "bus server")
+    wait_for(lambda: row().get("slaves") == 1, daemon)
 
 
 def test_objects_come_with_their_types(daemon: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:

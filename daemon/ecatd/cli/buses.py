@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from ecatd.model.errors import EcatError
+from ecatd.model.errors import EcatError, NoAnswerError
 from ecatd.model.health import Health, look_at
 from ecatd.paths import search_dirs, served_buses
 
@@ -20,7 +20,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 
 
 def buses(options: argparse.Namespace) -> None:
-    """Lists buses: of this machine, or with `--connect` those that answer there."""
+    """Lists buses: of this machine, or with `--connect` those that are reached there."""
     rows = list(_there(options) if options.connect else _here(options))
     if options.json:
         print_json({"buses": rows})
@@ -28,7 +28,7 @@ def buses(options: argparse.Namespace) -> None:
         head = ("BUS", "HOST", "INTERFACE", "CYCLE", "SINCE", "SLAVES")
         print_table(head, map(_cells, rows))
     elif options.connect:
-        print(f"no bus answers at {options.connect}")
+        print(f"no bus is reached at {options.connect}")
     else:
         print("no bus is served on this machine; --connect asks for buses of other machines")
 
@@ -47,13 +47,18 @@ def _here(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 
 def _there(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """The buses that answer at an endpoint: of one gateway, or of all behind a router."""
+    """The buses at an endpoint, of one gateway or of all behind a router, also silent ones."""
     from ecatd.client.remote import Remote
 
     with Remote(options.bus, options.connect, options.timeout) as remote:
-        infos, states = remote.ask_all("info"), remote.ask_all("state")
-    for bus, info in sorted(infos.items()):
-        yield _row(bus, info, look_at(states.get(bus, {"slaves": []})))
+        alive = remote.alive()
+        infos, states = remote.ask_all("info", "state")
+    for bus in sorted({*alive, *infos}):
+        if bus in infos and bus in states:
+            yield _row(bus, infos[bus], look_at(states[bus]))
+        else:
+            silent = NoAnswerError("no answer: its bus server is busy, or hangs")
+            yield {"bus": bus, "error": silent.to_reply()}
 
 
 def _row(bus: str, info: dict[str, Any], health: Health) -> dict[str, Any]:

@@ -103,13 +103,17 @@ class Remote:
         """
         return self._session.request(request)
 
-    def ask_all(self, what: str) -> dict[str, dict[str, Any]]:
-        """Asks all buses in reach at once; the answers by the name of the bus.
+    def alive(self) -> list[str]:
+        """The names of the buses in reach, in order: BUS or HOST/BUS."""
+        return self._session.alive()
+
+    def ask_all(self, *what: str) -> list[dict[str, dict[str, Any]]]:
+        """Asks all buses in reach at once; for each key the answers by the name of the bus.
 
         Args:
-            what: The key below `ro`: `info` or `state`.
+            what: Keys below `ro`: `info` or `state`.
         """
-        return self._session.ask_all(what)
+        return self._session.ask_all(*what)
 
     def __enter__(self) -> Self:
         return self

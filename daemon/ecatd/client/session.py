@@ -182,19 +182,24 @@ class Session:
             return answer
         raise self._silence(key)
 
-    def ask_all(self, what: str) -> dict[str, dict[str, Any]]:
-        """Asks all buses in reach at once; the answers by the name of the bus.
+    def ask_all(self, *what: str) -> list[dict[str, dict[str, Any]]]:
+        """Asks all buses in reach at once; for each key the answers by the name of the bus.
 
         Args:
-            what: The key below `ro`: `info` or `state`.
+            what: Keys below `ro`: `info` or `state`.
         """
-        found = {}
-        selector = bus_key("*", "ro", what)
-        for reply in self.zenoh.get(selector, target=zenoh.QueryTarget.ALL, timeout=self.timeout):
-            if reply.ok is not None:
-                answer = unpack(bytes(reply.ok.payload), MAX_REPLY)
-                found[bus_of(reply.ok.key_expr)] = answer
-        return found
+        target, timeout = zenoh.QueryTarget.ALL, self.timeout
+        asked = [
+            self.zenoh.get(bus_key("*", "ro", key), target=target, timeout=timeout) for key in what
+        ]
+        return [
+            {
+                bus_of(reply.ok.key_expr): unpack(bytes(reply.ok.payload), MAX_REPLY)
+                for reply in replies
+                if reply.ok is not None
+            }
+            for replies in asked
+        ]
 
     def alive(self) -> list[str]:
         """The names of the buses in reach, in order: BUS or HOST/BUS."""
