@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from following import Following
 from test_remote_users import expired_identity
 
 from conftest import Daemon, names, one_line_error, run_module, wait_for
@@ -149,6 +150,7 @@ class Plant:
 
     def __init__(self, folder: Path, start: Callable[..., Daemon]) -> None:
         self.folder = folder
+        self._start = start
         self.hosts = {name: Host(name) for name in ("hub", "cell4", "cell5", "office")}
         self.hub = self.hosts["hub"]
         self.hub.ip("addr", "add", f"{HUB}/32", "dev", "lo")
@@ -164,11 +166,9 @@ class Plant:
         cells = ("--machine=cell4", "--machine=cell5")
         make("router", HUB, *cells, *allowed, *authority, "-o", str(folder / "hub"))
         self.start_router()
-        self.daemons = {
-            cell: start("troll", "--bus", BUS, config=self._config(cell), preexec=host.enter)
-            for cell, host in self.hosts.items()
-            if cell.startswith("cell")
-        }
+        self.daemons: dict[str, Daemon] = {}
+        for cell in ("cell4", "cell5"):
+            self.start_daemon(cell)
         wait_for(lambda: len(self.buses()) == 2, self.daemons["cell4"])
 
     def _config(self, cell: str) -> str:
@@ -177,6 +177,11 @@ class Plant:
         for user, rights in USERS.items():
             config += f'[[gateway.user]]\nname = "{user}"\n{rights if cell == "cell4" else ""}\n'
         return config
+
+    def start_daemon(self, cell: str) -> None:
+        self.daemons[cell] = self._start(
+            *("troll", "--bus", BUS), config=self._config(cell), preexec=self.hosts[cell].enter
+        )
 
     def start_router(self) -> None:
         self.router = self.hub.python(ROUTER, self.folder / "hub" / "zenohd.json5")
@@ -188,11 +193,14 @@ class Plant:
     def endpoint(self) -> str:
         return f"tls/{HUB}:{PORT}"
 
+    def where(self, user: str, bus: str) -> tuple[str, ...]:
+        """Options of `ecatctl` at the office."""
+        return ("--connect", self.endpoint, "--identity", str(self.identity(user)), "--bus", bus)
+
     def ctl(self, user: str, bus: str, *arguments: str) -> subprocess.CompletedProcess[str]:
         """Runs `ecatctl` at the office."""
-        where = ("--connect", self.endpoint, "--identity", str(self.identity(user)), "--bus", bus)
         return subprocess.run(
-            [sys.executable, "-m", "ecatd.cli", *where, *arguments],
+            [sys.executable, "-m", "ecatd.cli", *self.where(user, bus), *arguments],
             preexec_fn=self.hosts["office"].enter,
             capture_output=True,
             text=True,
@@ -213,9 +221,11 @@ class Plant:
         document: dict[str, Any] = json.loads(found.stdout)
         return document
 
-    def buses(self, user: str = "bob") -> list[str]:
-        found = self.ctl(user, f"cell4/{BUS}", "buses", "--json", "--timeout", "5")
-        return [row["bus"] for row in json.loads(found.stdout).get("buses", ())]
+    def buses(self, *, silent: bool = False) -> list[str]:
+        """The buses that answer, or also those that the router only believes to be there."""
+        found = self.ctl("bob", f"cell4/{BUS}", "buses", "--json", "--timeout", "5")
+        rows = json.loads(found.stdout).get("buses", ())
+        return [row["bus"] for row in rows if silent or "error" not in row]
 
     def program(self, host: str, code: str, tls: dict[str, Any]) -> subprocess.Popen[str]:
         return self.hosts[host].python(code, self.endpoint, json.dumps(tls))
@@ -224,6 +234,39 @@ class Plant:
         end(self.router)
         for host in self.hosts.values():
             host.close()
+
+
+class Followers:
+    """Commands at the office that follow a bus."""
+
+    def __init__(self, plant: Plant, cell: str) -> None:
+        self._plant, self._cell = plant, cell
+        where = (*plant.where("bob", f"{cell}/{BUS}"), "--timeout", "5")
+        enter = plant.hosts["office"].enter
+        self.watch = Following(*where, "watch", "2/*", "--hz", "5", preexec=enter)
+        self.events = Following(*where, "events", "-f", preexec=enter)
+        self._told = dict.fromkeys((self.watch, self.events), 0)
+
+    def wait_until_cut_off(self) -> None:
+        """Waits until both have said once more that they wait."""
+        for item, told in self._told.items():
+            while item.said.count("waiting for it") <= told:
+                assert item.documents
+                time.sleep(0.02)
+
+    def wait_until_they_go_on(self) -> None:
+        """Waits until both have shown something new."""
+        daemon = self._plant.daemons[self._cell]
+        rows, events = len(self.watch.documents), len(self.events.documents)
+        for level in ("debug", "info"):  # each is an event
+            self._plant.local(self._cell, "log-level", "dc", level)
+        wait_for(lambda: len(self.watch.documents) > rows, daemon)
+        wait_for(lambda: len(self.events.documents) > events, daemon)
+        self._told = {item: item.said.count("waiting for it") for item in self._told}
+
+    def close(self) -> None:
+        self.watch.close()
+        self.events.close()
 
 
 def make(*arguments: str) -> None:
@@ -321,27 +364,54 @@ def test_an_expired_certificate_is_not_let_in(plant: Plant, tmp_path: Path) -> N
     names(one_line_error(denied.stderr, "ecatctl"), plant.endpoint, "certificates")
 
 
-def test_a_cable_that_is_cut_and_mended(plant: Plant) -> None:
+@pytest.fixture(scope="module")
+def followers(plant: Plant) -> Iterator[Followers]:
+    """Commands that follow `cell4` from before its faults until after the last one."""
+    followers = Followers(plant, "cell4")
+    followers.wait_until_they_go_on()
+    yield followers
+    followers.close()
+
+
+def test_a_cable_that_is_cut_and_mended(plant: Plant, followers: Followers) -> None:
     cycles = plant.local("cell4", "stats")["cycles"]
     plant.hub.ip("link", "set", "h1", "down")
     lost = plant.ctl("bob", f"cell4/{BUS}", "info", "--timeout", "1")
     assert lost.returncode != 0
     one_line_error(lost.stderr, "ecatctl")
     assert plant.ctl("bob", f"cell5/{BUS}", "info").returncode == 0
+    followers.wait_until_cut_off()
+    given_up = ["cell5/ecat0"]
+    wait_for(lambda: plant.buses(silent=True) == given_up, plant.daemons["cell4"])
     plant.hub.ip("link", "set", "h1", "up")
     plant.hub.ip("route", "replace", "10.77.1.0/24", "dev", "h1")
     wait_for(lambda: plant.buses() == ["cell4/ecat0", "cell5/ecat0"], plant.daemons["cell4"])
     assert plant.local("cell4", "stats")["cycles"] > cycles
+    followers.wait_until_they_go_on()
 
 
-def test_a_router_that_is_killed_and_comes_back(plant: Plant) -> None:
+def test_a_router_that_is_killed_and_comes_back(plant: Plant, followers: Followers) -> None:
     daemon = plant.daemons["cell5"]
     end(plant.router)
     wait_for(lambda: "no router is reached" in daemon.log, daemon)
     gone = plant.ctl("bob", f"cell5/{BUS}", "info", "--timeout", "2")
     assert gone.returncode == 3
     names(one_line_error(gone.stderr, "ecatctl"), plant.endpoint)
+    followers.wait_until_cut_off()
     plant.start_router()
     wait_for(lambda: plant.buses() == ["cell4/ecat0", "cell5/ecat0"], daemon)
     wait_for(lambda: daemon.log.count("connected to") == 2, daemon)
     assert {row["text"] for row in plant.local("cell5", "state")["slaves"]} == {"OP"}
+    followers.wait_until_they_go_on()
+
+
+def test_a_daemon_that_is_killed_and_comes_back(plant: Plant, followers: Followers) -> None:
+    plant.daemons["cell4"].kill_all()
+    followers.wait_until_cut_off()
+    plant.start_daemon("cell4")
+    followers.wait_until_they_go_on()
+    names(followers.events.said, "started again", f"'cell4/{BUS}'")
+    instance = plant.local("cell4", "stats")["instance"]
+    shown = followers.events.documents
+    new = [item["sequence"] for item in shown if item["instance"] == instance]
+    assert new == [*range(1, len(new) + 1)]
