@@ -1,13 +1,16 @@
 """The bus changes while it runs: it is compared with the expected one as at the start."""
 
 import json
+import struct
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from conftest import Daemon, names, run_module, wait_for
+from ecatd.client.remote import Remote
 from ecatd.shm import Validity
 from ecatsim.control import Simulator
 
@@ -21,7 +24,11 @@ KINDS = {
 }
 EXTRA = '[[slave]]\ndevice = "EL2004"\n[[fault]]\nkind = "break-link"\nslave = 4\n'
 """A terminal behind all others, whose cable is not plugged in yet."""
+STUCK = EXTRA.replace("EL2004", "spares.py:Stuck")
+"""The same with an EEPROM that never carries out a command."""
 SPARES = """
+from dataclasses import replace
+
 from ecatsim.devices.beckhoff import EL2008
 
 
@@ -43,6 +50,10 @@ class Numbered(EL2008):
 
 class Aliased(EL2008):
     alias = 3
+
+
+class Stuck(EL2008):
+    chip = replace(EL2008.chip, eeprom_read_us=3_600_000_000)
 """
 
 Start = Callable[..., Daemon]
@@ -215,6 +226,58 @@ def test_equal_slaves_that_are_inserted_are_the_new_ones(
         found = differences(daemon)
         assert [row["found"] for row in found] == [[1], [2]]
         wait_for(lambda: states(daemon) == ["OP"] * 3, daemon)
+
+
+def test_a_scan_that_waits_for_an_eeprom_delays_no_request_and_is_shared(
+    start: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon = start(config("tolerant"), STUCK)
+    monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
+
+    def rescan() -> list[dict[str, Any]]:
+        with Remote(daemon.bus) as other:
+            devices: list[dict[str, Any]] = other.rescan()["devices"]
+        assert [item["vendor"] for item in devices] == [2, 2, 2, 2, None]
+        return devices
+
+    def is_under_way() -> bool:
+        """Whether the EEPROM of the device is assigned to the master."""
+        return rig.registers(4, 0x0500, 1) == b"\0"
+
+    def an_sdo_is_answered_meanwhile() -> bool:
+        scan, answered = pool.submit(rescan), False
+        while not scan.done():
+            if is_under_way():
+                assert remote.sdo_read(3, 0x1018, 1).data
+                answered |= is_under_way()
+        scan.result()
+        return answered
+
+    def two_share_a_scan() -> bool:
+        _, position = looks(remote, 0)
+        first, second = [item.result() for item in [pool.submit(rescan) for _ in range(2)]]
+        assert first == second
+        return looks(remote, position)[0] == 2  # at the beginning and at the end
+
+    with simulator_of(daemon) as rig, Remote(daemon.bus) as remote, ThreadPoolExecutor(2) as pool:
+        rig.faults.heal_link(4)
+        wait_for(lambda: "slave count changed: 4, now 5" in daemon.log, daemon)
+        wait_for(lambda: not is_under_way(), daemon)  # the daemon has looked by itself
+        wait_for(an_sdo_is_answered_meanwhile, daemon)
+        wait_for(two_share_a_scan, daemon)
+
+
+def looks(remote: Remote, position: int) -> tuple[int, int]:
+    """How often the devices on the wire were counted after a position in the frames; the next one.
+
+    Only that takes a broadcast read of the station address, alone in its frame.
+    """
+    count, more = 0, True
+    while more:
+        found = remote.read_frames("control", position)
+        count += found["records"].count(struct.pack("<HHHH", 0, 0x0010, 2, 0))
+        position, more = found["position"], found["more"]
+    return count, position
 
 
 # --- a device is exchanged -----------------------------------------------------------------------

@@ -62,7 +62,7 @@ class _Eeprom(Generic[T]):
         self._busy_since: float | None = None
         self._silent_since: float | None = None
         self.command: bytes | None = None  # to be written to the slave next
-        self.result: list[T] = []
+        self.result: list[T | StateError] = []  # one at the end: what was decoded, or why not
 
     def _words(self, word: int, count: int) -> bytes:
         wanted = range(word & ~1, word + count, 2)
@@ -147,7 +147,29 @@ def reading_eeproms(
     decode: Callable[[Words], T],
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Steps[list[T]]:
-    """Reads the EEPROMs of many slaves at the same time.
+    """Reads the EEPROMs of many slaves as `reading_each`, all or none.
+
+    Returns:
+        What `decode` returned for each slave.
+
+    Raises:
+        StateError: An EEPROM cannot be read, or `decode` raised this. The message names the slave.
+    """
+    read: list[T] = []
+    for item in (yield from reading_each(registers, slaves, decode, cancelled)):
+        if isinstance(item, StateError):
+            raise item
+        read.append(item)
+    return read
+
+
+def reading_each(
+    registers: Datagrams,
+    slaves: Sequence[tuple[Station | Place, str]],
+    decode: Callable[[Words], T],
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Steps[list[T | StateError]]:
+    """Reads the EEPROMs of many slaves at the same time. One that cannot be read delays no other.
 
     Then it gives them back, also after an error: register 0x0500 assigns them to the devices again
     (ETG.1000.6). It yields only while it waits for slaves that do not answer, or whose EEPROMs are
@@ -163,10 +185,11 @@ def reading_eeproms(
         cancelled: Called repeatedly while waiting; when it returns true, `StateError` is raised.
 
     Returns:
-        What `decode` returned for each slave.
+        For each slave, what `decode` returned, or a `StateError` that names the slave: its EEPROM
+        cannot be read, or `decode` raised this.
 
     Raises:
-        StateError: An EEPROM cannot be read, or `decode` raised this. The message names the slave.
+        StateError: `cancelled` returned true.
     """
     eeproms = [_Eeprom(slave, label, decode) for slave, label in slaves]
     try:
@@ -203,7 +226,10 @@ def _look(registers: Datagrams, eeproms: Sequence[_Eeprom[T]]) -> None:
     answers = registers.exchange([item.slave.read(_CONTROL, _CONTROL_SIZE) for item in eeproms])
     for item, answer in zip(eeproms, answers, strict=True):
         item.command = None
-        item.look(answer.data, answer.wkc == 1)
+        try:
+            item.look(answer.data, answer.wkc == 1)
+        except StateError as error:
+            item.result = [error]
 
 
 def writing_eeprom(

@@ -88,7 +88,7 @@ class Wire:
             StateError: An EEPROM cannot be read.
         """
         labels = [(item, f"the device at {item}") for item in places]
-        devices = read_eeproms(self._registers, labels, _read_identity) if labels else []
+        devices = read_eeproms(self._registers, labels, read_identity) if labels else []
         for item, device in zip(places, devices, strict=True):
             device.position = item.position if isinstance(item, Place) else -1
         return devices
@@ -164,7 +164,8 @@ class Wire:
 _RESTLESS = "slaves come and go while they are looked for: try again"
 
 
-def _read_identity(words: Words) -> Slave:
+def read_identity(words: Words) -> Slave:
+    """Decodes identity, serial number and station alias; the position is -1."""
     (alias,) = struct.unpack("<H", words(_ALIAS, 1))
     vendor, product, revision, serial = struct.unpack("<IIII", words(_IDENTITY, _IDENTITY_WORDS))
     return Slave(-1, "", vendor, product, revision, serial, alias)

@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, TypeVar
 
+from ecatd.coroutine_steps import Steps
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError
 from ecatd.model.sii import Sii
+from ecatd.model.sii_categories import Words
 from ecatd.model.sii_parts import read_name
 from ecatd.model.wire import FACTS
 
 from ..frames.datagrams import Place
-from ..frames.eeprom import read_eeproms
+from ..frames.eeprom import reading_each
 from ..frames.identification import ways_to_ask
-from ..frames.wire import Wire
+from ..frames.wire import Wire, read_identity
 from .master import Master
 
 T = TypeVar("T")
 
 
-def scan_wire(bus: Bus, master: Master, config: Config, *, again: bool) -> list[dict[str, Any]]:
-    """Finds the devices on the wire; call it on the worker.
+def scanning_wire(
+    bus: Bus, master: Master, config: Config, *, again: bool
+) -> Steps[list[dict[str, Any]]]:
+    """Finds the devices on the wire.
 
     The exchange with the slaves of the bus goes on meanwhile. Devices without a station address of
     the bus do not belong to it. For these, the EEPROMs are read, and the identifications of those
-    that have one.
+    that have one. It yields while EEPROMs are busy for long.
 
     Args:
         bus: The bus description.
@@ -49,13 +53,10 @@ def scan_wire(bus: Bus, master: Master, config: Config, *, again: bool) -> list[
     known = {n: positions[at] for n, at in enumerate(stations) if at in positions}
     devices = {place: bus.slaves[position] for place, position in known.items()}
     if again:
-        written = _each([*known], wire.identities)
+        written = yield from _reading(master, known, read_identity)
         devices = {place: _as_written(devices[place], item) for place, item in written.items()}
-
-    def read_names(places: Sequence[Place]) -> list[Sii]:
-        return read_eeproms(master.registers, [(item, f"{item}") for item in places], read_name)
-
-    new = _each([place for place in range(len(stations)) if place not in known], read_names)
+    others = [place for place in range(len(stations)) if place not in known]
+    new = yield from _reading(master, others, read_name)
     strangers = {place: _stranger(place, sii) for place, sii in new.items()}
     ways = ways_to_ask(config, ((strangers[place], sii) for place, sii in new.items()))
     for place, identification in wire.ask(ways).items():
@@ -72,25 +73,17 @@ def scan_wire(bus: Bus, master: Master, config: Config, *, again: bool) -> list[
     ]
 
 
-def _each(places: Sequence[int], read: Callable[[Sequence[Place]], list[T]]) -> dict[int, T]:
-    """Reads the EEPROMs of devices at once, or, if one fails, each alone without those that fail.
-
-    Args:
-        places: The places of the devices.
-        read: Reads the EEPROMs at some places.
-
-    Returns:
-        What `read` returned, by place.
-    """
-    try:
-        return dict(zip(places, read([*map(Place, places)]), strict=True))
-    except StateError:
-        if len(places) == 1:
-            return {}
-    found: dict[int, T] = {}
-    for place in places:
-        found |= _each([place], read)
-    return found
+def _reading(
+    master: Master, places: Iterable[int], decode: Callable[[Words], T]
+) -> Steps[dict[int, T]]:
+    """Reads the EEPROMs of the devices at some places; returns those that can be read, by place."""
+    slaves = [(Place(place), f"place {place}") for place in places]
+    read = yield from reading_each(master.registers, slaves, decode)
+    return {
+        place.position: item
+        for (place, _), item in zip(slaves, read, strict=True)
+        if not isinstance(item, StateError)
+    }
 
 
 def _as_written(known: Slave, there: Slave) -> Slave:

@@ -74,8 +74,9 @@ class SlaveRequests:
         self._files.check_free(position)
 
     def close(self) -> None:
-        """Ends the transfers of files, which go on without requests."""
+        """Ends what goes on without requests: transfers of files, and a scan."""
         self._files.close()
+        self._wire.close()
 
     async def answer(self, request: Request) -> dict[str, Any]:
         """Carries a request out.

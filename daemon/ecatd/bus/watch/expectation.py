@@ -18,7 +18,7 @@ from ecatd.model.expected_bus import Comparison, Difference, compare
 from ecatd.model.expected_slave import device
 from ecatd.model.wire import found_slaves, known_slaves
 
-from ..master.wire_scan import scan_wire
+from ..master.wire_scan import scanning_wire
 from ..master.worker import Worker
 from ..start.found import restart_text
 from ..start.running import RunningBus
@@ -73,9 +73,10 @@ class ExpectationWatch:
         if self._changed_at is None or time.monotonic() < self._changed_at + _QUIET_S:
             return
         self._changed_at = None
-        bus, master, config = self._bus, self._master, self._config
+        bus, config = self._bus, self._config
+        steps = scanning_wire(bus, self._master, config, again=False)
         try:
-            devices = await self._worker.run(lambda: scan_wire(bus, master, config, again=False))
+            devices = await self._worker.run_steps(steps)
         except StateError as error:
             self._log.debug(f"the wire cannot be compared with the expected bus: {error}")
             self.note()
