@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import Daemon, names, one_line_error, wait_for
+from conftest import Daemon, names, one_line_error, stop_process, wait_for
 from ecatd.client.remote import Remote
 from ecatd.model.errors import BusyError, StateError
 from ecatsim.control import Simulator
@@ -262,11 +262,43 @@ def test_a_transfer_is_protected_and_ends_with_cancel(bus: Daemon, tmp_path: Pat
             refused = bus.ctl(*arguments, check=False)
             assert refused.returncode == 7, (arguments, refused)
             names(one_line_error(refused.stderr, "ecatctl"), "slave 0", "'big.bin'", "--cancel")
-        bus.ctl("foe-write", "0", str(big), "--cancel")
+        document = bus.ctl_json("foe-write", "0", str(big), "--cancel")
+        assert (document["file"], document["cancelled"]) == ("big.bin", True)
         assert process.wait() == 7
         assert process.stderr is not None
         names(process.stderr.read(), "'big.bin'", "cancelled", "pid")
     wait_for(lambda: all(row["text"] == "OP" for row in bus.slave_rows("state")), bus)
+
+
+@pytest.mark.parametrize("data", [b"", b"x"])
+def test_a_cancel_starts_nothing(bus: Daemon, tmp_path: Path, data: bytes) -> None:
+    file = tmp_path / "unasked.bin"
+    file.write_bytes(data)
+    none = bus.ctl("foe-write", "0", str(file), "--cancel", check=False)
+    assert none.returncode == 7, none
+    names(one_line_error(none.stderr, "ecatctl"), "slave 0", "'unasked.bin'", "nothing was done")
+    bus.ctl("foe-write", "0", str(file), "--as", "other.bin", "--yes")  # it is not busy either
+    assert "writing file 'unasked.bin'" not in bus.log
+
+
+def test_a_file_that_is_done_when_the_gateway_is_back_is_not_written_again(
+    bus: Daemon, tmp_path: Path
+) -> None:
+    file = tmp_path / "once.bin"
+    file.write_bytes(bytes(300_000))
+    command = [sys.executable, "-m", "ecatd.cli", "foe-write", "0", str(file), "--yes"]
+    with subprocess.Popen(command, env=bus.env, stdout=subprocess.PIPE, text=True) as process:
+        wait_for(lambda: "writing file 'once.bin' begins" in bus.log, bus)
+        stop_process(process.pid)
+        try:
+            os.kill(bus.child_pid("ecatd.gateway"), signal.SIGKILL)
+            wait_for(lambda: "writing file 'once.bin' is done" in bus.log, bus)
+        finally:
+            process.send_signal(signal.SIGCONT)
+        text, _ = process.communicate()
+    assert process.returncode == 0
+    names(text, "300000 bytes")
+    assert bus.log.count("writing file 'once.bin' begins") == 1
 
 
 @pytest.mark.long

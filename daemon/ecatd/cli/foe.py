@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,7 +62,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         command.add_argument(
             "--cancel",
             action="store_true",
-            help=("cancel the transfer that the same command has started"),
+            help="only cancel the transfer that the same command has started",
         )
     command.add_argument(
         "--password",
@@ -87,9 +86,12 @@ def foe_read(remote: Remote, options: argparse.Namespace) -> None:
         confirm(options, f"This brings {found.label} to BOOT, where it exchanges no process data.")
     begin = time.monotonic()
 
-    def start() -> FileTransfer:
+    def start(*, only_find: bool = False) -> FileTransfer:
         return remote.start_file_read(
-            found.position, options.name, password=options.password, boot=options.boot
+            *(found.position, options.name),
+            password=options.password,
+            boot=options.boot,
+            only_find=only_find,
         )
 
     try:
@@ -97,7 +99,8 @@ def foe_read(remote: Remote, options: argparse.Namespace) -> None:
         _follow(transfer)
         data = transfer.result()
     except KeyboardInterrupt:
-        start().cancel()  # the same request finds the same transfer
+        with suppress(StateError):  # it has ended, or was not started yet
+            start(only_find=True).cancel()
         raise
     if options.out != _STDOUT:
         save_bytes(options.out, data)
@@ -118,20 +121,22 @@ def foe_write(remote: Remote, options: argparse.Namespace) -> None:
             "afterwards back."
         )
 
-    def start() -> FileTransfer:
+    def start(*, only_find: bool) -> FileTransfer:
         return remote.start_file_write(
-            found.position, name, data, password=options.password, boot=options.boot
+            *(found.position, name, data),
+            password=options.password,
+            boot=options.boot,
+            only_find=only_find,
         )
 
     if options.cancel:
-        start().cancel()
-        print(f"{found.label}: file '{name}' : the transfer was cancelled")
+        _cancel(remote, options, found, start(only_find=True), name)
         return
     confirm(options, about)
     begin = time.monotonic()
-    transfer = start()
+    transfer = start(only_find=False)
     try:
-        transfer = _insist(remote, transfer, start)
+        _insist(remote, transfer)
     except KeyboardInterrupt:
         if transfer.step != "receiving":
             print(
@@ -143,10 +148,29 @@ def foe_write(remote: Remote, options: argparse.Namespace) -> None:
     _report(remote, options, found, transfer, time.monotonic() - begin, "written")
 
 
-def _insist(
-    remote: Remote, transfer: FileTransfer, start: Callable[[], FileTransfer]
-) -> FileTransfer:
+def _cancel(
+    remote: Remote, options: argparse.Namespace, found: Slave, transfer: FileTransfer, name: str
+) -> None:
+    """Cancels a transfer.
+
+    Raises:
+        StateError: It was done before.
+    """
+    transfer.cancel()
+    if transfer.step == "done":
+        raise StateError(f"{found.label}: file '{name}' was written before it could be cancelled")
+    if options.json:
+        document = {"bus": remote.bus, "slave": found.position, "file": name}
+        print_json({**document, "bytes": transfer.moved, "cancelled": True})
+    else:
+        print(f"{found.label}: file '{name}': the transfer was cancelled")
+
+
+def _insist(remote: Remote, transfer: FileTransfer) -> None:
     """Follows a transfer that is written, also over a restart of the gateway.
+
+    The bus server knows the transfer by its number, also if it has ended meanwhile. The same
+    request as at the start would write a file that is done once more.
 
     Raises:
         EcatError: It has failed, or the daemon no longer answers.
@@ -154,7 +178,7 @@ def _insist(
     for left in reversed(range(_RECONNECTIONS)):
         try:
             _follow(transfer)
-            break
+            return
         except (UnreachableError, NoAnswerError) as error:
             if transfer.has_failed:
                 raise
@@ -166,8 +190,6 @@ def _insist(
             time.sleep(_RECONNECTION_PAUSE)
             with suppress(EcatError):
                 remote.reconnect()
-                transfer = start()  # the same request finds the same transfer
-    return transfer
 
 
 def _follow(transfer: FileTransfer) -> None:

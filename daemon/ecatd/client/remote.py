@@ -390,39 +390,54 @@ class Remote:
         return int(self.request(WriteSii(slave, word, data, more, who()))["written"])
 
     def start_file_read(
-        self, slave: int | str, file: str, *, password: int = 0, boot: bool = False
+        self,
+        slave: int | str,
+        file: str,
+        *,
+        password: int = 0,
+        boot: bool = False,
+        only_find: bool = False,
     ) -> FileTransfer:
         """Starts to read a file of a slave (FoE).
+
+        If the daemon is transferring the same file already, this is that transfer.
 
         Args:
             slave: Position or name.
             file: Its name, as the slave knows it.
             password: Its password, 0 for none.
             boot: Whether to bring the slave to BOOT for it, and back.
+            only_find: Whether to start nothing if there is no such transfer.
 
         Raises:
             BusyError: The slave has another transfer, or there are too many.
-            StateError: There is no such slave.
+            StateError: There is no such slave; or no such transfer, with `only_find`.
         """
         from .file_transfer import FileTransfer
 
-        request = StartFoe(slave, file, password=password, boot=boot, by=who())
+        request = StartFoe(slave, file, password=password, boot=boot, by=who(), only_find=only_find)
         return FileTransfer(self, self.request(request))
 
     def start_file_write(
-        self, slave: int | str, file: str, data: bytes, *, password: int = 0, boot: bool = False
+        self,
+        slave: int | str,
+        file: str,
+        data: bytes,
+        *,
+        password: int = 0,
+        boot: bool = False,
+        only_find: bool = False,
     ) -> FileTransfer:
         """Starts to write a file to a slave (FoE); arguments and errors as `start_file_read`.
 
-        `FileTransfer.send` then sends the data to the daemon. If the daemon is writing the same
-        file already, this is that transfer.
+        `FileTransfer.send` then sends the data to the daemon.
         """
         import hashlib
 
         from .file_transfer import FileTransfer
 
         digest = hashlib.sha256(data).hexdigest()
-        request = StartFoe(slave, file, True, len(data), digest, password, boot, who())
+        request = StartFoe(slave, file, True, len(data), digest, password, boot, who(), only_find)
         return FileTransfer(self, self.request(request), data)
 
     def errors(self) -> list[SlaveErrors]:

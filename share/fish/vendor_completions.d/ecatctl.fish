@@ -359,7 +359,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l identity -x -d 'certi
 complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l as -s n -x -d 'its name, as the slave knows it (default: that of FILE)'
-complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l cancel -d 'cancel the transfer that the same command has started'
+complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l cancel -d 'only cancel the transfer that the same command has started'
 complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l password -x -d 'password of the slave for it'
 complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l boot -d 'bring the slave to BOOT before, and back afterwards'
 complete -c ecatctl -n '_shtab_ecatctl_using foe-write' -l yes -d 'do it without asking'

@@ -151,7 +151,7 @@ class Files:
 
         Raises:
             BusyError: The slave has another transfer, or there are too many.
-            StateError: There is no such slave.
+            StateError: There is no such slave; or no such transfer, and the request only finds one.
         """
         slave = self._bus.find(request.slave)
         for item in self._transfers.values():
@@ -159,6 +159,11 @@ class Files:
                 if _is_same(item.request, request):
                     return item.to_map()
                 raise BusyError(_why_busy(item))
+        if request.only_find:
+            raise StateError(
+                f"{slave.label} is not transferring file '{request.file[:_NAME_SHOWN]}': the "
+                "transfer has ended, or was never started; nothing was done"
+            )
         self._make_room(request.size)
         # The number is a secret: whoever knows it may use the transfer.
         number = secrets.randbelow(TRANSFER_MAX) + 1
@@ -204,7 +209,7 @@ class Files:
         if number not in self._transfers:
             raise StateError(
                 f"there is no transfer {number}: ecatd forgets a transfer {_KEPT_S / 60:g} "
-                "minutes after its end"
+                "minutes after its end, and all of them when it restarts"
             )
         return self._transfers[number]
 

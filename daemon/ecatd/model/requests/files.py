@@ -29,6 +29,7 @@ class StartFoe(Request):
         password: Password of the slave for it, 0 for none.
         boot: Whether to bring the slave to BOOT before, and back afterwards.
         by: The name that the client gives itself, for the log.
+        only_find: Whether to start nothing, but only to find a transfer that is on its way.
     """
 
     op = "start_foe"
@@ -41,6 +42,7 @@ class StartFoe(Request):
     password: int = 0
     boot: bool = False
     by: str = ""
+    only_find: bool = False
 
     def _check(self) -> None:
         try:
