@@ -171,6 +171,19 @@ def test_an_eeprom_is_read(bus: Daemon, simulator: Simulator, tmp_path: Path) ->
     one_line_error(wrong.stderr, "ecatctl")
 
 
+def test_how_far_a_long_command_is_stands_on_the_terminal(bus: Daemon) -> None:
+    assert bus.ctl("sii-read", "9").stderr == ""
+    for command, said in (("sii-read", "128 bytes"), ("rescan", "devices on the wire")):
+        ours, theirs = os.openpty()
+        arguments = [sys.executable, "-m", "ecatd.cli", command, *["9"] * (command != "rescan")]
+        subprocess.run(arguments, env=bus.env, stdout=subprocess.DEVNULL, stderr=theirs, check=True)
+        shown = os.read(ours, 1 << 16).decode()
+        os.close(theirs)
+        os.close(ours)
+        assert said in shown
+        assert shown.endswith("\r\033[K")  # nothing of it is left
+
+
 def test_an_eeprom_is_written(bus: Daemon, tmp_path: Path) -> None:
     file, backup = tmp_path / "eeprom.bin", tmp_path / "before.bin"
     bus.ctl("sii-read", "9", "-o", str(file))

@@ -41,7 +41,9 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
 def rescan(remote: Remote, options: argparse.Namespace) -> int:
     """Reads which devices are on the wire, and compares them with the slaves of the bus."""
     bus = remote.describe()
-    answer = remote.rescan()
+    with progress() as show:
+        show("the daemon looks at the devices on the wire")
+        answer = remote.rescan()
     missing = [bus.slaves[at] for at in answer["missing"]]
     rows = [_row(bus, missing, place, device) for place, device in enumerate(answer["devices"])]
     _mark_twice(bus, rows)

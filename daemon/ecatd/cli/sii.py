@@ -7,12 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ecatd.model.bus import Slave
 from ecatd.model.pdo import Pdo
 from ecatd.model.sii import UNASSIGNED, Sii, SiiMailbox
 from ecatd.model.sii_check import check_sii
 
 from .arguments import slave
 from .output import print_json
+from .progress import progress
 from .saving import save_bytes
 
 if TYPE_CHECKING:
@@ -36,7 +38,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 def sii_read(remote: Remote, options: argparse.Namespace) -> None:
     """Reads an EEPROM, and shows or saves it."""
     found = remote.describe().find(options.slave)
-    image = remote.sii(found.position)
+    image = read_image(remote, found)
     sii = check_sii(image)
     if options.out is not None:
         save_bytes(options.out, image)
@@ -48,6 +50,12 @@ def sii_read(remote: Remote, options: argparse.Namespace) -> None:
         print(f"{options.out}: {len(image)} bytes of the EEPROM of {found.label}")
     else:
         print("\n".join(sii_lines(sii, len(image))))
+
+
+def read_image(remote: Remote, found: Slave) -> bytes:
+    """Reads the EEPROM of a slave, and shows how far it is; raises as `Remote.sii`."""
+    with progress() as show:
+        return remote.sii(found.position, lambda read: show(f"{read} bytes of the EEPROM"))
 
 
 def _names(bits: int, names: tuple[str, ...]) -> list[str]:

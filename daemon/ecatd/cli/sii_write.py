@@ -23,7 +23,7 @@ from .confirm import add_yes, confirm
 from .output import print_json
 from .progress import counted
 from .saving import read_bytes, save_bytes
-from .sii import sii_lines
+from .sii import read_image, sii_lines
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -72,7 +72,7 @@ def sii_write(remote: Remote, options: argparse.Namespace) -> None:
     new = check_sii(image)
     _check(options, new)
     found = remote.describe().find(options.slave)
-    before = remote.sii(found.position)
+    before = read_image(remote, found)
     if len(image) > len(before):
         raise UsageError(
             f"{options.file} has {len(image)} bytes, but the EEPROM of {found.label} has "
@@ -92,7 +92,7 @@ def sii_write(remote: Remote, options: argparse.Namespace) -> None:
         )
         if backup.exists():
             raise UsageError(f"{backup} exists: give another --backup; nothing was written")
-        _check_unchanged(found, before, remote.sii(found.position))
+        _check_unchanged(found, before, read_image(remote, found))
         save_bytes(backup, before)
         _write(remote, found, image, parts, backup)
     _report(remote, options, found, words, changes, backup)
@@ -166,7 +166,7 @@ def _write(remote: Remote, found: Slave, image: bytes, parts: Sequence[int], bac
             data, more = image[at : at + _PART], at != parts[-1]
             remote.write_sii(found.position, at // 2, data, more=more)
             begun = True
-        if remote.sii(found.position)[: len(image)] != image:
+        if read_image(remote, found)[: len(image)] != image:
             raise StateError(f"{found.label}: the EEPROM does not have the words that were written")
     except EcatError as error:
         if not begun and isinstance(error, NotPermittedError | UsageError | BusyError):

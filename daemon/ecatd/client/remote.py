@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -346,8 +347,12 @@ class Remote:
         """
         return self.request(WriteIp(slave, mac, address, gateway, dns, name, who()))
 
-    def sii(self, slave: int | str) -> bytes:
-        """Reads the whole EEPROM of a slave, which is given by its position or name.
+    def sii(self, slave: int | str, note: Callable[[int], None] = lambda _read: None) -> bytes:
+        """Reads the whole EEPROM of a slave.
+
+        Args:
+            slave: Position or name.
+            note: Called while it is being read; gets the number of bytes so far.
 
         Raises:
             StateError: There is no such slave, or its EEPROM cannot be read.
@@ -361,6 +366,7 @@ class Remote:
             for number in range(first, last + 1):
                 if number not in parts:
                     parts[number] = self.read_sii(slave, number * _SII_PART, _SII_PART)
+                    note(2 * _SII_PART * len(parts))
             data = b"".join(parts[number] for number in range(first, last + 1))
             start = 2 * (word - first * _SII_PART)
             return data[start : start + 2 * count]
