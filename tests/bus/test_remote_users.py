@@ -55,7 +55,7 @@ slaves = [0, "EK1100"]
 name = "bob"
 [[gateway.user]]
 name = "dora"
-write = ["log"]
+write = ["log", "frames"]
 changes_max = 2
 """
 
@@ -149,6 +149,25 @@ def test_a_user_without_rights_only_reads(site: Site) -> None:
     assert refused.returncode == 6
     names(one_line_error(refused.stderr, "ecatctl"), "'bob'", "'sdo'", "only read")
     wait_for(lambda: "refused: user 'bob'" in site.daemon.log, site.daemon)
+
+
+def test_only_a_user_with_the_right_captures_frames(site: Site, tmp_path: Path) -> None:
+    """In the frames are files of slaves, and their passwords."""
+    file = tmp_path / "last.pcapng"
+    names(site.ctl("dora", "remote", "test").stdout, "'dora'", "but files", "frames", "log")
+    captured = site.ctl("dora", "capture", "-o", str(file))
+    assert captured.returncode == 0, captured.stderr
+    assert file.stat().st_size > 1000
+    refused = site.ctl("anna", "capture", "-o", str(tmp_path / "none"))
+    assert refused.returncode == 6
+    names(one_line_error(refused.stderr, "ecatctl"), "'anna'", "'frames'", "gateway.user.write")
+    payload = pack({"id": "0123"})
+    with site.session("anna") as anna:
+        for ring in ("cycle", "control"):
+            (old,) = anna.get(bus_key(site.daemon.bus, "ro", "frames", ring), timeout=10.0)
+            names(unpack(bytes(old.err.payload))["error"]["message"], f"ro/frames/{ring}")
+            key = bus_key(site.daemon.bus, "rw", "frames", ring)
+            assert [*anna.get(key, payload=payload, timeout=1.0)] == []
 
 
 def test_r36_nobody_asks_in_the_name_of_another_user(site: Site) -> None:

@@ -73,6 +73,7 @@ KEYS = [
     "ro/idn/0/0/17",
     "rw/idn/0/0/17",
     "rw/foe/0",
+    "rw/frames/cycle",
     "rw/foe/1/put",
     "ro/foe/1/0",
 ]

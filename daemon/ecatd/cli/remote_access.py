@@ -337,11 +337,12 @@ def _test(options: argparse.Namespace) -> None:
         may = "reads and changes" if options.connect is None else "reads"
         print(f"bus '{options.bus}' of {info['host']}: this connection {may}, {where}")
         return
-    changes = ", ".join(found["write"]) or "nothing"
+    may = ", ".join(found["write"]) or "nothing"
     slaves = f"slaves {', '.join(map(str, found['slaves']))}" if found["slaves"] else "all slaves"
     print(
         f"bus '{options.bus}' of {info['host']}: user '{found['user']}' reads everything but files "
-        f"of slaves, and changes {changes}" + (f" of {slaves}" if found["write"] else "")
+        f"of slaves and frames; further rights: {may}"
+        + (f", of {slaves}" if found["write"] else "")
     )
 
 

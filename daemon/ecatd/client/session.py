@@ -239,8 +239,8 @@ class Session:
             )
         if key[0] == "rw" and not self._is_local:
             return NotPermittedError(
-                f"{silent}: changes are permitted on its own machine to members of the group "
-                f"'ecat', and to users with a certificate (`ecatctl remote`)"
+                f"{silent}: changes and frames are permitted on its own machine to members of the "
+                f"group 'ecat', and to users with a certificate (`ecatctl remote`)"
             )
         return NoAnswerError(
             f"{silent} within {self.timeout:g} s: its bus server is busy, or hangs"

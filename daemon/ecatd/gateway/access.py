@@ -3,7 +3,7 @@
 Zenoh passes on only what the rules here allow, in both directions. So only the gateway can publish,
 answer or declare a liveliness token under the keys of a bus. The certificate of a connection
 identifies a user of another machine. Only the connection of user NAME may use the keys below
-`as/NAME`, so the name in such a key can be trusted. `check` decides what the user may change, so
+`as/NAME`, so the name in such a key can be trusted. `check` decides what the user may ask for, so
 that a refused user gets a message.
 
 If the gateway connects to a router (`gateway.connect`), the router identifies the users: it must
@@ -127,7 +127,7 @@ def rights(user: UserConfig) -> dict[str, Any]:
 
 
 def check(user: UserConfig, request: Request, bus: Bus) -> None:
-    """Checks that a user may request a change.
+    """Checks that a user may request a change, or frames.
 
     Raises:
         NotPermittedError: The user may not.
@@ -135,9 +135,9 @@ def check(user: UserConfig, request: Request, bus: Bus) -> None:
     """
     kind = request.key.split("/")[1]
     if kind not in user.write:
-        may = f"may change: {', '.join(user.write)}" if user.write else "may only read"
+        may = f"may use: {', '.join(user.write)}" if user.write else "may only read"
         raise NotPermittedError(
-            f"user '{user.name}' may not change '{kind}' of bus '{bus.name}', but {may} "
+            f"user '{user.name}' has no right '{kind}' on bus '{bus.name}', but {may} "
             f"(gateway.user.write in the configuration of the daemon)"
         )
     if not user.slaves or "slave" not in request.fields:

@@ -23,9 +23,10 @@ from ecatd.model.bus_reader import read_bus
 from ecatd.model.config import Config, GatewayConfig, UserConfig, read_config
 from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError, UsageError
 from ecatd.model.log_levels import DEFAULTS
-from ecatd.model.queries import changes, from_query, read_flag, read_parameters
+from ecatd.model.queries import from_query, needs_right, read_flag, read_parameters
 from ecatd.model.requests.bus import Describe, ReadConfig, ReadStates
 from ecatd.model.requests.files import PutFoe
+from ecatd.model.requests.frames import ReadFrames
 from ecatd.model.requests.log import ReadLogLevels
 from ecatd.model.requests.request import Request, on_behalf
 from ecatd.paths import (
@@ -268,7 +269,7 @@ class Gateway:
         values = unpack(payload) if payload else {}
         identity = values.pop("id", None)
         request = from_query(parts, parameters, values)
-        if not changes(type(request)):
+        if not needs_right(type(request)):
             return self._bus.ask(request)
         who = _LOCAL
         if user is not None:
@@ -328,7 +329,8 @@ class Gateway:
         """Carries out a change; the answer is the earlier one if its id has come before."""
         if not isinstance(identity, str) or not 1 <= len(identity) <= 64:
             raise UsageError("a change needs an 'id': a text of 1 to 64 characters, new each time")
-        if isinstance(request, PutFoe):  # its offset says whether it has come before
+        # The offset of a part says whether it has come before; long answers are not worth keeping.
+        if isinstance(request, PutFoe | ReadFrames):
             return self._bus.ask(request)
         return self._bus.ask(request, (user.name if user else "", identity))
 

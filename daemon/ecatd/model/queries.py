@@ -1,8 +1,9 @@
 """Requests as Zenoh queries: which fields are in the key, in the parameters and in the payload.
 
-`requests/` says for each kind of request which fields are in its key. If a request only reads,
-its other fields are parameters of the query, as in `…?complete=1`. If it changes something, they
-are the payload, a map. Gateway and clients both use this module, so that they agree.
+`requests/` says for each kind of request which fields are in its key. If everybody who may read may
+make a request, its other fields are parameters of the query, as in `…?complete=1`. If it needs a
+right, as every change does, they are the payload, a map. Gateway and clients both use this module,
+so that they agree.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ from .requests.request import Request
 
 ALL = "all"
 """In the key: all slaves."""
-CHANGES = tuple(
+RIGHT_NAMES = tuple(
     dict.fromkeys(kind.key.split("/")[1] for kind in KINDS.values() if kind.key.startswith("rw/"))
 )
-"""Kinds of requests that change something, as rights of users name them: `state`, `sdo`, ..."""
+"""Kinds of requests that need a right, as `gateway.user.write` names them: `state`, `sdo`, ..."""
 _TRUE, _FALSE = ("1", "true"), ("0", "false")
 _HEX_DIGITS = {"index": 4, "subindex": 2, "address": 4}
 
@@ -32,7 +33,7 @@ class Query(NamedTuple):
     Attributes:
         key: The parts of the key below the bus. Names of slaves are percent-encoded.
         parameters: The text behind the `?` of a selector; may be empty.
-        payload: The other fields of a request that changes something, else None.
+        payload: The other fields of a request that needs a right, else None.
     """
 
     key: tuple[str, ...]
@@ -66,8 +67,8 @@ for _kind in KINDS.values():
     _BY_BEGIN.setdefault(tuple(_kind.key.split("/")[:2]), []).append((_kind, _TEMPLATES[_kind.op]))
 
 
-def changes(kind: type[Request]) -> bool:
-    """Whether requests of this kind change something."""
+def needs_right(kind: type[Request]) -> bool:
+    """Whether requests of this kind need a right: all that change something do."""
     return kind.key.startswith("rw/")
 
 
@@ -83,7 +84,7 @@ def to_query(request: Request) -> Query:
     others = {
         name: value for name in template.others if (value := getattr(request, name)) is not None
     }
-    if changes(type(request)):
+    if needs_right(type(request)):
         return Query(key, "", others)
     texts = [f"{name}={_to_text(name, value)}" for name, value in others.items() if value]
     return Query(key, ";".join(texts), None)
@@ -103,12 +104,12 @@ def from_query(key: Sequence[str], parameters: str, payload: Mapping[str, Any]) 
     kind = _kind_of(key)
     fields = kind.fields
     values: dict[str, Any] = dict(payload)
-    if not changes(kind) and values:
+    if not needs_right(kind) and values:
         raise UsageError(f"'{'/'.join(key)}' takes parameters and no payload")
     if "op" in values:
         raise UsageError("'op' belongs in the key, not in the payload")
     template = _TEMPLATES[kind.op]
-    known = () if changes(kind) else template.others
+    known = () if needs_right(kind) else template.others
     for name, text in read_parameters(parameters, known).items():
         values[name] = _from_text(name, text, fields[name].types, "the query")
     for (_, name), text in zip(template.key, key, strict=True):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from ..bus_name import HOST_NAME, HOST_NAME_RULE
 from ..errors import LOOPBACK
-from ..queries import CHANGES
+from ..queries import RIGHT_NAMES
 from ..toml_file import Key, Rules, Table, number, show
 
 PLAIN, ENCRYPTED = ("tcp", "ws", "udp"), ("tls", "quic")
@@ -25,10 +25,10 @@ class UserConfig:
 
     Attributes:
         name: Common name of the certificate.
-        write: Kinds of changes that the user may ask for, of `CHANGES`; none: only reading.
+        write: The rights of the user, of `RIGHT_NAMES`; none: only reading.
         slaves: The slaves that they may be about, by position or name; none: all. With
             some, the user may not change all slaves at once. What is about no slave, such as levels
-            of the log, needs only its kind in `write`.
+            of the log or frames, needs only its kind in `write`.
         changes_max: Changes a second that the user may ask for in the long run.
     """
 
@@ -251,7 +251,7 @@ def _user_name(table: Table, key: Key) -> str:
 
 
 def _changes(table: Table, key: Key) -> list[str]:
-    return table.choices(key, {name: name for name in CHANGES})
+    return table.choices(key, {name: name for name in RIGHT_NAMES})
 
 
 def _slave(table: Table, key: Key) -> int | str:

@@ -1,4 +1,8 @@
-"""Requests about the last frames."""
+"""Requests about the last frames.
+
+They change nothing. But frames carry files of slaves and their passwords, so their key begins with
+`rw`: those who may only read do not get them.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +21,6 @@ class ReadFrames(Request):
     """
 
     op = "read_frames"
-    key = "ro/frames/{ring}"
+    key = "rw/frames/{ring}"
     ring: str
     position: int = 0
