@@ -103,9 +103,14 @@ class Log:
         """Reports something that the user should know; arguments as for `error`."""
         self._write("warning", text, event, slaves)
 
-    def notice(self, text: str) -> None:
-        """Reports a requested change. It is written whatever the level is."""
-        self._writer.write("notice", self._part, text)
+    def notice(self, text: str, *, failed: bool = False) -> None:
+        """Reports a requested change, in the audit file too. It is written whatever the level is.
+
+        Args:
+            text: What has changed.
+            failed: Whether that has failed, which is a warning.
+        """
+        self._writer.write("warning" if failed else "notice", self._part, text)
         self._writer.audit(text)
 
     def info(self, text: str, event: str = "", slaves: Iterable[int] = ()) -> None:

@@ -2,13 +2,38 @@
 
 from __future__ import annotations
 
+import hashlib
+import itertools
 import re
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
 from conftest import Daemon, names, run_module, wait_for
+from ecatd.client.remote import Remote
+from ecatd.model.al import AlState
+from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
+from ecatd.model.idns import parse_idn
+from ecatd.model.requests.bus import SetState
+from ecatd.model.requests.eeproms import WriteSii
+from ecatd.model.requests.ethernet import WriteIp
+from ecatd.model.requests.files import CancelFoe, PutFoe, StartFoe
+from ecatd.model.requests.frames import ReadFrames
+from ecatd.model.requests.idns import WriteIdn
+from ecatd.model.requests.log import SetLogLevel
+from ecatd.model.requests.objects import SdoWrite
+from ecatd.model.requests.parsing import KINDS
+from ecatd.model.requests.registers import ReadErrors, ResetErrors, WriteRegister
+from ecatd.model.requests.request import Request
+from ecatsim.control import Simulator
+from rigs.everything import IDN, TEXT
+
+RIG = Path(__file__).parents[1] / "rigs" / "everything.py"
+BY = "test (pid 812, uid 1000)"
+WHO = f"somebody on this machine [{BY}]"
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -27,11 +52,12 @@ def test_each_change_is_in_the_file(start_daemon: Callable[..., Daemon], tmp_pat
     before = daemon.ctl_json("sdo-read", "0", "0x6083", "0")["value"]
     daemon.ctl("sdo-write", "0", "0x6083", "0", "1234")
     daemon.ctl("state", "SAFEOP", "--yes", "-p", "4")
-    daemon.ctl("sdo-write", "0", "0x1018", "1", "7", check=False)  # is refused: no change
+    daemon.ctl("sdo-write", "0", "0x1018", "1", "7", check=False)  # is refused
     daemon.ctl("sdo-read", "0", "0x6083", "0")
-    first, second = file.read_text().splitlines()
+    first, second, refused = file.read_text().splitlines()
     names(first, daemon.bus, "slave 0", "0x6083:00", before, "1234", "pid", "uid")
-    names(second, daemon.bus, "slave 4", "SAFEOP")
+    names(second, daemon.bus, "slave 4", "from OP to SAFEOP")
+    names(refused, "slave 0", "0x1018:01", "to 7", "has failed", "SDO abort 0x06010002")
     assert re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}[+-]\d{4} ", first)
     assert file.stat().st_mode & 0o007 == 0
     file.rename(rotated)
@@ -47,7 +73,7 @@ def test_each_change_is_in_the_file(start_daemon: Callable[..., Daemon], tmp_pat
     reload(daemon, file)
     daemon.ctl("log-level", "dc", "debug")
     assert len(file.read_text().splitlines()) == 2
-    assert len(rotated.read_text().splitlines()) == 2
+    assert len(rotated.read_text().splitlines()) == 3
 
 
 def test_a_folder_that_does_not_exist(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
@@ -65,3 +91,211 @@ def test_a_folder_that_does_not_exist(start_daemon: Callable[..., Daemon], tmp_p
     assert daemon.ctl_json("config", "check", file)["warnings"] == []
     daemon.ctl("log-level", "dc", "debug")
     assert (missing / "audit").exists()
+
+
+class Site(NamedTuple):
+    """A daemon with an audit file, a client of it, and its simulated segment."""
+
+    daemon: Daemon
+    file: Path
+    remote: Remote
+    simulator: Simulator
+
+    def ask(self, *requests: Request) -> list[str]:
+        """The new lines of the audit file after some requests."""
+        before = len(self.lines())
+        for request in requests:
+            self.remote.request(request)
+        return self.lines()[before:]
+
+    def refused(self, kind: type[EcatError], request: Request) -> str:
+        """The new line after a request that fails."""
+        before = len(self.lines())
+        with pytest.raises(kind):
+            self.remote.request(request)
+        (line,) = self.lines()[before:]
+        return line
+
+    def lines(self) -> list[str]:
+        return self.file.read_text().splitlines() if self.file.exists() else []
+
+
+@pytest.fixture
+def site(
+    start_daemon: Callable[..., Daemon], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Site]:
+    file = tmp_path / "audit"
+    daemon = start_daemon(str(RIG), config=f'audit_file = "{file}"\n[gateway]\nlisten = []\n')
+    monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
+    with (
+        Remote(daemon.bus, timeout=60) as remote,
+        Simulator(str(daemon.child_pid("ecatsim"))) as simulator,
+    ):
+        yield Site(daemon, file, remote, simulator)
+
+
+CHANGES: dict[type[Request], tuple[Request, str, Sequence[str]]] = {
+    SetState: (
+        SetState("SAFEOP", 1, BY),
+        "slave 1 (CiA402), AL state: changed",
+        ("from OP to SAFEOP",),
+    ),
+    SetLogLevel: (
+        SetLogLevel("debug", "dc", BY),
+        "log level of dc changed",
+        ("from info to debug",),
+    ),
+    SdoWrite: (
+        SdoWrite(0, 0x6083, struct.pack("<I", 1234), by=BY),
+        "slave 0 (CiA402), 0x6083:00 (Profile acceleration): changed",
+        ("from ", " to 1234 "),
+    ),
+    WriteRegister: (
+        WriteRegister(0, 0x0400, b"\xc3\x09", BY),
+        "slave 0 (CiA402), register 0x0400",
+        ("from c2 09 to c3 09",),
+    ),
+    ResetErrors: (
+        ResetErrors(0, BY),
+        "error counters of slave 0 (CiA402): changed",
+        ("from slave 0: port 0: 3 invalid", " to 0 "),
+    ),
+    WriteSii: (
+        WriteSii(0, 0x0004, b"\x07\x00", by=BY),
+        "slave 0 (CiA402), EEPROM words 0x0004: changed",
+        ("from 00 00 to 07 00",),
+    ),
+    WriteIp: (
+        WriteIp(0, address="192.168.7.2/24", by=BY),
+        "slave 0 (CiA402), IP parameters: changed",
+        ("from ", "to ", "192.168.7.2/24"),
+    ),
+    WriteIdn: (
+        WriteIdn(0, parse_idn(IDN), b"\x01\0\0\0", by=BY),
+        f"slave 0 (CiA402), drive 0, {IDN} (Position): changed",
+        ("from 18 fc ff ff to 01 00 00 00",),
+    ),
+    StartFoe: (
+        StartFoe(0, "empty.txt", True, 0, hashlib.sha256().hexdigest(), by=BY),
+        "slave 0 (CiA402): writing file 'empty.txt' begins",
+        ("0 bytes", f"SHA-256 {hashlib.sha256().hexdigest()}"),
+    ),
+}
+"""A request of each kind, how its line begins, and what else is in the line."""
+
+APART = {PutFoe, CancelFoe}
+"""Kinds about a transfer that another request has started: they are in a test of their own."""
+NO_CHANGE = {ReadFrames}
+
+
+def test_each_kind_of_change_has_a_line(site: Site) -> None:
+    kinds = {kind for kind in KINDS.values() if kind.key.startswith("rw/")}
+    assert kinds == CHANGES.keys() | APART | NO_CHANGE
+    assert {kind for kind in kinds if "by" not in kind.fields} == {PutFoe} | NO_CHANGE
+    site.simulator.faults.noise(0, count=3)
+    wait_for(
+        lambda: site.remote.request(ReadErrors())["slaves"][0]["ports"][0]["invalid"] == 3,
+        site.daemon,
+    )
+    for kind, (request, begin, tokens) in CHANGES.items():
+        line, *more = site.ask(request)
+        assert f" {site.daemon.bus}: {begin}" in line
+        names(line, WHO, *tokens)
+        assert not more or kind is StartFoe
+        assert line.split(": ", 1)[1] in site.daemon.log
+    wait_for(lambda: "is done" in site.lines()[-1], site.daemon)  # the file
+    assert site.ask(ReadFrames("control")) == []
+
+
+def test_files_are_named_with_length_and_digest(site: Site) -> None:
+    data = bytes(range(256)) * 4
+    digest = hashlib.sha256(data).hexdigest()
+    start = StartFoe(0, "new.bin", True, len(data), digest, by=BY)
+    number = site.remote.request(start)["transfer"]
+    cancelled = site.ask(CancelFoe(number, BY))
+    assert len(cancelled) == 1
+    names(cancelled[0], "writing file 'new.bin'", "cancelled", WHO)
+    number = site.remote.request(start)["transfer"]
+    assert len(site.lines()) == 1  # nothing has reached the slave
+    site.remote.request(PutFoe(number, 0, data))
+    wait_for(lambda: len(site.lines()) == 3, site.daemon)
+    for line, word in zip(site.lines()[1:], ("begins", "is done"), strict=True):
+        names(line, "slave 0", "writing file 'new.bin'", word, "1024 bytes", digest, WHO)
+    site.ask(StartFoe(0, "new.bin", by=BY))
+    wait_for(lambda: len(site.lines()) == 5, site.daemon)
+    names(site.lines()[4], "reading file 'new.bin'", "is done", "1024 bytes", digest, WHO)
+    site.ask(StartFoe(0, "nothing", by=BY))
+    wait_for(lambda: len(site.lines()) == 7, site.daemon)
+    names(site.lines()[6], "reading file 'nothing'", "has failed", "0x8001", WHO)
+    names(site.daemon.log, f"warning: {site.lines()[6].split(': ', 1)[1]}")
+
+
+def test_the_end_of_the_bus_ends_a_transfer_with_a_line(site: Site) -> None:
+    transfer = site.remote.start_file_write(0, "big.bin", bytes(3_000_000))
+    while not site.lines():
+        transfer.send()
+    assert site.daemon.stop() == 0
+    begins, ends = site.lines()
+    names(begins, "writing file 'big.bin'", "begins", "3000000 bytes", "somebody on this machine")
+    names(ends, "writing file 'big.bin'", "has failed", "somebody on this machine")
+
+
+def test_long_values_have_length_and_digest(site: Site) -> None:
+    old, new = b"a" * 33, b"b" * 600
+    site.ask(SdoWrite(0, TEXT, old, by=BY))
+    (line,) = site.ask(SdoWrite(0, TEXT, new, by=BY))
+    for data, begin in ((old, "from 61 61"), (new, "to 62 62")):
+        digest = hashlib.sha256(data).hexdigest()
+        names(line, begin, f"{len(data)} bytes, SHA-256 {digest}")
+
+
+@pytest.mark.long
+def test_what_fails_has_a_line_too(site: Site) -> None:
+    refused = site.refused(SdoAbortError, SdoWrite(0, 0x1018, b"\0\0\0\0", 1, by=BY))
+    names(refused, "0x1018:01", "to 0", "has failed", "0x06010002", WHO)
+    idn = WriteIdn(0, parse_idn("S-0-0099"), b"\0", by=BY)
+    names(site.refused(StateError, idn), "S-0-0099", "to 00", "has failed", WHO)
+    site.simulator.faults.mailbox(0, "slow", delay_s=3600)
+    for request in (
+        SdoWrite(0, 0x6083, b"\1\0\0\0", by=BY),
+        WriteIdn(0, parse_idn(IDN), b"\2\0\0\0", by=BY),
+        WriteIp(0, address="192.168.7.9/24", by=BY),
+    ):
+        names(site.refused(NoAnswerError, request), "slave 0", "may have been made", WHO)
+    site.simulator.faults.power_off(1)
+    wait_for(lambda: site.daemon.slave_rows("state")[1]["al_state"] == 0, site.daemon)
+    sii = site.refused(EcatError, WriteSii(1, 0x0004, b"\x07\x00", by=BY))
+    names(sii, "slave 1", "EEPROM words 0x0004", "to 07 00", "has failed", WHO)
+    for kind, request in (
+        (NoAnswerError, WriteRegister(1, 0x0400, b"\0\0", BY)),
+        (NoAnswerError, ResetErrors(1, BY)),
+        (StateError, SetState("OP", 1, BY)),
+    ):
+        names(site.refused(kind, request), "slave 1", WHO)
+
+
+def test_changes_through_shared_memory_are_told_together(site: Site) -> None:
+    """A model that writes an object at each sample neither floods the log nor is left out."""
+    many = 50
+    with site.daemon.client() as client:
+        for value in range(many):
+            client.sdo_download(0, 0x6083, 0, struct.pack("<I", 5000 + value)).result()
+        client.request_state(1, AlState.SAFEOP).result()
+        with pytest.raises(SdoAbortError):
+            client.sdo_download(0, 0x1018, 1, bytes(4)).result()
+    assert site.daemon.stop() == 0
+    lines = site.lines()
+    names(lines[0], "slave 0", "0x6083:00", "from", "the program in slot", "pid")
+    written = [line for line in lines if "0x6083:00" in line]
+    assert len(written) <= many // 5
+    counts = [re.search(r"changed (\d+) times, ", line) for line in written]
+    assert sum(int(found[1]) if found else 1 for found in counts) == many
+    ends = [re.search(r"from (\d+) to (\d+) by", line) for line in written]
+    pairs = [(int(found[1]), int(found[2])) for found in ends if found]
+    assert len(pairs) == len(written)
+    assert all(end == begin for (_, end), (begin, _) in itertools.pairwise(pairs))
+    assert pairs[-1][1] == 5000 + many - 1
+    (state,) = [line for line in lines if "AL state" in line]
+    names(state, "slave 1", "from OP to SAFEOP", "the program in slot")
+    (refused,) = [line for line in lines if "0x1018:01" in line]
+    names(refused, "has failed", "0x06010002", "the program in slot")

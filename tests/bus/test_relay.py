@@ -21,6 +21,7 @@ from ecatd.bus.mailbox.talks import converse
 from ecatd.bus.master import master as master_module
 from ecatd.bus.master.master import Master
 from ecatd.bus.master.worker import Worker
+from ecatd.bus.requests.changes import Changes
 from ecatd.bus.requests.registers import Registers
 from ecatd.bus.start.bring_up import BringUp
 from ecatd.log import Log
@@ -188,7 +189,7 @@ def master_with_a_slave_that_is_gone() -> Any:
     async def ask(up: BringUp) -> Any:
         assert up.master is not None
         worker = Worker()
-        registers = Registers(up.bus, up.master, worker, Log("test"))
+        registers = Registers(up.bus, up.master, worker, Changes(Log("test")))
         try:
             waiting = asyncio.create_task(registers.read(ReadRegister(GONE, 0x0130, 2)))
             await asyncio.sleep(0)

@@ -23,6 +23,7 @@ from ecatd.bus.mailbox.talks import Talk, converse
 from ecatd.bus.master.emergencies import Emergency, tell_emergencies
 from ecatd.bus.master.master import Master
 from ecatd.bus.master.worker import Worker
+from ecatd.bus.requests.changes import Changes
 from ecatd.bus.requests.conversations import Conversations
 from ecatd.bus.requests.dictionaries import Dictionaries
 from ecatd.bus.requests.objects import Objects
@@ -73,10 +74,12 @@ class Bench:
             lambda found, left_out: tell_emergencies(log, found, left_out)
         )
         bus = Bus("bench", 1000, SLAVES)
-        conversations = Conversations(master, self.worker, self.emergencies.note)
+        self.conversations = conversations = Conversations(
+            master, self.worker, self.emergencies.note
+        )
         self.dictionaries = Dictionaries(bus, conversations)
         self.objects = Objects(
-            bus, conversations, self.dictionaries, lambda _, entry: entry, Log("ecatd")
+            bus, conversations, self.dictionaries, lambda _, entry: entry, Changes(Log("ecatd"))
         )
 
     def coe(self, position: int, *, alone: bool = False) -> Coe:
@@ -95,7 +98,10 @@ class Bench:
         return bytes((await self.objects.read(SdoRead(0, NUMBER)))["data"])
 
     async def write(self, data: bytes, position: int = 0, index: int = NUMBER) -> None:
-        await self.objects.write(SdoWrite(position, index, data))
+        # `Objects.write` would read the object before.
+        await self.conversations.coe(
+            SLAVES[position], lambda coe: coe.download(index, 0, data), changes=True
+        )
 
 
 @contextmanager

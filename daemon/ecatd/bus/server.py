@@ -44,8 +44,9 @@ from ecatd.version import VERSION
 from .engine.engine import Engine
 from .engine.shared_memory import SharedMemory
 from .ethernet.traffic import EthernetTraffic
-from .master.al_states import SlaveState
+from .master.al_states import SlaveState, states_text
 from .master.worker import Worker
+from .requests.changes import ZENOH, Changes
 from .requests.conversations import Conversations
 from .requests.frames import read_frames
 from .requests.slaves import SlaveRequests
@@ -99,6 +100,7 @@ class BusServer:
         self._in_force = in_force
         self._interface = interface
         self._log = log
+        self._changes = Changes(log)
         self._events = EventHistory(publish)
         self._set_levels = set_levels
         self._configured = config.log
@@ -134,7 +136,9 @@ class BusServer:
         conversations = Conversations(self._up.master, self._worker, self._monitor.emergencies.note)
         self._slave_requests = SlaveRequests(
             *(self.bus, self._up.master, self._config, self._worker),
-            *(conversations, self._monitor, self._meaning, self._log),
+            *(conversations, self._monitor, self._meaning),
+            changes=self._changes,
+            log=self._log,
         )
         self._ethernet = EthernetTraffic(
             *(self._config.eoe, self.bus, self._up.master, self._worker),
@@ -253,8 +257,12 @@ class BusServer:
         assert self._monitor is not None, "asked before the bus was brought up"
         return self._monitor
 
-    async def answer(self, request: Request) -> dict[str, Any]:
+    async def answer(self, request: Request, slot: int = ZENOH) -> dict[str, Any]:
         """Carries out a request; returns the reply.
+
+        Args:
+            request: The request.
+            slot: The slot of the program that asks through shared memory, or `ZENOH`.
 
         Raises:
             EcatError: The request cannot be carried out, or the slave refuses it.
@@ -270,7 +278,7 @@ class BusServer:
                 await self._running.look()
                 return self._state_rows()
             case SetState():
-                return await self._set_state(request)
+                return await self._set_state(request, slot)
             case ReadLogLevels():
                 return self._log_levels()
             case SetLogLevel():
@@ -283,7 +291,7 @@ class BusServer:
         if isinstance(request, ReadEthernet):
             return self._ethernet.describe()
         assert self._slave_requests is not None, "asked before the bus was brought up"
-        return await self._slave_requests.answer(request)
+        return await self._slave_requests.answer(request, slot)
 
     def _info(self) -> dict[str, Any]:
         assert self._up.wire is not None, "asked before the bus was brought up"
@@ -322,7 +330,7 @@ class BusServer:
             "since": self._running.down_since(item.position),
         }
 
-    async def _set_state(self, request: SetState) -> dict[str, Any]:
+    async def _set_state(self, request: SetState, slot: int) -> dict[str, Any]:
         if request.slave is None:
             slaves = self.bus.slaves
             there = {item.position for item in self._running.states if item.al_state}
@@ -331,10 +339,11 @@ class BusServer:
             chosen = [self.bus.find(request.slave).position]
         if self._slave_requests is not None:
             self._slave_requests.check_free(None if request.slave is None else chosen[0])
-        if request.by:
-            whom = "all slaves" if request.slave is None else self.bus.find(request.slave).label
-            self._log.notice(f"{whom}: {request.state.upper()} was requested by {request.by}")
-        await self._running.change(chosen, AlState.parse(request.state))
+        whom = "all slaves" if request.slave is None else self.bus.find(request.slave).label
+        state = AlState.parse(request.state)
+        with self._changes.telling(f"{whom}, AL state", state.name, request.by, slot) as change:
+            change.before = states_text(self._running.states[n] for n in chosen)
+            await self._running.change(chosen, state)
         return self._state_rows()
 
     def _log_levels(self) -> dict[str, Any]:
@@ -370,6 +379,7 @@ class BusServer:
         if self._fault_files is not None:
             await self._fault_files.close()
         await asyncio.to_thread(self._worker.close)
+        self._changes.close()
         self._aborted.clear()  # taking the bus down has to wait for slaves
         await asyncio.to_thread(self._take_down)
 

@@ -72,6 +72,20 @@ class SlaveErrors(NamedTuple):
     pdi: int
     since: float | None = None
 
+    @property
+    def text(self) -> str:
+        """The counters that are not 0, in words; empty if all are."""
+        names = ("invalid", "physical", "forwarded", "lost links")
+        parts = [
+            f"port {port.port}: {count} {name}"
+            for port in self.ports
+            for name, count in zip(names, port.counts, strict=True)
+            if count
+        ]
+        whole = (("processing", self.processing), ("PDI", self.pdi))
+        parts += [f"{count} {name}" for name, count in whole if count]
+        return f"slave {self.position}: {', '.join(parts)}" if parts else ""
+
     def to_map(self) -> dict[str, Any]:
         """The counters as a map, for replies and JSON."""
         return {**self._asdict(), "ports": [port._asdict() for port in self.ports]}

@@ -20,7 +20,7 @@ from ecatd.model.errors import UsageError
 from ecatd.model.requests.bus import SetState
 from ecatd.model.requests.objects import SdoRead, SdoWrite
 from ecatd.model.requests.parsing import parse_request
-from ecatd.model.requests.request import Request, to_map
+from ecatd.model.requests.request import Request, on_behalf, to_map
 from ecatd.shm import REQUEST_BYTES
 
 from .shared_memory import SharedMemory
@@ -39,6 +39,7 @@ class Asked:
         generation: Generation of the client.
         seq: Number of the request.
         raw: The bytes of the `ecat_out_request`.
+        program: Name and process number of the client, as it says itself.
     """
 
     slot: int
@@ -46,9 +47,10 @@ class Asked:
     generation: int
     seq: int
     raw: bytes
+    program: str
 
     def parse(self) -> Request:
-        """Decodes the request.
+        """Decodes the request. Like one over Zenoh, it says in `by` who asks.
 
         Raises:
             UsageError: The request is malformed, or none that can be carried out.
@@ -64,10 +66,15 @@ class Asked:
         if raw.op == shm.Request.UPLOAD:
             return SdoRead(**where, complete=complete)
         if raw.op == shm.Request.DOWNLOAD:
-            return parse_request(to_map(SdoWrite(**where, data=data, complete=complete)))
+            write = SdoWrite(**where, data=data, complete=complete)
+            return on_behalf(parse_request(to_map(write)), self._who, self.program)
         if raw.op == shm.Request.STATE and len(data) == 1 and data[0] in _STATES:
-            return SetState(AlState(data[0]).name, raw.slave)
+            return on_behalf(SetState(AlState(data[0]).name, raw.slave), self._who, self.program)
         raise UsageError(f"{raw.op} is not a request that ecatd can carry out")
+
+    @property
+    def _who(self) -> str:
+        return f"the program in slot {self.slot}"
 
 
 class Cells:
@@ -79,6 +86,7 @@ class Cells:
 
     def __init__(self, shared: SharedMemory) -> None:
         self._shared = shared
+        self._head = shm.size("ecat_out_slot")
         self._size = shm.size("ecat_out_request")
 
     def read(self, slot: int) -> list[Asked]:
@@ -86,18 +94,21 @@ class Cells:
         bell, at = self._doorbell(slot), self._at(slot)
         if bell is None or bell.generation == 0:
             return []
-        data = os.pread(self._shared.out_fd, shm.REQUESTS * self._size, at)
+        size = self._head + shm.REQUESTS * self._size
+        data = os.pread(self._shared.out_fd, size, at)
         after = self._doorbell(slot)
-        if len(data) < shm.REQUESTS * self._size or after is None:
+        if len(data) < size or after is None:
             return []
         if after.generation != bell.generation:
             return []
+        client = shm.struct("ecat_out_slot").from_buffer_copy(data)
+        program = f"{shm.printable(client.program)} (pid {client.pid})"
         asked = []
         for cell in range(shm.REQUESTS):
-            raw = data[cell * self._size :][: self._size]
+            raw = data[self._head + cell * self._size :][: self._size]
             seq = int.from_bytes(raw[:4], "little")
             if seq != 0 and (bell.request_seq - seq) % (1 << 32) < _HALF:
-                asked.append(Asked(slot, cell, bell.generation, seq, raw))
+                asked.append(Asked(slot, cell, bell.generation, seq, raw, program))
         return asked
 
     def is_wanted(self, asked: Asked) -> bool:
@@ -105,7 +116,7 @@ class Cells:
         bell = self._doorbell(asked.slot)
         if bell is None or bell.generation != asked.generation:
             return False
-        at = self._at(asked.slot) + asked.cell * self._size
+        at = self._at(asked.slot) + self._head + asked.cell * self._size
         seq = os.pread(self._shared.out_fd, 4, at)
         return int.from_bytes(seq, "little") == asked.seq and file_locks.held(
             self._shared.out_fd, shm.LOCK_SLOT + asked.slot
@@ -113,7 +124,7 @@ class Cells:
 
     def _at(self, slot: int) -> int:
         out = self._shared.out
-        return int(out.slots_offset + slot * out.slot_stride + shm.size("ecat_out_slot"))
+        return int(out.slots_offset + slot * out.slot_stride)
 
     def _doorbell(self, slot: int) -> Any:
         kind = shm.struct("ecat_out_doorbell")

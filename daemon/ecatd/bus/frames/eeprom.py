@@ -233,8 +233,13 @@ def _look(registers: Datagrams, eeproms: Sequence[_Eeprom[T]]) -> None:
 
 
 def writing_eeprom(
-    registers: Datagrams, slave: Station, label: str, word: int, data: bytes
-) -> Steps[dict[int, bytes]]:
+    registers: Datagrams,
+    slave: Station,
+    label: str,
+    word: int,
+    data: bytes,
+    before: dict[int, bytes],
+) -> Steps[None]:
     """Writes words of an EEPROM, and reads them back. Does not write words that are right already.
 
     The EEPROM is assigned to the device again at the end, also after an error. The device uses the
@@ -246,9 +251,8 @@ def writing_eeprom(
         label: Name of the slave in messages.
         word: Address of the first word.
         data: The words, little endian.
-
-    Returns:
-        The previous contents of the words that were written, by word address.
+        before: Gets the previous contents of the words that are written, by word address, before
+            the first one is written.
 
     Raises:
         StateError: The EEPROM cannot be read or written, or has other words afterwards.
@@ -260,10 +264,11 @@ def writing_eeprom(
         (words,) = yield from steps
         return words
 
-    before = yield from read()
-    wrong = [at for at in range(0, len(data), 2) if before[at : at + 2] != data[at : at + 2]]
+    now = yield from read()
+    wrong = [at for at in range(0, len(data), 2) if now[at : at + 2] != data[at : at + 2]]
     if not wrong:
-        return {}
+        return
+    before.update({word + at // 2: now[at : at + 2] for at in wrong})
     try:
         for at in wrong:
             yield from _write_word(registers, slave, label, word + at // 2, data[at : at + 2])
@@ -276,7 +281,6 @@ def writing_eeprom(
                 f"{label}: EEPROM: word 0x{word + at // 2:04X} has {after[at : at + 2].hex(' ')} "
                 f"after {data[at : at + 2].hex(' ')} was written: it may be write-protected"
             )
-    return {word + at // 2: before[at : at + 2] for at in wrong}
 
 
 def _write_word(

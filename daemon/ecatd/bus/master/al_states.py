@@ -38,6 +38,16 @@ class SlaveState:
         return text
 
 
+def states_text(states: Iterable[SlaveState]) -> str:
+    """The states of slaves in words: of which slaves, if they are not the same."""
+    alike: dict[str, list[int]] = {}
+    for item in states:
+        alike.setdefault(item.describe(), []).append(item.position)
+    if len(alike) == 1:
+        return next(iter(alike))
+    return ", ".join(f"{text} ({_slaves(positions)})" for text, positions in alike.items())
+
+
 class AlStates:
     """The AL states of the slaves of one bus. Call it only on the thread of the master.
 

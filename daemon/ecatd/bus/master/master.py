@@ -281,10 +281,12 @@ class Master:
             self._cancelled,
         )
 
-    def writing_eeprom(self, position: int, word: int, data: bytes) -> Steps[dict[int, bytes]]:
+    def writing_eeprom(
+        self, position: int, word: int, data: bytes, before: dict[int, bytes]
+    ) -> Steps[None]:
         """Writes words of the SII EEPROM of one slave; see `eeprom.writing_eeprom`."""
         station, label = Station(self.stations[position]), self._label(position)
-        return writing_eeprom(self.registers, station, label, word, data)
+        return writing_eeprom(self.registers, station, label, word, data, before)
 
     def read_registers(self, wanted: Sequence[tuple[int, int, int]]) -> list[bytes]:
         """Carries `reading` out at once, for a start, where no other work waits."""

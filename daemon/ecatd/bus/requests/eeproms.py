@@ -6,16 +6,13 @@ import math
 import time
 from typing import Any, NamedTuple
 
-from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.errors import BusyError, EcatError
+from ecatd.model.errors import BusyError
 from ecatd.model.requests.eeproms import ReadSii, WriteSii
 
 from ..master.master import Master
 from ..master.worker import Worker
-
-_SHOWN = 8
-"""Most EEPROM words in one line of the log."""
+from .changes import Change, Changes
 
 _PATIENCE = 10.0
 """Seconds for which an EEPROM waits for the next part from the client that writes it."""
@@ -35,14 +32,14 @@ class Eeproms:
         bus: The bus description.
         master: The master.
         worker: The worker on which slaves are asked.
-        log: The log for changes.
+        changes: Tells of changes.
     """
 
-    def __init__(self, bus: Bus, master: Master, worker: Worker, log: Log) -> None:
+    def __init__(self, bus: Bus, master: Master, worker: Worker, changes: Changes) -> None:
         self._bus = bus
         self._master = master
         self._worker = worker
-        self._log = log
+        self._changes = changes
         self._writers: dict[int, _Writer] = {}  # by position
 
     async def read(self, request: ReadSii) -> dict[str, Any]:
@@ -69,19 +66,22 @@ class Eeproms:
         """
         slave = self._bus.find(request.slave)
         self._reserve(slave, request.by)
-        steps = self._master.writing_eeprom(slave.position, request.word, request.data)
+        before: dict[int, bytes] = {}
+        word, data = request.word, request.data
+        steps = self._master.writing_eeprom(slave.position, word, data, before)
         try:
-            before = await self._worker.request(steps)
+            with self._changes.telling(slave.label, "", request.by) as change:
+                try:
+                    await self._worker.request(steps)
+                    change.is_told = bool(before)
+                finally:
+                    _describe(change, slave, request, before)
             if request.more:
                 until = time.monotonic() + _PATIENCE
                 self._writers[slave.position] = _Writer(request.by, until)
-        except EcatError as error:
-            self._log.warning(f"EEPROM words could not be written for {request.by}: {error}")
-            raise
         finally:
             if self._writers[slave.position].until == math.inf:
                 del self._writers[slave.position]
-        self._note(slave, request, before)
         return {"written": len(before)}
 
     def _reserve(self, slave: Slave, by: str) -> None:
@@ -99,16 +99,13 @@ class Eeproms:
             )
         self._writers[slave.position] = _Writer(by, math.inf)
 
-    def _note(self, slave: Slave, request: WriteSii, before: dict[int, bytes]) -> None:
-        if not before:
-            return
-        words = [
-            f"0x{word:04X} from {was.hex(' ')} to "
-            f"{request.data[2 * (word - request.word) :][:2].hex(' ')}"
-            for word, was in before.items()
-        ]
-        more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
-        self._log.notice(
-            f"{slave.label}: EEPROM words changed: {', '.join(words[:_SHOWN])}{more}, by "
-            f"{request.by}"
-        )
+
+def _describe(change: Change, slave: Slave, request: WriteSii, before: dict[int, bytes]) -> None:
+    """Says which words were to be written: those that had other values, if that is known."""
+    wanted = {
+        request.word + at // 2: request.data[at : at + 2] for at in range(0, len(request.data), 2)
+    }
+    chosen = before or wanted
+    change.what = f"{slave.label}, EEPROM words {', '.join(f'0x{word:04X}' for word in chosen)}"
+    change.before = b"".join(before.values()).hex(" ")
+    change.after = b"".join(wanted[word] for word in chosen).hex(" ")

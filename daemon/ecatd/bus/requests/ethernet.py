@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config.eoe import SlaveEoeConfig
 from ecatd.model.eoe import (
@@ -22,6 +21,7 @@ from ecatd.model.requests.ethernet import ReadIp, WriteIp
 from ..mailbox.eoe import get_ip, set_ip
 from ..mailbox.mailbox import Mailbox
 from ..mailbox.talks import Talk
+from .changes import Changes
 from .conversations import Conversations
 
 
@@ -31,13 +31,13 @@ class Ethernet:
     Args:
         bus: The bus description.
         conversations: The conversations with the slaves.
-        log: The log for changes.
+        changes: Tells of changes.
     """
 
-    def __init__(self, bus: Bus, conversations: Conversations, log: Log) -> None:
+    def __init__(self, bus: Bus, conversations: Conversations, changes: Changes) -> None:
         self._bus = bus
         self._conversations = conversations
-        self._log = log
+        self._changes = changes
 
     async def read(self, request: ReadIp) -> dict[str, Any]:
         """The reply has the fields of `IpParameters.to_map`.
@@ -69,15 +69,13 @@ class Ethernet:
             if after.mac is None:
                 own = SlaveEoeConfig().with_mac(self._bus.name, slave.position)
                 after = replace(after, mac=own.mac)
+            change.before, change.after = before.text, after.text
             yield from set_ip(mailbox, after)
             return before, after
 
-        before, after = await self._conversations.eoe(slave, talk, changes=True)
-        if before != after:
-            self._log.notice(
-                f"{slave.label}: IP parameters changed from {before.text} to {after.text} by "
-                f"{request.by}"
-            )
+        what, asked = f"{slave.label}, IP parameters", IpParameters(**wanted).text
+        with self._changes.telling(what, asked, request.by) as change:
+            before, after = await self._conversations.eoe(slave, talk, changes=True)
         return {**after.to_map(), "before": before.to_map()}
 
     def _find(self, name: int | str) -> Slave:

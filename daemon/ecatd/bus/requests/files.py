@@ -32,6 +32,7 @@ from ecatd.model.requests.files import (
 from ecatd.model.requests.request import whose
 
 from ..mailbox.foe import FileRead, FileTransfer, FileWrite
+from .changes import content
 from .conversations import Conversations
 
 _PACKETS = 32
@@ -95,6 +96,11 @@ class _Transfer:
             time.monotonic() - self.touched > _ABANDONED_S
         )
         return self.step not in _ENDED and not abandoned
+
+    @property
+    def announced(self) -> str:
+        """Length and digest of a file that is written."""
+        return f"{self.request.size} bytes, SHA-256 {self.request.digest}"
 
     @property
     def cancelled(self) -> StateError:
@@ -255,16 +261,17 @@ class Files:
                 "the SHA-256 of the file differs from the one that the client has announced; "
                 "send it again"
             )
+            what, by = _what(item), request.by
+            self._log.notice(f"{what} has not begun, by {by}: {item.error}", failed=True)
             self._forget_later(item)
             return
         self._begin(item, FileWrite(request.file, request.password, data))
 
     def _begin(self, item: _Transfer, file: FileTransfer) -> None:
         item.file, item.began, item.step = file, time.monotonic(), _Step.TRANSFERRING
-        size = f" ({item.request.size} bytes)" if item.request.write else ""
-        by = item.request.by
+        size = f" ({item.announced})" if item.request.write else ""
         boot = " in BOOT" if item.request.boot else ""
-        self._log.notice(f"{_what(item)} begins{size}{boot}, by {by}")
+        self._log.notice(f"{_what(item)} begins{size}{boot}, by {item.request.by}")
         item.task = asyncio.create_task(self._run(item, file))
 
     def take(self, request: TakeFoe) -> dict[str, Any]:
@@ -304,6 +311,9 @@ class Files:
     async def _run(self, item: _Transfer, file: FileTransfer) -> None:
         try:
             await (self._in_boot(item, file) if item.request.boot else self._move(item, file))
+            found = item.announced
+            if not item.request.write:  # on a thread, since a large file takes a while
+                found = await asyncio.to_thread(content, file.data)
             item.step = _Step.DONE
         except EcatError as error:
             item.error, item.step = error, _Step.FAILED
@@ -311,12 +321,13 @@ class Files:
             item.error, item.step = item.cancelled, _Step.FAILED
         finally:
             self._forget_later(item)
-        took = f"after {time.monotonic() - item.began:.1f} s"
+        more = f"; {item.note}" if item.note else ""
+        end = f"after {time.monotonic() - item.began:.1f} s, by {item.request.by}"
         if item.error:
-            self._log.warning(f"{_what(item)} has failed {took}: {item.error}")
+            moved = f"{file.moved} bytes were transferred{more}"
+            self._log.notice(f"{_what(item)} has failed {end}: {item.error}; {moved}", failed=True)
         else:
-            more = f"; {item.note}" if item.note else ""
-            self._log.notice(f"{_what(item)} is done {took}: {file.moved} bytes{more}")
+            self._log.notice(f"{_what(item)} is done {end}: {found}{more}")
 
     async def _in_boot(self, item: _Transfer, file: FileTransfer) -> None:
         position = item.slave.position

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from ecatd.log import Log
 from ecatd.model.bus import Bus
 from ecatd.model.errors import UsageError
 from ecatd.model.idns import idn_text
@@ -13,10 +12,8 @@ from ecatd.model.requests.idns import ReadIdn, WriteIdn
 from ..mailbox.mailbox import Mailbox
 from ..mailbox.soe import read_idn, write_idn
 from ..mailbox.talks import Talk
+from .changes import Changes, shown
 from .conversations import Conversations
-
-_SHOWN = 32
-"""Bytes of a value in the log."""
 
 
 class Idns:
@@ -25,13 +22,13 @@ class Idns:
     Args:
         bus: The bus description.
         conversations: The conversations with the slaves.
-        log: The log for changes.
+        changes: Tells of changes.
     """
 
-    def __init__(self, bus: Bus, conversations: Conversations, log: Log) -> None:
+    def __init__(self, bus: Bus, conversations: Conversations, changes: Changes) -> None:
         self._bus = bus
         self._conversations = conversations
-        self._log = log
+        self._changes = changes
 
     async def read(self, request: ReadIdn) -> dict[str, Any]:
         """The reply has the fields of `IdnValue.to_map`.
@@ -58,6 +55,7 @@ class Idns:
 
         def talk(mailbox: Mailbox) -> Talk[dict[str, Any]]:
             old = yield from read_idn(mailbox, drive, number)
+            change.what, change.before = f"{what} ({old.name})", shown(old.value)
             size, is_list = old.attribute.size, old.attribute.is_list
             if size and (len(data) % size or (not is_list and len(data) != size)):
                 raise UsageError(
@@ -67,13 +65,6 @@ class Idns:
             yield from write_idn(mailbox, drive, number, data, is_list=is_list)
             return {**old.to_map(), "value": data, "before": old.value}
 
-        answer = await self._conversations.soe(slave, talk, changes=True)
-        self._log.notice(
-            f"{slave.label}, drive {drive}, {idn_text(number)} ({answer['name']}): changed from "
-            f"{_shown(answer['before'])} to {_shown(data)} by {request.by}"
-        )
-        return answer
-
-
-def _shown(data: bytes) -> str:
-    return data[:_SHOWN].hex(" ") + (" ..." if len(data) > _SHOWN else "")
+        what = f"{slave.label}, drive {drive}, {idn_text(number)}"
+        with self._changes.telling(what, shown(data), request.by) as change:
+            return await self._conversations.soe(slave, talk, changes=True)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import STRINGS, DataType, bit_length, decode, encode
 from ecatd.model.errors import EcatError, UsageError
@@ -14,13 +13,11 @@ from ecatd.model.object_types import ObjectType, ObjectTypes
 from ecatd.model.pdo import Entry
 from ecatd.model.requests.objects import SdoRead, SdoWrite, check_data
 
+from .changes import SHOWN, ZENOH, Changes, shown
 from .conversations import Conversations
 from .dictionaries import Dictionaries
 
 Meaning = Callable[[Slave, Entry], Entry]
-
-_SHOWN = 32
-"""Bytes of a value in the log."""
 
 
 class Objects:
@@ -32,7 +29,7 @@ class Objects:
         dictionaries: The object dictionaries of the slaves.
         meaning: Gives an object that is not in the process data its meaning, from device profiles
             and `[[signal]]` tables.
-        log: The log for changes.
+        changes: Tells of changes.
     """
 
     def __init__(
@@ -41,9 +38,9 @@ class Objects:
         conversations: Conversations,
         dictionaries: Dictionaries,
         meaning: Meaning,
-        log: Log,
+        changes: Changes,
     ) -> None:
-        self._log = log
+        self._changes = changes
         self._bus = bus
         self._conversations = conversations
         self._dictionaries = dictionaries
@@ -61,8 +58,13 @@ class Objects:
             known = await self._asked_type(slave, request.index, request.subindex)
         return {"data": data, **known.of(data).to_map()}
 
-    async def write(self, request: SdoWrite) -> dict[str, Any]:
-        """Downloads an object; the reply has the fields of that of `read`, with the data sent."""
+    async def write(self, request: SdoWrite, slot: int = ZENOH) -> dict[str, Any]:
+        """Downloads an object; the reply has the fields of that of `read`, with the data sent.
+
+        Args:
+            request: The request.
+            slot: See `Changes.telling`.
+        """
         slave = self._bus.find_coe(request.slave)
         index, subindex = request.index, request.subindex
         known, data = self._type(slave, index, subindex), request.data
@@ -73,14 +75,18 @@ class Objects:
                 known = await self._type_by_size(slave, index, subindex)
             data = encode(DataType(known.data_type), request.value)
             check_data(data)
-        before = await self._before(slave, request) if request.by else None
-        await self._conversations.coe(
-            slave,
-            lambda coe: coe.download(index, subindex, data, complete=request.complete),
-            changes=True,
-        )
-        if request.by:
-            self._tell(slave, request, before, data)
+        kind = None if request.complete else known
+        name = f" ({known.name})" if known.name else ""
+        what = f"{slave.label}, 0x{index:04X}:{subindex:02X}{name}"
+        with self._changes.telling(what, _shown(data, kind), request.by, slot) as change:
+            if not change.before:
+                before = await self._before(slave, request)
+                change.before = "" if before is None else _shown(before, kind)
+            await self._conversations.coe(
+                slave,
+                lambda coe: coe.download(index, subindex, data, complete=request.complete),
+                changes=True,
+            )
         return {"data": data, **known.of(data).to_map()}
 
     async def _before(self, slave: Slave, request: SdoWrite) -> bytes | None:
@@ -93,24 +99,6 @@ class Objects:
                 changes=True,
             )
         return None
-
-    def _tell(self, slave: Slave, request: SdoWrite, before: bytes | None, data: bytes) -> None:
-        known = self._type(slave, request.index, request.subindex)
-        if request.complete:
-            known = ObjectType(known.name)
-
-        def text(value: bytes) -> str:
-            if request.complete or not known.of(value).data_type or len(value) > _SHOWN:
-                more = " ..." if len(value) > _SHOWN else ""
-                return f"{len(value)} bytes: {value[:_SHOWN].hex(' ')}{more}"
-            return str(decode(known.of(value).data_type, value))
-
-        name = f" ({known.name})" if known.name else ""
-        was = "" if before is None else f"from {text(before)} "
-        self._log.notice(
-            f"{slave.label}, 0x{request.index:04X}:{request.subindex:02X}{name}: changed {was}to "
-            f"{text(data)} by {request.by}"
-        )
 
     async def _upload(self, slave: Slave, index: int, subindex: int, complete: bool) -> bytes:
         return await self._conversations.coe(
@@ -166,3 +154,17 @@ class Objects:
                 "bytes; give it with --type"
             )
         return found
+
+
+def _shown(data: bytes, known: ObjectType | None) -> str:
+    """The value of an object in a line about a change; None stands for any bytes."""
+    if known is None or len(data) > SHOWN:
+        return shown(data)
+    data_type = known.of(data).data_type
+    value = decode(data_type, data)
+    # A text may contain what looks like another line.
+    return (
+        repr(value)
+        if data_type in (DataType.VISIBLE_STRING, DataType.UNICODE_STRING)
+        else str(value)
+    )

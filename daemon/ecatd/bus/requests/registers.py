@@ -8,8 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 from ecatd.coroutine_steps import Steps
-from ecatd.log import Log
-from ecatd.model.bus import Bus, Slave
+from ecatd.model.bus import Bus, Slave, positions_text
 from ecatd.model.errors import NoAnswerError, StateError
 from ecatd.model.port_errors import PortErrors, SlaveErrors
 from ecatd.model.registers import register_at
@@ -19,6 +18,7 @@ from ..frames.datagrams import Answer, fpwr
 from ..frames.topology import Ports, links
 from ..master.master import Master
 from ..master.worker import Worker
+from .changes import Changes, shown
 from .conversations import silent
 
 _DL_STATUS, _AL_STATUS = 0x0110, 0x0130
@@ -35,14 +35,14 @@ class Registers:
         bus: The bus description.
         master: The master.
         worker: The worker on which slaves are asked.
-        log: The log for changes.
+        changes: Tells of changes.
     """
 
-    def __init__(self, bus: Bus, master: Master, worker: Worker, log: Log) -> None:
+    def __init__(self, bus: Bus, master: Master, worker: Worker, changes: Changes) -> None:
         self._bus = bus
         self._master = master
         self._worker = worker
-        self._log = log
+        self._changes = changes
         self._cleared: dict[int, float] = {}  # Unix time, by position
 
     async def read(self, request: ReadRegister) -> dict[str, Any]:
@@ -76,14 +76,12 @@ class Registers:
     async def write(self, request: WriteRegister) -> dict[str, Any]:
         """The reply has `data`: what the registers have afterwards. Raises as `read`."""
         slave, address = self._bus.find(request.slave), request.address
-
-        before = b""
         contents = [(slave.position, address, len(request.data))]
 
         def write() -> Steps[bytes]:
-            nonlocal before
             with suppress(StateError):
                 (before,) = yield from self._master.reading(contents)
+                change.before = shown(before)
             try:
                 yield from self._master.writing([(slave.position, address, request.data)])
             except StateError as error:
@@ -103,14 +101,9 @@ class Registers:
 
         known = register_at(request.address)
         name = f" ({known.name})" if known else ""
-        try:
+        what = f"{slave.label}, register 0x{request.address:04X}{name}"
+        with self._changes.telling(what, shown(request.data), request.by) as change:
             return {"data": await self._worker.request(write())}
-        finally:  # a failed write may have changed something, too
-            was = f" from {before.hex(' ')}" if before else ""
-            self._log.notice(
-                f"{slave.label}: register 0x{request.address:04X}{name} is written:{was} to "
-                f"{request.data.hex(' ')}, by {request.by}"
-            )
 
     async def errors(self) -> dict[str, Any]:
         """The reply has `slaves`: the counters of each slave that answers (`SlaveErrors`)."""
@@ -127,12 +120,21 @@ class Registers:
         one = None if request.slave is None else self._bus.find(request.slave)
         chosen = self._bus.slaves if one is None else [one]
         positions = [slave.position for slave in chosen]
-        cleared = await self._worker.run(lambda: self._clear(positions))
-        if one is not None and not cleared:
-            raise silent(one)
+
+        def clear() -> list[int]:
+            before = [item for item in self._read_errors() if item.position in positions]
+            if before:  # else no slave answers
+                change.before = "; ".join(filter(None, (item.text for item in before))) or "0"
+            return self._clear(positions)
+
+        what = f"error counters of {'all slaves' if one is None else one.label}"
+        with self._changes.telling(what, "0", request.by) as change:
+            cleared = await self._worker.run(clear)
+            if one is not None and not cleared:
+                raise silent(one)
+            if len(cleared) < len(positions):
+                change.what = f"error counters of slaves {positions_text(cleared) or 'none'}"
         self._cleared |= dict.fromkeys(cleared, time.time())
-        whom = "all slaves" if one is None else one.label
-        self._log.notice(f"error counters of {whom} cleared by {request.by}")
         return await self.errors()
 
     def _clear(self, positions: Sequence[int]) -> list[int]:

@@ -19,6 +19,7 @@ from ecatd.model.requests.request import Request
 
 from ..master.master import Master
 from ..master.worker import Worker
+from .changes import ZENOH, Changes
 from .conversations import Conversations
 from .dictionaries import Dictionaries
 from .eeproms import Eeproms
@@ -41,7 +42,8 @@ class SlaveRequests:
         conversations: The conversations with the mailboxes of the slaves.
         states: The AL states of the slaves.
         meaning: See `Objects`.
-        log: The log for changes.
+        changes: Tells of changes.
+        log: The log for transfers of files.
     """
 
     def __init__(
@@ -53,15 +55,16 @@ class SlaveRequests:
         conversations: Conversations,
         states: States,
         meaning: Meaning,
+        changes: Changes,
         log: Log,
     ) -> None:
         self._bus = bus
         self._dictionaries = Dictionaries(bus, conversations)
-        self._objects = Objects(bus, conversations, self._dictionaries, meaning, log)
-        self._registers = Registers(bus, master, worker, log)
-        self._eeproms = Eeproms(bus, master, worker, log)
-        self._ethernet = Ethernet(bus, conversations, log)
-        self._idns = Idns(bus, conversations, log)
+        self._objects = Objects(bus, conversations, self._dictionaries, meaning, changes)
+        self._registers = Registers(bus, master, worker, changes)
+        self._eeproms = Eeproms(bus, master, worker, changes)
+        self._ethernet = Ethernet(bus, conversations, changes)
+        self._idns = Idns(bus, conversations, changes)
         self._wire = Wire(bus, master, config, worker)
         self._files = Files(bus, conversations, states, log)
 
@@ -78,8 +81,12 @@ class SlaveRequests:
         self._files.close()
         self._wire.close()
 
-    async def answer(self, request: Request) -> dict[str, Any]:
+    async def answer(self, request: Request, slot: int = ZENOH) -> dict[str, Any]:
         """Carries a request out.
+
+        Args:
+            request: The request.
+            slot: The slot of the program that asks through shared memory, or `ZENOH`.
 
         Raises:
             EcatError: The request cannot be carried out, or the slave refuses it.
@@ -88,7 +95,7 @@ class SlaveRequests:
             case SdoRead():
                 return await self._objects.read(request)
             case SdoWrite():
-                return await self._objects.write(request)
+                return await self._objects.write(request, slot)
             case ListObjects():
                 return await self._dictionaries.list(request)
             case DescribeObject():

@@ -50,7 +50,8 @@ _PAUSE_DOUBLINGS = 10
 _ALIVE_PAUSE = 0.05
 """Seconds between two checks whether the client of a waiting request is alive."""
 
-Answer = Callable[[Request], Awaitable[dict[str, Any]]]
+Answer = Callable[[Request, int], Awaitable[dict[str, Any]]]
+"""Carries out a request of the client in a slot."""
 
 
 class SlotRequests:
@@ -59,7 +60,7 @@ class SlotRequests:
     Args:
         shared: The shared memory.
         engine: Reports new requests, and takes the answers.
-        answer: Carries out a request of any client.
+        answer: See `Answer`.
         wrong: Called with slot and generation of a client that writes what no client library
             writes.
         log: The log for defects.
@@ -125,7 +126,7 @@ class SlotRequests:
             slot.task = None
 
     async def _carry_out(self, asked: Asked, request: Request) -> None:
-        work = asyncio.ensure_future(self._answer(request))
+        work = asyncio.ensure_future(self._answer(request, asked.slot))
         try:
             while not (await asyncio.wait((work,), timeout=_ALIVE_PAUSE))[0]:
                 # The slave may carry out a request that has begun, even if its client is gone. A

@@ -38,8 +38,7 @@ class SdoWrite(Request):
         complete: Whether to use complete access.
         value: The value as a user types it (`model.datatypes.encode`); the daemon finds out the
             type of the object.
-        by: The name that the client gives itself, for the log; empty for a model or program that
-            does it repeatedly.
+        by: The name that the client gives itself, for the log.
     """
 
     op = "sdo_write"

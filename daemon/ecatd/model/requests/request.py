@@ -1,8 +1,9 @@
 """What all kinds of requests have in common.
 
 Each kind of request has a name, `op`, and its Zenoh key below the bus, `key`. A key begins with
-`ro`, or with `rw` if the request changes something, and names the kind and then the slave, so that
-access control can distinguish all three. Fields in braces stand in the key.
+`ro`, or with `rw` if the request needs a right: it changes something, or reads what may be secret.
+It names the kind and then the slave, so that access control can distinguish all three. Fields in
+braces stand in the key.
 """
 
 from __future__ import annotations
@@ -76,16 +77,21 @@ def to_map(request: Request) -> dict[str, Any]:
     return {"op": request.op} | {name: getattr(request, name) for name in request.fields}
 
 
-def on_behalf(request: Request, who: str) -> Request:
+def on_behalf(request: Request, who: str, said: str = "") -> Request:
     """The same request with the name of the user who asks, if it has such a field.
 
     The name that the client gives itself follows in brackets, without characters that could be
     mistaken for something else in a line of the log.
+
+    Args:
+        request: The request.
+        who: The user.
+        said: The name that the client gives itself, if it is not in the request.
     """
     if "by" not in request.fields:
         return request
     values = {name: getattr(request, name) for name in request.fields}
-    said = _NOT_PLAIN.sub("", values["by"])
+    said = _NOT_PLAIN.sub("", said or values["by"])
     return type(request)(**{**values, "by": (f"{who} [{said}]" if said else who)[:BY_MAX]})
 
 

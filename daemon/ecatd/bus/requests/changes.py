@@ -1,0 +1,146 @@
+"""The line of each change that somebody asks for: what, values, who, and the outcome.
+
+A change over Zenoh has a line of its own. A program with shared memory may write an object at each
+sample, so its changes are told together, at growing intervals: one line for each object.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+
+from ecatd.batch import Batch
+from ecatd.log import Log
+from ecatd.model.errors import EcatError, NoAnswerError
+
+ZENOH = -1
+"""In place of the slot of a program: the request came over Zenoh."""
+SHOWN = 32
+"""Bytes of a value in a line."""
+
+
+@dataclass(slots=True)
+class Change:
+    """A change that is being made.
+
+    Attributes:
+        what: What changes.
+        after: The wanted value.
+        by: Who asks for it.
+        before: The value before; empty if it is not known. It is known if a change of the same
+            thing by the same program waits to be told: a program that writes an object at each
+            sample must not take twice the time.
+        is_told: Whether there is a line about it.
+        problem: Why it failed; empty if it did not.
+        is_doubtful: Whether it may have been made although it failed.
+    """
+
+    what: str
+    after: str
+    by: str
+    before: str = ""
+    is_told: bool = True
+    problem: str = ""
+    is_doubtful: bool = False
+
+    @property
+    def result(self) -> str:
+        """The value afterwards; empty if it is not known."""
+        return "" if self.is_doubtful else self.before if self.problem else self.after
+
+    def fail(self, error: BaseException) -> None:
+        """Notes why it failed."""
+        # Any other error ends the work somewhere, perhaps after the slave has got the request.
+        self.is_doubtful = isinstance(error, NoAnswerError) or not isinstance(error, EcatError)
+        self.problem = str(error) or "nobody waits for the answer any more"
+
+
+class Changes:
+    """Tells of changes. For the thread of the event loop.
+
+    Args:
+        log: The log for changes.
+    """
+
+    def __init__(self, log: Log) -> None:
+        self._log = log
+        self._batches: dict[int, Batch[Change]] = {}  # by slot
+        self._waiting: dict[int, dict[str, Change]] = {}  # the last ones in a batch, by `what`
+
+    @contextmanager
+    def telling(self, what: str, after: str, by: str, slot: int = ZENOH) -> Iterator[Change]:
+        """Tells of the change that the block makes, also if it fails.
+
+        Args:
+            what: What changes.
+            after: The wanted value.
+            by: Who asks for it.
+            slot: The slot of the program that asks for it, or `ZENOH`.
+        """
+        earlier = self._waiting.get(slot, {}).get(what)
+        change = Change(what, after, by, earlier.result if earlier else "")
+        try:
+            yield change
+        except BaseException as error:
+            change.fail(error)
+            raise
+        finally:
+            if change.is_told:
+                self._note(change, slot)
+
+    def _note(self, change: Change, slot: int) -> None:
+        if slot == ZENOH:
+            self._tell([change])
+            return
+        if slot not in self._batches:
+            self._batches[slot] = Batch(partial(self._tell_all, slot))
+        self._waiting.setdefault(slot, {})[change.what] = change
+        self._batches[slot].note(change)
+
+    def _tell_all(self, slot: int, changes: list[Change], left_out: int) -> None:
+        self._waiting.pop(slot, None)
+        groups: dict[tuple[str, str, bool, bool], list[Change]] = {}
+        for item in changes:
+            alike = item.what, item.by, bool(item.problem), item.is_doubtful
+            groups.setdefault(alike, []).append(item)
+        if left_out:
+            self._log.notice(
+                f"{left_out} earlier changes by the program in slot {slot} are not told, because "
+                "they came too often"
+            )
+        for group in groups.values():
+            self._tell(group)
+
+    def _tell(self, alike: Sequence[Change]) -> None:
+        """Writes one line about changes of the same thing."""
+        first, last = alike[0], alike[-1]
+        was = f"from {first.before} " if first.before else ""
+        values = f"{was}to {last.after} by {last.by}"
+        often = f" {len(alike)} times" if len(alike) > 1 else ""
+        if not last.problem:
+            self._log.notice(f"{last.what}: changed{often and often + ','} {values}")
+            return
+        outcome = "may have been made" if last.is_doubtful else "has failed"
+        self._log.notice(
+            f"{last.what}: change {values} {outcome}{often}: {last.problem}", failed=True
+        )
+
+    def close(self) -> None:
+        """Tells of the changes that are still waiting."""
+        for batch in self._batches.values():
+            batch.close()
+
+
+def shown(data: bytes) -> str:
+    """Bytes in a line; of long ones the beginning, the length and the SHA-256."""
+    if len(data) <= SHOWN:
+        return data.hex(" ") or "nothing"
+    return f"{data[:SHOWN].hex(' ')} ... ({content(data)})"
+
+
+def content(data: bytes | bytearray) -> str:
+    """Length and SHA-256 of a content, which identify it."""
+    return f"{len(data)} bytes, SHA-256 {hashlib.sha256(data).hexdigest()}"
