@@ -303,6 +303,52 @@ def test_values_and_events_are_published(daemon: Daemon, network: zenoh.Session)
     daemon.ctl("state", "OP", "-p", "3")
 
 
+def test_statistics_are_published_while_somebody_subscribes(
+    daemon: Daemon, network: zenoh.Session
+) -> None:
+    heard: list[dict[str, object]] = []
+    subscriber = network.declare_subscriber(
+        bus_key(daemon.bus, "ro", "stats"),
+        lambda sample: heard.append(unpack(bytes(sample.payload), 1 << 26)),
+    )
+    wait_for(lambda: bool(heard) and heard[-1] != heard[0], daemon)
+    subscriber.undeclare()
+    (asked,) = ask(network, bus_key(daemon.bus, "ro", "stats"))
+    assert heard[0].keys() == asked.keys()
+
+
+def test_the_bus_description_is_published_when_a_reload_has_changed_it(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    port = _free_port()
+    config = f"[gateway]\nlisten = ['tcp/127.0.0.1:{port}']\n"
+    daemon = start_daemon("troll", config=config)
+    key = bus_key(daemon.bus, "ro", "slaves")
+    events: list[object] = []
+    heard: list[dict[str, object]] = []
+    with zenoh.open(
+        session_config("client", {"connect/endpoints": [f"tcp/127.0.0.1:{port}"]})
+    ) as session:
+        session.declare_subscriber(
+            bus_key(daemon.bus, "ro", "event"),
+            lambda sample: events.append(unpack(bytes(sample.payload))["event"]),
+        )
+        session.declare_subscriber(
+            key, lambda sample: heard.append(unpack(bytes(sample.payload), 1 << 26))
+        )
+        (before,) = ask(session, key)
+        same, limited = "[log]\ndc = 'debug'\n", "[[signal]]\nslave = 0\nentry = '0x6071:00'\n"
+        for text in (config + same, config + same + limited + "maximum = 20\n"):
+            count = events.count("configuration")
+            daemon.config_file.write_text(text)
+            daemon.process.send_signal(signal.SIGHUP)
+            wait_for(lambda: events.count("configuration") > count, daemon)  # noqa: B023
+        wait_for(lambda: bool(heard), daemon)
+        (after,) = ask(session, key)
+    assert before != after
+    assert heard == [after]
+
+
 def test_r38_a_change_that_arrives_twice_is_carried_out_once(daemon: Daemon) -> None:
     session = local(daemon)
     key = bus_key(daemon.bus, "rw", "sdo", "0", "0x6060", "0x00")

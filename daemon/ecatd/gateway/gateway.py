@@ -52,7 +52,7 @@ from .access import (
 from .bus_client import Answer, BusClient
 from .listening import Listening
 from .metrics import MetricsServer
-from .publisher import Publisher
+from .publisher import Publisher, publish_stats
 from .routers import watch_routers
 from .streams import Streams
 
@@ -93,7 +93,8 @@ class Gateway:
         self._tasks: set[asyncio.Task[Any]] = set()
         self._rates: dict[str, Rate] = {}
         self._refusals = Refusals(log)
-        self._description: Answer | None = None  # once somebody has asked for it
+        self._description: Answer | None = None
+        self._slaves: dict[str, Any] = {}  # the last bus description
         self._named = Bus(name, 0)  # has slaves if the rights of users name some
 
     async def connect(self) -> Config:
@@ -170,6 +171,8 @@ class Gateway:
             session, self._name, self._full_name, self._config.publish_hz, self._log
         )
         self._keep(asyncio.create_task(publisher.run()))
+        stats = publish_stats(session, self._name, self._full_name)
+        self._keep(asyncio.create_task(stats))
 
     def _keep(self, task: asyncio.Task[Any]) -> None:
         self._tasks.add(task)
@@ -299,12 +302,12 @@ class Gateway:
             self._description = kept = self._bus.ask(Describe())
         return kept
 
-    async def _look_at_slaves(self) -> None:
-        """Reads which slaves the bus has, if the rights of users name some."""
+    async def _look_at_slaves(self) -> bool:
+        """Reads the bus description; returns whether it has changed."""
+        before, self._slaves = self._slaves, await asyncio.shield(self._describe())
         if any(user.slaves for user in self._in_use.user):
-            self._named = read_bus(
-                await asyncio.shield(self._describe()), "the bus server", strict=False
-            )
+            self._named = read_bus(self._slaves, "the bus server", strict=False)
+        return self._slaves != before
 
     def _user(self, name: str) -> UserConfig:
         for user in self._in_use.user:
@@ -337,9 +340,12 @@ class Gateway:
     def _on_event(self, event: dict[str, Any]) -> None:
         if event["event"] in ("configuration", "log_levels"):
             self._keep(asyncio.create_task(self._reconfigure()))
+        self._publish("event", event)
+
+    def _publish(self, what: str, content: dict[str, Any]) -> None:
         if self._session is not None:
-            key = bus_key(self._full_name, "ro", "event")
-            self._session.put(key, pack({"schema": SCHEMA, **event}))
+            key = bus_key(self._full_name, "ro", what)
+            self._session.put(key, pack({"schema": SCHEMA, **content}))
 
     async def _reconfigure(self) -> None:
         """Reads what may have changed; calls `on_end` if another gateway must be started.
@@ -348,7 +354,8 @@ class Gateway:
         """
         self._description = None  # the limits of outputs may have changed
         with suppress(UnreachableError):  # the bus server has ended
-            await self._look_at_slaves()
+            if await self._look_at_slaves():
+                self._publish("slaves", self._slaves)
             wanted = (await self._settings()).gateway
             # If certificates could not be used, they may be usable now.
             if wanted != self._config or self._in_use != self._config:

@@ -1,8 +1,9 @@
-"""Publishes the values of all signals at a decimated rate, for dashboards and other hosts."""
+"""Publishes values of all signals and statistics, for dashboards and other hosts."""
 
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from typing import Any
 
 import zenoh
@@ -11,9 +12,27 @@ from ecatd.client import Client
 from ecatd.encoding import pack
 from ecatd.log import Log
 from ecatd.model.errors import EcatError
+from ecatd.stats import read, to_map
 from ecatd.zenoh_keys import SCHEMA, bus_key
 
 _PAUSE = 1.0
+
+
+async def publish_stats(session: zenoh.Session, bus: str, full_name: str) -> None:
+    """Publishes the statistics every second while somebody subscribes, until it is cancelled.
+
+    Args:
+        session: The gateway's session.
+        bus: Name of the bus.
+        full_name: Its name in keys.
+    """
+    publisher = session.declare_publisher(bus_key(full_name, "ro", "stats"))
+    while True:
+        if publisher.matching_status.matching:  # type: ignore[attr-defined]
+            with suppress(EcatError):  # the bus server has ended, and soon the gateway does
+                stats = await asyncio.to_thread(lambda: to_map(read(bus)))
+                publisher.put(pack({"schema": SCHEMA, **stats}))
+        await asyncio.sleep(_PAUSE)
 
 
 class Publisher:
