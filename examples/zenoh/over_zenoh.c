@@ -1,7 +1,10 @@
-/* Reads a bus from another machine: over_zenoh ENDPOINT, such as tcp/cell4:7447.
+/* Reads a bus over Zenoh: over_zenoh ENDPOINT, by default tcp/127.0.0.1:7447, the daemon of this machine.
+ * From another machine it needs a daemon with gateway.anonymous_reading and an address in
+ * gateway.listen that the network reaches, such as tcp/cell4:7447, or a Zenoh library with TLS and the
+ * identity of a user (docs/zenoh.md).
  *
  * It finds the buses in reach, reads the vendor ID of slave 0 of the first one (object 0x1018:01), and
- * prints three values or events as they come. Libraries: zenoh-pico 1.9 and msgpack-c.
+ * prints three values as they come. Libraries: zenoh-pico 1.9 and msgpack-c.
  *
  *   cc -DZENOH_LINUX over_zenoh.c -o over_zenoh $(pkg-config --cflags --libs zenohpico msgpack)
  */
@@ -80,7 +83,7 @@ static void find(const z_loaned_session_t *session, char first[KEY_SIZE]) {
   z_drop(z_move(answers));
 }
 
-/* Prints what is published: values of the process data, and events. */
+/* Prints values of the process data as they are published. */
 static void watch(const z_loaned_session_t *session, const char *key) {
   z_owned_closure_sample_t closure;
   z_owned_fifo_handler_sample_t samples;
@@ -95,7 +98,6 @@ static void watch(const z_loaned_session_t *session, const char *key) {
     z_keyexpr_as_view_string(z_sample_keyexpr(z_loan(sample)), &place);
     printf("%.*s\n", (int)z_string_len(z_loan(place)), z_string_data(z_loan(place)));
     print_field(z_sample_payload(z_loan(sample)), "value");
-    print_field(z_sample_payload(z_loan(sample)), "event");
     z_drop(z_move(sample));
   }
   z_drop(z_move(subscriber));
@@ -117,7 +119,7 @@ int main(int argc, char **argv) {
   if (bus[0]) {
     snprintf(key, sizeof key, "%s/ro/sdo/0/0x1018/1", bus);
     ask(z_loan(session), key, "data");
-    snprintf(key, sizeof key, "%s/ro/**", bus);
+    snprintf(key, sizeof key, "%s/ro/pdo/**", bus);
     watch(z_loan(session), key);
   }
   z_drop(z_move(session));

@@ -1,7 +1,7 @@
 /* Reads a bus from Node: node over_zenoh.mjs ENDPOINT, such as ws/cell4:10000.
  *
  * It finds the buses in reach, reads the vendor ID of slave 0 of the first one (object 0x1018:01), and
- * prints three values or events as they come. ENDPOINT is that of a Zenoh router with the plugin
+ * prints three values as they come. ENDPOINT is that of a Zenoh router with the plugin
  * zenoh-plugin-remote-api, or of the program zenoh-bridge-remote-api.
  *
  *   npm install @eclipse-zenoh/zenoh-ts@1 @msgpack/msgpack@3
@@ -40,13 +40,12 @@ async function readObject(session, bus, slave, index, subindex) {
   }
 }
 
-/* Prints what is published: values of the process data, and events. */
+/* Prints values of the process data as they are published. */
 async function watch(session, bus) {
-  const subscriber = await session.declareSubscriber(`${bus}/ro/**`, { handler: new RingChannel(100) });
+  const subscriber = await session.declareSubscriber(`${bus}/ro/pdo/**`, { handler: new RingChannel(100) });
   let shown = 0;
   for await (const sample of subscriber.receiver()) {
-    const { value, event } = content(sample);
-    console.log(sample.keyexpr().toString().slice(bus.length), event ?? value);
+    console.log(sample.keyexpr().toString().slice(bus.length), content(sample).value);
     if (++shown === SHOWN) break;
   }
   await subscriber.undeclare();

@@ -1,7 +1,10 @@
-//! Reads a bus from another machine: `cargo run -- ENDPOINT`, such as `tcp/cell4:7447`.
+//! Reads a bus over Zenoh: `cargo run -- ENDPOINT`, by default `tcp/127.0.0.1:7447`, the daemon of
+//! this machine. From another machine it needs a daemon with `gateway.anonymous_reading` and an
+//! address in `gateway.listen` that the network reaches, such as `tcp/cell4:7447`, or `tls/…` and the
+//! identity of a user in the configuration (docs/zenoh.md).
 //!
 //! It finds the buses in reach, reads the vendor ID of slave 0 of the first one (object 0x1018:01),
-//! and prints three values or events as they come.
+//! and prints three values as they come.
 
 use std::env;
 
@@ -53,15 +56,14 @@ fn read_object(session: &Session, bus: &str, slave: u32, index: u16, subindex: u
     Ok(())
 }
 
-/// Prints what is published: values of the process data, and events.
+/// Prints values of the process data as they are published.
 fn watch(session: &Session, bus: &str) -> Result<()> {
-    let key = format!("{bus}/ro/**");
+    let key = format!("{bus}/ro/pdo/**");
     let subscriber = session.declare_subscriber(key.as_str()).wait()?;
     for _ in 0..SHOWN {
         let sample = subscriber.recv()?;
-        let payload = sample.payload();
-        if let Some(what) = field(payload, "value").or_else(|| field(payload, "event")) {
-            println!("{}: {what}", sample.key_expr());
+        if let Some(value) = field(sample.payload(), "value") {
+            println!("{}: {value}", sample.key_expr());
         }
     }
     Ok(())
