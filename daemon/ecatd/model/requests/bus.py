@@ -6,7 +6,7 @@ from .request import Request
 
 
 class Describe(Request):
-    """Asks for the bus description, which is long. Only a reload changes it, in its limits."""
+    """Asks for the bus description. Only a reload changes it, in limits of outputs."""
 
     op = "describe"
     key = "ro/slaves"
@@ -44,7 +44,7 @@ class SetState(Request):
     """Asks to bring one slave or all slaves to an AL state.
 
     Attributes:
-        state: Name of the state.
+        state: `INIT`, `PREOP`, `BOOT`, `SAFEOP` or `OP`.
         slave: Position or name, or None for all slaves.
         by: The name that the client gives itself, for the log.
     """

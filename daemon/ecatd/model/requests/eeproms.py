@@ -13,7 +13,7 @@ class ReadSii(Request):
     """Reads a part of the EEPROM of a slave (SII).
 
     Attributes:
-        slave: Position or name; see `Bus.find`.
+        slave: Position or name.
         word: Address of the first word.
         count: How many words.
     """
@@ -29,11 +29,11 @@ class WriteSii(Request):
     """Writes a part of the EEPROM of a slave (SII).
 
     Attributes:
-        slave: Position or name; see `Bus.find`.
+        slave: Position or name.
         word: Address of the first word.
-        data: The words, little endian.
-        more: Whether the same client writes more parts. Until the last one, no other client may
-            write this EEPROM, so that it does not get parts of two images.
+        data: The words, little endian, 1 to 64 of them.
+        more: Whether the same client writes more parts. For ten seconds, no other client may write
+            this EEPROM, so that it does not get parts of two images.
         by: The name that the client gives itself, for the log.
     """
 

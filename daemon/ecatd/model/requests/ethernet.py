@@ -16,7 +16,7 @@ class ReadIp(Request):
     """Reads the IP parameters of a slave.
 
     Attributes:
-        slave: Position or name; see `Bus.find`.
+        slave: Position or name.
     """
 
     op = "read_ip"
@@ -28,7 +28,7 @@ class WriteIp(Request):
     """Writes IP parameters of a slave; None leaves one as it is.
 
     Attributes:
-        slave: Position or name; see `Bus.find`.
+        slave: Position or name.
         mac: MAC address.
         address: IP address with the size of the network, as `192.168.7.2/24`.
         gateway: Default gateway, or "none".

@@ -17,11 +17,11 @@ FILE_PART = 32 * 1024
 class StartFoe(Request):
     """Starts to transfer a file (FoE). The daemon goes on without the client, and keeps the file.
 
-    A file that is written is sent to the daemon first, by `PutFoe`. If the same file is on its way
-    to the slave already, the answer is about that transfer.
+    A file that is written is sent to the daemon first, in parts. If the same file is on its way to
+    the slave already, the answer is about that transfer.
 
     Attributes:
-        slave: Position or name; see `Bus.find`.
+        slave: Position or name.
         file: Name of the file, as the slave knows it.
         write: Whether to write the file to the slave, and not to read it.
         size: For writing: its size in bytes.
@@ -64,7 +64,7 @@ class PutFoe(Request):
     Attributes:
         transfer: Number of the transfer.
         offset: Where the part begins: how much of the file the daemon has.
-        data: The part.
+        data: The part, at most 32 KiB.
     """
 
     op = "put_foe"

@@ -16,7 +16,7 @@ class ReadFrames(Request):
     """Asks for the last frames that were sent and received.
 
     Attributes:
-        ring: Which ones, of `RINGS`.
+        ring: `cycle`, or `control` for all others than those of the cyclic exchange.
         position: Where to begin: 0 for the oldest, or `position` of the last answer.
     """
 

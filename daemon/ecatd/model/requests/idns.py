@@ -11,8 +11,8 @@ class ReadIdn(Request):
     """Reads an IDN of a drive (SoE).
 
     Attributes:
-        slave: Position or name; see `Bus.find`.
-        idn: The IDN, as `parse_idn` makes it.
+        slave: Position or name.
+        idn: The IDN in 16 bits: bit 15 for P, bits 12 to 14 for the set, then the number.
         drive: Number of the drive in the slave.
     """
 
@@ -27,8 +27,8 @@ class WriteIdn(Request):
     """Writes the value of an IDN of a drive (SoE).
 
     Attributes:
-        slave: Position or name; see `Bus.find`.
-        idn: The IDN, as `parse_idn` makes it.
+        slave: Position or name.
+        idn: The IDN in 16 bits: bit 15 for P, bits 12 to 14 for the set, then the number.
         data: The bytes of the value, little endian; of a list without its lengths.
         drive: Number of the drive in the slave.
         by: The name that the client gives itself, for the log.

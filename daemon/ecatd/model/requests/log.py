@@ -18,8 +18,8 @@ class SetLogLevel(Request):
     """Asks for another level of the log, until the configuration is read again.
 
     Attributes:
-        level: One of `LEVELS`.
-        part: One of `PARTS`, or None for all of them.
+        level: `error`, `warning`, `info` or `debug`.
+        part: A part of the log, as the answer names it, or None for all of them.
         by: The name that the client gives itself, for the log.
     """
 

@@ -13,7 +13,7 @@ class SdoRead(Request):
     """Uploads an object.
 
     Attributes:
-        slave: Position or name; see `Bus.find`.
+        slave: Position or name.
         index: Object index.
         subindex: Object subindex.
         complete: Whether to use complete access.
@@ -31,13 +31,12 @@ class SdoWrite(Request):
     """Downloads an object; has either `data` or `value`.
 
     Attributes:
-        slave: Position or name; see `Bus.find`.
+        slave: Position or name.
         index: Object index.
         data: Bytes, little endian.
         subindex: Object subindex.
         complete: Whether to use complete access.
-        value: The value as a user types it (`model.datatypes.encode`); the daemon finds out the
-            type of the object.
+        value: The value as a user types it; the daemon finds out the type of the object.
         by: The name that the client gives itself, for the log.
     """
 
@@ -60,7 +59,7 @@ class ListObjects(Request):
     """Asks which objects a slave has. The daemon asks the slave each time.
 
     Attributes:
-        slave: Position or name; see `Bus.find`.
+        slave: Position or name.
     """
 
     op = "list_objects"
@@ -72,7 +71,7 @@ class DescribeObject(Request):
     """Asks for names, types and access rights of an object. The daemon keeps them.
 
     Attributes:
-        slave: Position or name; see `Bus.find`.
+        slave: Position or name.
         index: Object index.
     """
 

@@ -58,7 +58,7 @@ _ALL: tuple[type[Request], ...] = (
 KINDS = {kind.op: kind for kind in _ALL}
 """All kinds of requests, by `op`."""
 
-_RANGES = {
+RANGES = {
     "slave": (0, 65535),
     "index": (0, 0xFFFF),
     "idn": (0, 0xFFFF),
@@ -74,6 +74,7 @@ _RANGES = {
     "word": (0, 0x3FFFF),
     "count": (1, 256),
 }
+"""The least and the greatest value of numbers, by field."""
 
 
 def parse_request(data: Any) -> Request:
@@ -103,8 +104,8 @@ def _check_field(op: str, key: str, value: Any, wanted: Field) -> None:
     found = "None" if value is None else type(value).__name__
     if found not in wanted.types:
         raise UsageError(f"'{key}' of {op} must be {wanted.kind}, not {found}")
-    if key in _RANGES and isinstance(value, int):
-        low, high = _RANGES[key]
+    if key in RANGES and isinstance(value, int):
+        low, high = RANGES[key]
         if not low <= value <= high:
             raise UsageError(f"'{key}' of {op} is {value}, but must be from {low} to {high}")
     if key == "data" and value is not None and op == SdoWrite.op:

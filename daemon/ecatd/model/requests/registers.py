@@ -12,9 +12,9 @@ class ReadRegister(Request):
     """Reads registers of the ESC of a slave.
 
     Attributes:
-        slave: Position or name; see `Bus.find`.
+        slave: Position or name.
         address: Address of the first register.
-        size: How many bytes.
+        size: How many bytes, 1 to 256.
     """
 
     op = "read_register"
@@ -31,9 +31,9 @@ class WriteRegister(Request):
     """Writes registers of the ESC of a slave.
 
     Attributes:
-        slave: Position or name; see `Bus.find`.
+        slave: Position or name.
         address: Address of the first register.
-        data: The bytes.
+        data: The bytes, 1 to 256.
         by: The name that the client gives itself, for the log.
     """
 

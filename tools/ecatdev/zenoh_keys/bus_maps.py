@@ -1,0 +1,281 @@
+"""Maps about the bus as a whole, and about the daemon."""
+
+from __future__ import annotations
+
+from typing import Any, NotRequired, TypedDict
+
+from ecatd.model.bus import Domain, Slave
+
+
+class Info(TypedDict):
+    """Facts about the daemon.
+
+    Attributes:
+        version: Version of the daemon.
+        host: Name of its machine.
+        interface: Its network interface; two with a comma for a ring.
+        started: Unix time at which the bus was in OP, in seconds.
+        cycle_time_us: Base cycle in microseconds.
+        wire_us: Time of a frame on the wire and through all slaves, in microseconds.
+        wire_frames: Frames of a cycle.
+        wire_bytes: Their bytes on the wire.
+        links: State of each interface, by name: `up`, `no_carrier`, `down` or `gone`.
+        recovery: Slaves that are being brought back.
+    """
+
+    version: str
+    host: str
+    interface: str
+    started: float
+    cycle_time_us: int
+    wire_us: float
+    wire_frames: int
+    wire_bytes: int
+    links: dict[str, str]
+    recovery: list[RecoveringSlave]
+
+
+class RecoveringSlave(TypedDict):
+    """A slave that is being brought back to OP.
+
+    Attributes:
+        slave: Its position.
+        state: As `recovery` of AlState.
+        text: More about it; may be empty.
+    """
+
+    slave: int
+    state: str
+    text: str
+
+
+class BusDescription(TypedDict):
+    """The bus as it was set up at the start.
+
+    Attributes:
+        fingerprint: 16 hex digits that change with the identities, the order or the PDOs of the
+            slaves.
+        name: Name of the bus.
+        cycle_time_us: Base cycle in microseconds.
+        slaves: Slaves by position.
+        domains: Domains by number; empty if there is only domain 0.
+    """
+
+    fingerprint: str
+    name: str
+    cycle_time_us: int
+    slaves: list[Slave]
+    domains: list[Domain]
+
+
+class Configuration(TypedDict):
+    """The configuration in use.
+
+    Attributes:
+        config: Its tables and values, as [configuration.md](configuration.md) has them; what is
+            not there has its default.
+        origins: Where each value comes from, by the name of its key.
+    """
+
+    config: dict[str, Any]
+    origins: dict[str, str]
+
+
+class States(TypedDict):
+    """The AL states, which the daemon reads for this answer.
+
+    Attributes:
+        slaves: Those of all slaves, by position.
+        missing: Slaves that were missing at a tolerant start.
+        others: A sentence about devices that are no slaves of the bus, or empty.
+    """
+
+    slaves: list[AlState]
+    missing: list[MissingSlave]
+    others: str
+
+
+class MissingSlave(TypedDict):
+    """A slave that was missing at the start.
+
+    Attributes:
+        expected: Its positions in the configuration.
+        text: What is missing, in words.
+    """
+
+    expected: list[int]
+    text: str
+
+
+class AlState(TypedDict):
+    """The AL state of a slave.
+
+    Attributes:
+        position: Its position.
+        name: Its order code.
+        given_name: Its name from the configuration; may be empty.
+        group: Its group of optional slaves; empty if it must be there.
+        al_state: AL status (register 0x0130): 1 INIT, 2 PREOP, 3 BOOT, 4 SAFEOP, 8 OP, and 16 more
+            with an error; 0 if it does not answer.
+        al_code: AL status code (register 0x0134).
+        text: State and error in words.
+        recovery: Empty, or why it is not in OP, or what is wrong with its data: `absent`,
+            `missing`, `exchanged`, `recovering`, `waiting`, `refused`, `left`, `silent`, `damaged`
+            or `unexpected`.
+        recovery_text: More about that; may be empty.
+        since: Unix time since which it is not in OP, in seconds; None if it is.
+    """
+
+    position: int
+    name: str
+    given_name: str
+    group: str
+    al_state: int
+    al_code: int
+    text: str
+    recovery: str
+    recovery_text: str
+    since: float | None
+
+
+class Wire(TypedDict):
+    """What is on the wire now.
+
+    Attributes:
+        devices: The devices, in the order of the wire.
+        missing: Positions of slaves that are not there.
+    """
+
+    devices: list[Device]
+    missing: list[int]
+
+
+class Device(TypedDict):
+    """A device on the wire. All but the first two are None if its EEPROM cannot be read.
+
+    Attributes:
+        position: The position of the slave; None if it is no slave of the bus.
+        station: Its station address.
+        name: Order code or name.
+        vendor: Vendor ID.
+        product: Product code.
+        revision: Revision number.
+        serial: Serial number.
+        alias: Configured station alias.
+        identification: Explicit device identification; 0 for none, or if it was not read.
+    """
+
+    position: int | None
+    station: int
+    name: str | None
+    vendor: int | None
+    product: int | None
+    revision: int | None
+    serial: int | None
+    alias: int | None
+    identification: int | None
+
+
+class LogLevels(TypedDict):
+    """Levels of the log.
+
+    Attributes:
+        levels: Those in force, by part.
+        configured: Those of the configuration, by part.
+    """
+
+    levels: dict[str, str]
+    configured: dict[str, str]
+
+
+class Frames(TypedDict):
+    """The last frames. Times are in ns.
+
+    Attributes:
+        records: Whole records as they are in memory: the struct `cyclic_frame_record` of
+            `daemon/cyclic/frame_ring.h`.
+        position: Where the next request continues.
+        more: Whether it can do so at once.
+        overwritten: How many bytes before the first record were lost.
+        now_ns: No frame from before this time is missing.
+        clock_ns: The time of a frame plus this is Unix time.
+        interfaces: The interfaces, by the number that a record has.
+    """
+
+    records: bytes
+    position: int
+    more: bool
+    overwritten: int
+    now_ns: int
+    clock_ns: int
+    interfaces: list[str]
+
+
+class Events(TypedDict):
+    """Events that the daemon keeps.
+
+    Attributes:
+        events: From the number that was asked for on, each as it is published.
+        next: The number of the next event.
+        left_out: How many from that number on are no longer kept.
+    """
+
+    events: list[Event]
+    next: int
+    left_out: int
+
+
+class Event(TypedDict):
+    """An event. Its further keys are those of its [kind](#kinds-of-events).
+
+    Attributes:
+        event: Its kind.
+        sequence: Its number: each event has the next one, so a gap is a loss.
+        time_ns: Unix time in ns.
+    """
+
+    event: str
+    sequence: int
+    time_ns: int
+
+
+class Rights(TypedDict):
+    """What a user may do.
+
+    Attributes:
+        user: Name of the user.
+        read: Whether the user may read.
+        write: Kinds of changes that the user may request.
+        slaves: Positions and names of the slaves that the user may change; empty: all.
+    """
+
+    user: str
+    read: bool
+    write: list[str]
+    slaves: list[int | str]
+
+
+class Failure(TypedDict):
+    """An error reply.
+
+    Attributes:
+        error: The error.
+    """
+
+    error: Error
+
+
+class Error(TypedDict):
+    """An error.
+
+    Attributes:
+        name: One of [these](troubleshooting.md#errors-by-name).
+        message: What is wrong, where, and what to do.
+        code: The code of an SDO abort.
+        text: What the standard says about it.
+    """
+
+    name: str
+    message: str
+    code: NotRequired[int]
+    text: NotRequired[str]

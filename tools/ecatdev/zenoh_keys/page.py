@@ -1,0 +1,155 @@
+"""Writes docs/zenoh-keys.md: the Zenoh keys, and the types of all maps.
+
+    PYTHONPATH=tools .venv/bin/python -m ecatdev.zenoh_keys.page docs/zenoh-keys.md
+
+Requests are those of `ecatd.model.requests`, answers and publications those of this package.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ecatd.model.queries import ALL, changes
+from ecatd.model.requests.parsing import RANGES
+from ecatd.model.requests.request import Request
+
+from .bus_maps import Failure
+from .keys import ANSWERS, CHANGES, PUBLICATIONS, READS
+from .published_maps import EVENTS
+from .types import attributes, keys_of, maps_in, name_of, summary
+
+_INTRO = """\
+# Zenoh keys and maps
+
+This page has the type of each value that a program sends to ecatd over [Zenoh](zenoh.md), or gets
+from it. It is made from the sources, and tests compare the answers of a real daemon with it.
+
+- **Keys** are those below `ecat/v1/<bus>/`. `<bus>` is the name of the bus, or `HOST:BUS` if
+  `gateway.host` names the machine.
+- **Payloads** are maps in msgpack with strings as keys. Each that ecatd sends has `schema`, an
+  `int`: 1 for what this page says. Types are named as in msgpack: `bin` are bytes, and `nil` is no
+  value. A `float` may come as an integer.
+- **Numbers in keys and parameters** are decimal or `0x…`. A slave is its position or its name,
+  percent-encoded.
+- **A query that only reads** has no payload. Its parameters are behind a `?`:
+  `ro/sii/3?word=0x40;count=8`.
+- **A change** is a query under `rw/…`, or for a user of another machine under `as/<user>/rw/…`. Its
+  payload needs an [`id`](zenoh.md#changes): a `str` of 1 to 64 characters, new for each change.
+- **An error** is an error reply with the map [Failure](#failure). The daemon refuses parameters and
+  keys that are not on this page.
+"""
+
+_NAMES = {"int": "`int`", "float": "`float`", "bool": "`bool`", "str": "`str`", "bytes": "`bin`"}
+
+
+def page() -> str:
+    """Returns the page."""
+    maps = {item for kind in ANSWERS.values() for item in maps_in(kind)}
+    maps |= {item for kind, _ in PUBLICATIONS.values() for item in maps_in(kind)}
+    maps |= {*maps_in(Failure)}
+    lines = [_INTRO, "## Publications", "", *_publications(), ""]
+    lines += ["## Queries that only read", "", *_requests(READS)]
+    lines += ["## Changes", "", *_requests(CHANGES)]
+    lines += ["## Maps", ""]
+    for kind in sorted(maps, key=lambda item: item.__name__):
+        lines += _map(kind)
+    lines += ["## Kinds of events", "", *_events()]
+    return "\n".join(lines) + "\n"
+
+
+def _publications() -> Iterator[str]:
+    yield "`alive` is no publication but a liveliness token, which exists while the daemon runs."
+    yield ""
+    yield from _head("key", "map", "when")
+    for key, (kind, when) in PUBLICATIONS.items():
+        yield _row(f"`{_shown(key)}`", name_of(kind), when)
+
+
+def _requests(kinds: list[type[Request]]) -> Iterator[str]:
+    for kind in kinds:
+        yield f"### `{_shown(kind.key)}`"
+        yield ""
+        yield f"{summary(kind)} Answer: {name_of(ANSWERS[kind])}."
+        yield ""
+        if kind.fields:
+            yield from _head("field", "in", "type", "default", "meaning")
+            for name in kind.fields:
+                where, default = _place(kind, name)
+                yield _row(f"`{name}`", where, _type(kind, name), default, _said(kind, name))
+            yield ""
+
+
+def _said(kind: type[Request], name: str) -> str:
+    about = attributes(kind).get(name, "")
+    return about.replace("`nil`", f"`{ALL}`") if "{" + name + "}" in kind.key else about
+
+
+def _place(kind: type[Request], name: str) -> tuple[str, str]:
+    """Returns where a field is, and what it is if it is left out."""
+    if "{" + name + "}" in kind.key:
+        return "key", ""
+    default = "needed" if name in kind.needed else _value(getattr(kind, name))
+    return "payload" if changes(kind) else "parameter", default
+
+
+def _value(value: Any) -> str:
+    if value is None or value == "":
+        return ""
+    return f"`{str(value).lower() if isinstance(value, bool) else value}`"
+
+
+def _type(kind: type[Request], name: str) -> str:
+    types = [part for part in kind.fields[name].kind.split(" | ") if part != "None"]
+    text = " or ".join(_NAMES[part] for part in types)
+    if name in RANGES and "int" in types:
+        low, high = RANGES[name]
+        text = text.replace("`int`", f"`int` ({low} to {high})")
+    in_key = "{" + name + "}" in kind.key
+    return f"{text} or `{ALL}`" if in_key and "None" in kind.fields[name].types else text
+
+
+def _map(kind: type) -> Iterator[str]:
+    yield f"### {kind.__name__}"
+    yield ""
+    yield summary(kind)
+    yield ""
+    yield from _head("key", "type", "meaning")
+    for key in keys_of(kind):
+        yield _row(f"`{key.name}`{'' if key.needed else ' *'}", name_of(key.kind), key.about)
+    yield ""
+    if not all(key.needed for key in keys_of(kind)):
+        yield "\\* not always there"
+        yield ""
+
+
+def _events() -> Iterator[str]:
+    yield "Each event has the keys of its kind in addition to those of [Event](#event)."
+    yield "[Events](troubleshooting.md#events) says what they mean."
+    yield ""
+    yield from _head("`event`", "when", "keys")
+    for name, kind in EVENTS.items():
+        keys = (f"`{k.name}`{'' if k.needed else ' *'} {name_of(k.kind)}" for k in keys_of(kind))
+        yield _row(f"`{name}`", summary(kind), ", ".join(keys))
+    yield ""
+    yield "\\* not always there"
+
+
+def _shown(key: str) -> str:
+    return re.sub(r"\{(\w+)\}", r"<\1>", key)
+
+
+def _head(*names: str) -> Iterator[str]:
+    yield _row(*names)
+    yield "|" + "---|" * len(names)
+
+
+def _row(*cells: str) -> str:
+    return f"| {' | '.join(cells)} |".replace("|  |", "| |").replace("|  |", "| |")
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(page())

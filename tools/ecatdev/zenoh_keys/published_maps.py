@@ -1,0 +1,269 @@
+"""Maps that are published: values, streams, and the kinds of events."""
+
+from __future__ import annotations
+
+from typing import NotRequired, TypedDict
+
+
+class PdoValue(TypedDict):
+    """A value of the process data.
+
+    Attributes:
+        raw: The value as it is in the frame.
+        value: The physical value.
+        unit: Its unit; may be empty.
+        name: Name of the entry; may be empty.
+        cycle: Number of the cycle.
+    """
+
+    raw: float
+    value: float
+    unit: str
+    name: str
+    cycle: int
+
+
+class Stream(TypedDict):
+    """A stream that was opened.
+
+    Attributes:
+        key: The key under which its rows are published.
+        rate: Rows a second.
+        cycles: Cycles of each row.
+        signals: Its entries.
+    """
+
+    key: str
+    rate: float
+    cycles: int
+    signals: list[StreamSignal]
+
+
+class StreamSignal(TypedDict):
+    """An entry of a stream.
+
+    Attributes:
+        name: SLAVE/ENTRY.
+        slave: Position of the slave.
+        address: Its address, as `0x6041:00`.
+        unit: Unit of its values; may be empty.
+    """
+
+    name: str
+    slave: int
+    address: str
+    unit: str
+
+
+class StreamRow(TypedDict):
+    """A row of a stream.
+
+    Attributes:
+        cycle: Number of its last cycle.
+        values: For each of the signals its minimum, mean and maximum in the cycles of the row, and
+            the number of cycles in which it was valid. The first three are None if that is 0.
+    """
+
+    cycle: int
+    values: list[list[float | None]]
+
+
+class AlStateEvent(TypedDict):
+    """The AL state of a slave has changed."""
+
+    slave: int
+    al_state: int
+    al_code: int
+    text: str
+
+
+class SlavesEvent(TypedDict):
+    """Slaves have left the wire or come back."""
+
+    found: int
+    expected: int
+    missing: list[int]
+    text: str
+
+
+class RecoveryEvent(TypedDict):
+    """A slave is brought back to OP, or that has failed."""
+
+    slave: int
+    state: str
+    seconds: NotRequired[float]
+    text: NotRequired[str]
+
+
+class EmergencyEvent(TypedDict):
+    """A slave has sent an emergency."""
+
+    slave: int
+    code: int
+    register: int
+    times: int
+
+
+class LinkEvent(TypedDict):
+    """The link of an interface has changed."""
+
+    interface: str
+    state: str
+    text: str
+
+
+class SendingEvent(TypedDict):
+    """An interface refuses frames, or takes them again."""
+
+    interface: str
+    error: str
+    cycle: int
+
+
+class RingEvent(TypedDict):
+    """The ring has opened or closed."""
+
+    state: str
+    slaves_before: int
+    text: str
+    cycle: int
+
+
+class DisturbanceEvent(TypedDict):
+    """Counters of errors are rising, or stand still again."""
+
+    counts: dict[str, int]
+    seconds: float
+    over: bool
+
+
+class ForeignMasterEvent(TypedDict):
+    """Another master sends frames."""
+
+    interface: str
+    source: str
+    count: int
+    wrote: list[str]
+    over: bool
+
+
+class WorkingCounterEvent(TypedDict):
+    """Slaves have stopped or begun to take part in the exchange of a domain."""
+
+    domain: int
+    state: str
+    cycle: int
+
+
+class ClockEvent(TypedDict):
+    """The cycle follows the reference clock, or does not any more."""
+
+    state: str
+    offset_ns: int
+    drift_ppb: int
+    cycle: int
+
+
+class ClockDifferenceEvent(TypedDict):
+    """The clock of a slave is out of step, or in step again."""
+
+    slave: int
+    difference_ns: int
+
+
+class ExpectedBusEvent(TypedDict):
+    """The bus is not as the configuration expects it, or is so again."""
+
+    differences: list[str]
+
+
+class NothingMoreEvent(TypedDict):
+    """Something was changed; ask for it."""
+
+
+class ClaimedEvent(TypedDict):
+    """Outputs of a slave have an owner."""
+
+    slave: int
+    slot: int
+    program: str
+    pid: int
+    cycle: int
+
+
+class SafeEvent(TypedDict):
+    """Outputs of a slave are safe; the owner is the one before, if there was one."""
+
+    slave: int
+    reason: str
+    slot: NotRequired[int]
+    program: NotRequired[str]
+    pid: NotRequired[int]
+    cycle: int
+
+
+class StoppedEvent(TypedDict):
+    """The drive of a slave was brought to a stop."""
+
+    slave: int
+    in_time: bool
+    slot: NotRequired[int]
+    program: NotRequired[str]
+    pid: NotRequired[int]
+    cycle: int
+
+
+class RefusedEvent(TypedDict):
+    """An owner wrote a value out of its declared range."""
+
+    slave: int
+    entry: str
+    slot: int
+    program: str
+    pid: int
+    programs: list[str]
+    cycle: int
+
+
+class MalformedEvent(TypedDict):
+    """A slot contains data that no client library writes."""
+
+    slot: int
+    program: str
+    pid: int
+    programs: list[str]
+    cycle: int
+
+
+class TamperedEvent(TypedDict):
+    """A file of the shared memory was damaged."""
+
+    file: str
+    damage: str
+    programs: list[str]
+
+
+EVENTS: dict[str, type] = {
+    "al_state": AlStateEvent,
+    "slaves": SlavesEvent,
+    "recovery": RecoveryEvent,
+    "emergency": EmergencyEvent,
+    "link": LinkEvent,
+    "sending": SendingEvent,
+    "ring": RingEvent,
+    "disturbance": DisturbanceEvent,
+    "foreign_master": ForeignMasterEvent,
+    "working_counter": WorkingCounterEvent,
+    "clock": ClockEvent,
+    "clock_difference": ClockDifferenceEvent,
+    "expected_bus": ExpectedBusEvent,
+    "configuration": NothingMoreEvent,
+    "log_levels": NothingMoreEvent,
+    "claimed": ClaimedEvent,
+    "safe": SafeEvent,
+    "stopped": StoppedEvent,
+    "refused": RefusedEvent,
+    "malformed": MalformedEvent,
+    "tampered": TamperedEvent,
+}
+"""The facts of each kind of event."""

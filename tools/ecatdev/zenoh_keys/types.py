@@ -1,0 +1,147 @@
+"""Types of values in msgpack: their names, the maps that they lead to, and a check."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from types import NoneType, UnionType
+from typing import Any, NamedTuple, NotRequired, Union, get_args, get_origin, get_type_hints
+
+from .bus_maps import Event
+from .published_maps import EVENTS
+
+_NAMES: dict[Any, str] = {
+    int: "int",
+    float: "float",
+    bool: "bool",
+    str: "str",
+    bytes: "bin",
+    NoneType: "nil",
+    Any: "any",
+}
+"""Names of types as msgpack has them."""
+
+
+class Key(NamedTuple):
+    """A key of a map.
+
+    Attributes:
+        name: Its name.
+        kind: The type of its value.
+        needed: Whether it is always there.
+        about: What it means; may be empty.
+    """
+
+    name: str
+    kind: Any
+    needed: bool
+    about: str
+
+
+def keys_of(kind: type) -> list[Key]:
+    """Returns the keys of a map."""
+    about = attributes(kind)
+    hints = get_type_hints(kind, include_extras=True)
+    if is_dataclass(kind):
+        hints = {item.name: hints[item.name] for item in fields(kind) if item.compare}
+    found = []
+    for name, hint in hints.items():
+        needed = get_origin(hint) is not NotRequired
+        plain = hint if needed else get_args(hint)[0]
+        found.append(Key(name.rstrip("_"), plain, needed, about.get(name, "")))
+    return found
+
+
+def summary(kind: type) -> str:
+    """Returns what a docstring says in front of its attributes, in one line."""
+    text = (inspect.getdoc(kind) or "").partition("\n\nAttributes:")[0]
+    return _in_msgpack(text)
+
+
+def attributes(kind: type) -> dict[str, str]:
+    """Returns what a docstring says about each attribute."""
+    text = (inspect.getdoc(kind) or "").partition("\nAttributes:\n")[2]
+    found = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", text, re.MULTILINE)
+    return {name: _in_msgpack(about) for name, about in found}
+
+
+def _in_msgpack(text: str) -> str:
+    return " ".join(text.split()).replace("None", f"`{_NAMES[NoneType]}`")
+
+
+def is_map(kind: Any) -> bool:
+    """Whether a type is a map with known keys."""
+    return isinstance(kind, type) and kind not in _NAMES and get_origin(kind) is None
+
+
+def name_of(kind: Any) -> str:
+    """Returns the name of a type in Markdown; a map is a link to its table."""
+    if kind in _NAMES:
+        return f"`{_NAMES[kind]}`"
+    if is_map(kind):
+        return f"[{kind.__name__}](#{kind.__name__.lower()})"
+    parts = [name_of(part) for part in get_args(kind)]
+    if get_origin(kind) in (Union, UnionType):
+        return " or ".join(parts)
+    if get_origin(kind) is dict:
+        return f"map of {parts[0]} to {parts[1]}"
+    return f"list of {parts[0]}"
+
+
+def maps_in(kind: Any) -> Iterator[type]:
+    """Yields the maps in a type, also those within maps; one that is there twice comes twice."""
+    if is_map(kind):
+        yield kind
+        for key in keys_of(kind):
+            if key.kind is not kind:
+                yield from (item for item in maps_in(key.kind) if item is not kind)
+    else:
+        for part in get_args(kind):
+            yield from maps_in(part)
+
+
+def problems(value: Any, kind: Any, where: str = "") -> Iterator[str]:
+    """Yields in what a value differs from a type.
+
+    Args:
+        value: The value, as msgpack gives it.
+        kind: The type.
+        where: Where the value is, for the texts.
+    """
+    origin, parts = get_origin(kind), get_args(kind)
+    if is_map(kind):
+        if isinstance(value, dict):
+            yield from _problems_of_map(value, kind, where)
+        else:
+            yield f"{where}: {value!r} is no map"
+    elif origin in (Union, UnionType):
+        tried = [[*problems(value, part, where)] for part in parts]
+        yield from min(tried, key=len)
+    elif origin is dict and isinstance(value, dict):
+        for key, item in value.items():
+            yield from problems(key, parts[0], where)
+            yield from problems(item, parts[1], f"{where}.{key}")
+    elif origin in (list, tuple) and isinstance(value, list):
+        for number, item in enumerate(value):
+            yield from problems(item, parts[0], f"{where}[{number}]")
+    elif kind is not Any and not (type(value) is kind or (kind is float and type(value) is int)):
+        yield f"{where}: {value!r} is no {kind}"
+
+
+def _problems_of_map(value: dict[str, Any], kind: type, where: str) -> Iterator[str]:
+    known = keys_of(kind)
+    if kind is Event:
+        event = value.get("event")
+        if event in EVENTS:
+            known += keys_of(EVENTS[event])
+        else:
+            yield f"{where}: {event!r} is no kind of event"
+    for key in known:
+        if key.name in value:
+            yield from problems(value[key.name], key.kind, f"{where}.{key.name}")
+        elif key.needed:
+            yield f"{where}: '{key.name}' of {kind.__name__} is missing"
+    for name in value.keys() - {key.name for key in known} - {"schema"}:
+        yield f"{where}: '{name}' is no key of {kind.__name__}"
