@@ -1,6 +1,5 @@
 """The programs of docs/zenoh.md run as they stand."""
 
-import os
 import re
 import shutil
 import socket
@@ -11,36 +10,70 @@ from pathlib import Path
 
 import pytest
 
-from conftest import Daemon
+from conftest import Daemon, names, run_module
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "zenoh.md").read_text()
 SOURCE = ROOT / "examples" / "zenoh" / "over_zenoh.c"
+READING, CHANGING = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+WITH_USERS = """\
+[gateway]
+listen = ["tls/127.0.0.1:{port}"]
+certificate = "{folder}/daemon.pem"
+key = "{folder}/daemon.key"
+users_ca = "{folder}/authority.pem"
+[[gateway.user]]
+name = "anna"
+write = ["sdo"]
+slaves = [0]
+"""
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def run(program: str, folder: Path, *arguments: str) -> str:
+    """Runs a program of the page; what it prints."""
+    file = folder / "program.py"
+    file.write_text(program)
+    command = [sys.executable, str(file), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
 @pytest.fixture
 def listening(start_daemon: Callable[..., Daemon]) -> tuple[Daemon, int]:
     """A daemon, and the port at which it answers."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     return start_daemon("troll", config=f'[gateway]\nlisten = ["tcp/127.0.0.1:{port}"]\n'), port
 
 
 def test_the_python_program(listening: tuple[Daemon, int], tmp_path: Path) -> None:
     daemon, port = listening
-    (program,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-    file = tmp_path / "program.py"
-    file.write_text(program)
-    command = [sys.executable, str(file), f"tcp/127.0.0.1:{port}"]
-    result = subprocess.run(command, capture_output=True, text=True, env={**os.environ}, check=True)
-    first, second, *values = result.stdout.splitlines()
+    first, second, *values = run(READING, tmp_path, f"tcp/127.0.0.1:{port}").splitlines()
     assert first == f"buses: {daemon.bus}"
     assert second.endswith("9a 00 00 00")
     assert len(values) == 3
     assert all(line.startswith("/ro/") for line in values)
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificates")
+def test_the_python_program_of_a_user(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    folder, identity = tmp_path / "tls", str(tmp_path / "anna.pem")
+    for command in (("init", "--host", "cell4.example.org"), ("user", "anna", "-o", identity)):
+        made = run_module("ecatd.cli", "remote", *command, "--dir", str(folder))
+        assert made.returncode == 0, made.stderr
+    port = free_port()
+    daemon = start_daemon("troll", config=WITH_USERS.format(port=port, folder=folder))
+    arguments = (f"tls/127.0.0.1:{port}", identity, "anna")
+    assert run(CHANGING, tmp_path, *arguments) == "written: Mode of operation 09\n"
+    names(daemon.log, "0x6060:00", "user 'anna' [the program of this page]")
+    refused = run(CHANGING.replace("/sdo/0/", "/sdo/4/"), tmp_path, *arguments)
+    names(refused, "user 'anna' may change only slaves 0", daemon.bus)
 
 
 NEEDED = ("zenohpico", "msgpack")
