@@ -13,12 +13,14 @@ import sys
 import threading
 import time
 import uuid
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ecatd.model.log_levels import DEFAULTS, PARTS, Levels, level_of
 
 _PRIORITIES = {"error": 3, "warning": 4, "notice": 5, "info": 6, "debug": 7}
+_PASSED_ON = _PRIORITIES["notice"]
+"""Lines that are at least as important are passed on."""
 _JOURNAL = Path("/run/systemd/journal/socket")
 _NAMESPACE = uuid.UUID("6f0a7f6e-2c0c-4c6e-9a51-3d6a1e5f7b10")
 
@@ -85,6 +87,15 @@ class Log:
         """Sets a file into which requested changes are written, too; empty for no file."""
         self._writer.audit_file = path
 
+    def pass_on(self, take: Callable[[str, str, str, str, list[int]], None]) -> None:
+        """Has each written line from level notice up passed on, too.
+
+        Args:
+            take: Gets level, part, text, event and slaves, on the thread that writes the line. It
+                must not wait, and must not write to the log.
+        """
+        self._writer.take = take
+
     def set_bus(self, bus: str) -> None:
         """Sets the name of the bus, once it is known."""
         self._writer.bus = bus
@@ -103,14 +114,15 @@ class Log:
         """Reports something that the user should know; arguments as for `error`."""
         self._write("warning", text, event, slaves)
 
-    def notice(self, text: str, *, failed: bool = False) -> None:
+    def notice(self, text: str, *, failed: bool = False, told: str = "") -> None:
         """Reports a requested change, in the audit file too. It is written whatever the level is.
 
         Args:
             text: What has changed.
             failed: Whether that has failed, which is a warning.
+            told: What is passed on instead, if the text contains a value that may be a secret.
         """
-        self._writer.write("warning" if failed else "notice", self._part, text)
+        self._writer.write("warning" if failed else "notice", self._part, text, told=told)
         self._writer.audit(text)
 
     def info(self, text: str, event: str = "", slaves: Iterable[int] = ()) -> None:
@@ -148,6 +160,7 @@ class _Writer:
         self.levels = levels
         self.bus = bus
         self.audit_file = ""
+        self.take: Callable[[str, str, str, str, list[int]], None] | None = None
         self._audited = True  # whether the last change could be written to the audit file
         self._name = name
         self._left_out = 0  # messages that the journal did not take
@@ -177,9 +190,19 @@ class _Writer:
         self.write("debug", part, text)
 
     def write(
-        self, level: str, part: str, text: str, event: str = "", slaves: Iterable[int] = ()
+        self,
+        level: str,
+        part: str,
+        text: str,
+        event: str = "",
+        slaves: Iterable[int] = (),
+        *,
+        told: str = "",
     ) -> None:
         """Writes a message, whatever the level of its part is."""
+        slaves = [*slaves]
+        if self.take is not None and _PRIORITIES[level] <= _PASSED_ON:
+            self.take(level, part, told or text, event, slaves)
         if self._journal is not None:
             try:
                 self._send(self._journal, level, part, text, event, slaves)

@@ -303,6 +303,31 @@ def test_values_and_events_are_published(daemon: Daemon, network: zenoh.Session)
     daemon.ctl("state", "OP", "-p", "3")
 
 
+def test_lines_of_the_log_are_published_without_values_of_objects(
+    daemon: Daemon, network: zenoh.Session
+) -> None:
+    heard: list[dict[str, object]] = []
+    subscriber = network.declare_subscriber(
+        bus_key(daemon.bus, "ro", "log", "lines"),
+        lambda sample: heard.append(unpack(bytes(sample.payload))),
+    )
+    before = len(daemon.log)
+    # Somebody has heard a line, so the subscription has reached the gateway.
+    wait_for(lambda: daemon.ctl("log-level", "dc", "info") and bool(heard), daemon)
+    daemon.ctl("sdo-write", "0", "0x6060", "0", "8")
+    daemon.ctl("state", "SAFEOP", "-p", "3")
+    daemon.ctl("state", "OP", "-p", "3")
+    wait_for(lambda: any(line["event"] == "al_state" for line in heard), daemon)
+    subscriber.undeclare()
+    (change,) = (line for line in heard if "0x6060:00" in str(line["text"]))
+    assert (change["level"], change["part"], change["slaves"]) == ("notice", "service", [])
+    assert "changed by somebody on this machine" in str(change["text"])
+    assert re.search(r"0x6060:00.*changed from .* to 8 by", daemon.log[before:])
+    assert [3] in [line["slaves"] for line in heard if line["event"] == "al_state"]
+    numbers = [line["sequence"] for line in heard]
+    assert numbers == [*range(int(str(numbers[0])), int(str(numbers[-1])) + 1)]
+
+
 def test_statistics_are_published_while_somebody_subscribes(
     daemon: Daemon, network: zenoh.Session
 ) -> None:

@@ -172,6 +172,7 @@ def test_a_daemon_publishes_as_it_says(start_daemon: Callable[..., Daemon]) -> N
     caller = Caller(daemon)
     with caller.session:
         caller.ask("ro/stream?pattern=4%2F*;hz=10", None)
+        caller.ask("rw/log/dc", {"level": "debug"})
         daemon.config_file.write_text(
             "[gateway]\nlisten = []\n"
             "[[signal]]\nslave = 0\nentry = '0x6071:00'\nname = 'torque'\nmaximum = 20\n"

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 async def _serve(settings: dict[str, Any], log: Log) -> None:
     # Not imported earlier, since entering a namespace needs a process without other threads.
     from .control import ControlSocket
+    from .log_lines import LogLines
     from .server import BusServer
 
     config = read_config(settings["config"], origins=settings["origins"])
@@ -55,6 +56,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         control.publish,
         lambda levels: tell("log", json.dumps(dict(levels))),
     )
+    log.pass_on(LogLines(control.publish).note)
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGQUIT):

@@ -68,7 +68,10 @@ class ControlSocket:
             self._path.chmod(0o660)
 
     def publish(self, event: dict[str, Any]) -> None:
-        """Sends an event to every client; one that does not read loses its connection."""
+        """Sends an event or a line of the log to every client.
+
+        One that does not read loses its connection.
+        """
         for client in list(self._clients):
             if client.is_stuck:
                 client.abort()

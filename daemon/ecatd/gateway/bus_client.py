@@ -21,7 +21,7 @@ class BusClient(Connection):
 
     Args:
         path: The control socket.
-        on_event: Called with every event.
+        on_event: Called with every event, and with every line of the log as `line`.
         on_end: Called when the bus server has gone.
     """
 
@@ -55,7 +55,7 @@ class BusClient(Connection):
 
     def message_received(self, message: dict[str, Any]) -> None:
         """See `Connection`."""
-        if "event" in message:
+        if "event" in message or "line" in message:
             self._on_event(message)
             return
         answer = self._waiting.pop(message.get("id", 0), None)

@@ -338,6 +338,8 @@ class Gateway:
         return self._bus.ask(request, (user.name if user else "", identity))
 
     def _on_event(self, event: dict[str, Any]) -> None:
+        if "line" in event:
+            return self._publish("log/lines", event["line"])
         if event["event"] in ("configuration", "log_levels"):
             self._keep(asyncio.create_task(self._reconfigure()))
         self._publish("event", event)

@@ -34,7 +34,7 @@ from .bus_maps import (
     States,
     Wire,
 )
-from .published_maps import PdoValue, Stream, StreamRow
+from .published_maps import LogLine, PdoValue, Stream, StreamRow
 from .slave_maps import (
     Data,
     Errors,
@@ -140,6 +140,7 @@ CHANGES = [kind for kind in ANSWERS if changes(kind)]
 
 PUBLICATIONS: dict[str, tuple[type, str]] = {
     "ro/event": (Event, "each event at once"),
+    "ro/log/lines": (LogLine, "each line of the log of the bus server from level notice up"),
     "ro/pdo/{slave}/{address}": (
         PdoValue,
         "a value when it has changed, at most `gateway.publish_hz` times a second, and in any case "

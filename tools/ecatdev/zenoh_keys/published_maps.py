@@ -23,6 +23,28 @@ class PdoValue(TypedDict):
     cycle: int
 
 
+class LogLine(TypedDict):
+    """A line of the log of the bus server.
+
+    Attributes:
+        sequence: Its number: each line has the next one, so a gap is a loss.
+        time_ns: Unix time in ns.
+        level: `error`, `warning` or `notice`.
+        part: The part of the daemon; see LogLevels.
+        text: What has happened.
+        event: Kind of the event that tells the same; may be empty.
+        slaves: Positions of the slaves concerned.
+    """
+
+    sequence: int
+    time_ns: int
+    level: str
+    part: str
+    text: str
+    event: str
+    slaves: list[int]
+
+
 class Stream(TypedDict):
     """A stream that was opened.
 

@@ -34,6 +34,8 @@ class Change:
             thing by the same program waits to be told: a program that writes an object at each
             sample must not take twice the time.
         is_told: Whether there is a line about it.
+        is_secret: Whether its values may be secrets, such as passwords, so that only the log and
+            the audit file of this machine have them.
         problem: Why it failed; empty if it did not.
         is_doubtful: Whether it may have been made although it failed.
     """
@@ -43,6 +45,7 @@ class Change:
     by: str
     before: str = ""
     is_told: bool = True
+    is_secret: bool = False
     problem: str = ""
     is_doubtful: bool = False
 
@@ -71,7 +74,9 @@ class Changes:
         self._waiting: dict[int, dict[str, Change]] = {}  # the last ones in a batch, by `what`
 
     @contextmanager
-    def telling(self, what: str, after: str, by: str, slot: int = ZENOH) -> Iterator[Change]:
+    def telling(
+        self, what: str, after: str, by: str, slot: int = ZENOH, *, is_secret: bool = False
+    ) -> Iterator[Change]:
         """Tells of the change that the block makes, also if it fails.
 
         Args:
@@ -79,9 +84,11 @@ class Changes:
             after: The wanted value.
             by: Who asks for it.
             slot: The slot of the program that asks for it, or `ZENOH`.
+            is_secret: See `Change`.
         """
         earlier = self._waiting.get(slot, {}).get(what)
-        change = Change(what, after, by, earlier.result if earlier else "")
+        before = earlier.result if earlier else ""
+        change = Change(what, after, by, before, is_secret=is_secret)
         try:
             yield change
         except BaseException as error:
@@ -118,14 +125,19 @@ class Changes:
         """Writes one line about changes of the same thing."""
         first, last = alike[0], alike[-1]
         was = f"from {first.before} " if first.before else ""
-        values = f"{was}to {last.after} by {last.by}"
         often = f" {len(alike)} times" if len(alike) > 1 else ""
-        if not last.problem:
-            self._log.notice(f"{last.what}: changed{often and often + ','} {values}")
-            return
         outcome = "may have been made" if last.is_doubtful else "has failed"
+
+        def line(values: str) -> str:
+            if not last.problem:
+                return f"{last.what}: changed{often and often + ','} {values}by {last.by}"
+            how = f"{outcome}{often}: {last.problem}"
+            return f"{last.what}: change {values}by {last.by} {how}"
+
         self._log.notice(
-            f"{last.what}: change {values} {outcome}{often}: {last.problem}", failed=True
+            line(f"{was}to {last.after} "),
+            failed=bool(last.problem),
+            told=line("") if last.is_secret else "",
         )
 
     def close(self) -> None:

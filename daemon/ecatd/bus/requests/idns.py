@@ -66,5 +66,5 @@ class Idns:
             return {**old.to_map(), "value": data, "before": old.value}
 
         what = f"{slave.label}, drive {drive}, {idn_text(number)}"
-        with self._changes.telling(what, shown(data), request.by) as change:
+        with self._changes.telling(what, shown(data), request.by, is_secret=True) as change:
             return await self._conversations.soe(slave, talk, changes=True)

@@ -78,7 +78,8 @@ class Objects:
         kind = None if request.complete else known
         name = f" ({known.name})" if known.name else ""
         what = f"{slave.label}, 0x{index:04X}:{subindex:02X}{name}"
-        with self._changes.telling(what, _shown(data, kind), request.by, slot) as change:
+        after = _shown(data, kind)
+        with self._changes.telling(what, after, request.by, slot, is_secret=True) as change:
             if not change.before:
                 before = await self._before(slave, request)
                 change.before = "" if before is None else _shown(before, kind)
