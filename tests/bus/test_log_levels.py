@@ -1,9 +1,13 @@
 """The levels of the log: one part of a running daemon tells details, and the others do not."""
 
+import json
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
@@ -92,6 +96,37 @@ def test_all_parts_of_all_processes_change(daemon: Daemon) -> None:
     wait_for(lambda: "debug: service: the gateway (process " in daemon.log, daemon)
     before = len(daemon.log)
     wait_for(lambda: gateway_tells(before), daemon)
+
+
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_the_log_is_followed_until_the_daemon_ends(
+    daemon: Daemon, options: tuple[str, ...], tmp_path: Path
+) -> None:
+    command = [sys.executable, "-m", "ecatd.cli", "log", *options]
+    told = tmp_path / "told"
+    with (
+        told.open("w") as output,
+        subprocess.Popen(
+            command, env=daemon.env, stdout=output, stderr=subprocess.PIPE, text=True
+        ) as process,
+    ):
+
+        def heard() -> bool:
+            set_level(daemon, "dc", "debug")  # until it listens, it does not hear of this
+            return "log level of dc changed" in told.read_text()
+
+        wait_for(heard, daemon)
+        daemon.stop()
+        _, complaint = process.communicate()
+    assert process.returncode == 4
+    lines = told.read_text().splitlines()
+    line = next(item for item in lines if "log level of dc changed" in item)
+    names(line, "notice", "service", "debug")
+    if options:
+        found = json.loads(line)
+        assert (found["bus"], found["level"], found["part"]) == (daemon.bus, "notice", "service")
+        assert found["sequence"] >= 1
+    names(lines[-1] if options else complaint, "has ended")
 
 
 def test_what_slaves_are_told_and_answer(start_daemon: Callable[..., Daemon]) -> None:

@@ -69,6 +69,7 @@ _COMMANDS = (
     ("identify", "identify", "Have a slave blink, to find it in the cabinet."),
     ("reg-read", "registers", "Read registers of a slave."),
     ("reg-write", "registers", "Write registers of a slave."),
+    ("log", "log", "Show new lines of the log of the daemon as they come."),
     ("log-level", "log_level", "Show the levels of the log, or change one while the bus runs."),
     ("config", "config", "Write, check, compare or show the configuration."),
     ("startup", "startup", "Compare start-up parameters with the slaves, or capture them."),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -461,6 +461,16 @@ class Remote:
     def set_state(self, state: str, slave: int | str | None = None) -> list[dict[str, Any]]:
         """Brings one slave, or all, to an AL state; returns all states as `states` does."""
         return list(self.request(SetState(state, slave, who()))["slaves"])
+
+    def log_lines(self) -> Iterator[dict[str, Any]]:
+        """Yields new lines of the log as they come; see LogLine in docs/zenoh-keys.md.
+
+        Raises:
+            NoAnswerError: The daemon has ended, or the connection is broken.
+        """
+        from .log_lines import log_lines
+
+        return log_lines(self._session.zenoh, self.bus)
 
     def log_levels(self) -> dict[str, dict[str, str]]:
         """By part, the `levels` of the log in force, and those that are `configured`."""

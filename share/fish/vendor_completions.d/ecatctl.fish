@@ -50,7 +50,7 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands buses slaves graph pdos read watch write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis events errors sii-read sii-write alias foe-read foe-write soe-read soe-write eoe eoe-read eoe-write rescan reboot identify reg-read reg-write log-level config startup scan cstruct xml generate library capture doctor remote service client-flags
+set -g _shtab_ecatctl_commands buses slaves graph pdos read watch write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis events errors sii-read sii-write alias foe-read foe-write soe-read soe-write eoe eoe-read eoe-write rescan reboot identify reg-read reg-write log log-level config startup scan cstruct xml generate library capture doctor remote service client-flags
 set -g _shtab_ecatctl_opts_with_value --address --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --last --latency --mac --machine --name --out --output --password --raw --root --seconds --since --size --slave --templates --timeout --type --user --watch -n -o -p
 
 complete -c ecatctl -e
@@ -445,6 +445,13 @@ complete -c ecatctl -n '_shtab_ecatctl_using reg-write' -l timeout -x -d 'second
 complete -c ecatctl -n '_shtab_ecatctl_using reg-write' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using reg-write' -l size -x -d 'bytes of a number (default: see above)'
 complete -c ecatctl -n '_shtab_ecatctl_using reg-write' -l yes -d 'do it without asking'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a log -d 'Show new lines of the log of the daemon as they come.'
+complete -c ecatctl -n '_shtab_ecatctl_using log' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using log' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using log' -l connect -x -d 'Zenoh endpoint of a daemon, for example tls/host:7448'
+complete -c ecatctl -n '_shtab_ecatctl_using log' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
+complete -c ecatctl -n '_shtab_ecatctl_using log' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using log' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a log-level -d 'Show the levels of the log, or change one while the bus runs.'
 complete -c ecatctl -n '_shtab_ecatctl_using log-level' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

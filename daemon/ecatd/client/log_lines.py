@@ -1,0 +1,39 @@
+"""The log of a daemon over Zenoh, as a client sees it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import zenoh
+
+from ecatd.encoding import MAX_REPLY, unpack
+from ecatd.model.errors import NoAnswerError
+from ecatd.zenoh_keys import bus_key
+
+_LINES = 1000
+"""Lines that may wait; older ones are dropped."""
+_PAUSE = 0.05
+
+
+def log_lines(session: zenoh.Session, bus: str) -> Iterator[dict[str, Any]]:
+    """Yields new lines of the log as they come; see LogLine in docs/zenoh-keys.md.
+
+    Args:
+        session: The session.
+        bus: BUS or HOST/BUS.
+
+    Raises:
+        NoAnswerError: The daemon has ended, or the connection is broken.
+    """
+    ring = zenoh.handlers.RingChannel
+    alive = session.liveliness().declare_subscriber(bus_key(bus, "alive"), ring(1), history=True)
+    with session.declare_subscriber(bus_key(bus, "ro", "log", "lines"), ring(_LINES)) as lines:
+        while True:
+            if (sample := lines.try_recv()) is not None:
+                yield unpack(bytes(sample.payload), MAX_REPLY)
+            elif (sign := alive.try_recv()) and sign.kind == zenoh.SampleKind.DELETE:
+                raise NoAnswerError("the daemon has ended, or the connection is broken")
+            else:
+                time.sleep(_PAUSE)
