@@ -5,77 +5,56 @@ socket, and over Zenoh.
 """
 
 import random
+import shutil
 import socket
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 import zenoh
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "bus"))
 from mutations import inputs, mutants
+from test_remote_users import Site
 
 from conftest import Daemon
 from ecatd.encoding import LENGTH, frame, pack, unpack
 from ecatd.model.errors import EcatError, UsageError
-from ecatd.model.requests.bus import SetState
-from ecatd.model.requests.eeproms import ReadSii
-from ecatd.model.requests.files import CancelFoe, PutFoe, StartFoe, TakeFoe
-from ecatd.model.requests.frames import ReadFrames
-from ecatd.model.requests.idns import ReadIdn, WriteIdn
-from ecatd.model.requests.log import SetLogLevel
-from ecatd.model.requests.objects import DescribeObject, SdoRead, SdoWrite
+from ecatd.model.queries import to_query
 from ecatd.model.requests.parsing import parse_request
-from ecatd.model.requests.registers import ReadRegister
 from ecatd.model.requests.request import to_map
 from ecatd.paths import control_socket
 from ecatd.zenoh_keys import bus_key, session_config
+from request_samples import KEYS, SAMPLES
 
 pytestmark = pytest.mark.long
 
-REQUESTS = [
-    to_map(SdoRead(3, 0x6060)),
-    to_map(SdoWrite(0, 0x1C12, b"\x00", 1, complete=True)),
-    to_map(SdoWrite(0, 0x6060, value="-3")),
-    to_map(SetState("OP")),
-    to_map(SetState("PREOP", 2)),
-    to_map(SetLogLevel("debug", "mailbox", "'ecatctl' (pid 7, uid 0)")),
-    to_map(DescribeObject(0, 0x1018)),
-    to_map(ReadRegister("EK1100", 0x0130)),
-    to_map(ReadSii(2, 0x40, 8)),
-    to_map(ReadIdn(0, 17)),
-    to_map(WriteIdn(0, 0x8064, b"\x01\x02", 1, "ecatctl (pid 7, uid 0)")),
-    to_map(StartFoe(0, "firmware", True, 5, 64 * "0", 7, boot=False, by="somebody")),
-    to_map(StartFoe(1, "log.txt")),
-    to_map(PutFoe(1 << 40, 0, b"12345")),
-    to_map(TakeFoe(1 << 40, 0)),
-    to_map(CancelFoe(1 << 40, "somebody")),
-    to_map(ReadFrames("cycle", 100)),
-    {"op": "rescan"},
-    {"op": "describe"},
-    {"op": "states"},
-    {"id": "a", "data": b"\x01"},
-    {"id": "b", "value": "1.5"},
-    {"op": "sdo_read", "slave": [{"a": [1.5, None]}] * 5, "index": 2**63},
+SEEDS = [
+    pack(message)
+    for message in (
+        *map(to_map, SAMPLES),
+        {"id": "a", "data": b"\x01"},
+        {"id": "b", "value": "1.5"},
+        {"id": "c", "level": "info", "by": "somebody"},
+        {"op": "sdo_read", "slave": [{"a": [1.5, None]}] * 5, "index": 2**63},
+    )
 ]
-SEEDS = [pack(request) for request in REQUESTS]
-KEYS = [
-    "ro/sdo/0/0x1018/0",
-    "rw/sdo/0/0x6060/0",
-    "rw/state/all",
-    "rw/log/mailbox",
-    "ro/info",
-    "ro/states",
-    "rw/x",
-    "ro/config",
-    "ro/wire",
-    "ro/stream",
-    "ro/sii/0",
-    "ro/idn/0/0/17",
-    "rw/idn/0/0/17",
-    "rw/foe/0",
-    "rw/frames/cycle",
-    "rw/foe/1/put",
-    "ro/foe/1/0",
+PARAMETERS = [
+    "",
+    "",
+    "",
+    *(f"?{query.parameters}" for query in map(to_query, SAMPLES) if query.parameters),
+    *(
+        "?buckets=1",
+        "?pattern=4%2F*;hz=10",
+        "?hz=nan",
+        "?hz=-1",
+        "?pattern=%FF",
+        "?count=x",
+        "?=;;",
+    ),
 ]
 GROWTH_KIB = 4096
 """What allocators keep, whatever the number of requests."""
@@ -143,25 +122,46 @@ def test_r34_the_control_socket_survives_anything(daemon: Daemon) -> None:
 @pytest.mark.bus
 def test_r34_each_request_over_zenoh_gets_an_answer(daemon: Daemon) -> None:
     path = f"{daemon.env['ECATD_RUNTIME_DIR']}/{daemon.bus}/gateway/zenoh"
+    settings = session_config("client", {"connect/endpoints": [f"unixsock-stream/{path}"]})
+    with zenoh.open(settings) as session:
+        each_gets_an_answer(daemon, session, [*KEYS, "ro/x", "rw/x"], 3)
+
+
+@pytest.mark.bus
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificates")
+def test_r34_each_request_of_a_user_of_another_machine_gets_an_answer(
+    tmp_path: Path, start_daemon: Callable[..., Daemon]
+) -> None:
+    site = Site(tmp_path, start_daemon)
+    with site.session("anna") as session:
+        keys = [f"as/anna/{key}" for key in (*KEYS, "ro/rights", "rw/x")]
+        each_gets_an_answer(site.daemon, session, keys, 4)
+
+
+def each_gets_an_answer(
+    daemon: Daemon, session: zenoh.Session, keys: Sequence[str], seed: int
+) -> None:
+    """Asks at all keys, and at random ones, with mutated payloads and parameters."""
     pids = [daemon.child_pid(name) for name in ("ecatd.bus", "ecatd.gateway")]
     before: list[int] = []
     count = inputs(2_000)
-    dice = random.Random(3)
-    settings = session_config("client", {"connect/endpoints": [f"unixsock-stream/{path}"]})
-    with zenoh.open(settings) as session:
-        for number, data in enumerate(mutants(SEEDS, count, 3)):
-            if number == count // 5:
-                before = [rss(pid) for pid in pids]
-            key = bus_key(daemon.bus, *dice.choice(KEYS).split("/"))
-            replies = [
-                reply.ok if reply.ok is not None else reply.err
-                for reply in session.get(key, payload=data, timeout=60.0)
-            ]
-            assert len(replies) == 1, (key, data)
-            answer = unpack(bytes(replies[0].payload), 1 << 26)
-            if "error" in answer:
-                assert answer["error"]["message"], (key, data, answer)
-                assert answer["error"]["name"] != EcatError.name, (key, data, answer)
+    dice = random.Random(seed)
+    for number, data in enumerate(mutants(SEEDS, count, seed)):
+        if number == count // 5:
+            before = [rss(pid) for pid in pids]
+        key = keys[number] if number < len(keys) else dice.choice(keys)
+        selector = bus_key(daemon.bus, *key.split("/")) + dice.choice(PARAMETERS)
+        # Half of the requests that only read come without a payload, as they should.
+        payload = None if "rw" not in key.split("/") and dice.random() < 0.5 else data
+        replies = [
+            reply.ok if reply.ok is not None else reply.err
+            for reply in session.get(selector, payload=payload, timeout=60.0)
+        ]
+        assert len(replies) == 1, (selector, payload)
+        answer = unpack(bytes(replies[0].payload), 1 << 26)
+        if "error" in answer:
+            assert answer["error"]["message"], (selector, payload, answer)
+            assert answer["error"]["name"] != EcatError.name, (selector, payload, answer)
     assert [daemon.child_pid(name) for name in ("ecatd.bus", "ecatd.gateway")] == pids
     assert [rss(pid) - was < GROWTH_KIB for pid, was in zip(pids, before, strict=True)] == [
         True

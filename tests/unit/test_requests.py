@@ -1,5 +1,7 @@
 """Requests from outside: right ones pass, wrong ones are refused by name."""
 
+import re
+from pathlib import Path
 from typing import Any
 
 import msgpack
@@ -11,44 +13,13 @@ from conftest import naming
 from ecatd.encoding import unpack
 from ecatd.model.errors import EcatError, SdoAbortError, UsageError
 from ecatd.model.queries import from_query, to_query
-from ecatd.model.requests.bus import Describe, ReadEvents, ReadInfo, ReadStates, SetState
-from ecatd.model.requests.eeproms import ReadSii
-from ecatd.model.requests.log import ReadLogLevels, SetLogLevel
-from ecatd.model.requests.objects import DescribeObject, ListObjects, SdoRead, SdoWrite
+from ecatd.model.requests.objects import SdoRead
 from ecatd.model.requests.parsing import KINDS, parse_request
-from ecatd.model.requests.registers import ReadErrors, ReadRegister, ResetErrors, WriteRegister
 from ecatd.model.requests.request import Request, to_map
+from request_samples import GATEWAY_KEYS, SAMPLES, VALUES
 
 
-@pytest.mark.parametrize(
-    "request_",
-    [
-        Describe(),
-        ReadInfo(),
-        ReadStates(),
-        ListObjects("axis 1"),
-        DescribeObject(3, 0x1018),
-        ReadRegister(3, 0x0130),
-        WriteRegister("axis", 0x0420, b"\xe8\x03", "'ecatctl' (pid 7, uid 0)"),
-        ReadSii("axis"),
-        ReadSii(3, 0x40, 128),
-        ReadErrors(),
-        ReadEvents(),
-        ReadEvents(17),
-        ResetErrors(),
-        ResetErrors(2),
-        SdoRead(3, 0x6060),
-        SdoRead("7/Ana. Eingang? ä*", 0x1018, 1, complete=True),
-        SdoRead("all", 0x1018),
-        SdoWrite(0, 0x1C12, b"\x00", 1, complete=True),
-        SdoWrite(0, 0x6060, value="-3"),
-        SetState("OP"),
-        SetState("PREOP", 2),
-        ReadLogLevels(),
-        SetLogLevel("debug", "mailbox", "'ecatctl' (pid 7, uid 0)"),
-        SetLogLevel("info"),
-    ],
-)
+@pytest.mark.parametrize("request_", [SdoRead("all", 0x1018), *SAMPLES])
 def test_requests_survive(request_: Any) -> None:
     assert parse_request(to_map(request_)) == request_
     key, parameters, payload = to_query(request_)
@@ -102,17 +73,32 @@ ANYTHING = st.recursive(
     lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
     max_leaves=8,
 )
-FIELDS = st.sampled_from(["op", "slave", "index", "subindex", "data", "state", "complete", "x"])
-OPS = st.sampled_from(["sdo_read", "sdo_write", "set_state", "states", "describe", "info"])
+MAPS = [{}, *map(to_map, SAMPLES)]
+FIELDS = sorted({"op", "x"}.union(*MAPS))
+OPS = st.sampled_from([*KINDS])
+USUAL = st.sampled_from([value for values in VALUES.values() for value in values])
 
 
-@given(st.dictionaries(FIELDS, ANYTHING | OPS))
+def changed(data: dict[str, Any]) -> st.SearchStrategy[dict[str, Any]]:
+    """Maps like this one, but for some fields: mostly those that it has."""
+    fields = st.sampled_from([*data] or FIELDS) | st.sampled_from(FIELDS)
+    others = st.dictionaries(fields, ANYTHING | OPS | USUAL, max_size=4)
+    return others.map(lambda values: {**data, **values})
+
+
+@given(st.sampled_from(MAPS).flatmap(changed))
 def test_r35_anything_is_a_request_or_a_usage_error(data: dict[str, Any]) -> None:
     try:
         request = parse_request(data)
     except UsageError:
         return
     assert parse_request(to_map(request)) == request
+    if data.get("slave") == "":
+        with pytest.raises(UsageError, match=naming("'slave'", "empty")):
+            to_query(request)
+        return
+    key, parameters, payload = to_query(request)
+    assert from_query(key, parameters, payload or {}) == request
 
 
 @given(st.binary(max_size=200))
@@ -124,8 +110,14 @@ def test_any_bytes_are_a_map_or_a_usage_error(data: bytes) -> None:
     assert all(isinstance(key, str) for key in message)
 
 
-def test_every_kind_of_request_is_known() -> None:
-    assert {*KINDS.values()} == {*Request.__subclasses__()}
+def test_every_kind_of_request_is_known_tried_and_documented() -> None:
+    assert {*KINDS.values()} == {*Request.__subclasses__()} == {*map(type, SAMPLES)}
+    keys = {kind.key.replace("{", "<").replace("}", ">") for kind in KINDS.values()}
+    page = (Path(__file__).parents[2] / "docs" / "zenoh.md").read_text()
+    documented = re.findall(r"^\| `…/(r[ow]/\S+)` \| query", page, re.MULTILINE)
+    assert len(documented) == len({*documented})
+    short = {key.replace("<subindex>", "<sub>") for key in keys}
+    assert {*documented} == short | {*GATEWAY_KEYS}
 
 
 def test_long_and_nested_messages_are_refused() -> None:

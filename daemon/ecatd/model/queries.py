@@ -24,6 +24,7 @@ RIGHT_NAMES = tuple(
 )
 """Kinds of requests that need a right, as `gateway.user.write` names them: `state`, `sdo`, ..."""
 _TRUE, _FALSE = ("1", "true"), ("0", "false")
+_BEGIN_OF_NUMBER = frozenset("-0123456789")
 _HEX_DIGITS = {"index": 4, "subindex": 2, "address": 4}
 
 
@@ -73,7 +74,11 @@ def needs_right(kind: type[Request]) -> bool:
 
 
 def to_query(request: Request) -> Query:
-    """Makes a query of a request. Fields that are None are left out."""
+    """Makes a query of a request. Fields that are None are left out.
+
+    Raises:
+        UsageError: A field in the key is empty.
+    """
     template = _TEMPLATES[request.op]
     key = tuple(
         [
@@ -164,7 +169,13 @@ def _to_text(name: str, value: Any) -> str:
         return "1" if value else "0"
     if name in _HEX_DIGITS:
         return f"0x{value:0{_HEX_DIGITS[name]}X}"
-    return str(value) if isinstance(value, int) else quote(str(value), safe="")
+    if isinstance(value, int):
+        return str(value)
+    if not value:
+        raise UsageError(f"'{name}' is empty: give a name or a number")
+    if value == ALL or value[0] in _BEGIN_OF_NUMBER:  # a name, which must not read as anything else
+        return f"%{ord(value[0]):02X}{quote(value[1:], safe='')}"
+    return quote(value, safe="")
 
 
 def _from_text(name: str, text: str, types: frozenset[str], where: str) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ecatd.model.queries import changes
+from ecatd.model.queries import needs_right
 from ecatd.model.requests.bus import (
     Describe,
     ReadConfig,
@@ -135,8 +135,8 @@ ANSWERS: dict[type[Request], type] = {
 }
 """The answers to all requests."""
 
-READS = [kind for kind in ANSWERS if not changes(kind)]
-CHANGES = [kind for kind in ANSWERS if changes(kind)]
+READS = [kind for kind in ANSWERS if not needs_right(kind)]
+CHANGES = [kind for kind in ANSWERS if needs_right(kind)]
 
 PUBLICATIONS: dict[str, tuple[type, str]] = {
     "ro/event": (Event, "each event at once"),

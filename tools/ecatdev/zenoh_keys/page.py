@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.queries import ALL, changes
+from ecatd.model.queries import ALL, needs_right
 from ecatd.model.requests.parsing import RANGES
 from ecatd.model.requests.request import Request
 
@@ -93,7 +93,7 @@ def _place(kind: type[Request], name: str) -> tuple[str, str]:
     if "{" + name + "}" in kind.key:
         return "key", ""
     default = "needed" if name in kind.needed else _value(getattr(kind, name))
-    return "payload" if changes(kind) else "parameter", default
+    return "payload" if needs_right(kind) else "parameter", default
 
 
 def _value(value: Any) -> str:

@@ -1,0 +1,71 @@
+"""Requests of each kind that the daemon knows, so that no test leaves a kind out."""
+
+from ecatd.model.errors import UsageError
+from ecatd.model.queries import to_query
+from ecatd.model.requests.parsing import KINDS
+from ecatd.model.requests.request import Request
+
+VALUES: dict[str, tuple[object, ...]] = {
+    "address": (0x0130, 0x0420, "192.168.7.2/24", None),
+    "boot": (False,),
+    "by": ("'ecatctl' (pid 7, uid 0)", ""),
+    "complete": (False, True),
+    "count": (8, 128),
+    "data": (b"\xe8\x03", None),
+    "digest": (64 * "0",),
+    "dns": (None, "none"),
+    "drive": (0, 1),
+    "file": ("firmware", "log.txt"),
+    "gateway": (None, "192.168.7.1"),
+    "idn": (17, 0x8064),
+    "index": (0x6060, 0x1018, 0x1C12),
+    "level": ("debug", "info"),
+    "mac": (None, "02:00:00:00:00:01"),
+    "more": (False, True),
+    "name": (None, "drive"),
+    "offset": (0, 5),
+    "part": ("mailbox", None),
+    "password": (0, 7),
+    "position": (0, 100),
+    "ring": ("cycle", "control"),
+    "since": (0, 17),
+    "size": (2, 5),
+    "slave": (0, "EK1100", "7/Ana. Eingang? ä*", "all", "3", None),
+    "state": ("OP", "PREOP", "SAFEOP"),
+    "subindex": (0, 1),
+    "transfer": (1 << 40, 1),
+    "value": (None, "-3"),
+    "word": (0, 0x40),
+    "write": (True, False),
+}
+"""Values of each field of a request; it takes those of a type that it may have."""
+
+
+def _samples(kind: type[Request]) -> list[Request]:
+    fitting = {
+        name: [value for value in VALUES[name] if _type(value) in field.types]
+        for name, field in kind.fields.items()
+    }
+    found = []
+    for number in range(max(map(len, fitting.values()), default=1)):
+        whole = {name: values[number % len(values)] for name, values in fitting.items()}
+        for values in (whole, {name: whole[name] for name in kind.needed}):
+            try:
+                request = kind(**values)
+            except UsageError:  # fields that contradict each other
+                continue
+            if request not in found:
+                found.append(request)
+    assert found, f"there is no request {kind.op} with these values"
+    return found
+
+
+def _type(value: object) -> str:
+    return "None" if value is None else type(value).__name__
+
+
+SAMPLES = [request for kind in KINDS.values() for request in _samples(kind)]
+GATEWAY_KEYS = ("ro/stats", "ro/dc", "ro/stream")
+"""Keys that the gateway answers without asking the bus server."""
+KEYS = sorted({"/".join(to_query(request).key) for request in SAMPLES} | {*GATEWAY_KEYS})
+"""Keys below a bus."""
