@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import bisect
 import csv
+import json
 import re
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from ecatd.model.datatypes import is_real, value_range
-from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.errors import ConfigError, EcatError, StateError, UsageError
 from ecatd.model.pdo import Entry, parse_address
 
 from .rig import Rig
@@ -32,17 +35,17 @@ class _Track:
         self._is_real = is_real(entry.data_type)
         self._range = value_range(entry.data_type, entry.bit_length)
 
-    def value(self, text: str) -> Value | None:
+    def value(self, cell: str | Value | None) -> Value | None:
         """Returns the value in a cell, None if the cell is empty.
 
         Raises:
             ValueError: The input cannot have this value.
         """
-        if not text:
+        if cell is None or cell == "":
             return None
         if self._is_real:
-            return float(text)
-        whole = int(text)
+            return float(cell)
+        whole = int(cell)
         low, high = self._range
         if not low <= whole <= high:
             raise ValueError
@@ -56,12 +59,13 @@ class Replay:
     next one is due; after the last row, the last values stay.
 
     Args:
-        path: A CSV file that `ecatctl record --raw` has written.
+        path: A file that `ecatctl record --raw` has written.
         rig: A rig with the slaves that were recorded.
         repeat: Whether to start again after the last row.
 
     Raises:
         UsageError: The file cannot be read.
+        StateError: The library for files of this kind is missing.
         ConfigError: The file is not such a recording, or is a recording of other slaves.
     """
 
@@ -77,23 +81,19 @@ class Replay:
 
     def _read(self, path: Path, rig: Rig) -> Iterator[tuple[int, _Track]]:
         try:
-            with path.open(newline="", encoding="utf-8") as file:
-                rows = csv.reader(file)
-                head = next(rows, [])
-                tracks = [*self._tracks(path, head, rig)]
-                for number, row in enumerate(rows, 2):
-                    self._add(path, number, row, [track for _, track in tracks])
+            rows = _rows(path)
+            tracks = [*self._tracks(path, next(rows, []), rig)]
+            for number, row in enumerate(rows, 2):
+                self._add(path, number, row, [track for _, track in tracks])
         except OSError as error:
             raise UsageError(f"cannot read '{path}': {error.strerror}") from error
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise ConfigError(f"{path}: this is not a recording: it is not text in CSV") from error
         if not self._times:
             raise ConfigError(f"{path}: there are no values in it")
         return iter(tracks)
 
     @staticmethod
-    def _tracks(path: Path, head: list[str], rig: Rig) -> Iterator[tuple[int, _Track]]:
-        if head[:_FIRST] != ["time_s", "cycle"]:
+    def _tracks(path: Path, head: Sequence[str], rig: Rig) -> Iterator[tuple[int, _Track]]:
+        if [*head[:_FIRST]] != ["time_s", "cycle"]:
             raise ConfigError(f"{path}:1: this is not a recording of `ecatctl record`")
         known = 0
         for column, title in enumerate(head[_FIRST:], _FIRST):
@@ -118,12 +118,12 @@ class Replay:
         if not known:
             raise ConfigError(f"{path}:1: no column is an input of rig {rig.name}")
 
-    def _add(self, path: Path, number: int, row: list[str], tracks: list[_Track]) -> None:
+    def _add(self, path: Path, number: int, row: Sequence[Any], tracks: list[_Track]) -> None:
         try:
             at = float(row[_TIME])
             cells = [row[track.column] for track in tracks]
             values = [track.value(cell) for track, cell in zip(tracks, cells, strict=True)]
-        except (ValueError, IndexError):
+        except (TypeError, ValueError, IndexError):
             text = f"{path}:{number}: a time and {len(tracks)} values of the inputs are needed"
             raise ConfigError(text) from None
         if self._times and at <= self._times[-1]:
@@ -157,3 +157,54 @@ class Replay:
             period = whole + whole / (len(self._times) - 1)
             at = self._times[0] + (now - self._began) % period
         return max(0, bisect.bisect_right(self._times, at) - 1)
+
+
+def _rows(path: Path) -> Iterator[Sequence[Any]]:
+    """Yields the head and then the rows of a recording, as its CSV file has them."""
+    read = {".mcap": _mcap, ".parquet": _parquet}.get(path.suffix.lower(), _csv)
+    try:
+        yield from read(path)
+    except (OSError, EcatError):
+        raise
+    except Exception as error:  # the libraries raise many kinds of errors
+        what = "it is not text in CSV" if read is _csv else f"{error!r}"
+        raise ConfigError(f"{path}: this is not a recording: {what}") from error
+
+
+def _csv(path: Path) -> Iterator[Sequence[str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        yield from csv.reader(file)
+
+
+def _mcap(path: Path) -> Iterator[Sequence[Any]]:
+    make_reader = _library(path, "mcap.reader").make_reader
+    names: list[str] | None = None
+    begin = 0
+    with path.open("rb") as file:
+        for _, _, message in make_reader(file).iter_messages():
+            content = json.loads(message.data)
+            if names is None:
+                names, begin = [*content["values"]], message.log_time
+                yield ["time_s", "cycle", *names]
+            cells = (content["values"][name] for name in names)
+            yield [1e-9 * (message.log_time - begin), content["cycle"], *cells]
+
+
+def _parquet(path: Path) -> Iterator[Sequence[Any]]:
+    parquet = _library(path, "pyarrow.parquet")
+    with path.open("rb") as file:
+        table = parquet.ParquetFile(file)
+        yield table.schema_arrow.names
+        for batch in table.iter_batches():
+            yield from zip(*(column.to_pylist() for column in batch.columns), strict=True)
+
+
+def _library(path: Path, name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError as error:
+        package = name.partition(".")[0]
+        raise StateError(
+            f"{path}: files of this kind need the package {package}: pip install 'ecatd[record]'; "
+            "CSV needs none"
+        ) from error

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -205,31 +206,83 @@ def test_a_recording_is_whole_on_a_full_disk(bus: Daemon, small_disk: Path, suff
     assert not file.exists()
 
 
+SLOW = ("--cycle-time-us", "20000")
+"""A cycle that a process seldom misses on a busy machine."""
+
+
 @pytest.mark.long
-def test_a_replay_has_the_recorded_values(
+def test_a_replay_has_the_recorded_values_within_a_cycle(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    begin = time.monotonic()
+    bus = start_daemon("troll", *SLOW)
+    record(bus, tmp_path / "first.csv", 0.05)
+    # A replay begins with the bus, so it is longer than it takes until values are recorded.
+    seconds = 2 * (time.monotonic() - begin) + 4
+    run = record(bus, tmp_path / "run.csv", seconds)
+    assert bus.stop() == 0
+    # A cycle that the simulator or the master misses is late for more than a cycle: once more then.
+    while (compared := replayed(start_daemon, tmp_path, run, seconds)) < WANTED:
+        assert time.monotonic() - begin < TRIED, f"only {compared} values are at their place"
+
+
+@pytest.mark.long
+def test_recordings_that_cannot_be_replayed(
     bus: Daemon, start_daemon: Callable[..., Daemon], tmp_path: Path
 ) -> None:
-    run, again = tmp_path / "run.csv", tmp_path / "again.csv"
-    bus.ctl("record", "-o", str(run), "4/*", "2/*", "--raw", "--for", "1")
     physical = tmp_path / "physical.csv"
     bus.ctl("record", "-o", str(physical), "4/*Value", "--for", "0.05")
-    replayed = start_daemon("troll", "--replay", str(run))
-    # The last values stay, so all that a recording has come by within its time.
-    replayed.ctl("record", "-o", str(again), "4/*", "2/*", "--raw", "--for", "0.3")
-    last = run.read_text().splitlines()[-1].split(",")[2:]
-    rows = again.read_text().splitlines()
-    assert rows[0] == run.read_text().splitlines()[0]
-    wait_for(lambda: recorded(replayed, again)[-1] == last, replayed)
     wrong = start_daemon("troll", "--replay", str(physical), ready=False)
     status, log = wrong.wait_end()
     assert status == 2
     names(log, f"{physical}:1", "--raw")
-    without = start_daemon("", "--replay", str(run), "--interface", "nowhere", ready=False)
+    without = start_daemon("", "--replay", str(physical), "--interface", "nowhere", ready=False)
     status, log = without.wait_end()
     assert status == 2
     names(log, "--replay", "--simulate")
 
 
-def recorded(daemon: Daemon, file: Path) -> list[list[str]]:
-    daemon.ctl("record", "-o", str(file), "4/*", "2/*", "--raw", "--for", "0.05")
-    return [row.split(",")[2:] for row in file.read_text().splitlines()[1:]]
+WANTED, TRIED = 1000, 400.0
+"""How many values are compared at least, and seconds for which it is tried."""
+Rows = dict[int, list[str]]
+"""The fields of a recording by the number of the cycle, which begins at 0."""
+
+
+def record(daemon: Daemon, file: Path, seconds: float) -> Rows:
+    daemon.ctl("record", "-o", str(file), "4/*", "2/*", "--raw", "--for", f"{seconds:.2f}")
+    _, *rows = (line.split(",") for line in file.read_text().splitlines())
+    return {int(row[1]) - int(rows[0][1]): row[2:] for row in rows}
+
+
+def replayed(start: Callable[..., Daemon], folder: Path, run: Rows, seconds: float) -> int:
+    """Records a replay; returns how many values that change are there, or 0 if one is not.
+
+    The second recording begins later, but then each value must be as much later as all others, or
+    a cycle more or less. After the end the last values stay.
+    """
+    daemon = start("troll", "--replay", str(folder / "run.csv"), *SLOW)
+    again = record(daemon, folder / "again.csv", seconds)
+    assert daemon.stop() == 0
+    end = max(run)
+    series: list[list[str]] = []
+    for cycle in range(end + 1):  # an empty field keeps the value before, as a missed cycle does
+        before = series[-1] if series else run[0]
+        fields = run.get(cycle, before)
+        series.append([field or old for field, old in zip(fields, before, strict=True)])
+    columns = [*zip(*series, strict=True)]
+
+    def fits(later: int) -> bool:
+        return all(
+            field in ("", *column[max(0, at - 1) : at + 2])
+            for at, fields in ((min(cycle + later, end), again[cycle]) for cycle in again)
+            for field, column in zip(fields, columns, strict=True)
+        )
+
+    later = next((later for later in range(end) if fits(later)), end)
+    changing = [len({*column}) > 2 for column in columns]
+    return sum(
+        bool(field) and changes
+        for cycle, fields in again.items()
+        if cycle + later < end
+        for field, changes in zip(fields, changing, strict=True)
+    )

@@ -1,11 +1,14 @@
 """`ecatsim run --replay`: inputs have the values of a recording, each at its time."""
 
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from conftest import names
-from ecatd.model.errors import ConfigError, UsageError
+from ecatd.cli.recordings import FORMATS, Cell, Column, open_recording
+from ecatd.model.errors import ConfigError, StateError, UsageError
 from ecatsim import replay
 from ecatsim.replay import Replay
 from ecatsim.rigs import library
@@ -29,12 +32,24 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
+def write(file: Path, rows: Sequence[tuple[float, int, Sequence[Cell]]]) -> Path:
+    """Writes a recording as `ecatctl record` does."""
+    columns = [Column(name, "", "int64") for name in HEAD.split(",")[2:]]
+    with file.open("wb", buffering=0) as opened:
+        recording = open_recording(file.suffix, opened, "ecat0", columns)
+        for seconds, cycle, cells in rows:
+            recording.add(seconds, cycle, cells)
+        recording.end()
+    return file
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
 @pytest.mark.parametrize(("repeat", "at_5_ms"), [(False, (1, 12)), (True, (1, -5))])
 def test_each_value_comes_at_its_time(
-    tmp_path: Path, clock: Clock, repeat: bool, at_5_ms: tuple[int, int]
+    tmp_path: Path, clock: Clock, repeat: bool, at_5_ms: tuple[int, int], suffix: str
 ) -> None:
-    file = tmp_path / "run.csv"
-    file.write_text(f"{HEAD}\n0,7,1,-5\n0.001,8,0,\n0.003,10,1,12\n")
+    rows = [(0, 7, (1, -5)), (0.001, 8, (0, None)), (0.003, 10, (1, 12))]
+    file = write(tmp_path / f"run{suffix}", rows)
     rig = library.make("troll")
     Replay(file, rig, repeat=repeat)
     digital, analog = rig.devices[2], rig.devices[4]
@@ -84,3 +99,26 @@ def test_a_file_that_is_missing() -> None:
     with pytest.raises(UsageError) as caught:
         Replay(Path("/nowhere.csv"), library.make("troll"))
     names(caught.value, "'/nowhere.csv'")
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_damaged_files_are_refused(tmp_path: Path, suffix: str) -> None:
+    file = write(tmp_path / f"run{suffix}", [(0.001 * n, n, (1, n)) for n in range(20)])
+    data = file.read_bytes()
+    for damaged in (b"", data[len(data) // 2 :], b"\xff" + data[1 : len(data) // 2]):
+        file.write_bytes(damaged)
+        with pytest.raises(ConfigError) as caught:
+            Replay(file, library.make("troll"))
+        assert str(caught.value).startswith(f"{file}:")
+
+
+@pytest.mark.parametrize(("suffix", "package"), [("mcap", "mcap"), ("parquet", "pyarrow")])
+def test_a_library_that_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, package: str
+) -> None:
+    file = write(tmp_path / f"run.{suffix}", [(0, 7, (1, -5))])
+    for name in [name for name in sys.modules if name.partition(".")[0] == package]:
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(StateError) as caught:
+        Replay(file, library.make("troll"))
+    names(caught.value, str(file), package, "ecatd[record]", "CSV")

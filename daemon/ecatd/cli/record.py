@@ -48,7 +48,9 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         help=f"a file that ends in {', '.join(FORMATS)}",
     )
     command.add_argument(
-        "--raw", action="store_true", help="raw values, as `ecatsim run --replay` needs them"
+        "--raw",
+        action="store_true",
+        help="raw values, as `ecatd --simulate RIG --replay FILE` and `ecatsim run` need them",
     )
     command.add_argument(
         "--every", type=times, default=1, metavar="N", help="only every Nth cycle (default: 1)"

@@ -129,7 +129,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using record' -l identity -x -d 'certific
 complete -c ecatctl -n '_shtab_ecatctl_using record' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using record' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using record' -s o -l out -xka "(__fish_complete_path (commandline -ct))" -d 'a file that ends in .csv, .mcap, .parquet'
-complete -c ecatctl -n '_shtab_ecatctl_using record' -l raw -d 'raw values, as `ecatsim run --replay` needs them'
+complete -c ecatctl -n '_shtab_ecatctl_using record' -l raw -d 'raw values, as `ecatd --simulate RIG --replay FILE` and `ecatsim run` need them'
 complete -c ecatctl -n '_shtab_ecatctl_using record' -l every -x -d 'only every Nth cycle (default: 1)'
 complete -c ecatctl -n '_shtab_ecatctl_using record' -l for -x -d 'end after so many seconds (default: with Ctrl-C)'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a state -d 'Show the AL states, or bring slaves to one.'
