@@ -24,6 +24,7 @@ VALUES: dict[str, tuple[object, ...]] = {
     "more": (False, True),
     "name": (None, "drive"),
     "offset": (0, 5),
+    "only_find": (False, True),
     "part": ("mailbox", None),
     "password": (0, 7),
     "position": (0, 100),

@@ -218,11 +218,14 @@ class Events(TypedDict):
         events: From the number that was asked for on, each as it is published.
         next: The number of the next event.
         left_out: How many from that number on are no longer kept.
+        instance: Unix time of the start of the daemon in ns. Each start counts its events from 1 on:
+            if it differs from that of the answer before, ask again without `since`.
     """
 
     events: list[Event]
     next: int
     left_out: int
+    instance: int
 
 
 class Event(TypedDict):
@@ -231,11 +234,13 @@ class Event(TypedDict):
     Attributes:
         event: Its kind.
         sequence: Its number: each event has the next one, so a gap is a loss.
+        instance: Unix time of the start of the daemon in ns, which begins to count them at 1.
         time_ns: Unix time in ns.
     """
 
     event: str
     sequence: int
+    instance: int
     time_ns: int
 
 
@@ -245,7 +250,7 @@ class Rights(TypedDict):
     Attributes:
         user: Name of the user.
         read: Whether the user may read.
-        write: Kinds of changes that the user may request.
+        write: The rights of the user, such as `sdo`.
         slaves: Positions and names of the slaves that the user may change; empty: all.
     """
 

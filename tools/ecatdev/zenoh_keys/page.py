@@ -43,6 +43,11 @@ from it. It is made from the sources, and tests compare the answers of a real da
   keys that are not on this page.
 """
 
+_WITH_RIGHT = """\
+A user of another machine needs a right for each of them, in `gateway.user.write`. Reading frames
+and files changes nothing, but needs a right as well.\
+"""
+
 _NAMES = {"int": "`int`", "float": "`float`", "bool": "`bool`", "str": "`str`", "bytes": "`bin`"}
 
 
@@ -53,7 +58,7 @@ def page() -> str:
     maps |= {*maps_in(Failure)}
     lines = [_INTRO, "## Publications", "", *_publications(), ""]
     lines += ["## Queries that only read", "", *_requests(READS)]
-    lines += ["## Changes", "", *_requests(CHANGES)]
+    lines += ["## Changes", "", _WITH_RIGHT, "", *_requests(CHANGES)]
     lines += ["## Maps", ""]
     for kind in sorted(maps, key=lambda item: item.__name__):
         lines += _map(kind)
