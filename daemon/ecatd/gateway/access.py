@@ -172,6 +172,11 @@ class Refusals:
     def _tell(self, texts: list[str], left_out: int) -> None:
         self._log.notice(f"refused: {last_of(texts, left_out)}")
 
+    def close(self) -> None:
+        """Logs those that still wait for their line."""
+        for batch in self._batches.values():
+            batch.close()
+
 
 class Rate:
     """Limits the rate of one user's changes, so that a program that runs wild does no harm.

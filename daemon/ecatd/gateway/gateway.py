@@ -339,7 +339,8 @@ class Gateway:
 
     def _on_event(self, event: dict[str, Any]) -> None:
         if "line" in event:
-            return self._publish("log/lines", event["line"])
+            self._publish("log/lines", event["line"])
+            return
         if event["event"] in ("configuration", "log_levels"):
             self._keep(asyncio.create_task(self._reconfigure()))
         self._publish("event", event)
@@ -371,6 +372,7 @@ class Gateway:
         """Closes the session and the connection."""
         for task in list(self._tasks):
             task.cancel()
+        self._refusals.close()
         if self._metrics is not None:
             self._metrics.close()
         if self._streams is not None:

@@ -218,8 +218,8 @@ class Events(TypedDict):
         events: From the number that was asked for on, each as it is published.
         next: The number of the next event.
         left_out: How many from that number on are no longer kept.
-        instance: Unix time of the start of the daemon in ns. Each start counts its events from 1 on:
-            if it differs from that of the answer before, ask again without `since`.
+        instance: Unix time of the start of the daemon in ns. Each start counts its events from 1
+            on: if it differs from that of the answer before, ask again without `since`.
     """
 
     events: list[Event]
