@@ -55,8 +55,10 @@ class Attacker:
             self._session.delete(key)
 
     def answer(self, keys: Sequence[str], *_: object) -> None:
+        caught = self._caught
+
         def reply(query: zenoh.Query) -> None:
-            self._caught.append(str(query.selector))
+            caught.append(str(query.selector))
             query.reply(query.key_expr, FORGED)
 
         for key in keys:
@@ -68,8 +70,10 @@ class Attacker:
                 )
 
     def listen(self, keys: Sequence[str], *_: object) -> None:
+        caught = self._caught
+
         def hear(sample: zenoh.Sample) -> None:
-            self._caught.append(str(sample.key_expr))
+            caught.append(str(sample.key_expr))
 
         self._declared += [self._session.declare_subscriber(key, hear) for key in keys]
 
@@ -83,9 +87,9 @@ class Attacker:
             time.sleep(0.02)
         for item in self._declared:
             item.undeclare()
-        caught = [*self._caught]
         self._declared.clear()
-        self._caught.clear()
+        # What is still on its way comes into the old list, and not to the next attempt.
+        caught, self._caught = [*self._caught], []
         return caught
 
 

@@ -272,7 +272,7 @@ def test_lines_of_the_log_are_published_without_values_of_objects(
     # Somebody has heard a line, so the subscription has reached the gateway.
     wait_for(lambda: daemon.ctl("log-level", "dc", "info") and bool(heard), daemon)
     daemon.ctl("sdo-write", "0", "0x6060", "0", "8")
-    daemon.ctl("state", "SAFEOP", "-p", "3")
+    daemon.ctl("state", "SAFEOP", "--yes", "-p", "3")
     daemon.ctl("state", "OP", "-p", "3")
     wait_for(lambda: any(line["event"] == "al_state" for line in heard), daemon)
     subscriber.undeclare()
@@ -302,15 +302,12 @@ def test_statistics_are_published_while_somebody_subscribes(
 def test_the_bus_description_is_published_when_a_reload_has_changed_it(
     start_daemon: Callable[..., Daemon],
 ) -> None:
-    port = _free_port()
-    config = f"[gateway]\nlisten = ['tcp/127.0.0.1:{port}']\n"
+    config = "[gateway]\nlisten = []\n"
     daemon = start_daemon("troll", config=config)
     key = bus_key(daemon.bus, "ro", "slaves")
     events: list[object] = []
     heard: list[dict[str, object]] = []
-    with zenoh.open(
-        session_config("client", {"connect/endpoints": [f"tcp/127.0.0.1:{port}"]})
-    ) as session:
+    with local(daemon) as session:
         session.declare_subscriber(
             bus_key(daemon.bus, "ro", "event"),
             lambda sample: events.append(unpack(bytes(sample.payload))["event"]),

@@ -19,7 +19,7 @@ RIGS = Path(__file__).parents[1] / "rigs"
 
 SHOW = """
     buses slaves graph pdos read watch check stats metrics claims shm dc info sdos sdo-read events
-    sii-read soe-read eoe eoe-read rescan reg-read scan cstruct xml client-flags
+    sii-read soe-read eoe eoe-read rescan reg-read scan cstruct xml client-flags log
 """
 """Commands that change nothing."""
 
@@ -60,8 +60,9 @@ def test_each_command_that_changes_something_asks_or_has_a_reason() -> None:
 
 # --- JSON ----------------------------------------------------------------------------------------
 
-WITHOUT_JSON = {
+NO_DOCUMENT = {
     "metrics": "OpenMetrics is a format for programs; `stats --json` has the same",
+    "log": "it prints lines without end; `test_log_levels.py` reads them",
 }
 
 FILES_RIG = """
@@ -94,8 +95,8 @@ def test_each_command_prints_json(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     run = {line.split()[0] for line in lines(FILES_RIG) + lines(ETHERNET_RIG)}
-    assert sorted(run | set(WITHOUT_JSON)) == sorted(MODULES)
-    assert not run & set(WITHOUT_JSON)
+    assert sorted(run | set(NO_DOCUMENT)) == sorted(MODULES)
+    assert not run & set(NO_DOCUMENT)
     wrong = []
     for rig, text in (("files", FILES_RIG), ("ethernet", ETHERNET_RIG)):
         daemon = start_daemon(str(RIGS / f"{rig}.py"))

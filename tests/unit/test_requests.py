@@ -1,7 +1,5 @@
 """Requests from outside: right ones pass, wrong ones are refused by name."""
 
-import re
-from pathlib import Path
 from typing import Any
 
 import msgpack
@@ -16,7 +14,7 @@ from ecatd.model.queries import from_query, to_query
 from ecatd.model.requests.objects import SdoRead
 from ecatd.model.requests.parsing import KINDS, parse_request
 from ecatd.model.requests.request import Request, to_map
-from request_samples import GATEWAY_KEYS, SAMPLES, VALUES
+from request_samples import SAMPLES, VALUES
 
 
 @pytest.mark.parametrize("request_", [SdoRead("all", 0x1018), *SAMPLES])
@@ -110,14 +108,10 @@ def test_any_bytes_are_a_map_or_a_usage_error(data: bytes) -> None:
     assert all(isinstance(key, str) for key in message)
 
 
-def test_every_kind_of_request_is_known_tried_and_documented() -> None:
-    assert {*KINDS.values()} == {*Request.__subclasses__()} == {*map(type, SAMPLES)}
-    keys = {kind.key.replace("{", "<").replace("}", ">") for kind in KINDS.values()}
-    page = (Path(__file__).parents[2] / "docs" / "zenoh.md").read_text()
-    documented = re.findall(r"^\| `…/(r[ow]/\S+)` \| query", page, re.MULTILINE)
-    assert len(documented) == len({*documented})
-    short = {key.replace("<subindex>", "<sub>") for key in keys}
-    assert {*documented} == short | {*GATEWAY_KEYS}
+def test_every_kind_of_request_is_known_and_tried() -> None:
+    """`test_zenoh_keys.py` sees that each is documented."""
+    kinds = {kind for kind in Request.__subclasses__() if kind.__module__.startswith("ecatd.")}
+    assert {*KINDS.values()} == kinds == {*map(type, SAMPLES)}
 
 
 def test_long_and_nested_messages_are_refused() -> None:
