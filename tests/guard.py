@@ -198,15 +198,23 @@ def main(command: list[str]) -> int:
 def _keep(command: list[str]) -> int:
     """Runs a command and ends what it leaves behind; returns as `main`."""
     _adopt()
+    # A signal that comes while the command starts waits until it can be passed on.
+    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+
+    def begin() -> None:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+        _die_with_parent(signal.SIGKILL)
+
     before = Things.now()
     with tempfile.NamedTemporaryFile("r", prefix="ecatd-tests-") as diary:
         process = subprocess.Popen(
             command,
             env={**os.environ, DIARY: diary.name},
-            preexec_fn=lambda: _die_with_parent(signal.SIGKILL),
+            preexec_fn=begin,
         )
         for number in _SIGNALS:
             signal.signal(number, lambda number, _: process.send_signal(number))
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
         status = process.wait()
         left = end_processes()
         lines = diary.readlines()
