@@ -206,7 +206,7 @@ class Soak:
         if code != 0x001B:
             self.daemon.ctl("state", "OP", "-p", str(slave))
         self.heal()
-        self.check_told_once(slave, r"SAFEOP\+ERROR", since)
+        self.check_told_once(slave, r": SAFEOP\+ERROR", since)
 
     def mailbox(self) -> None:
         """A mailbox is slow or silent, and somebody asks it."""
