@@ -72,13 +72,7 @@ def test_slaves_leave_op_and_come_back(daemon: Daemon) -> None:
     assert check(daemon)[0] == WELL
 
 
-def test_a_slave_that_was_missing_at_the_start(
-    start_daemon: Callable[..., Daemon], tmp_path: Path
-) -> None:
-    """The bus has no place for it, since nothing says what process data it has."""
-    rig = tmp_path / "rig.toml"
-    rig.write_text('[[slave]]\ndevice = "EK1100"\n')
-    config = """
+WITHOUT_A_SLAVE = """
 [gateway]
 listen = []
 [expected]
@@ -93,7 +87,16 @@ name = "lamps"
 vendor = 2
 product = 0x07D83052
 """
-    daemon = start_daemon(str(rig), config=config)
+"""A configuration for a rig of which only the first slave is there."""
+
+
+def test_a_slave_that_was_missing_at_the_start(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    """The bus has no place for it, since nothing says what process data it has."""
+    rig = tmp_path / "rig.toml"
+    rig.write_text('[[slave]]\ndevice = "EK1100"\n')
+    daemon = start_daemon(str(rig), config=WITHOUT_A_SLAVE)
     status, line = check(daemon)
     assert status == DEGRADED
     assert line.startswith(f"degraded: bus {daemon.bus}, 1 of 2 slaves in OP; ")

@@ -98,10 +98,13 @@ def test_all_parts_of_all_processes_change(daemon: Daemon) -> None:
     wait_for(lambda: gateway_tells(before), daemon)
 
 
-@pytest.mark.parametrize("options", [(), ("--json",)])
+@pytest.mark.parametrize(("options", "host"), [((), "cell4"), (("--json",), "")])
 def test_the_log_is_followed_until_the_daemon_ends(
-    daemon: Daemon, options: tuple[str, ...], tmp_path: Path
+    start_daemon: Callable[..., Daemon], options: tuple[str, ...], host: str, tmp_path: Path
 ) -> None:
+    """Also if the keys of the bus begin with the name of its machine."""
+    config = CONFIG.replace("listen = []", f"listen = []\nhost = '{host}'")
+    daemon = start_daemon("troll", config=config)
     command = [sys.executable, "-m", "ecatd.cli", "log", *options]
     told = tmp_path / "told"
     with (

@@ -13,6 +13,7 @@ from urllib.request import Request, urlopen
 
 import pytest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
+from test_check_command import WITHOUT_A_SLAVE
 
 from conftest import Daemon, names, stop_process, wait_for
 from ecatsim.control import Simulator
@@ -29,21 +30,6 @@ slaves = "none"
 position = 1
 name = "lamps"
 watchdog_ms = 5000
-"""
-
-MISSING = """
-[gateway]
-listen = []
-[expected]
-policy = "tolerant"
-[[slave]]
-position = 0
-vendor = 2
-product = 0x044C2C52
-[[slave]]
-position = 1
-vendor = 2
-product = 0x07D83052
 """
 
 Values = dict[tuple[str, frozenset[tuple[str, str]]], float]
@@ -119,7 +105,7 @@ def test_slaves_that_were_missing_at_the_start(
 ) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text('[[slave]]\ndevice = "EK1100"\n')
-    daemon = start_daemon(str(rig), config=MISSING)
+    daemon = start_daemon(str(rig), config=WITHOUT_A_SLAVE)
     found = told(daemon)
     assert (found["ecat_slaves_required"], found["ecat_slaves_in_op"]) == (2, 1)
     assert (found["ecat_slaves_missing"], found["ecat_slaves_expected"]) == (1, 1)

@@ -470,7 +470,7 @@ class Remote:
         """
         from .log_lines import log_lines
 
-        return log_lines(self._session.zenoh, self.bus)
+        return log_lines(self._session.zenoh, self._session.full_name)
 
     def log_levels(self) -> dict[str, dict[str, str]]:
         """By part, the `levels` of the log in force, and those that are `configured`."""

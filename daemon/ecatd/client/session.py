@@ -73,6 +73,7 @@ class Session:
 
     Attributes:
         bus: Name of the bus, as given.
+        full_name: Its name in keys: HOST/BUS if the daemon has a `gateway.host`.
         timeout: Seconds to wait for an answer.
         zenoh: The session of Zenoh.
     """
@@ -85,7 +86,7 @@ class Session:
         identity: Path | None = None,
     ) -> None:
         self.bus = check_bus_name(bus) if connect is None else check_full_bus_name(bus)
-        self._full_name = self.bus
+        self.full_name = self.bus
         self.timeout = timeout
         self._identity = find_identity(identity) if is_encrypted(connect) else None
         self._is_local = connect is None or connect.startswith("unixsock-stream/")
@@ -104,7 +105,7 @@ class Session:
             try:
                 if self._connect:
                     return self._open(self._connect, found=False)
-                endpoint, self._full_name = _local_endpoint(self.bus)
+                endpoint, self.full_name = _local_endpoint(self.bus)
                 return self._open(endpoint, found=True)
             except UnreachableError:
                 if self._connect or time.monotonic() > deadline or not _is_coming(self.bus):
@@ -167,7 +168,7 @@ class Session:
         Raises:
             EcatError: The error that the daemon replied, as its own class.
         """
-        selector = bus_key(self._full_name, *key) + (f"?{parameters}" if parameters else "")
+        selector = bus_key(self.full_name, *key) + (f"?{parameters}" if parameters else "")
         data = pack(payload) if payload is not None else None
         for reply in self.zenoh.get(selector, payload=data, timeout=self.timeout):
             sample = reply.ok if reply.ok is not None else reply.err
@@ -214,7 +215,7 @@ class Session:
                 "ended, or its machine cannot be reached now" + self._doubt(key)
             )
         buses = self.alive()
-        alive = self._full_name in buses
+        alive = self.full_name in buses
         if buses and not alive and not self._is_local:
             return UnreachableError(
                 f"no ecatd serves bus '{self.bus}' there, or its machine cannot be reached now; "
@@ -250,7 +251,7 @@ class Session:
     @property
     def _is_known(self) -> bool:
         """Whether the daemon knows the user. Its gateway answers that without the bus server."""
-        key = bus_key(self._full_name, AS, self.user, *RIGHTS)
+        key = bus_key(self.full_name, AS, self.user, *RIGHTS)
         return any(reply.ok for reply in self.zenoh.get(key, timeout=self.timeout))
 
     @staticmethod
