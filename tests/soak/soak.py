@@ -6,7 +6,7 @@ memory and that for files fill up. Checked:
 
 - outputs: no output of an owner is lost or comes twice (`writer.py`);
 - grid: each deadline is on the grid of the cycle, however many were missed;
-- log: each loss of a slave is told once, and its return once;
+- log: each broken cable, loss of a slave and emergency is told once, and each return once;
 - growth: no process needs more memory, descriptors or threads than after the warm-up;
 - at the end, all slaves are in OP, and the daemon ends with status 0.
 """
@@ -180,10 +180,24 @@ class Soak:
         time.sleep(0.2)
 
     def cable(self) -> None:
-        """A cable breaks for a moment."""
+        """A cable breaks."""
+        at, since = self.dice.randrange(1, 7), len(self.daemon.log)
+        broken, whole = f"no answer from slave {at} ", f"all {len(DEVICES)} slaves answer"
+        self.simulator.faults.break_link(at, 0)
+        self.wait_for(lambda: broken in self.daemon.log[since:])
+        time.sleep(self.dice.uniform(0, 1))
+        self.simulator.faults.heal_link(at, 0)
+        self.heal()
+        self.wait_for(lambda: whole in self.daemon.log[since:])
+        self.check_told_once(at, broken, since)
+        outages = self.daemon.log[since:].count("no slave answers")
+        assert self.daemon.log[since:].count(whole) <= 1 + outages, self.daemon.log[since:]
+
+    def loose_contact(self) -> None:
+        """A cable breaks for a moment, which may be too short to be seen."""
         at = self.dice.randrange(1, 7)
         self.simulator.faults.break_link(at, 0)
-        time.sleep(self.dice.uniform(0.05, 1.5))
+        time.sleep(self.dice.uniform(0.05, 0.5))
         self.simulator.faults.heal_link(at, 0)
 
     def power(self) -> None:
@@ -214,7 +228,15 @@ class Soak:
         self.simulator.faults.mailbox(MAILBOX, kind)
         self.daemon.ctl("sdo-read", str(MAILBOX), "0x1018", "1", check=False)
         self.simulator.faults.mailbox(MAILBOX, "none")
-        self.simulator.faults.emergency(MAILBOX, 0x8000 + self.dice.randrange(256))
+
+    def emergency(self) -> None:
+        """A slave sends an emergency."""
+        code, since = 0x8000 + self.dice.randrange(256), len(self.daemon.log)
+        sent = f"sent an emergency: error code 0x{code:04X}"
+        self.simulator.faults.emergency(MAILBOX, code)
+        self.wait_for(lambda: self.told(MAILBOX, sent, since) > 0)
+        time.sleep(0.5)
+        assert self.told(MAILBOX, sent, since) == 1, self.daemon.log[since:]
 
     def client_dies(self) -> None:
         """A client is killed while it owns outputs."""
@@ -280,9 +302,9 @@ class Soak:
 
     def run(self, seconds: float, *, own_memory: bool) -> None:
         """Disturbs and checks for some seconds."""
-        disturb = [self.frames] * 3 + [self.cable, self.power, self.fails, self.mailbox]
-        disturb += [self.client_dies, self.client_hangs, self.gateway_dies]
-        disturb += [self.gateway_hangs, self.clock]
+        disturb = [self.frames] * 3 + [self.cable, self.loose_contact, self.power, self.fails]
+        disturb += [self.mailbox, self.emergency, self.client_dies, self.client_hangs]
+        disturb += [self.gateway_dies, self.gateway_hangs, self.clock]
         if own_memory:
             disturb += [self.room, self.disk]
         for slave in WRITERS:
