@@ -392,9 +392,9 @@ def master_mailbox():
     drive = master.slaves[0]
     found = []
 
-    def read():
+    def read(subindex=1):
         try:
-            found.append(drive.sdo_read(0x1018, 1, 4).hex())
+            found.append(drive.sdo_read(0x1018, subindex, 4).hex())
         except (pysoem.SdoError, pysoem.MailboxError, pysoem.WkcError, pysoem.PacketError) as error:
             found.append(type(error).__name__)
 
@@ -403,8 +403,14 @@ def master_mailbox():
         for mode in ("stuck", "full", "none"):
             simulator.faults.mailbox(0, mode)
             read()
-        for _ in range(2):
+        # Answers to earlier questions may still come, and SOEM takes them. Before it asks, it
+        # throws away the one that is there. When what comes was asked for, none is left.
+        for _ in range(10):
+            time.sleep(0.1)
+            read(2)
             read()
+            if found[-2:] == ["24090300", "9a000000"]:
+                break
         simulator.faults.mailbox(0, "slow", delay_s=0.2)
         begin = time.monotonic()
         read()
@@ -417,8 +423,8 @@ def test_mailbox():
     right = "9a000000"
     assert found[0] == right
     assert right not in found[1:3]
-    assert found[-2:] == [right, right]
-    assert slow >= 0.1  # an answer of before needs a millisecond
+    assert found[-3:] == ["24090300", right, right], found
+    assert slow >= 0.1  # without the fault a millisecond
 
 
 def master_eeprom():
