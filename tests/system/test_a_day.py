@@ -24,6 +24,7 @@ SPEED = 200_000  # of spin.py
 PROCESSES = ("main", "ecatd.bus", "ecatd.gateway")
 PRUNED = ("/files", "/tmp", "/var/log", "/run/systemd", "/run/udev")
 """Folders in which others may keep names of ecatd: the tests, the journal, systemd, udev."""
+START_LIMIT_S = 15
 LATE = ("disturbance", "al_state", "recovery")
 """Events that a slow processor causes: the emulated one stands still at times."""
 FIGURES: list[tuple[str, str]] = []
@@ -210,6 +211,24 @@ def test_the_journal_has_fields_and_explanations(machine: Machine) -> None:
     assert any("MESSAGE_ID" in entry and "ECAT_EVENT" in entry for entry in entries)
     told = machine.text("journalctl -x -u ecatd --no-pager")
     assert re.search("in OP.*?Subject: ", told, re.DOTALL)
+
+
+@whole_day
+def test_a_start_that_goes_on_gets_its_time(machine: Machine, drive: str) -> None:
+    """It takes longer than systemd would wait, and the bus server says that it works on it."""
+    limits = "/run/systemd/system/ecatd@.service.d/limits.conf"
+    machine.write(limits, f"[Service]\nTimeoutStartSec={START_LIMIT_S}\n")
+    with Simulator(drive) as simulator:
+        names = [slave.name for slave in simulator.status().slaves]
+        # Its PDOs are described by a hundred objects.
+        simulator.faults.mailbox(names.index("EL3008"), "slow", delay_s=0.5)
+        machine("systemctl daemon-reload && systemctl stop ecatd", timeout=200)
+        began = machine("systemctl start ecatd", timeout=400)
+        note(f"start with a limit of {START_LIMIT_S} s", f"{began.seconds:.1f} s")
+        assert began.seconds > START_LIMIT_S
+        simulator.faults.mailbox(names.index("EL3008"), "none")
+    machine(f"rm {limits} && systemctl daemon-reload")
+    wait_until_well(machine)
 
 
 # --- Processes that die or hang while a drive turns ----------------------------------------------
