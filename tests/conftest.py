@@ -292,6 +292,13 @@ def stop_process(pid: int) -> None:
         time.sleep(0.001)
 
 
+def free_port() -> int:
+    """A port of this machine that nobody uses at the moment, and no other test either."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
 def children(pid: int) -> list[int]:
     """The processes that a process has started."""
     found = []

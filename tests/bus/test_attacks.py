@@ -20,10 +20,10 @@ from typing import Any
 import pytest
 import zenoh
 from attacker import FORGED
-from test_remote_users import Site, _free_port, remote_command
+from test_remote_users import Site, remote_command
 from test_router import HUB, PORT, Host, connect, end
 
-from conftest import Daemon
+from conftest import Daemon, free_port
 from ecatd.client.identity import read_identity
 from ecatd.encoding import pack, unpack
 from ecatd.zenoh_keys import bus_key, session_config
@@ -273,7 +273,7 @@ ATTEMPTS: dict[str, tuple[str, Sequence[str], str]] = {
 
 @pytest.fixture(scope="module")
 def port() -> int:
-    return _free_port()
+    return free_port()
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from conftest import CYCLE_TIME_US, Daemon, names, naming, stop_process, wait_for
+from conftest import CYCLE_TIME_US, Daemon, free_port, names, naming, stop_process, wait_for
 from ecatd.client.remote import Remote
 from ecatd.encoding import LENGTH, frame, pack, unpack
 from ecatd.model.datatypes import DataType
@@ -29,14 +29,7 @@ NONSENSE = 200
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
 
-def _free_port() -> int:
-    """A port that no other run of the tests on this machine uses."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-PORT = _free_port()
+PORT = free_port()
 
 
 @pytest.fixture(scope="module")

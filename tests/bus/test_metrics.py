@@ -15,7 +15,7 @@ import pytest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 from test_check_command import WITHOUT_A_SLAVE
 
-from conftest import Daemon, names, stop_process, wait_for
+from conftest import Daemon, free_port, names, stop_process, wait_for
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus
@@ -44,19 +44,12 @@ def parsed(text: str) -> Values:
     }
 
 
-def free_address() -> str:
-    """An address on this machine that no server has."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"127.0.0.1:{probe.getsockname()[1]}"
-
-
 @pytest.fixture
 def served(start_daemon: Callable[..., Daemon], tmp_path: Path) -> tuple[Daemon, str]:
     """A daemon that serves metrics, and the address of the server."""
     rig = tmp_path / "rig.toml"
     rig.write_text("".join(f'[[slave]]\ndevice = "{kind}"\n' for kind in ("EK1100", "EL2008")))
-    address = free_address()
+    address = f"127.0.0.1:{free_port()}"
     return start_daemon(str(rig), config=CONFIG.format(address=address)), f"http://{address}"
 
 

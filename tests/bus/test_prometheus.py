@@ -13,9 +13,9 @@ from urllib.error import URLError
 from urllib.request import urlopen
 
 import pytest
-from test_metrics import CONFIG, free_address
+from test_metrics import CONFIG
 
-from conftest import PATIENCE, Daemon, names
+from conftest import PATIENCE, Daemon, free_port, names
 from ecatsim.control import Simulator
 
 pytestmark = [
@@ -143,7 +143,7 @@ class Prometheus:
 def prometheus(folder: Path, ecatd: str) -> Iterator[Prometheus]:
     config = folder / "prometheus.yml"
     config.write_text(PROMETHEUS.format(rules=RULES, ecatd=ecatd))
-    address = free_address()
+    address = f"127.0.0.1:{free_port()}"
     with (folder / "prometheus.log").open("w") as log:
         process = subprocess.Popen(
             [
@@ -215,7 +215,7 @@ def test_alerts_fire_and_end_with_their_faults(
 ) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text("".join(f'[[slave]]\ndevice = "{kind}"\n' for kind in ("EK1100", "EL2008")))
-    ecatd = free_address()
+    ecatd = f"127.0.0.1:{free_port()}"
     config = CONFIG.format(address=ecatd).replace('slaves = "none"', 'slaves = "all"')
     daemon = start_daemon(str(rig), config=config)
     with prometheus(tmp_path, ecatd) as server:

@@ -4,7 +4,6 @@ import os
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import time
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from following import following
 
 from conftest import (
     Daemon,
+    free_port,
     names,
     naming,
     one_line_error,
@@ -60,12 +60,6 @@ changes_max = 2
 """
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def remote_command(*arguments: str) -> subprocess.CompletedProcess[str]:
     return run_module("ecatd.cli", "remote", *arguments, env={**os.environ})
 
@@ -75,7 +69,7 @@ class Site:
 
     def __init__(self, folder: Path, start: Callable[..., Daemon]) -> None:
         self.folder = folder / "tls"
-        self.port = _free_port()
+        self.port = free_port()
         made = remote_command("init", "--dir", str(self.folder), "--host", "machine.example")
         assert made.returncode == 0, made.stderr
         names(made.stdout, "users_ca", f"{self.folder}/daemon.pem", "machine.example")
@@ -200,7 +194,7 @@ def test_r36_who_is_not_let_in(site: Site, tmp_path: Path) -> None:
 def test_who_may_not_and_who_gets_no_answer_are_told_apart(
     start_daemon: Callable[..., Daemon], site: Site
 ) -> None:
-    port = _free_port()
+    port = free_port()
     daemon = start_daemon("troll", config=CONFIG.format(port=port, folder=site.folder))
     server = daemon.child_pid("ecatd.bus")
     users = {
@@ -294,7 +288,7 @@ def openssl(*arguments: str | Path) -> None:
 def test_a_user_is_taken_out_while_the_bus_runs(
     start_daemon: Callable[..., Daemon], site: Site
 ) -> None:
-    port = _free_port()
+    port = free_port()
     config = CONFIG.format(port=port, folder=site.folder)
     daemon = start_daemon("troll", config=config)
     endpoint = f"tls/127.0.0.1:{port}"
@@ -321,7 +315,7 @@ def test_what_a_user_follows_goes_on_after_a_restart_of_the_daemon(
     start_daemon: Callable[..., Daemon], site: Site
 ) -> None:
     """No event is lost, even if the new daemon has had as many as the old one before."""
-    config = CONFIG.format(port=(port := _free_port()), folder=site.folder)
+    config = CONFIG.format(port=(port := free_port()), folder=site.folder)
     daemon = start_daemon("troll", config=config)
     bus, endpoint = daemon.bus, f"tls/127.0.0.1:{port}"
     where = ("--bus", bus, "--connect", endpoint, "--identity", str(site["anna"]))
@@ -363,7 +357,7 @@ def test_what_a_user_follows_goes_on_after_a_restart_of_the_daemon(
 def test_certificates_that_cannot_be_used_cost_only_the_encrypted_addresses(
     start_daemon: Callable[..., Daemon], site: Site, tmp_path: Path
 ) -> None:
-    config = CONFIG.format(port=_free_port(), folder=site.folder)
+    config = CONFIG.format(port=free_port(), folder=site.folder)
     wrong = tmp_path / "wrong.pem"
     wrong.write_text("nothing")
     for old, new, tokens in (
@@ -382,7 +376,7 @@ def test_certificates_that_cannot_be_used_cost_only_the_encrypted_addresses(
 def test_slaves_of_users_that_do_not_exist_are_named(
     start_daemon: Callable[..., Daemon], site: Site
 ) -> None:
-    port = _free_port()
+    port = free_port()
     config = CONFIG.format(port=port, folder=site.folder).replace('"EK1100"]', '"nix"]')
     daemon = start_daemon("troll", config=config)
     names(daemon.log, "gateway.user.slaves", "'anna'", "'nix'")

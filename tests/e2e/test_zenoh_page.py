@@ -2,7 +2,6 @@
 
 import re
 import shutil
-import socket
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import Daemon, names, run_module
+from conftest import Daemon, free_port, names, run_module
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -29,12 +28,6 @@ name = "anna"
 write = ["sdo"]
 slaves = [0]
 """
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def run(program: str, folder: Path, *arguments: str) -> str:
