@@ -15,8 +15,9 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, Generic, NoReturn, TypeVar
 
 from . import toml_places
 from .errors import ConfigError, UsageError
@@ -335,19 +336,42 @@ Rules = dict[str, Rule]
 """The keys of a table, each with its rule."""
 
 
-def integer(low: int, high: int) -> Callable[[Table, Key], int]:
+@dataclass(frozen=True, slots=True)
+class Limits(Generic[T]):
+    """A rule that says what it accepts, for the reference of all keys.
+
+    Attributes:
+        read: Reads the value of a key.
+        accepted: The smallest and the largest number, or in words what is accepted, in Markdown.
+    """
+
+    read: Callable[[Table, Key], T]
+    accepted: tuple[float, float] | str
+
+    def __call__(self, table: Table, key: Key) -> T:
+        """Reads the value of a key."""
+        return self.read(table, key)
+
+
+def accepts(words: str) -> Callable[[Callable[[Table, Key], T]], Limits[T]]:
+    """Makes a rule of a function, and says in words what it accepts."""
+    return lambda read: Limits(read, words)
+
+
+def integer(low: int, high: int) -> Limits[int]:
     """A rule for whole numbers within bounds."""
-    return lambda table, key: table.integer(key, low, high)
+    return Limits(lambda table, key: table.integer(key, low, high), (low, high))
 
 
-def number(low: float = -math.inf, high: float = math.inf) -> Callable[[Table, Key], float]:
+def number(low: float = -math.inf, high: float = math.inf) -> Limits[float]:
     """A rule for finite numbers within bounds."""
-    return lambda table, key: table.number(key, low=low, high=high)
+    return Limits(lambda table, key: table.number(key, low=low, high=high), (low, high))
 
 
-def printable(most: int) -> Callable[[Table, Key], str]:
+def printable(most: int) -> Limits[str]:
     """A rule for printable texts of at most `most` bytes in UTF-8, the room in shared memory."""
 
+    @accepts(f"at most {most} bytes")
     def rule(table: Table, key: Key) -> str:
         text = table.text(key)
         if not text.isprintable() or len(text.encode("utf-8", "replace")) > most:
@@ -359,9 +383,20 @@ def printable(most: int) -> Callable[[Table, Key], str]:
     return rule
 
 
-def choice(choices: Mapping[str, T]) -> Callable[[Table, Key], T]:
+def choice(choices: Mapping[str, T]) -> Limits[T]:
     """A rule for one of several words, each with its value."""
-    return lambda table, key: table.choice(key, choices)
+    return Limits(lambda table, key: table.choice(key, choices), _in_markdown(choices))
+
+
+def one_of(words: Iterable[str]) -> Limits[str]:
+    """A rule for one of several words, which are their own values."""
+    return choice({word: word for word in words})
+
+
+def any_of(words: Iterable[str]) -> Limits[list[str]]:
+    """A rule for arrays of words."""
+    choices = {word: word for word in words}
+    return Limits(lambda table, key: table.choices(key, choices), _in_markdown(choices))
 
 
 def array(rule: Callable[[Table, Key], T]) -> Callable[[Table, Key], list[T]]:
@@ -388,6 +423,10 @@ def show(value: object) -> str:
 
 def _quoted(words: Iterable[str]) -> str:
     return ", ".join(f'"{word}"' for word in words)
+
+
+def _in_markdown(words: Iterable[str]) -> str:
+    return ", ".join(f'`"{word}"`' for word in words)
 
 
 def _hexadecimal(value: int) -> str:

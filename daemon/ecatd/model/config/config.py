@@ -4,87 +4,133 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from ..log_levels import DEFAULTS
+from ..bus_name import BUS_NAME_RULE, check_bus_name
+from ..log_levels import DEFAULTS, LEVELS, OTHERS, PARTS
 from ..plain import plain
-from .clocks import DcConfig, DcSlaveConfig
-from .copies import ABSENT, CopyConfig
-from .domains import DomainConfig
-from .eoe import EoeConfig
-from .gateway import GatewayConfig
+from ..toml_file import Key, Rules, Table, accepts, integer, number, one_of, show
+from .clocks import DcConfig, DcSlaveConfig, read_clocks
+from .copies import ABSENT, CopyConfig, read_copies
+from .domains import DomainConfig, read_domains
+from .eoe import EoeConfig, read_eoe
+from .gateway import GatewayConfig, read_gateway
+from .interface import read_interface
 from .outputs import OutputsConfig, SafeConfig
-from .placed import Placed
-from .signals import SignalConfig
-from .slave_settings import ExpectedConfig, SlaveConfig
+from .placed import Placed, one
+from .signals import SignalConfig, read_signals
+from .slave_settings import ExpectedConfig, SlaveConfig, read_slaves
 
 _R = TypeVar("_R", DcSlaveConfig, SafeConfig, SignalConfig)
 
-RECOVERY_MODES = ("all", "watchdog", "none")
+_LOG: Rules = dict.fromkeys((OTHERS, *PARTS), one_of(LEVELS))
+
+
+@accepts(BUS_NAME_RULE.removeprefix("must have "))
+def _bus(table: Table, key: Key) -> str:
+    return table.explain(key, lambda: check_bus_name(table.text(key)))
+
+
+def _folder(table: Table, key: Key) -> str:
+    folder = table.text(key)
+    if not folder or not folder.isprintable():
+        table.fail(key, f"{show(folder)} is no folder: write its path in quotes")
+    return folder
+
+
+@accepts("paths of folders")
+def _folders(table: Table, key: Key) -> list[str]:
+    return table.array(key, _folder)
+
+
+@accepts("a whole path")
+def _capture_folder(table: Table, key: Key) -> str:
+    folder = table.text(key)
+    if folder and not (folder.startswith("/") and folder.isprintable()):
+        table.fail(key, f'{show(folder)} is no folder: write its whole path, "/var/lib/ecatd"')
+    return folder
+
+
+@accepts("a whole path")
+def _audit_file(table: Table, key: Key) -> str:
+    path = table.text(key)
+    if path and not (path.startswith("/") and path.isprintable()):
+        table.fail(key, f'{show(path)} is no file: write its whole path, "/var/log/ecatd/audit"')
+    return path
+
+
+def _log(top: Table, key: Key) -> dict[str, str]:
+    return {**DEFAULTS, **top.table(key).read(_LOG)}
 
 
 @dataclass(slots=True)
-class RealTimeConfig:
+class RealTimeConfig(Placed):
     """`[realtime]`: what the engine asks the system for; the daemon reports what is refused.
 
     Attributes:
-        priority: SCHED_FIFO priority of the engine, 1 to 98; 0 for ordinary scheduling.
-        cpu: CPU that the engine is pinned to; the rest of the daemon does not use it. -1 for none.
-        lock_memory: Whether to lock the memory of the bus server.
-        busy_receive: Whether to poll for the frames and never sleep: faster, but a core is busy
-            while frames are on the wire.
-        poll_us: Otherwise the time in microseconds for which the engine polls before it sleeps, if
-            frames usually come back within it.
-        dma_latency_us: Longest time in microseconds that the CPUs may take to wake up from an idle
-            state (set by /dev/cpu_dma_latency); -1 leaves it to the system.
+        priority: SCHED_FIFO priority of the cyclic engine; 0: ordinary scheduling.
+        cpu: CPU for the engine; the other threads and processes of the daemon keep off it. -1: any
+            CPU.
+        lock_memory: Lock the memory of the bus server, so that no page fault costs a cycle.
+        busy_receive: The engine polls for the answer of the slaves and never sleeps. This saves
+            some microseconds in each exchange, but a core is busy while frames are under way.
+        poll_us: Without `busy_receive`: how long the engine polls before it sleeps. It polls only
+            if the answers usually arrive within this time, because on a short segment sleeping and
+            waking up takes longer than the answer.
+        dma_latency_us: Longest time that an idle CPU may take to wake up; the daemon sets it in
+            `/dev/cpu_dma_latency`. -1: do not set it.
     """
 
-    priority: int = 80
-    cpu: int = -1
-    lock_memory: bool = True
-    busy_receive: bool = False
-    poll_us: int = 30
-    dma_latency_us: int = 0
+    priority: Annotated[int, integer(0, 98)] = 80
+    cpu: Annotated[int, integer(-1, 1023)] = -1
+    lock_memory: Annotated[bool, Table.boolean] = True
+    busy_receive: Annotated[bool, Table.boolean] = False
+    poll_us: Annotated[int, integer(0, 1000)] = 30
+    dma_latency_us: Annotated[int, integer(-1, 1_000_000)] = 0
 
 
 @dataclass(slots=True)
-class RecoveryConfig:
-    """`[recovery]`: which slaves the daemon brings back to OP.
+class RecoveryConfig(Placed):
+    """`[recovery]`: which slaves [come back](troubleshooting.md#how-slaves-come-back) to OP.
 
     Attributes:
-        slaves: "all": slaves that lacked frames or SYNC signals, lost power, or restarted;
-            "watchdog": only slaves whose watchdog expired without process data; "none".
-        retry_s: Seconds between tries, after the first three.
+        slaves: Slaves that come back to OP by themselves: `"all"` that lacked frames or SYNC
+            signals, lost power, or restarted; `"watchdog"`: only slaves that left OP because they
+            got no process data for a while; `"none"`.
+        retry_s: Time between tries to bring a slave back, after the first three.
     """
 
-    slaves: str = "all"
-    retry_s: float = 10.0
+    slaves: Annotated[str, one_of(("all", "watchdog", "none"))] = "all"
+    retry_s: Annotated[float, number(0.1, 3600)] = 10.0
 
 
 @dataclass(slots=True)
-class MailboxConfig:
+class MailboxConfig(Placed):
     """`[mailbox]`: how much of the time on the wire mailbox and register traffic may take.
 
     Attributes:
-        share: Share of the time in each cycle that the exchange leaves free, 0.01 to 1.
+        share: Share of the time in each cycle that the exchange leaves free.
     """
 
-    share: float = 0.5
+    share: Annotated[float, number(0.01, 1)] = 0.5
 
 
 @dataclass(slots=True)
 class CaptureConfig(Placed):
-    """`[capture]`: the last frames, for `ecatctl capture` and for files about faults.
+    """`[capture]`: the [last frames](command-line.md#frames), also in files about faults.
 
     Attributes:
-        memory_mb: Memory for them in MiB, half of it for the frames of the cycle; 0: none.
-        folder: Where a file is written after a fault; empty: nowhere.
-        keep: Number of files that are kept in `folder`; the oldest are deleted.
+        memory_mb: Memory of the bus server for them: half for the frames of the cycle, half for all
+            others. 0: keep none.
+        folder: Where the bus server writes the last frames after a fault, such as
+            `"/var/lib/ecatd/ecat0"`, which the service can write. The start makes the folder, and
+            members of the group `ecat` can read it. `""`: nowhere.
+        keep: Number of files that ecatd keeps in `folder`; it deletes the oldest.
     """
 
-    memory_mb: int = 16
-    folder: str = ""
-    keep: int = 10
+    memory_mb: Annotated[int, integer(0, 1024)] = 16
+    folder: Annotated[str, _capture_folder] = ""
+    keep: Annotated[int, integer(1, 1000)] = 10
 
 
 @dataclass(slots=True)
@@ -92,15 +138,21 @@ class Config(Placed):
     """The whole configuration of one bus.
 
     Attributes:
-        bus: Name of the bus: letters, digits, `_` and `-`.
-        interface: Network interface with the slaves.
-        second_interface: Interface at the cable from the last slave, for cable redundancy; empty
-            for none.
-        cycle_time_us: Base cycle in microseconds, 100 to 1000000.
-        state_timeout_s: Time in which the slaves must reach a state, in seconds.
-        audit_file: File to which each change is added that somebody asks for; empty: none.
-        log: Least important kind of message that is logged, by part; see `model.log_levels`.
-        profiles: Folders with device profiles; these win over those of machine and user, and ours.
+        bus: Name of the bus.
+        interface: Network interface with the slaves. `""`: the option `--interface` names it, or
+            the bus is simulated.
+        second_interface: Interface at the other end of the slaves, for cable redundancy; `""`:
+            none. With `--simulate`, the rig decides: `ring = true`.
+        cycle_time_us: Base cycle.
+        state_timeout_s: Time in which the slaves must reach a state.
+        audit_file: File to which ecatd adds a line for each
+            [change](configuration.md#the-audit-file) that somebody requests, such as
+            `"/var/log/ecatd/ecat0.audit"`; `""`: none.
+        log: Least important kind of message that is logged. `ecatd -v` (`"debug"`) and `-q`
+            (`"warning"`) replace all of `[log]`.
+        profiles: Folders with [device profiles](device-profiles.md). They take precedence over the
+            profiles in `/etc/ecatd/profiles`, those of the user, and those that come with ecatd. A
+            relative path starts at the folder of this file.
         expected: What happens if the bus is not the expected one.
         slave: Which slaves are expected, and what they are told when they start or come back.
         domain: Domains, 0 first; if there are none, domain 0 has all slaves.
@@ -116,27 +168,28 @@ class Config(Placed):
         gateway: Access over Zenoh.
     """
 
-    bus: str = "ecat0"
-    interface: str = ""
-    second_interface: str = ""
-    cycle_time_us: int = 1000
-    state_timeout_s: float = 10.0
-    audit_file: str = ""
-    log: dict[str, str] = field(default_factory=lambda: {**DEFAULTS})
-    profiles: list[str] = field(default_factory=list)
-    expected: ExpectedConfig = field(default_factory=ExpectedConfig)
-    slave: list[SlaveConfig] = field(default_factory=list)
-    domain: list[DomainConfig] = field(default_factory=list)
-    dc: DcConfig = field(default_factory=DcConfig)
-    mailbox: MailboxConfig = field(default_factory=MailboxConfig)
-    recovery: RecoveryConfig = field(default_factory=RecoveryConfig)
-    realtime: RealTimeConfig = field(default_factory=RealTimeConfig)
-    outputs: OutputsConfig = field(default_factory=OutputsConfig)
-    signal: list[SignalConfig] = field(default_factory=list)
-    copy: list[CopyConfig] = field(default_factory=list)
-    capture: CaptureConfig = field(default_factory=CaptureConfig)
-    eoe: EoeConfig = field(default_factory=EoeConfig)
-    gateway: GatewayConfig = field(default_factory=GatewayConfig)
+    bus: Annotated[str, _bus] = "ecat0"
+    interface: Annotated[str, read_interface] = ""
+    second_interface: Annotated[str, read_interface] = ""
+    cycle_time_us: Annotated[int, integer(100, 1_000_000)] = 1000
+    state_timeout_s: Annotated[float, number(0.1, 300)] = 10.0
+    audit_file: Annotated[str, _audit_file] = ""
+    log: Annotated[dict[str, str], _log] = field(default_factory=lambda: {**DEFAULTS})
+    profiles: Annotated[list[str], _folders] = field(default_factory=list)
+    expected: Annotated[ExpectedConfig, one(ExpectedConfig)] = field(default_factory=ExpectedConfig)
+    # Before all that name slaves: keys are read in this order.
+    slave: Annotated[list[SlaveConfig], read_slaves] = field(default_factory=list)
+    domain: Annotated[list[DomainConfig], read_domains] = field(default_factory=list)
+    dc: Annotated[DcConfig, read_clocks] = field(default_factory=DcConfig)
+    mailbox: Annotated[MailboxConfig, one(MailboxConfig)] = field(default_factory=MailboxConfig)
+    recovery: Annotated[RecoveryConfig, one(RecoveryConfig)] = field(default_factory=RecoveryConfig)
+    realtime: Annotated[RealTimeConfig, one(RealTimeConfig)] = field(default_factory=RealTimeConfig)
+    outputs: Annotated[OutputsConfig, one(OutputsConfig)] = field(default_factory=OutputsConfig)
+    signal: Annotated[list[SignalConfig], read_signals] = field(default_factory=list)
+    copy: Annotated[list[CopyConfig], read_copies] = field(default_factory=list)
+    capture: Annotated[CaptureConfig, one(CaptureConfig)] = field(default_factory=CaptureConfig)
+    eoe: Annotated[EoeConfig, read_eoe] = field(default_factory=EoeConfig)
+    gateway: Annotated[GatewayConfig, read_gateway] = field(default_factory=GatewayConfig)
 
     def settings_of(self, position: int) -> SlaveConfig:
         """The `[[slave]]` table of a slave; an empty one if it has none."""
@@ -151,9 +204,9 @@ class Config(Placed):
 
     def domain_of(self, position: int) -> int:
         """Number of the domain of a slave."""
-        for number, domain in enumerate(self.domain):
+        for at, domain in enumerate(self.domain):
             if position in domain.slaves:
-                return number
+                return at
         return 0
 
     def domain_cycle_us(self, position: int) -> int:
@@ -219,8 +272,8 @@ class Config(Placed):
             ],
             domain=[
                 replace(domain, slaves=[places[n] for n in domain.slaves if n in places])
-                for number, domain in enumerate(self.domain)
-                if used(domain) or number == 0
+                for at, domain in enumerate(self.domain)
+                if used(domain) or at == 0
             ],
             dc=replace(self.dc, reference=reference, slave=there(self.dc.slave)),
             outputs=replace(self.outputs, safe=there(self.outputs.safe)),

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from ..pdo import parse_address
-from ..toml_file import Key, Rules, Table, number
-from .placed import Placed
+from ..toml_file import Key, Table, number
+from .placed import Placed, read
 from .signals import read_entry, read_scale
 from .slave_reference import slave_reference
 
@@ -15,23 +16,24 @@ ABSENT = -1
 
 @dataclass(slots=True)
 class CopyConfig(Placed):
-    """`[[copy]]`: an output that an input decides.
+    """`[[copy]]`: one table for each output that [an input decides](configuration.md#copies).
 
     Attributes:
-        slave: Position of the slave with the output.
-        entry: Address of the output, such as "0x7000:01".
-        from_slave: Position of the slave with the input; `ABSENT` if it is not on the bus.
-        from_entry: Address of the input.
-        factor: Physical output = physical input * factor + offset. None: 1, if the units are equal.
-        offset: See `factor`.
+        slave: Position of the slave with the output, or its name.
+        entry: The output.
+        from_slave: Position of the slave with the input, or its name.
+        from_entry: The input.
+        factor: Physical output = physical input * factor + offset. Default: 1, if the units are
+            equal.
+        offset: See `factor`; in the unit of the output.
     """
 
-    slave: int
-    entry: str
-    from_slave: int
-    from_entry: str
-    factor: float | None = None
-    offset: float = 0.0
+    slave: Annotated[int, slave_reference]
+    entry: Annotated[str, read_entry]
+    from_slave: Annotated[int, slave_reference]  # `ABSENT` if it is not on the bus
+    from_entry: Annotated[str, read_entry]
+    factor: Annotated[float | None, read_scale] = None
+    offset: Annotated[float, number()] = 0.0
 
     @property
     def address(self) -> tuple[int, int]:
@@ -49,7 +51,7 @@ def read_copies(top: Table, key: Key) -> list[CopyConfig]:
     copies: list[CopyConfig] = []
     seen: set[tuple[int, tuple[int, int]]] = set()
     for row in top.tables(key):
-        copy = CopyConfig(**row.read(_COPY, required=_REQUIRED), table=row)
+        copy = read(CopyConfig, row)
         if (copy.slave, copy.address) in seen:
             row.fail(
                 "entry",
@@ -58,14 +60,3 @@ def read_copies(top: Table, key: Key) -> list[CopyConfig]:
         seen.add((copy.slave, copy.address))
         copies.append(copy)
     return copies
-
-
-_COPY: Rules = {
-    "slave": slave_reference,
-    "entry": read_entry,
-    "from_slave": slave_reference,
-    "from_entry": read_entry,
-    "factor": read_scale,
-    "offset": number(),
-}
-_REQUIRED = ("slave", "entry", "from_slave", "from_entry")

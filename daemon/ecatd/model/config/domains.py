@@ -4,39 +4,41 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from typing import Annotated
 
-from ..toml_file import Key, Rules, Table, integer, printable
-from .placed import Placed
+from ..toml_file import Key, Table, accepts, integer, printable
+from .placed import Placed, rules_of
 from .slave_reference import POSITION_MAX, known_names, slave_reference
 
 DOMAINS_MAX = 16
 
+_POSITIONS = re.compile(r"([0-9]{1,5})(?:\s*-\s*([0-9]{1,5}))?")
+
+
+@accepts(f"0 to {POSITION_MAX}, rows of these, or names")
+def _slaves(row: Table, key: Key) -> Table:
+    return row.elements(key)
+
 
 @dataclass(slots=True)
 class DomainConfig(Placed):
-    """`[[domain]]`: slaves that are exchanged together; the first table is domain 0.
+    """`[[domain]]`: one table for each [domain](configuration.md#domains), domain 0 first.
+
+    There can be `DOMAINS_MAX`. Without such tables, domain 0 has all slaves.
 
     Attributes:
-        name: Name for people, unique, at most 31 bytes; may be empty.
-        divider: The domain is exchanged in every n-th base cycle; this is n, 1 to 65535.
-        phase: Remainder of cycle number / divider in these cycles, 0 to divider - 1.
-        slaves: Positions of its slaves; ranges such as "5-7" are expanded. Slaves that are in no
-            list belong to domain 0.
+        name: Name for people, or empty; two domains cannot have the same name.
+        divider: The domain is exchanged once in this number of base cycles.
+        phase: Selects the base cycles: the domain is exchanged when the cycle number modulo
+            `divider` equals the phase. Less than `divider`.
+        slaves: Its slaves by position or name, such as `[0, 3, "5-7", "infeed"]`. Slaves that are
+            in no list belong to domain 0.
     """
 
-    name: str = ""
-    divider: int = 1
-    phase: int = 0
-    slaves: list[int] = field(default_factory=list)
-
-
-_POSITIONS = re.compile(r"([0-9]{1,5})(?:\s*-\s*([0-9]{1,5}))?")
-_DOMAIN: Rules = {
-    "name": printable(31),
-    "divider": integer(1, 65535),
-    "phase": integer(0, 65534),
-    "slaves": Table.elements,
-}
+    name: Annotated[str, printable(31)] = ""
+    divider: Annotated[int, integer(1, 65535)] = 1
+    phase: Annotated[int, integer(0, 65534)] = 0
+    slaves: Annotated[list[int], _slaves] = field(default_factory=list)
 
 
 def read_domains(top: Table, key: Key) -> list[DomainConfig]:
@@ -46,7 +48,7 @@ def read_domains(top: Table, key: Key) -> list[DomainConfig]:
         rows[DOMAINS_MAX].fail(None, f"is one too many: there can be {DOMAINS_MAX} domains")
     domains: list[DomainConfig] = []
     for row in rows:
-        values = row.read(_DOMAIN, required=["slaves"])
+        values = row.read(rules_of(DomainConfig), required=["slaves"])
         values["slaves"] = _positions(values["slaves"], domains)
         domain = DomainConfig(**values, table=row)
         if domain.name and domain.name in (other.name for other in domains):

@@ -6,43 +6,60 @@ import hashlib
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Annotated
 
-from ..eoe import IpParameters, parse_address, parse_interface, parse_mac, parse_name
-from ..toml_file import Key, Rules, Table
+from ..eoe import NAME_MAX, IpParameters, parse_address, parse_interface, parse_mac, parse_name
+from ..toml_file import Key, Limits, Table, accepts
 from .interface import read_interface
-from .placed import Placed
+from .placed import Placed, read
+
+
+def _text(parse: Callable[[str], object], words: str) -> Limits[str]:
+    """A rule for a text that `parse` accepts, or an empty one."""
+
+    @accepts(words)
+    def rule(table: Table, key: Key) -> str:
+        text = table.text(key)
+        if text:
+            table.explain(key, lambda: parse(text))
+        return text
+
+    return rule
 
 
 @dataclass(slots=True)
 class EoeConfig(Placed):
-    """`[eoe]`: the network interface of this computer to the slaves with EoE.
+    """`[eoe]`: the network interface to the slaves with [Ethernet over EtherCAT](ethernet.md).
 
     Attributes:
-        interface: Name of the interface (TAP), which ecatd makes; empty for none.
-        address: Its IP address with the size of the network; empty: others set it.
+        interface: Name of the interface (TAP), which ecatd makes; `""`: none.
+        address: IP address of this interface with the size of the network; `""`: another program
+            sets it.
     """
 
-    interface: str = ""
-    address: str = ""
+    interface: Annotated[str, read_interface] = ""
+    address: Annotated[str, _text(parse_interface, 'such as `"192.168.7.1/24"`')] = ""
 
 
 @dataclass(slots=True)
 class SlaveEoeConfig(Placed):
-    """`[slave.eoe]`: the IP parameters that a slave gets when it starts or comes back.
+    """`[slave.eoe]`: the [IP parameters](ethernet.md#ip-parameters) of a slave.
+
+    The slave gets them when it starts or comes back. Without this table it keeps those that it has.
 
     Attributes:
-        mac: Its MAC address; empty: ecatd chooses one.
-        address: Its IP address with the size of the network; empty for none.
-        gateway: Its default gateway; empty for none.
-        dns: Its DNS server; empty for none.
-        name: Its DNS name; empty for none.
+        mac: MAC address; `""`: ecatd chooses one.
+        address: IP address with the size of the network; `""`: none.
+        gateway: Default gateway; `""`: none.
+        dns: DNS server; `""`: none.
+        name: DNS name; `""`: none.
     """
 
-    mac: str = ""
-    address: str = ""
-    gateway: str = ""
-    dns: str = ""
-    name: str = ""
+    mac: Annotated[str, _text(parse_mac, 'such as `"02:00:00:00:00:01"`')] = ""
+    address: Annotated[str, _text(parse_interface, 'such as `"192.168.7.2/24"`')] = ""
+    gateway: Annotated[str, _text(parse_address, "an IP address")] = ""
+    dns: Annotated[str, _text(parse_address, "an IP address")] = ""
+    name: Annotated[str, _text(parse_name, f"at most {NAME_MAX} letters, digits, `-`, `.`")] = ""
 
     def with_mac(self, bus: str, position: int) -> SlaveEoeConfig:
         """The same with a MAC address, if it has none.
@@ -73,7 +90,7 @@ class SlaveEoeConfig(Placed):
 def read_eoe(top: Table, key: Key) -> EoeConfig:
     """Reads `[eoe]`."""
     table = top.table(key)
-    config = EoeConfig(**table.read(_EOE), table=table)
+    config = read(EoeConfig, table)
     if config.address and not config.interface:
         table.fail("interface", "is missing: write the name of the interface that has the address")
     return config
@@ -82,30 +99,8 @@ def read_eoe(top: Table, key: Key) -> EoeConfig:
 def read_slave_eoe(row: Table, key: Key) -> SlaveEoeConfig:
     """Reads `[slave.eoe]`."""
     table = row.table(key)
-    config = SlaveEoeConfig(**table.read(_SLAVE_EOE), table=table)
+    config = read(SlaveEoeConfig, table)
     for part in ("gateway", "dns", "name"):
         if getattr(config, part) and not config.address:
             table.fail(part, "needs an address: write address as well, as 192.168.7.2/24")
     return config
-
-
-def _text(parse: Callable[[str], object]) -> Callable[[Table, Key], str]:
-    """A rule for a text that `parse` accepts, or an empty one."""
-
-    def rule(table: Table, key: Key) -> str:
-        text = table.text(key)
-        if text:
-            table.explain(key, lambda: parse(text))
-        return text
-
-    return rule
-
-
-_EOE: Rules = {"interface": read_interface, "address": _text(parse_interface)}
-_SLAVE_EOE: Rules = {
-    "mac": _text(parse_mac),
-    "address": _text(parse_interface),
-    "gateway": _text(parse_address),
-    "dns": _text(parse_address),
-    "name": _text(parse_name),
-}

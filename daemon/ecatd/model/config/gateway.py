@@ -5,11 +5,14 @@ from __future__ import annotations
 import ipaddress
 import re
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from ..bus_name import HOST_NAME, HOST_NAME_RULE
 from ..errors import LOOPBACK
 from ..queries import RIGHT_NAMES
-from ..toml_file import Key, Rules, Table, number, show
+from ..toml_file import Key, Table, accepts, any_of, number, show
+from .placed import Placed, one, read
+from .slave_reference import POSITION_MAX
 
 PLAIN, ENCRYPTED = ("tcp", "ws", "udp"), ("tls", "quic")
 PROTOCOLS = (*PLAIN, *ENCRYPTED)
@@ -18,62 +21,180 @@ PROTOCOLS = (*PLAIN, *ENCRYPTED)
 _LOCAL = "unixsock-stream/"
 _SOCKET_PATH_MAX = 107  # of a Unix socket in Linux
 
+USER_NAME = re.compile("[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}")
+USER_NAME_RULE = "letters, digits, and behind the first one also _ . @ -, at most 64 in all"
+
+
+@accepts(HOST_NAME_RULE.removeprefix("must "))
+def _host(table: Table, key: Key) -> str:
+    text = table.text(key)
+    if text and not HOST_NAME.fullmatch(text):
+        table.fail(key, f"{show(text)} is no name of a machine: it {HOST_NAME_RULE}")
+    return text
+
+
+@accepts(
+    f"`PROTOCOL/HOST:PORT` with one of {', '.join(f'`{name}`' for name in PROTOCOLS)}, and a port "
+    f"from 1 to 65535; `{_LOCAL}/PATH`"
+)
+def _endpoints(table: Table, key: Key) -> list[str]:
+    elements = table.elements(key)
+    for at, endpoint in elements.data.items():
+        _check_endpoint(elements, at)
+        if endpoint in list(elements.data.values())[:at]:
+            elements.fail(at, f"{show(endpoint)} is there twice: remove one")
+    return list(elements.data.values())
+
+
+def _check_endpoint(table: Table, key: Key) -> None:
+    endpoint = table.text(key)
+    if endpoint.startswith(f"{_LOCAL}/"):
+        return
+    protocol, _, rest = endpoint.partition("/")
+    host, _, port = re.split("[?#]", rest, maxsplit=1)[0].rpartition(":")
+    if protocol not in PROTOCOLS or not host:
+        table.fail(
+            key,
+            f"{show(endpoint)} is no Zenoh endpoint: write PROTOCOL/HOST:PORT, such as "
+            f'"{LOOPBACK}", with one of the protocols {", ".join(PROTOCOLS)}; or '
+            f'"{_LOCAL}/PATH"',
+        )
+    if not _is_port(port):
+        table.fail(key, f"{show(endpoint)}: {show(port)} is no port: write one from 1 to 65535")
+
+
+def _is_port(text: str) -> bool:
+    return bool(re.fullmatch("[0-9]{1,5}", text)) and 0 < int(text) < 1 << 16
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+@accepts("`HOST:PORT` with a loopback address, or `unix:PATH`")
+def _metrics_address(table: Table, key: Key) -> str:
+    text = table.text(key)
+    if not text or (text.startswith("unix:/") and len(text) <= len("unix:") + _SOCKET_PATH_MAX):
+        return text
+    host, _, port = text.rpartition(":")
+    if not _is_port(port):
+        table.fail(
+            key,
+            f'{show(text)} is no address: write "127.0.0.1:9754", or '
+            f'"unix:/run/ecatd/ecat0/gateway/metrics"',
+        )
+    if not _is_loopback(host.strip("[]")):
+        table.fail(
+            key,
+            f"{show(text)} can be reached from other machines, and everybody may read metrics: use "
+            f"127.0.0.1, and a proxy that knows users where others are to read them",
+        )
+    return text
+
+
+@accepts("a whole path")
+def _path(table: Table, key: Key) -> str:
+    text = table.text(key)
+    if text and not text.startswith("/"):
+        table.fail(key, f"{show(text)} is no whole path: it must begin with /")
+    return text
+
+
+@accepts(USER_NAME_RULE)
+def _user_name(table: Table, key: Key) -> str:
+    text = table.text(key)
+    if not USER_NAME.fullmatch(text):
+        table.fail(key, f"{show(text)} is no name of a user: {USER_NAME_RULE}")
+    return text
+
+
+def _slave(table: Table, key: Key) -> int | str:
+    if isinstance(table.data.get(key), str):
+        return table.text(key)
+    return table.integer(key, 0, POSITION_MAX)
+
+
+@accepts(f"0 to {POSITION_MAX}, or names")
+def _slaves(table: Table, key: Key) -> list[int | str]:
+    return table.array(key, _slave)
+
+
+def _users(table: Table, key: Key) -> list[UserConfig]:
+    return table.array(key, one(UserConfig), "tables")
+
 
 @dataclass(slots=True)
-class UserConfig:
-    """`[[gateway.user]]`: somebody who may use the bus from other machines, with a certificate.
+class UserConfig(Placed):
+    """`[[gateway.user]]`: one table for each user of other machines, who has a certificate.
+
+    `ecatctl remote user` makes [certificates](zenoh.md#users-of-other-machines).
 
     Attributes:
         name: Common name of the certificate.
-        write: The rights of the user, of `RIGHT_NAMES`; none: only reading.
-        slaves: The slaves that they may be about, by position or name; none: all. With
-            some, the user may not change all slaves at once. What is about no slave, such as levels
-            of the log or frames, needs only its kind in `write`.
-        changes_max: Changes a second that the user may ask for in the long run.
+        write: Kinds of changes that the user may request; none: only reading. Reading files needs
+            `foe`, and reading frames (`ecatctl capture`) needs `frames`.
+        slaves: The slaves that the user may change, by position or name; none: all. With some,
+            requests that are about all slaves at once are refused. Requests that are about no
+            slave, such as levels of the log and frames, need only `write`.
+        changes_max: Number of changes that the user may request in a second. The changes of one
+            second may come at once. Further ones wait; if more than those of two seconds are
+            waiting, the answer is `busy`.
     """
 
-    name: str
-    write: list[str] = field(default_factory=list)
-    slaves: list[int | str] = field(default_factory=list)
-    changes_max: float = 100.0
+    name: Annotated[str, _user_name]
+    write: Annotated[list[str], any_of(RIGHT_NAMES)] = field(default_factory=list)
+    slaves: Annotated[list[int | str], _slaves] = field(default_factory=list)
+    changes_max: Annotated[float, number(0.1, 10_000)] = 100.0
 
 
 @dataclass(slots=True)
-class GatewayConfig:
-    """`[gateway]`: access to the bus over Zenoh.
+class GatewayConfig(Placed):
+    """`[gateway]`: access to the bus over [Zenoh](zenoh.md), and metrics.
 
     Attributes:
-        host: Name of this machine in the keys of the bus; empty for keys without a machine.
+        host: Name of this machine in the keys of the bus, where
+            [several machines meet at a router](zenoh.md#several-machines-at-a-router). `""`: the
+            keys have no machine.
         listen: Zenoh endpoints for others, in addition to the Unix socket for users of this
-            machine.
-        connect: Zenoh endpoints of routers, which this gateway connects to.
-        certificate: File with the certificate of the daemon, in PEM; empty for none.
-        key: File with its private key.
+            machine. Other machines need `tls` or `quic`, unless `anonymous_reading` is true. If an
+            address does not exist yet, because the network comes up later, ecatd tries again until
+            it does.
+        connect: Zenoh routers that the gateway connects to, again and again until it succeeds.
+            Needs `host`, and a `certificate` that the authority of the router has signed.
+        certificate: File with the certificate of the daemon, in PEM, for `tls` and `quic`;
+            [`ecatctl remote init`](zenoh.md#users-of-other-machines) makes it. The gateway must be
+            able to read it. `""`: none.
+        key: File with the private key of `certificate`, in PEM. The gateway must be able to read
+            it.
         users_ca: File with the certificates of those who may sign certificates of users and
             routers.
         user: The users.
-        anonymous_reading: Whether other machines may read without a certificate.
-        publish_hz: Rate in Hz at which values of signals are published, 0 for never.
-        metrics: Where metrics are served over HTTP: `HOST:PORT` of a loopback address, or
-            `unix:PATH`; empty: nowhere.
+        anonymous_reading: Everybody who can reach an address of `listen` may read the bus without a
+            certificate.
+        publish_hz: Rate at which values are published over Zenoh; 0: never.
+        metrics: Where [metrics](command-line.md#metrics) are served over HTTP, such as
+            `"127.0.0.1:9754"` or `"unix:/run/ecatd/ecat0/gateway/metrics"`; `""`: nowhere.
     """
 
-    host: str = ""
-    listen: list[str] = field(default_factory=lambda: [LOOPBACK])
-    connect: list[str] = field(default_factory=list)
-    certificate: str = ""
-    key: str = ""
-    users_ca: str = ""
-    user: list[UserConfig] = field(default_factory=list)
-    anonymous_reading: bool = False
-    publish_hz: float = 10.0
-    metrics: str = ""
+    host: Annotated[str, _host] = ""
+    listen: Annotated[list[str], _endpoints] = field(default_factory=lambda: [LOOPBACK])
+    connect: Annotated[list[str], _endpoints] = field(default_factory=list)
+    certificate: Annotated[str, _path] = ""
+    key: Annotated[str, _path] = ""
+    users_ca: Annotated[str, _path] = ""
+    user: Annotated[list[UserConfig], _users] = field(default_factory=list)
+    anonymous_reading: Annotated[bool, Table.boolean] = False
+    publish_hz: Annotated[float, number(0, 1000)] = 10.0
+    metrics: Annotated[str, _metrics_address] = ""
 
 
 def read_gateway(top: Table, key: Key) -> GatewayConfig:
     """Reads `[gateway]`."""
     table = top.table(key)
-    config = GatewayConfig(**table.read(_GATEWAY))
+    config = read(GatewayConfig, table)
     _check_certificates(table, config)
     _check_readers(table, config)
     _check_routers(table, config)
@@ -166,118 +287,3 @@ def _check_routers(table: Table, config: GatewayConfig) -> None:
 def is_encrypted(endpoint: str) -> bool:
     """Whether an endpoint is encrypted, and knows users."""
     return endpoint.partition("/")[0] in ENCRYPTED
-
-
-def _host(table: Table, key: Key) -> str:
-    text = table.text(key)
-    if text and not HOST_NAME.fullmatch(text):
-        table.fail(key, f"{show(text)} is no name of a machine: it {HOST_NAME_RULE}")
-    return text
-
-
-def _endpoints(table: Table, key: Key) -> list[str]:
-    elements = table.elements(key)
-    for at, endpoint in elements.data.items():
-        _check_endpoint(elements, at)
-        if endpoint in list(elements.data.values())[:at]:
-            elements.fail(at, f"{show(endpoint)} is there twice: remove one")
-    return list(elements.data.values())
-
-
-def _check_endpoint(table: Table, key: Key) -> None:
-    endpoint = table.text(key)
-    if endpoint.startswith(f"{_LOCAL}/"):
-        return
-    protocol, _, rest = endpoint.partition("/")
-    host, _, port = re.split("[?#]", rest, maxsplit=1)[0].rpartition(":")
-    if protocol not in PROTOCOLS or not host:
-        table.fail(
-            key,
-            f"{show(endpoint)} is no Zenoh endpoint: write PROTOCOL/HOST:PORT, such as "
-            f'"{LOOPBACK}", with one of the protocols {", ".join(PROTOCOLS)}; or '
-            f'"{_LOCAL}/PATH"',
-        )
-    if not _is_port(port):
-        table.fail(key, f"{show(endpoint)}: {show(port)} is no port: write one from 1 to 65535")
-
-
-def _is_port(text: str) -> bool:
-    return bool(re.fullmatch("[0-9]{1,5}", text)) and 0 < int(text) < 1 << 16
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-def _metrics_address(table: Table, key: Key) -> str:
-    text = table.text(key)
-    if not text or (text.startswith("unix:/") and len(text) <= len("unix:") + _SOCKET_PATH_MAX):
-        return text
-    host, _, port = text.rpartition(":")
-    if not _is_port(port):
-        table.fail(
-            key,
-            f'{show(text)} is no address: write "127.0.0.1:9754", or '
-            f'"unix:/run/ecatd/ecat0/gateway/metrics"',
-        )
-    if not _is_loopback(host.strip("[]")):
-        table.fail(
-            key,
-            f"{show(text)} can be reached from other machines, and everybody may read metrics: use "
-            f"127.0.0.1, and a proxy that knows users where others are to read them",
-        )
-    return text
-
-
-def _path(table: Table, key: Key) -> str:
-    text = table.text(key)
-    if text and not text.startswith("/"):
-        table.fail(key, f"{show(text)} is no whole path: it must begin with /")
-    return text
-
-
-def _user(table: Table, key: Key) -> UserConfig:
-    return UserConfig(**table.table(key).read(_USER, required=("name",)))
-
-
-def _user_name(table: Table, key: Key) -> str:
-    text = table.text(key)
-    if not USER_NAME.fullmatch(text):
-        table.fail(key, f"{show(text)} is no name of a user: {USER_NAME_RULE}")
-    return text
-
-
-def _changes(table: Table, key: Key) -> list[str]:
-    return table.choices(key, {name: name for name in RIGHT_NAMES})
-
-
-def _slave(table: Table, key: Key) -> int | str:
-    if isinstance(table.data.get(key), str):
-        return table.text(key)
-    return table.integer(key, 0, _POSITION_MAX)
-
-
-USER_NAME = re.compile("[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}")
-USER_NAME_RULE = "letters, digits, and behind the first one also _ . @ -, at most 64 in all"
-_POSITION_MAX = 0xFFFF
-_USER: Rules = {
-    "name": _user_name,
-    "write": _changes,
-    "slaves": lambda table, key: table.array(key, _slave),
-    "changes_max": number(0.1, 10_000),
-}
-_GATEWAY: Rules = {
-    "host": _host,
-    "listen": _endpoints,
-    "connect": _endpoints,
-    "certificate": _path,
-    "key": _path,
-    "users_ca": _path,
-    "user": lambda table, key: table.array(key, _user, "tables"),
-    "anonymous_reading": Table.boolean,
-    "publish_hz": number(0, 1000),
-    "metrics": _metrics_address,
-}

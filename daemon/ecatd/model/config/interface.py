@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 
-from ..toml_file import Key, Table, show
+from ..toml_file import Key, Table, accepts, show
 
 _BYTES = 15  # IFNAMSIZ of Linux without the zero at its end
 _NAME = re.compile(r"(?!(all|default|\.\.?)$)[^\s/:%]*")
 
 
+@accepts(f"at most {_BYTES} characters")
 def read_interface(table: Table, key: Key) -> str:
     """Reads the name of a network interface; empty for none."""
     name = table.text(key)

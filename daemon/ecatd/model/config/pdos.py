@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Annotated
 
 from ..pdo import parse_address
-from ..toml_file import Key, Rules, Table, integer
-from .placed import Placed
+from ..toml_file import Key, Table, accepts, integer
+from .placed import Placed, read
 from .signals import read_entry
 
 OUTPUT_PDOS, INPUT_PDOS = range(0x1600, 0x1800), range(0x1A00, 0x1C00)
@@ -17,39 +18,10 @@ PDOS_MAX, ENTRIES_MAX = 64, 254
 """Most PDOs of a slave, and most entries of a PDO."""
 
 _INDEX = re.compile(r"0x[0-9A-Fa-f]{1,4}")
+_INDICES = ", ".join(f"0x{part[0]:04X} to 0x{part[-1]:04X}" for part in (OUTPUT_PDOS, INPUT_PDOS))
 
 
-@dataclass(slots=True)
-class PdoEntryConfig:
-    """One entry of a `[[slave.pdo]]`.
-
-    Attributes:
-        bits: Its length.
-        object: Address such as "0x6040:00"; None for a gap.
-    """
-
-    bits: int
-    object: str | None = None
-
-    @property
-    def address(self) -> tuple[int, int]:
-        """Index and subindex of the object; both 0 for a gap."""
-        return parse_address(self.object or "") or (0, 0)
-
-
-@dataclass(slots=True)
-class PdoConfig(Placed):
-    """`[[slave.pdo]]`: the entries that a slave shall map into one of its PDOs.
-
-    Attributes:
-        index: Index of the PDO, 0x1600 to 0x17FF for outputs, 0x1A00 to 0x1BFF for inputs.
-        entries: Its entries in order.
-    """
-
-    index: int
-    entries: list[PdoEntryConfig] = field(default_factory=list)
-
-
+@accepts(_INDICES)
 def read_pdo_index(table: Table, key: Key) -> int:
     """Reads the index of a PDO, written as 0x1600 or "0x1600"."""
     if key not in table:
@@ -66,6 +38,60 @@ def read_pdo_index(table: Table, key: Key) -> int:
     return value
 
 
+@accepts(f"at most {PDOS_MAX} of {_INDICES}")
+def read_assigned(row: Table, key: Key) -> list[int]:
+    """Reads the indices of the PDOs that are assigned to a slave."""
+    indices = row.array(key, read_pdo_index)
+    if len(indices) > PDOS_MAX:
+        row.fail(key, f"has {len(indices)} PDOs, but at most {PDOS_MAX} can be assigned")
+    return indices
+
+
+def _entries(table: Table, key: Key) -> list[PdoEntryConfig]:
+    if key not in table:
+        table.fail(key, "is missing: write the entries of the PDO, or entries = [] for none")
+    rows = table.tables(key)
+    if len(rows) > ENTRIES_MAX:
+        table.fail(key, f"has {len(rows)} entries, but a PDO has at most {ENTRIES_MAX}")
+    return [read(PdoEntryConfig, row) for row in rows]
+
+
+@dataclass(slots=True)
+class PdoEntryConfig(Placed):
+    """`[[slave.pdo.entries]]`: the entries of the PDO in their order, at most `ENTRIES_MAX`.
+
+    They are most easily written in the table of the PDO:
+    `entries = [{ object = "0x6040:00", bits = 16 }, { bits = 8 }]`.
+
+    Attributes:
+        bits: Length of the entry: the mapping in the slave has 8 bits for it. Write several gaps
+            for a longer one.
+        object: Its object. Default: none, which makes it a gap.
+    """
+
+    bits: Annotated[int, integer(1, 0xFF)]
+    object: Annotated[str | None, read_entry] = None
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """Index and subindex of the object; both 0 for a gap."""
+        return parse_address(self.object or "") or (0, 0)
+
+
+@dataclass(slots=True)
+class PdoConfig(Placed):
+    """`[[slave.pdo]]`: one table for each PDO into which the slave shall map other entries.
+
+    Attributes:
+        index: Index of the PDO, such as `"0x1600"`; up to 0x17FF for outputs, from 0x1A00 for
+            inputs.
+        entries: Its entries in order.
+    """
+
+    index: Annotated[int, read_pdo_index]
+    entries: Annotated[list[PdoEntryConfig], _entries]
+
+
 def check_pdos(row: Table, assigned: list[int] | None, mapped: list[PdoConfig]) -> None:
     """Refuses PDOs that are named twice, and entries for a PDO that is not assigned.
 
@@ -75,8 +101,6 @@ def check_pdos(row: Table, assigned: list[int] | None, mapped: list[PdoConfig]) 
         mapped: PDOs with other entries than those of the slave.
     """
     indices = assigned or []
-    if len(indices) > PDOS_MAX:
-        row.fail("pdos", f"has {len(indices)} PDOs, but at most {PDOS_MAX} can be assigned")
     for at, index in enumerate(indices):
         if index in indices[:at]:
             row.elements("pdos").fail(at, f"PDO 0x{index:04X} is named twice: remove one")
@@ -89,24 +113,3 @@ def check_pdos(row: Table, assigned: list[int] | None, mapped: list[PdoConfig]) 
             table.fail(
                 "index", f"PDO 0x{pdo.index:04X} is not assigned: add it to pdos of the slave"
             )
-
-
-def _entries(table: Table, key: Key) -> list[PdoEntryConfig]:
-    if key not in table:
-        table.fail(key, "is missing: write the entries of the PDO, or entries = [] for none")
-    rows = table.tables(key)
-    if len(rows) > ENTRIES_MAX:
-        table.fail(key, f"has {len(rows)} entries, but a PDO has at most {ENTRIES_MAX}")
-    return [PdoEntryConfig(**row.read(_ENTRY, required=["bits"])) for row in rows]
-
-
-_ENTRY: Rules = {"object": read_entry, "bits": integer(1, 0xFF)}
-_PDO: Rules = {"index": read_pdo_index, "entries": _entries}
-
-
-def read_pdos(row: Table, key: Key) -> list[PdoConfig]:
-    """Reads the `[[slave.pdo]]` tables of a slave."""
-    return [
-        PdoConfig(**table.read(_PDO, required=["index", "entries"]), table=table)
-        for table in row.tables(key)
-    ]

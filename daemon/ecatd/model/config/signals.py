@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 from ..pdo import Entry, Value, parse_address
-from ..toml_file import Key, Rules, Table, number, printable, show
-from .placed import Placed
+from ..toml_file import Key, Rules, Table, accepts, number, printable, show
+from .placed import Placed, read, rules_of
 from .slave_reference import slave_reference
 
 NAME_BYTES, UNIT_BYTES = 63, 15
@@ -16,36 +17,79 @@ NAME_BYTES, UNIT_BYTES = 63, 15
 
 _NUMBER = re.compile(r"-?[0-9]{1,10}|0x[0-9A-Fa-f]{1,8}")
 
+ADDRESS = 'such as `"0x60FF:00"`'
+_VALUES = 'such as `{ 0 = "off", 0x10 = "on" }`'
+
+
+@accepts(ADDRESS)
+def read_entry(table: Table, key: Key) -> str:
+    """Checks the address of an entry; returns it as it is written."""
+    table.address(key)
+    return table.text(key)
+
+
+@accepts("finite, not 0")
+def read_scale(table: Table, key: Key) -> float:
+    """Reads a scale; refuses 0."""
+    scale = table.number(key)
+    if scale == 0:
+        table.fail(key, "is 0, but must tell physical values apart: write another number")
+    return scale
+
+
+@accepts(_VALUES)
+def read_values(table: Table, key: Key) -> list[Value]:
+    """Reads named values from a table such as `{ 0 = "off", 0x10 = "on" }`; in ascending order."""
+    names = table.table(key)
+    values: dict[int, Value] = {}
+    for text in names.data:
+        if not _NUMBER.fullmatch(text):
+            names.fail(text, "is no whole number: write one, such as 5 or 0x10")
+        name = names.text(text)
+        if not name or not name.isprintable():
+            names.fail(text, f"{show(name)} is no name: it must be printable")
+        value = Value(int(text, 16 if text.startswith("0x") else 10), name)
+        if value.number in values:
+            names.fail(text, "is named twice: remove one")
+        values[value.number] = value
+    return [values[number] for number in sorted(values)]
+
+
+@accepts(_VALUES)
+def _names(table: Table, key: Key) -> dict[str, str]:
+    return {str(value.number): value.name for value in read_values(table, key)}
+
 
 @dataclass(slots=True)
 class SignalConfig(Placed):
-    """`[[signal]]`: what an entry of the process data means.
+    """`[[signal]]`: one table for each entry that you give a [meaning](configuration.md#signals).
 
     Keys that are not given come from a device profile, else from the slave. Unit, scale and offset
     belong together: if one of them is given, those of a profile are ignored, with its limits.
 
     Attributes:
-        slave: Position.
-        entry: Address such as "0x60FF:00".
-        name: Name for people and for lookups; empty: that of the profile or of the slave.
-        unit: Unit of the physical value.
-        scale: Physical value = raw value * scale + offset.
-        offset: See `scale`.
-        minimum: Smallest physical value that a client may write to an output; None: that of the
-            profile or of the type.
-        maximum: Largest one.
-        values: Names of values by decimal number; empty: those of the profile.
+        slave: Position of the slave, or its name.
+        entry: The entry.
+        name: Name for people and for `ecat_lookup()`; `""`: that of the profile, else of the slave.
+        unit: Unit of the physical value. Default: from the profile, else none.
+        scale: Physical value = raw value * scale + offset. Default: from the profile, else 1.
+        offset: See `scale`. Default: from the profile, else 0.
+        minimum: Smallest physical value that an output may get. Default: from the profile, else the
+            limit of the type.
+        maximum: Largest physical value that an output may get. Default: from the profile, else the
+            limit of the type.
+        values: What the numbers stand for. Default: from the profile, else nothing.
     """
 
-    slave: int
-    entry: str
-    name: str = ""
-    unit: str | None = None
-    scale: float | None = None
-    offset: float | None = None
-    minimum: float | None = None
-    maximum: float | None = None
-    values: dict[str, str] = field(default_factory=dict)
+    slave: Annotated[int, slave_reference]
+    entry: Annotated[str, read_entry]
+    name: Annotated[str, printable(NAME_BYTES)] = ""
+    unit: Annotated[str | None, printable(UNIT_BYTES)] = None
+    scale: Annotated[float | None, read_scale] = None
+    offset: Annotated[float | None, number()] = None
+    minimum: Annotated[float | None, number()] = None
+    maximum: Annotated[float | None, number()] = None
+    values: Annotated[dict[str, str], _names] = field(default_factory=dict)
 
     @property
     def address(self) -> tuple[int, int]:
@@ -78,46 +122,13 @@ def read_signals(top: Table, key: Key) -> list[SignalConfig]:
     signals: list[SignalConfig] = []
     seen: set[tuple[int, tuple[int, int]]] = set()
     for row in top.tables(key):
-        values = row.read(_SIGNAL, required=["slave", "entry"])
-        named = {str(value.number): value.name for value in values.pop("values", ())}
-        signal = SignalConfig(**values, values=named, table=row)
+        signal = read(SignalConfig, row)
         check_limits(row)
         if (signal.slave, signal.address) in seen:
             row.fail("entry", f"{signal.entry} of slave {signal.slave} has two tables: remove one")
         seen.add((signal.slave, signal.address))
         signals.append(signal)
     return signals
-
-
-def read_entry(table: Table, key: Key) -> str:
-    """Checks the address of an entry; returns it as it is written."""
-    table.address(key)
-    return table.text(key)
-
-
-def read_scale(table: Table, key: Key) -> float:
-    """Reads a scale; refuses 0."""
-    scale = table.number(key)
-    if scale == 0:
-        table.fail(key, "is 0, but must tell physical values apart: write another number")
-    return scale
-
-
-def read_values(table: Table, key: Key) -> list[Value]:
-    """Reads named values from a table such as `{ 0 = "off", 0x10 = "on" }`; in ascending order."""
-    names = table.table(key)
-    values: dict[int, Value] = {}
-    for text in names.data:
-        if not _NUMBER.fullmatch(text):
-            names.fail(text, "is no whole number: write one, such as 5 or 0x10")
-        name = names.text(text)
-        if not name or not name.isprintable():
-            names.fail(text, f"{show(name)} is no name: it must be printable")
-        value = Value(int(text, 16 if text.startswith("0x") else 10), name)
-        if value.number in values:
-            names.fail(text, "is named twice: remove one")
-        values[value.number] = value
-    return [values[number] for number in sorted(values)]
 
 
 def check_limits(table: Table) -> None:
@@ -128,14 +139,6 @@ def check_limits(table: Table) -> None:
 
 
 MEANING: Rules = {
-    "name": printable(NAME_BYTES),
-    "unit": printable(UNIT_BYTES),
-    "scale": read_scale,
-    "offset": number(),
-    "minimum": number(),
-    "maximum": number(),
-    "values": read_values,
-}
+    key: rule for key, rule in rules_of(SignalConfig).items() if key not in ("slave", "entry")
+} | {"values": read_values}
 """The keys about an entry that `[[signal]]` and device profiles have in common."""
-
-_SIGNAL: Rules = {"slave": slave_reference, "entry": read_entry, **MEANING}

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from ..toml_file import Key, Table, show
+from ..toml_file import Key, Table, accepts, show
 
 POSITION_MAX = 65535
 
 
+@accepts(f"0 to {POSITION_MAX} or a name")
 def slave_reference(table: Table, key: Key) -> int:
     """Reads which slave is meant: its position, or the name that a `[[slave]]` gives it."""
     if key not in table:

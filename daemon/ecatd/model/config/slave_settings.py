@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from ..bus import Module
-from ..toml_file import Key, Rules, Table, array, choice, integer, number, printable, show
+from ..toml_file import Key, Table, accepts, array, integer, number, one_of, printable, show
 from .eoe import SlaveEoeConfig, read_slave_eoe
-from .pdos import PdoConfig, check_pdos, read_pdo_index, read_pdos
-from .placed import Placed
+from .pdos import PdoConfig, check_pdos, read_assigned
+from .placed import Placed, each, rules_of
 from .signals import NAME_BYTES
 from .slave_reference import POSITION_MAX
 from .startup import StartupConfig, read_parameter
@@ -35,38 +35,91 @@ _MARKS = ("alias", "identification")
 _NAME = re.compile(r"[^\W\d][\w-]*")
 
 
+@accepts(f"0 to {POSITION_MAX}")
+def _position(table: Table, key: Key) -> int:
+    """Reads a position; `Config.to_dict` also writes one for a slave that is found otherwise."""
+    found = any(key in table for key in _MARKS) or table.data.get("group")
+    return table.integer(key, 0, 2 * POSITION_MAX if found else POSITION_MAX)
+
+
+@accepts("the path of a file")
+def _file(table: Table, key: Key) -> str:
+    path = table.text(key)
+    if path and not path.isprintable():
+        table.fail(key, f"{show(path)} is no file: write its path in quotes")
+    return path
+
+
+@accepts(f"a letter, then letters, digits, `_`, `-`; at most {_NAME_BYTES} bytes")
+def _name(table: Table, key: Key) -> str:
+    name = table.text(key)
+    if (name and not _NAME.fullmatch(name)) or len(name.encode()) > _NAME_BYTES:
+        table.fail(
+            key,
+            f"{show(name)} is no name for a {'group' if key == 'group' else 'slave'}: write a "
+            f"letter, then letters, digits, '_' and '-', at most {_NAME_BYTES} bytes",
+        )
+    return name
+
+
+@accepts(f"0, or {WATCHDOG_MIN_MS} to {WATCHDOG_MAX_MS}")
+def _watchdog(table: Table, key: Key) -> float:
+    """Reads the time of a watchdog, which the slave counts in steps of 100 µs."""
+    time = table.number(key, low=0, high=WATCHDOG_MAX_MS)
+    if 0 < time < WATCHDOG_MIN_MS:
+        table.fail(key, f"is {time:g}, but must be 0, or at least {WATCHDOG_MIN_MS:g}")
+    return time
+
+
+@accepts(f"0, or {_POLL_MIN_MS} to {_POLL_MAX_MS}")
+def _poll(table: Table, key: Key) -> float:
+    """Reads the time between two looks at a mailbox; 0: nobody looks."""
+    time = table.number(key, low=0, high=_POLL_MAX_MS)
+    if 0 < time < _POLL_MIN_MS:
+        table.fail(key, f"is {time:g}, but must be 0, or from {_POLL_MIN_MS} to {_POLL_MAX_MS}")
+    return time
+
+
+_UNSIGNED32 = integer(0, 0xFFFFFFFF)
+_POLICY = one_of((STRICT, TOLERANT))
+_REGISTER = integer(IDENTIFICATION_REGISTERS[0], IDENTIFICATION_REGISTERS[-1])
+
+
 @dataclass(slots=True)
 class ModuleConfig(Placed):
-    """`[[slave.module]]`: the module that a slot of a modular device shall have (ETG.5001).
+    """`[[slave.module]]`: one table for each [module](configuration.md#modules) in a slot.
+
+    This is for modular devices (ETG.5001). Slots without a table are empty. Without such tables,
+    ecatd accepts any modules.
 
     Attributes:
-        slot: Number of the slot, 1 first.
+        slot: Number of the slot.
         ident: Module ident.
         type: Its type, for messages.
     """
 
-    slot: int
-    ident: int
-    type: str = ""
+    slot: Annotated[int, integer(1, _SLOTS_MAX)]
+    ident: Annotated[int, integer(1, 0xFFFFFFFF)]
+    type: Annotated[str, printable(NAME_BYTES)] = ""
 
 
 @dataclass(slots=True)
 class ExpectedConfig(Placed):
-    """`[expected]`: what happens if the bus is not the one that the `[[slave]]` tables describe.
+    """`[expected]`: what happens if the bus is not [expected](configuration.md#the-expected-bus).
 
     Attributes:
-        policy: `STRICT`: the bus does not start; `TOLERANT`: slaves without a difference run, and
-            the others take no part. A `[[slave]]` may have its own.
-        unlisted: Whether slaves behind those with a `[[slave]]` are used; else each of them is a
-            difference.
-        description: File with the description of the complete bus, as `ecatctl scan -o` writes it:
-            it says which process data optional slaves have that are not there at the start. Empty
-            for none.
+        policy: If the bus is not the one that the `[[slave]]` tables describe: `"strict"`: it does
+            not start; `"tolerant"`: it starts without the slaves that are not as expected.
+        unlisted: Use slaves behind the last one with an identity in a `[[slave]]`; `false`: each of
+            them is a difference.
+        description: File with the description of the complete bus, as `ecatctl scan -o` writes it;
+            for [optional slaves](configuration.md#optional-slaves). A relative path starts at the
+            folder of this file. `""`: none.
     """
 
-    policy: str = STRICT
-    unlisted: bool = True
-    description: str = ""
+    policy: Annotated[str, _POLICY] = STRICT
+    unlisted: Annotated[bool, Table.boolean] = True
+    description: Annotated[str, _file] = ""
 
 
 class Mark(NamedTuple):
@@ -86,66 +139,81 @@ class Mark(NamedTuple):
 
 @dataclass(slots=True)
 class SlaveConfig(Placed):
-    """`[[slave]]`: which slave is expected, and what it is told whenever it starts or comes back.
+    """`[[slave]]`: which slave is expected, and what it is told when it starts or comes back.
+
+    One table for each slave that you [expect](configuration.md#the-expected-bus), that you name, or
+    that needs [settings](configuration.md#what-ecatd-writes-to-slaves).
 
     Attributes:
-        position: Its expected position. Where `mark` finds the slave, or it stands behind the
-            first slave of its group, which has one, a number above `POSITION_MAX` that stands for
-            the slave until the bus is known.
-        name: Its name in this machine; other tables and requests may use it. Empty for none.
-        type: Its order code, for messages.
-        vendor: Expected vendor ID; None: any slave may stand there.
-        product: Expected product code; goes with `vendor`.
-        revision: The only revision number that is accepted; None for any.
-        revision_min: The lowest revision number that is accepted.
-        serial: The only serial number that is accepted; None for any.
-        alias: Station alias that finds the slave wherever it stands.
-        identification: Explicit device identification that finds it, in place of `alias`.
-        identification_register: Address in its ESC where its identification is; None: as its
-            EEPROM says, or it tells it on request.
-        policy: `STRICT` or `TOLERANT`, in place of that of `[expected]`; None for that one.
-        optional: Whether it may be absent, and come and go while the bus runs.
-        group: Optional slaves with the same group come and go together (hot connect); empty for a
-            slave alone.
-        watchdog_ms: Time of its process data watchdog in milliseconds, 0 switches it off; None:
-            as the slave has it.
-        pdi_watchdog_ms: The same for the watchdog between its ESC and its processor (PDI).
-        mailbox_timeout_ms: Time in milliseconds that it has to answer over its mailbox; None for
-            the usual one.
-        mailbox_tries: How often it is asked for an object that it does not answer; None: as usual.
-        mailbox_poll_ms: Time in milliseconds between two looks at its mailbox for emergencies, 0
-            for no looks; None: `MAILBOX_POLL_MS`.
-        module: The modules in its slots; slots without a table are empty. None at all: any modules.
-        pdos: Indices of the PDOs that are assigned; None: those that the slave has assigned.
+        position: Position of the slave. Default: needed, unless the table has `alias` or
+            `identification`, or follows such a table in the same group.
+        name: Name of the slave in your machine, which other tables, `ecatctl` and programs can use;
+            two slaves cannot have the same name. `""`: none.
+        type: Its order code, such as `"EL2008"`, for messages about a slave that is missing.
+        vendor: Vendor ID of the expected slave; goes with `product`. Default: any.
+        product: Product code of the expected slave; goes with `vendor`. Default: any.
+        revision: The only revision number that is accepted. Default: any.
+        revision_min: The lowest revision number that is accepted, in place of `revision`. Default:
+            any.
+        serial: The only serial number that is accepted. Default: any.
+        alias: Station alias, which finds the slave wherever it stands. Default: none.
+        identification: [Device identification](configuration.md#the-expected-bus), as of a rotary
+            switch, which finds the slave wherever it stands; in place of `alias`. Default: none.
+        identification_register: Address in the ESC from which ecatd reads the identification, for a
+            slave that does not answer the request. Default: as its EEPROM says.
+        policy: What happens if there is a difference at this slave. Default: that of `[expected]`.
+        optional: The slave may be absent, and [come and go](configuration.md#optional-slaves) while
+            the bus runs; a slave in a group always may.
+        group: Optional slaves with the same group come and go together (hot connect); `""`: a slave
+            alone.
+        watchdog_ms: Time of its process data [watchdog](configuration.md#watchdogs); 0: off.
+            Default: that of the slave, usually 100.
+        pdi_watchdog_ms: Time of the watchdog between its ESC and its processor (PDI); 0: off.
+            Default: that of the slave, usually 100.
+        mailbox_timeout_ms: Time that the slave has to answer over its mailbox (SDO). Set it for a
+            slave that needs more. Default: 1000.
+        mailbox_tries: Number of times that ecatd asks the slave for an object before it counts as a
+            slave that does not answer. From the second time on the slave has 2 s, or
+            `mailbox_timeout_ms` if that is longer. ecatd writes an object only once, since writing
+            may have an effect. Default: 3.
+        mailbox_poll_ms: Time between two looks into the mailbox of the slave, in which ecatd finds
+            its [emergencies](troubleshooting.md#ecatd-does-not-start). Use a longer time, or 0
+            (never), for a slave that must not be disturbed: its emergencies then come with the
+            answer to the next request. With [EoE](ethernet.md), it cannot be 0. Default:
+            `MAILBOX_POLL_MS`.
+        module: The modules in its slots; none: any modules.
+        pdos: Indices of the PDOs that the slave shall exchange, such as `["0x1605", "0x1A02"]`.
+            Default: those that the slave has assigned.
         pdo: PDOs with other entries than those of the slave.
         startup: Start-up parameters in the order in which they are written.
-        eoe: Its IP parameters for Ethernet over EtherCAT; None: it keeps those that it has.
+        eoe: Its IP parameters. None: it keeps those that it has.
     """
 
-    position: int
-    name: str = ""
-    type: str = ""
-    vendor: int | None = None
-    product: int | None = None
-    revision: int | None = None
-    revision_min: int | None = None
-    serial: int | None = None
-    alias: int | None = None
-    identification: int | None = None
-    identification_register: int | None = None
-    policy: str | None = None
-    optional: bool = False
-    group: str = ""
-    watchdog_ms: float | None = None
-    pdi_watchdog_ms: float | None = None
-    mailbox_timeout_ms: float | None = None
-    mailbox_tries: int | None = None
-    mailbox_poll_ms: float | None = None
-    module: list[ModuleConfig] = field(default_factory=list)
-    pdos: list[int] | None = None
-    pdo: list[PdoConfig] = field(default_factory=list)
-    startup: list[StartupConfig] = field(default_factory=list)
-    eoe: SlaveEoeConfig | None = None
+    # If something else finds the slave: above `POSITION_MAX`, until the bus is known.
+    position: Annotated[int, _position]
+    name: Annotated[str, _name] = ""
+    type: Annotated[str, printable(NAME_BYTES)] = ""
+    vendor: Annotated[int | None, _UNSIGNED32] = None
+    product: Annotated[int | None, _UNSIGNED32] = None
+    revision: Annotated[int | None, _UNSIGNED32] = None
+    revision_min: Annotated[int | None, _UNSIGNED32] = None
+    serial: Annotated[int | None, _UNSIGNED32] = None
+    alias: Annotated[int | None, integer(1, 0xFFFF)] = None
+    identification: Annotated[int | None, integer(1, 0xFFFF)] = None
+    identification_register: Annotated[int | None, _REGISTER] = None
+    policy: Annotated[str | None, _POLICY] = None
+    optional: Annotated[bool, Table.boolean] = False
+    group: Annotated[str, _name] = ""
+    watchdog_ms: Annotated[float | None, _watchdog] = None
+    pdi_watchdog_ms: Annotated[float | None, _watchdog] = None
+    mailbox_timeout_ms: Annotated[float | None, number(10, 9000)] = None
+    mailbox_tries: Annotated[int | None, integer(1, 10)] = None
+    mailbox_poll_ms: Annotated[float | None, _poll] = None
+    module: Annotated[list[ModuleConfig], each(ModuleConfig)] = field(default_factory=list)
+    pdos: Annotated[list[int] | None, read_assigned] = None
+    pdo: Annotated[list[PdoConfig], each(PdoConfig)] = field(default_factory=list)
+    startup: Annotated[list[StartupConfig], array(read_parameter)] = field(default_factory=list)
+    eoe: Annotated[SlaveEoeConfig | None, read_slave_eoe] = None
 
     @property
     def mark(self) -> Mark | None:
@@ -195,14 +263,15 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
             slave.mark is not None and slave.group == group for slave in slaves if group
         )
         found = bool(marked) or follows
-        row.only(_SLAVE)
+        rules = rules_of(SlaveConfig)
+        row.only(rules)
         if not found and "position" not in row:
             row.fail(
                 "position",
                 "is missing: write where the slave stands, or the alias or the identification by "
                 "which it is found",
             )
-        values = row.read(_SLAVE)
+        values = row.read(rules)
         _check_identity(row)
         in_group = bool(values.get("group"))
         if not values.setdefault("optional", in_group) and in_group:
@@ -250,12 +319,6 @@ def _about(row: Table) -> str:
     return ", ".join(texts)
 
 
-def read_expected(top: Table, key: Key) -> ExpectedConfig:
-    """Reads `[expected]`."""
-    table = top.table(key)
-    return ExpectedConfig(**table.read(_EXPECTED), table=table)
-
-
 def _check_identity(row: Table) -> None:
     """Refuses parts of an identity without the others that they need."""
     marked = [key for key in _MARKS if key in row]
@@ -282,46 +345,6 @@ def _check_identity(row: Table) -> None:
         row.fail("revision_min", "stands in place of revision: leave one of them out")
 
 
-def _position(table: Table, key: Key) -> int:
-    """Reads a position; `Config.to_dict` also writes one for a slave that is found otherwise."""
-    found = any(key in table for key in _MARKS) or table.data.get("group")
-    return table.integer(key, 0, 2 * POSITION_MAX if found else POSITION_MAX)
-
-
-def _file(table: Table, key: Key) -> str:
-    path = table.text(key)
-    if path and not path.isprintable():
-        table.fail(key, f"{show(path)} is no file: write its path in quotes")
-    return path
-
-
-def _name(table: Table, key: Key) -> str:
-    name = table.text(key)
-    if (name and not _NAME.fullmatch(name)) or len(name.encode()) > _NAME_BYTES:
-        table.fail(
-            key,
-            f"{show(name)} is no name for a {'group' if key == 'group' else 'slave'}: write a "
-            f"letter, then letters, digits, '_' and '-', at most {_NAME_BYTES} bytes",
-        )
-    return name
-
-
-def _watchdog(table: Table, key: Key) -> float:
-    """Reads the time of a watchdog, which the slave counts in steps of 100 µs."""
-    time = table.number(key, low=0, high=WATCHDOG_MAX_MS)
-    if 0 < time < WATCHDOG_MIN_MS:
-        table.fail(key, f"is {time:g}, but must be 0, or at least {WATCHDOG_MIN_MS:g}")
-    return time
-
-
-def _poll(table: Table, key: Key) -> float:
-    """Reads the time between two looks at a mailbox; 0: nobody looks."""
-    time = table.number(key, low=0, high=_POLL_MAX_MS)
-    if 0 < time < _POLL_MIN_MS:
-        table.fail(key, f"is {time:g}, but must be 0, or from {_POLL_MIN_MS} to {_POLL_MAX_MS}")
-    return time
-
-
 def _check_modules(row: Table, slave: SlaveConfig) -> None:
     """Refuses two modules in one slot."""
     seen: set[int] = set()
@@ -329,44 +352,3 @@ def _check_modules(row: Table, slave: SlaveConfig) -> None:
         if module.slot in seen:
             table.fail("slot", f"slot {module.slot} has two tables: remove one")
         seen.add(module.slot)
-
-
-_UNSIGNED32 = integer(0, 0xFFFFFFFF)
-_MODULE: Rules = {
-    "slot": integer(1, _SLOTS_MAX),
-    "ident": integer(1, 0xFFFFFFFF),
-    "type": printable(NAME_BYTES),
-}
-_POLICY = choice({policy: policy for policy in (STRICT, TOLERANT)})
-_EXPECTED: Rules = {"policy": _POLICY, "unlisted": Table.boolean, "description": _file}
-_SLAVE: Rules = {
-    "position": _position,
-    "name": _name,
-    "type": printable(NAME_BYTES),
-    "vendor": _UNSIGNED32,
-    "product": _UNSIGNED32,
-    "revision": _UNSIGNED32,
-    "revision_min": _UNSIGNED32,
-    "serial": _UNSIGNED32,
-    "alias": integer(1, 0xFFFF),
-    "identification": integer(1, 0xFFFF),
-    "identification_register": integer(
-        IDENTIFICATION_REGISTERS.start, IDENTIFICATION_REGISTERS.stop - 1
-    ),
-    "policy": _POLICY,
-    "optional": Table.boolean,
-    "group": _name,
-    "watchdog_ms": _watchdog,
-    "pdi_watchdog_ms": _watchdog,
-    "mailbox_timeout_ms": number(10, 9000),
-    "mailbox_tries": integer(1, 10),
-    "mailbox_poll_ms": _poll,
-    "module": lambda row, key: [
-        ModuleConfig(**table.read(_MODULE, required=["slot", "ident"]), table=table)
-        for table in row.tables(key)
-    ],
-    "pdos": array(read_pdo_index),
-    "pdo": read_pdos,
-    "startup": array(read_parameter),
-    "eoe": read_slave_eoe,
-}

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 from ..datatypes import STRINGS, DataType, bit_length, encode, is_real, parse_type, plain_number
 from ..pdo import Entry, parse_address
 from ..physical import to_raw
-from ..toml_file import Key, Rules, Table, choice, printable, show
-from .placed import Placed
+from ..toml_file import Key, Table, accepts, one_of, printable, show
+from .placed import Placed, rules_of
 from .signals import NAME_BYTES, UNIT_BYTES, read_entry
 
 TRANSITIONS = ("IP", "PS", "SO", "OS", "SP")
@@ -24,111 +25,7 @@ DATA_MAX = 1 << 15
 """Most bytes of a start-up parameter."""
 
 
-@dataclass(slots=True)
-class StartupConfig(Placed):
-    """`[[slave.startup]]`: an object that is written whenever the slave starts or comes back.
-
-    Attributes:
-        object: Address such as "0x6065:00"; with complete access, where the data begin.
-        type: Data type of `value`, such as "uint32".
-        value: The value, as `sdo-write` takes it; with `unit`, a physical one.
-        unit: Unit of a physical value. `meanings.raw_parameters` makes it raw, when it is known
-            which slave it is.
-        hex: Hexadecimal bytes, in place of `type` and `value`.
-        complete: Whether the whole object is written at once (complete access).
-        transition: When it is written, one of `TRANSITIONS`.
-        optional: Whether the slave is used although it refuses the value.
-        comment: Why it is written; for people.
-    """
-
-    object: str
-    type: str | None = None
-    value: str | None = None
-    unit: str | None = None
-    hex: str | None = None
-    complete: bool = False
-    transition: str = "PS"
-    optional: bool = False
-    comment: str = ""
-
-    @property
-    def address(self) -> tuple[int, int]:
-        """Index and subindex of the object."""
-        address = parse_address(self.object)
-        assert address is not None, "checked when the configuration was read"
-        return address
-
-    @property
-    def data(self) -> bytes:
-        """The raw value as the slave gets it.
-
-        Raises:
-            UsageError: The value does not fit the type.
-        """
-        assert self.unit is None, "made raw when it was known which slave it is"
-        if self.hex is not None:
-            return encode(DataType.OCTET_STRING, self.hex)
-        return encode(parse_type(self.type or ""), self.value or "")
-
-    @property
-    def entry(self) -> Entry:
-        """The object as an entry without a meaning; padding if `hex` gives its bytes."""
-        kind = DataType.PADDING if self.type is None else parse_type(self.type)
-        return Entry(*self.address, "", kind, bit_length(kind))
-
-    def raw(self, entry: Entry) -> StartupConfig:
-        """Makes a physical value raw.
-
-        Args:
-            entry: The object with its meaning.
-
-        Raises:
-            UsageError: Nothing says what its unit is, or the value does not fit.
-        """
-        if self.unit is None:
-            return self
-        raw = to_raw(entry, float(self.value or ""), self.unit)
-        return replace(self, value=repr(raw), unit=None)
-
-
-def read_parameter(row: Table, key: Key) -> StartupConfig:
-    """Reads one table of an array of `[[slave.startup]]`, or of a file of `sdo-dump`."""
-    table = row.table(key)
-    values = table.read(_STARTUP, required=["object"])
-    if "hex" in values:
-        if values.keys() & {"type", "value", "unit"}:
-            table.fail("hex", "stands in place of type, value and unit: leave them out")
-    elif "value" not in values or "type" not in values:
-        missing = "type" if "value" in values else "value"
-        table.fail(
-            missing,
-            'is missing: write a type and a value, such as type = "uint32" and value = 5, or '
-            'hex = "05 00 00 00"',
-        )
-    parameter = StartupConfig(**values, table=table)
-    if not parameter.complete and parameter.address[1] > 0xFE:
-        table.fail("object", f"{parameter.object}: a subindex is at most 0xFE")
-    if parameter.complete and parameter.address[1] > 1:
-        table.fail("object", "complete access begins at subindex 00 or 01: write one of these")
-    if parameter.unit is not None:
-        kind = parse_type(parameter.type or "")
-        if not bit_length(kind) or kind == DataType.BOOLEAN:
-            table.fail("unit", f"is for numbers, but the type is {parameter.type}: leave it out")
-        if parameter.complete:
-            table.fail("complete", "needs hex: a whole object has no single type")
-        return parameter
-    given = "value" if parameter.hex is None else "hex"
-    if parameter.complete and given == "value":
-        table.fail("complete", "needs hex: a whole object has no single type")
-    data = table.explain(given, lambda: parameter.data)
-    if not 0 < len(data) <= DATA_MAX:
-        table.fail(given, f"has {len(data)} bytes, but must have 1 to {DATA_MAX}")
-    if parameter.value is not None and (kind := parse_type(parameter.type or "")) not in STRINGS:
-        # However it is written, an equal value is equal text, and is written anew as a number.
-        parameter.value = plain_number(kind, parameter.value)
-    return parameter
-
-
+@accepts("a type with a fixed length, or of texts")
 def _type(table: Table, key: Key) -> str:
     name = table.text(key)
     kind = table.explain(key, lambda: parse_type(name))
@@ -138,11 +35,13 @@ def _type(table: Table, key: Key) -> str:
     return name
 
 
+@accepts(f"at most {UNIT_BYTES} bytes")
 def _unit(table: Table, key: Key) -> str:
     unit = printable(UNIT_BYTES)(table, key)
     return unit or table.fail(key, 'is empty: write the unit of the value, such as "rad/s"')
 
 
+@accepts("a number, text, `true` or `false`, in the range of the type")
 def _value(table: Table, key: Key) -> str:
     """Reads a number, a text or true and false; returns it as `sdo-write` takes it."""
     if "unit" in table:
@@ -187,6 +86,7 @@ def _check_finite(table: Table, key: Key) -> bool:
     return finite or table.fail(key, f"must be a finite number, not {show(table.data[key])}")
 
 
+@accepts(f"1 to {DATA_MAX} bytes")
 def _hex(table: Table, key: Key) -> str:
     text = table.text(key)
     try:
@@ -196,14 +96,112 @@ def _hex(table: Table, key: Key) -> str:
     return text
 
 
-_STARTUP: Rules = {
-    "object": read_entry,
-    "type": _type,
-    "value": _value,
-    "unit": _unit,
-    "hex": _hex,
-    "complete": Table.boolean,
-    "transition": choice({name: name for name in TRANSITIONS}),
-    "optional": Table.boolean,
-    "comment": printable(COMMENT_BYTES),
-}
+@dataclass(slots=True)
+class StartupConfig(Placed):
+    """`[[slave.startup]]`: one table for each object that is written when the slave starts.
+
+    They are written in this order, and again whenever the slave comes back.
+    [What ecatd writes to slaves](configuration.md#what-ecatd-writes-to-slaves) has the details.
+
+    Attributes:
+        object: The object; with `complete`, where the data begin.
+        type: Data type of the value, as in [`sdo-write`](command-line.md), such as `"uint32"`.
+            Default: none; needed for `value`.
+        value: The value; with `unit`, a physical one. Default: none; needed, or `hex`.
+        unit: Unit of a [physical value](configuration.md#physical-values), such as `"rad/s"`.
+            Default: none: the value is raw.
+        hex: The value as hexadecimal bytes, such as `"D2 04 00 00"`, in place of `type`, `value`
+            and `unit`. Default: none.
+        complete: Write the whole object at once (complete access); needs `hex`.
+        transition: [When it is written](configuration.md#what-ecatd-writes-to-slaves): on the way
+            to PREOP, SAFEOP or OP, or before the slave leaves OP or SAFEOP.
+        optional: Use the slave even if it refuses the value.
+        comment: Why it is written; for people.
+    """
+
+    object: Annotated[str, read_entry]
+    type: Annotated[str | None, _type] = None
+    value: Annotated[str | None, _value] = None  # as `sdo-write` takes it
+    unit: Annotated[str | None, _unit] = None  # of a value that `meanings.raw_parameters` makes raw
+    hex: Annotated[str | None, _hex] = None
+    complete: Annotated[bool, Table.boolean] = False
+    transition: Annotated[str, one_of(TRANSITIONS)] = "PS"
+    optional: Annotated[bool, Table.boolean] = False
+    comment: Annotated[str, printable(COMMENT_BYTES)] = ""
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """Index and subindex of the object."""
+        address = parse_address(self.object)
+        assert address is not None, "checked when the configuration was read"
+        return address
+
+    @property
+    def data(self) -> bytes:
+        """The raw value as the slave gets it.
+
+        Raises:
+            UsageError: The value does not fit the type.
+        """
+        assert self.unit is None, "made raw when it was known which slave it is"
+        if self.hex is not None:
+            return encode(DataType.OCTET_STRING, self.hex)
+        return encode(parse_type(self.type or ""), self.value or "")
+
+    @property
+    def entry(self) -> Entry:
+        """The object as an entry without a meaning; padding if `hex` gives its bytes."""
+        kind = DataType.PADDING if self.type is None else parse_type(self.type)
+        return Entry(*self.address, "", kind, bit_length(kind))
+
+    def raw(self, entry: Entry) -> StartupConfig:
+        """Makes a physical value raw.
+
+        Args:
+            entry: The object with its meaning.
+
+        Raises:
+            UsageError: Nothing says what its unit is, or the value does not fit.
+        """
+        if self.unit is None:
+            return self
+        raw = to_raw(entry, float(self.value or ""), self.unit)
+        return replace(self, value=repr(raw), unit=None)
+
+
+def read_parameter(row: Table, key: Key) -> StartupConfig:
+    """Reads one table of an array of `[[slave.startup]]`, or of a file of `sdo-dump`."""
+    table = row.table(key)
+    values = table.read(rules_of(StartupConfig), required=["object"])
+    if "hex" in values:
+        if values.keys() & {"type", "value", "unit"}:
+            table.fail("hex", "stands in place of type, value and unit: leave them out")
+    elif "value" not in values or "type" not in values:
+        missing = "type" if "value" in values else "value"
+        table.fail(
+            missing,
+            'is missing: write a type and a value, such as type = "uint32" and value = 5, or '
+            'hex = "05 00 00 00"',
+        )
+    parameter = StartupConfig(**values, table=table)
+    if not parameter.complete and parameter.address[1] > 0xFE:
+        table.fail("object", f"{parameter.object}: a subindex is at most 0xFE")
+    if parameter.complete and parameter.address[1] > 1:
+        table.fail("object", "complete access begins at subindex 00 or 01: write one of these")
+    if parameter.unit is not None:
+        kind = parse_type(parameter.type or "")
+        if not bit_length(kind) or kind == DataType.BOOLEAN:
+            table.fail("unit", f"is for numbers, but the type is {parameter.type}: leave it out")
+        if parameter.complete:
+            table.fail("complete", "needs hex: a whole object has no single type")
+        return parameter
+    given = "value" if parameter.hex is None else "hex"
+    if parameter.complete and given == "value":
+        table.fail("complete", "needs hex: a whole object has no single type")
+    data = table.explain(given, lambda: parameter.data)
+    if not 0 < len(data) <= DATA_MAX:
+        table.fail(given, f"has {len(data)} bytes, but must have 1 to {DATA_MAX}")
+    if parameter.value is not None and (kind := parse_type(parameter.type or "")) not in STRINGS:
+        # However it is written, an equal value is equal text, and is written anew as a number.
+        parameter.value = plain_number(kind, parameter.value)
+    return parameter
