@@ -17,6 +17,7 @@ from ecatd.model.queries import ALL, needs_right
 from ecatd.model.requests.parsing import RANGES
 from ecatd.model.requests.request import Request
 
+from ..markdown import head, row
 from .bus_maps import Failure
 from .keys import ANSWERS, CHANGES, PUBLICATIONS, READS
 from .published_maps import EVENTS
@@ -69,9 +70,9 @@ def page() -> str:
 def _publications() -> Iterator[str]:
     yield "`alive` is no publication but a liveliness token, which exists while the daemon runs."
     yield ""
-    yield from _head("key", "map", "when")
+    yield from head("key", "map", "when")
     for key, (kind, when) in PUBLICATIONS.items():
-        yield _row(f"`{_shown(key)}`", name_of(kind), when)
+        yield row(f"`{_shown(key)}`", name_of(kind), when)
 
 
 def _requests(kinds: list[type[Request]]) -> Iterator[str]:
@@ -81,10 +82,10 @@ def _requests(kinds: list[type[Request]]) -> Iterator[str]:
         yield f"{summary(kind)} Answer: {name_of(ANSWERS[kind])}."
         yield ""
         if kind.fields:
-            yield from _head("field", "in", "type", "default", "meaning")
+            yield from head("field", "in", "type", "default", "meaning")
             for name in kind.fields:
                 where, default = _place(kind, name)
-                yield _row(f"`{name}`", where, _type(kind, name), default, _said(kind, name))
+                yield row(f"`{name}`", where, _type(kind, name), default, _said(kind, name))
             yield ""
 
 
@@ -122,9 +123,9 @@ def _map(kind: type) -> Iterator[str]:
     yield ""
     yield summary(kind)
     yield ""
-    yield from _head("key", "type", "meaning")
+    yield from head("key", "type", "meaning")
     for key in keys_of(kind):
-        yield _row(f"`{key.name}`{'' if key.needed else ' *'}", name_of(key.kind), key.about)
+        yield row(f"`{key.name}`{'' if key.needed else ' *'}", name_of(key.kind), key.about)
     yield ""
     if not all(key.needed for key in keys_of(kind)):
         yield "\\* not always there"
@@ -135,25 +136,16 @@ def _events() -> Iterator[str]:
     yield "Each event has the keys of its kind in addition to those of [Event](#event)."
     yield "[Events](troubleshooting.md#events) says what they mean."
     yield ""
-    yield from _head("`event`", "when", "keys")
+    yield from head("`event`", "when", "keys")
     for name, kind in EVENTS.items():
         keys = (f"`{k.name}`{'' if k.needed else ' *'} {name_of(k.kind)}" for k in keys_of(kind))
-        yield _row(f"`{name}`", summary(kind), ", ".join(keys))
+        yield row(f"`{name}`", summary(kind), ", ".join(keys))
     yield ""
     yield "\\* not always there"
 
 
 def _shown(key: str) -> str:
     return re.sub(r"\{(\w+)\}", r"<\1>", key)
-
-
-def _head(*names: str) -> Iterator[str]:
-    yield _row(*names)
-    yield "|" + "---|" * len(names)
-
-
-def _row(*cells: str) -> str:
-    return f"| {' | '.join(cells)} |".replace("|  |", "| |").replace("|  |", "| |")
 
 
 if __name__ == "__main__":

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
-import re
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from types import NoneType, UnionType
 from typing import Any, NamedTuple, NotRequired, Union, get_args, get_origin, get_type_hints
 
+from .. import docstrings
 from .bus_maps import Event
 from .published_maps import EVENTS
 
@@ -56,19 +55,16 @@ def keys_of(kind: type) -> list[Key]:
 
 def summary(kind: type) -> str:
     """Returns what a docstring says in front of its attributes, in one line."""
-    text = (inspect.getdoc(kind) or "").partition("\n\nAttributes:")[0]
-    return _in_msgpack(text)
+    return _in_msgpack(" ".join(docstrings.paragraphs(kind)))
 
 
 def attributes(kind: type) -> dict[str, str]:
     """Returns what a docstring says about each attribute."""
-    text = (inspect.getdoc(kind) or "").partition("\nAttributes:\n")[2]
-    found = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", text, re.MULTILINE)
-    return {name: _in_msgpack(about) for name, about in found}
+    return {name: _in_msgpack(text) for name, text in docstrings.attributes(kind).items()}
 
 
 def _in_msgpack(text: str) -> str:
-    return " ".join(text.split()).replace("None", f"`{_NAMES[NoneType]}`")
+    return text.replace("None", f"`{_NAMES[NoneType]}`")
 
 
 def is_map(kind: Any) -> bool:

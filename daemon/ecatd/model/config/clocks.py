@@ -41,7 +41,7 @@ class DcSlaveConfig(Placed):
 
 @dataclass(slots=True)
 class DcConfig(Placed):
-    """`[dc]`: [distributed clocks](distributed-clocks.md).
+    """`[dc]`: the [distributed clocks](distributed-clocks.md).
 
     Attributes:
         enabled: Synchronise the clocks. Without `enabled = true` and without a `[[dc.slave]]`,

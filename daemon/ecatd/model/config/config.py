@@ -23,10 +23,11 @@ from .slave_settings import ExpectedConfig, SlaveConfig, read_slaves
 
 _R = TypeVar("_R", DcSlaveConfig, SafeConfig, SignalConfig)
 
-_LOG: Rules = dict.fromkeys((OTHERS, *PARTS), one_of(LEVELS))
+LOG: Rules = dict.fromkeys((OTHERS, *PARTS), one_of(LEVELS))
+"""The keys of `[log]`."""
 
 
-@accepts(BUS_NAME_RULE.removeprefix("must have "))
+@accepts(BUS_NAME_RULE)
 def _bus(table: Table, key: Key) -> str:
     return table.explain(key, lambda: check_bus_name(table.text(key)))
 
@@ -60,7 +61,7 @@ def _audit_file(table: Table, key: Key) -> str:
 
 
 def _log(top: Table, key: Key) -> dict[str, str]:
-    return {**DEFAULTS, **top.table(key).read(_LOG)}
+    return {**DEFAULTS, **top.table(key).read(LOG)}
 
 
 @dataclass(slots=True)
@@ -94,9 +95,9 @@ class RecoveryConfig(Placed):
     """`[recovery]`: which slaves [come back](troubleshooting.md#how-slaves-come-back) to OP.
 
     Attributes:
-        slaves: Slaves that come back to OP by themselves: `"all"` that lacked frames or SYNC
-            signals, lost power, or restarted; `"watchdog"`: only slaves that left OP because they
-            got no process data for a while; `"none"`.
+        slaves: Slaves that come back by themselves: `"all"`, whether they lacked frames or SYNC
+            signals, lost power, or restarted; `"watchdog"`: only those that left OP because they
+            got no process data for a while; or `"none"`.
         retry_s: Time between tries to bring a slave back, after the first three.
     """
 
@@ -109,7 +110,7 @@ class MailboxConfig(Placed):
     """`[mailbox]`: how much of the time on the wire mailbox and register traffic may take.
 
     Attributes:
-        share: Share of the time in each cycle that the exchange leaves free.
+        share: Share of the free time of each cycle that mailbox and register traffic may take.
     """
 
     share: Annotated[float, number(0.01, 1)] = 0.5
@@ -117,7 +118,7 @@ class MailboxConfig(Placed):
 
 @dataclass(slots=True)
 class CaptureConfig(Placed):
-    """`[capture]`: the [last frames](command-line.md#frames), also in files about faults.
+    """`[capture]`: the [last frames](command-line.md#frames), and files with them after faults.
 
     Attributes:
         memory_mb: Memory of the bus server for them: half for the frames of the cycle, half for all

@@ -43,7 +43,7 @@ class EoeConfig(Placed):
 
 @dataclass(slots=True)
 class SlaveEoeConfig(Placed):
-    """`[slave.eoe]`: the [IP parameters](ethernet.md#ip-parameters) of a slave.
+    """`[slave.eoe]`: the [IP parameters](ethernet.md#ip-parameters) of a slave with EoE.
 
     The slave gets them when it starts or comes back. Without this table it keeps those that it has.
 

@@ -25,7 +25,7 @@ USER_NAME = re.compile("[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}")
 USER_NAME_RULE = "letters, digits, and behind the first one also _ . @ -, at most 64 in all"
 
 
-@accepts(HOST_NAME_RULE.removeprefix("must "))
+@accepts(HOST_NAME_RULE)
 def _host(table: Table, key: Key) -> str:
     text = table.text(key)
     if text and not HOST_NAME.fullmatch(text):
@@ -33,10 +33,6 @@ def _host(table: Table, key: Key) -> str:
     return text
 
 
-@accepts(
-    f"`PROTOCOL/HOST:PORT` with one of {', '.join(f'`{name}`' for name in PROTOCOLS)}, and a port "
-    f"from 1 to 65535; `{_LOCAL}/PATH`"
-)
 def _endpoints(table: Table, key: Key) -> list[str]:
     elements = table.elements(key)
     for at, endpoint in elements.data.items():
@@ -44,6 +40,11 @@ def _endpoints(table: Table, key: Key) -> list[str]:
         if endpoint in list(elements.data.values())[:at]:
             elements.fail(at, f"{show(endpoint)} is there twice: remove one")
     return list(elements.data.values())
+
+
+_ENDPOINT = f"`PROTOCOL/HOST:PORT` with {' or '.join(PROTOCOLS)}, and a port from 1 to 65535"
+_LISTEN = accepts(f"{_ENDPOINT}; `{_LOCAL}/PATH`")(_endpoints)
+_CONNECT = accepts(_ENDPOINT)(_endpoints)
 
 
 def _check_endpoint(table: Table, key: Key) -> None:
@@ -180,8 +181,8 @@ class GatewayConfig(Placed):
     """
 
     host: Annotated[str, _host] = ""
-    listen: Annotated[list[str], _endpoints] = field(default_factory=lambda: [LOOPBACK])
-    connect: Annotated[list[str], _endpoints] = field(default_factory=list)
+    listen: Annotated[list[str], _LISTEN] = field(default_factory=lambda: [LOOPBACK])
+    connect: Annotated[list[str], _CONNECT] = field(default_factory=list)
     certificate: Annotated[str, _path] = ""
     key: Annotated[str, _path] = ""
     users_ca: Annotated[str, _path] = ""

@@ -78,7 +78,7 @@ class OutputsConfig(Placed):
 
     Attributes:
         lease_cycles: Default lease: base cycles without a sign of life of a client until its
-            outputs become safe. A client may ask for a longer lease.
+            outputs become safe. A client may ask for a longer one, up to `lease_max_ms`.
         lease_max_ms: Longest lease that a client can ask for.
         wkc_limit: Number of exchanges in a row with a wrong working counter after which each client
             that owns outputs in that domain loses all its outputs. It loses those in other domains,

@@ -60,7 +60,7 @@ def _entries(table: Table, key: Key) -> list[PdoEntryConfig]:
 class PdoEntryConfig(Placed):
     """`[[slave.pdo.entries]]`: the entries of the PDO in their order, at most `ENTRIES_MAX`.
 
-    They are most easily written in the table of the PDO:
+    A PDO needs them, or `entries = []`. They are most easily written in its table:
     `entries = [{ object = "0x6040:00", bits = 16 }, { bits = 8 }]`.
 
     Attributes:
@@ -85,7 +85,7 @@ class PdoConfig(Placed):
     Attributes:
         index: Index of the PDO, such as `"0x1600"`; up to 0x17FF for outputs, from 0x1A00 for
             inputs.
-        entries: Its entries in order.
+        entries: Its entries in order; `[]`: none.
     """
 
     index: Annotated[int, read_pdo_index]

@@ -108,8 +108,9 @@ class ExpectedConfig(Placed):
     """`[expected]`: what happens if the bus is not [expected](configuration.md#the-expected-bus).
 
     Attributes:
-        policy: If the bus is not the one that the `[[slave]]` tables describe: `"strict"`: it does
-            not start; `"tolerant"`: it starts without the slaves that are not as expected.
+        policy: What happens if the bus is not the one that the `[[slave]]` tables describe:
+            `"strict"`: it does not start; `"tolerant"`: it starts without the slaves that are not
+            as expected.
         unlisted: Use slaves behind the last one with an identity in a `[[slave]]`; `false`: each of
             them is a difference.
         description: File with the description of the complete bus, as `ecatctl scan -o` writes it;
@@ -171,11 +172,11 @@ class SlaveConfig(Placed):
         pdi_watchdog_ms: Time of the watchdog between its ESC and its processor (PDI); 0: off.
             Default: that of the slave, usually 100.
         mailbox_timeout_ms: Time that the slave has to answer over its mailbox (SDO). Set it for a
-            slave that needs more. Default: 1000.
+            slave that needs more. Default: `1000`.
         mailbox_tries: Number of times that ecatd asks the slave for an object before it counts as a
             slave that does not answer. From the second time on the slave has 2 s, or
             `mailbox_timeout_ms` if that is longer. ecatd writes an object only once, since writing
-            may have an effect. Default: 3.
+            may have an effect. Default: `3`.
         mailbox_poll_ms: Time between two looks into the mailbox of the slave, in which ecatd finds
             its [emergencies](troubleshooting.md#ecatd-does-not-start). Use a longer time, or 0
             (never), for a slave that must not be disturbed: its emergencies then come with the

@@ -98,9 +98,9 @@ def _hex(table: Table, key: Key) -> str:
 
 @dataclass(slots=True)
 class StartupConfig(Placed):
-    """`[[slave.startup]]`: one table for each object that is written when the slave starts.
+    """`[[slave.startup]]`: one table for each start-up parameter, in the order of writing.
 
-    They are written in this order, and again whenever the slave comes back.
+    ecatd writes them when the slave starts, and again whenever it comes back.
     [What ecatd writes to slaves](configuration.md#what-ecatd-writes-to-slaves) has the details.
 
     Attributes:
