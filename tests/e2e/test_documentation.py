@@ -2,25 +2,14 @@
 
 import re
 import sys
-import tomllib
 from collections.abc import Callable, Iterator
-from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, cast, get_args, get_origin, get_type_hints
 
 import pytest
 
 from conftest import Daemon, names, run_module
-from ecatd.model.config import (
-    Config,
-    CopyConfig,
-    DomainConfig,
-    SignalConfig,
-    SlaveConfig,
-    load_config,
-    read_config,
-)
-from ecatd.model.errors import ConfigError, EcatError
+from ecatd.model.config import load_config
+from ecatd.model.errors import EcatError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -60,27 +49,8 @@ def test_every_link_leads_somewhere() -> None:
                 assert not anchor or anchor in anchors(page), f"{document.name}: {target}#{anchor}"
 
 
-def configuration_keys(table: type, above: str = "") -> Iterator[str]:
-    """Keys as the documentation writes them: `dc.enabled`, and `[[dc.slave]]` for an array."""
-    hints = get_type_hints(table)
-    for item in fields(table):
-        if not item.compare:  # where the table is written
-            continue
-        kind = hints[item.name]
-        inner = next((arg for arg in (kind, *get_args(kind)) if is_dataclass(arg)), None)
-        name = above + item.name
-        if inner is None or inner is not kind:
-            table_name = f"`[[{name}]]`" if get_origin(kind) is list else f"`[{name}]`"
-            yield f"`{name}`" if inner is None else table_name
-        if inner is not None:
-            yield from configuration_keys(cast("type", inner), name + ".")
-
-
-def test_every_configuration_key_is_documented(tmp_path: Path) -> None:
-    text = (ROOT / "docs/configuration.md").read_text()
-    keys = list(configuration_keys(Config))
-    assert {"`bus`", "`dc.lock_us`", "`[[dc.slave]]`", "`dc.slave.sync0_us`"} <= set(keys)
-    assert [key for key in keys if key not in text] == []
+def test_the_example_configuration(tmp_path: Path) -> None:
+    """It is valid, also with what is commented out."""
     example = (ROOT / "systemd/ecat0.toml").read_text()
     load_config(ROOT / "systemd/ecat0.toml")
     commented = tmp_path / "all.toml"
@@ -154,61 +124,3 @@ def test_the_page_about_commissioning(
     again = start_daemon(str(machine), config=own)
     assert again.ctl_json("sdo-read", "axis", "0x6065")["value"] == 50000
     names(again.ctl("pdos", "-p", "EL3008").stdout, "pressure", "bar")
-
-
-ARRAYS_OF_TABLES = (
-    "copy",
-    "domain",
-    "dc.slave",
-    "outputs.safe",
-    "signal",
-    "slave",
-    "slave.pdo",
-    "slave.pdo.entries",
-    "slave.startup",
-)
-DEPENDENT = ("domain.phase", "dc.phase_us", "dc.lock_us")
-"""Keys whose largest value follows from others, which the documentation says in words."""
-
-
-def one_key(key: str, value: str) -> dict[str, Any]:
-    """A configuration with nothing but this key."""
-    table, _, name = key.rpartition(".")
-    parts = table.split(".")
-    above = [".".join(parts[:end]) for end in range(1, len(parts))]
-    head = "".join(f"[[{name}]]\n" for name in above if name in ARRAYS_OF_TABLES)
-    head += f"[[{table}]]" if table in ARRAYS_OF_TABLES else f"[{table}]"
-    return tomllib.loads(f"{head if table else ''}\n{name} = {value}")
-
-
-def test_defaults_and_ranges_are_documented() -> None:
-    """They are those of the program, as a number far too large makes it say."""
-    text = (ROOT / "docs/configuration.md").read_text()
-    rows = re.findall(r"^\| `([a-z0-9_.]+)` \|(.*?)\|(.*?)\|", text, re.MULTILINE)
-    assert len(rows) > 30
-    numbers = 0
-    for key, default, limits in rows:
-        with pytest.raises(ConfigError) as caught:
-            read_config(one_key(key, "10_000_000_000"))
-        if bounds := re.search(r"must be from (\S+) to (\S+)$", str(caught.value)):
-            numbers += 1
-            said = re.sub(r"(?<=\d) (?=\d)", "", limits)
-            words = said.split()
-            assert bounds[1] in words or key.endswith("sync0_us"), (key, limits)
-            assert bounds[2] in words or key in DEPENDENT, (key, limits)
-        if default.strip().startswith("`") and "." not in key:
-            (value,) = one_key(key, default.strip(" `")).values()
-            assert value == getattr(Config(), key), key
-        elif default.strip().startswith("`") and key.count(".") == 1:
-            table, name = key.split(".")
-            rows_of = {
-                "copy": CopyConfig(0, "0x7000:01", 0, "0x6000:01"),
-                "domain": DomainConfig(),
-                "signal": SignalConfig(0, "0x6041:00"),
-                "slave": SlaveConfig(0),
-            }
-            made = rows_of.get(table) or getattr(Config(), table)
-            (written,) = one_key(key, default.strip(" `")).values()
-            known = made[name] if isinstance(made, dict) else getattr(made, name)
-            assert (written[0] if table in rows_of else written)[name] == known, key
-    assert numbers > 15

@@ -72,8 +72,8 @@ class Configuration(TypedDict):
     """The configuration in use.
 
     Attributes:
-        config: Its tables and values, as [configuration.md](configuration.md) has them; what is
-            not there has its default.
+        config: Its tables and values, as [the file](configuration-keys.md) has them; what is not
+            there has its default.
         origins: Where each value comes from, by the name of its key.
     """
 

@@ -1,7 +1,7 @@
-"""The configuration file, in TOML. `docs/configuration.md` describes every key.
+"""The configuration file, in TOML. `docs/configuration-keys.md`, made from here, has all keys.
 
 `config` has the whole configuration and `file` reads it; a module for each of the larger tables has
-its keys and reads them.
+its keys and reads them. `placed` says how a dataclass is a table.
 
 Unknown keys are refused, and the message suggests the nearest valid one. Every message starts with
 file and line.

@@ -42,7 +42,10 @@ def _endpoints(table: Table, key: Key) -> list[str]:
     return list(elements.data.values())
 
 
-_ENDPOINT = f"`PROTOCOL/HOST:PORT` with {' or '.join(PROTOCOLS)}, and a port from 1 to 65535"
+_ENDPOINT = (
+    f"`PROTOCOL/HOST:PORT` with one of the protocols {', '.join(PROTOCOLS)}, and a port from 1 to "
+    "65535"
+)
 _LISTEN = accepts(f"{_ENDPOINT}; `{_LOCAL}/PATH`")(_endpoints)
 _CONNECT = accepts(_ENDPOINT)(_endpoints)
 

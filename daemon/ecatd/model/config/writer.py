@@ -74,7 +74,7 @@ def write_config(config: Config, bus: Bus, version: str, notes: Notes | None = N
     found = {item.position for head in heads for item in (head, *config.followers(head))}
     lines = [
         f"# Configuration of bus '{bus.name}' with its slaves, written by ecatctl {version}.",
-        f"# Install it as /etc/ecatd/{bus.name}.toml. docs/configuration.md describes every key.",
+        f"# Install it as /etc/ecatd/{bus.name}.toml. docs/configuration-keys.md has all keys.",
         *_comment(notes.top),
         "",
         *_scalars(config, always=("bus", "cycle_time_us"), without=("log",)),

@@ -1,0 +1,19 @@
+"""What docstrings say, for pages that are made from the sources."""
+
+from __future__ import annotations
+
+import inspect
+import re
+
+
+def paragraphs(kind: type) -> list[str]:
+    """Returns the paragraphs in front of the attributes, each in one line."""
+    text = (inspect.getdoc(kind) or "").partition("\n\nAttributes:")[0]
+    return [" ".join(part.split()) for part in text.split("\n\n")]
+
+
+def attributes(kind: type) -> dict[str, str]:
+    """Returns what is said about each attribute, in one line."""
+    text = (inspect.getdoc(kind) or "").partition("\nAttributes:\n")[2]
+    found = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", text, re.MULTILINE)
+    return {name: " ".join(about.split()) for name, about in found}
