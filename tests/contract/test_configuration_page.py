@@ -35,14 +35,21 @@ NEEDED = {
 ABOVE = {
     "[[slave.pdo.entries]]": "[[slave]]\nposition = 0\n[[slave.pdo]]\nindex = 0x1600\n",
     "[[gateway.user]]": "[gateway]\nusers_ca = '/ca.pem'\n",
-    **{
-        header: "[[slave]]\nposition = 0\n"
-        for header in ("[[slave.module]]", "[[slave.pdo]]", "[[slave.startup]]", "[slave.eoe]")
-    },
+    **dict.fromkeys(
+        ("[[slave.module]]", "[[slave.pdo]]", "[[slave.startup]]", "[slave.eoe]"),
+        "[[slave]]\nposition = 0\n",
+    ),
 }
 """What stands in a file in front of a table."""
 NO_NUMBER = ("bus", "slaves", "index", "pdos", "hex", "listen", "connect")
 """Keys with numbers in their range, but values of another kind."""
+LITERAL = {
+    "mailbox_timeout_ms": 1000 * Line().answer_s,
+    "mailbox_tries": Line().tries,
+    "mailbox_poll_ms": 1000 * SlaveConfig(0).poll_s,
+    "stop_timeout_s": SafeConfig(0).patience,
+}
+"""Keys that are None if they are missing, and what is used then."""
 
 
 class Row(NamedTuple):
@@ -54,8 +61,8 @@ class Row(NamedTuple):
 
     def config(self, value: str | None) -> Config:
         """What is read of a file with this key, or of the same one without it."""
-        lines = [line for line in NEEDED.get(self.header, "").splitlines() if line]
-        lines = [line for line in lines if not line.startswith(f"{self.key} =")]
+        others = NEEDED.get(self.header, "").splitlines()
+        lines = [line for line in others if not line.startswith(f"{self.key} =")]
         if value is not None:
             lines.append(f"{self.key} = {value}")
         text = "\n".join([f"{ABOVE.get(self.header, '')}{self.header}", *lines])
@@ -109,15 +116,6 @@ def test_a_key_is_read_as_the_page_says(row: Row) -> None:
     literal = re.fullmatch("`([^`]+)`", row.default)
     if literal and row.key not in LITERAL:
         assert row.config(literal[1]) == row.config(None)
-
-
-LITERAL = {
-    "mailbox_timeout_ms": 1000 * Line().answer_s,
-    "mailbox_tries": Line().tries,
-    "mailbox_poll_ms": 1000 * SlaveConfig(0).poll_s,
-    "stop_timeout_s": SafeConfig(0).patience,
-}
-"""Keys that are None if they are missing, and what is used then."""
 
 
 def test_defaults_that_are_used_elsewhere_are_right() -> None:

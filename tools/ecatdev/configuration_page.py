@@ -48,8 +48,8 @@ subjects.
 These keys stand in front of the first `[table]`.
 """
 _ABOUT_LOG = """\
-The level of each [part of the daemon](configuration.md#the-log) that has one of its own, and of all
-others.
+The level of each [part of the daemon](configuration.md#the-log) that has one of its own, such as
+`mailbox = "debug"`, and of all others.
 """
 _UNITS = {"us": "µs", "ms": "ms", "s": "s", "hz": "Hz", "mb": "MiB", "cycles": "cycles"}
 """Units by the ends of keys."""

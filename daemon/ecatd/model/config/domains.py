@@ -17,6 +17,7 @@ _POSITIONS = re.compile(r"([0-9]{1,5})(?:\s*-\s*([0-9]{1,5}))?")
 
 @accepts(f"0 to {POSITION_MAX}, rows of these, or names")
 def _slaves(row: Table, key: Key) -> Table:
+    """Returns the elements; `_positions` reads them, which must know the domains before."""
     return row.elements(key)
 
 

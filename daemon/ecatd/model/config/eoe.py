@@ -43,9 +43,10 @@ class EoeConfig(Placed):
 
 @dataclass(slots=True)
 class SlaveEoeConfig(Placed):
-    """`[slave.eoe]`: the [IP parameters](ethernet.md#ip-parameters) of a slave with EoE.
+    """`[slave.eoe]`: the [IP parameters](ethernet.md#ip-parameters) of a slave.
 
-    The slave gets them when it starts or comes back. Without this table it keeps those that it has.
+    A slave with Ethernet over EtherCAT gets them when it starts or comes back. Without this table
+    it keeps those that it has.
 
     Attributes:
         mac: MAC address; `""`: ecatd chooses one.

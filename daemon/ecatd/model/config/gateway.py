@@ -169,10 +169,9 @@ class GatewayConfig(Placed):
         connect: Zenoh routers that the gateway connects to, again and again until it succeeds.
             Needs `host`, and a `certificate` that the authority of the router has signed.
         certificate: File with the certificate of the daemon, in PEM, for `tls` and `quic`;
-            [`ecatctl remote init`](zenoh.md#users-of-other-machines) makes it. The gateway must be
-            able to read it. `""`: none.
-        key: File with the private key of `certificate`, in PEM. The gateway must be able to read
-            it.
+            [`ecatctl remote init`](zenoh.md#users-of-other-machines) makes it, and `key`. The
+            gateway must be able to read both. `""`: none.
+        key: File with the private key of the daemon, in PEM.
         users_ca: File with the certificates of those who may sign certificates of users and
             routers.
         user: The users.

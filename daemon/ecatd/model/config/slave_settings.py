@@ -94,7 +94,7 @@ class ModuleConfig(Placed):
 
     Attributes:
         slot: Number of the slot.
-        ident: Module ident.
+        ident: Module ident, such as `0x00000108`.
         type: Its type, for messages.
     """
 
