@@ -65,6 +65,11 @@ def _lines(document: dict[str, Any], cycles: int) -> list[str]:
     def text(value: float | None) -> str:
         return "" if value is None else f"{value:.7g}"
 
+    def doubt(count: int) -> str:
+        if count >= cycles:
+            return ""
+        return f"read in {count} cycles" if count else "no value that can be trusted"
+
     lines = table_lines(
         ("NAME", "MINIMUM", "MEAN", "MAXIMUM", "UNIT", ""),
         (
@@ -72,7 +77,7 @@ def _lines(document: dict[str, Any], cycles: int) -> list[str]:
                 row["name"],
                 *(text(row[name]) for name in ("minimum", "mean", "maximum")),
                 row["unit"],
-                "" if row["count"] else "no value that can be trusted",
+                doubt(row["count"]),
             )
             for row in document["values"]
         ),

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .info import DomainInfo, OutputInfo, Owner, SlaveInfo, Summary
     from .requests import Request
     from .signals import Signal
+    from .summaries import Summaries
 
 _HOME = {
     **dict.fromkeys(("Direction", "Outputs", "Reason", "Validity", "WkcState"), "ecatd.shm"),
@@ -27,6 +28,7 @@ _HOME = {
     **dict.fromkeys(("DomainInfo", "OutputInfo", "Owner", "SlaveInfo", "Summary"), ".info"),
     "Request": ".requests",
     "Signal": ".signals",
+    "Summaries": ".summaries",
 }
 
 __all__ = [
@@ -42,6 +44,7 @@ __all__ = [
     "Signal",
     "SignalGroup",
     "SlaveInfo",
+    "Summaries",
     "Summary",
     "Validity",
     "WkcState",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import struct
 from collections import defaultdict
 from collections.abc import AsyncIterator, Iterable, Sequence
 from types import TracebackType
@@ -21,7 +20,8 @@ from .group import SignalGroup
 from .info import DomainInfo, OutputInfo, Owner, SlaveInfo, Summary
 from .requests import Request, Requests
 from .signals import Signal, make
-from .structs import QUICK, SUMMARY, WAITING, DomainStruct, SlaveStruct, SummaryStruct
+from .structs import QUICK, WAITING, DomainStruct, SlaveStruct
+from .summaries import Summaries
 
 if TYPE_CHECKING:
     import numpy as np
@@ -305,12 +305,12 @@ class Client:
             NoAnswerError: A cycle did not come in time.
             UnreachableError: The daemon has ended.
         """
-        connection = self._connection
-        numbers = [self._entry(signal).number for signal in signals]
-        found = (SummaryStruct * len(numbers))()
-        handles = (ctypes.c_int * len(numbers))(*numbers)
-        connection.summarize(handles, found, cycles, timeout)
-        return [Summary._make(row) for row in struct.iter_unpack(SUMMARY, found)]
+        summaries = self.summaries(signals)
+        return summaries.rows(summaries.take(cycles, timeout))
+
+    def summaries(self, signals: Iterable[str | Signal]) -> Summaries:
+        """Prepares entries for `summarize` again and again, without a gap between the rows."""
+        return Summaries(self._connection, [self._entry(signal) for signal in signals])
 
     def domain(self, number: int = 0) -> DomainInfo:
         """What is known about the last sample of a domain."""

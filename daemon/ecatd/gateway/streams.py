@@ -1,20 +1,23 @@
 """Streams for readers that cannot take the values of each cycle: minimum, mean and maximum.
 
 A reader requests a pattern and a rate, and gets the key under which its values are published. The
-rows are computed in C (`ecat_summarize`) from the values of every cycle, so no peak is lost.
+rows are computed in C (`ecat_summarize`) from the values of every cycle, so no peak is lost. A
+thread takes them one after the other, and another one publishes them, as that takes longer than a
+cycle on a large bus.
 Readers with the same pattern and rate share a stream. A stream without readers ends after a while.
 """
 
 from __future__ import annotations
 
 import hashlib
+import queue
 import threading
 import time
 from typing import Any
 
 import zenoh
 
-from ecatd.client import Client, Signal
+from ecatd.client import Client, Signal, Summaries
 from ecatd.client.patterns import find_signals
 from ecatd.encoding import pack
 from ecatd.model.errors import BusyError, EcatError, UsageError
@@ -29,6 +32,8 @@ _UNSEEN = (None, None, None, 0)
 """The row of an entry that could not be trusted in any cycle."""
 _LATE_S = 5.0
 """Seconds for which a cycle may be late."""
+_WAITING_MAX = 20
+"""Most rows that wait until they are published. More are lost."""
 
 
 class Streams:
@@ -113,35 +118,50 @@ class _Stream:
             "cycles": self._cycles,
             "signals": [_described(signal) for signal in self._signals],
         }
-        self._thread = threading.Thread(target=self._serve, name="stream", daemon=True)
+        self._rows: queue.SimpleQueue[tuple[int, bytes] | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._take, name="stream", daemon=True)
         self._thread.start()
+        threading.Thread(target=self._publish, name="publish", daemon=True).start()
 
     @property
     def is_open(self) -> bool:
         """Whether the stream still runs."""
-        return self._thread.is_alive()
+        return self._thread.is_alive() and not self.ends.is_set()
 
-    def _serve(self) -> None:
+    def _take(self) -> None:
         try:
-            while not self.ends.is_set() and self._is_wanted():
-                self._publish()
-        except (EcatError, zenoh.ZError):
+            with self._client:
+                summaries = self._client.summaries(self._signals)
+                while not self.ends.is_set():
+                    row = summaries.take(self._cycles, _LATE_S)
+                    if self._rows.qsize() < _WAITING_MAX:
+                        self._rows.put((self._client.cycle, row))
+        except EcatError:
             pass  # the daemon ends, and with it the gateway: readers must open another stream
         finally:
-            self._client.close()
+            self._rows.put(None)
+
+    def _publish(self) -> None:
+        try:
+            while (taken := self._rows.get()) is not None:
+                cycle, row = taken
+                values = [
+                    (low, mean, high, count) if count else _UNSEEN
+                    for low, high, mean, _, count in Summaries.rows(row)
+                ]
+                message = {"schema": SCHEMA, "cycle": cycle, "values": values}
+                self._publisher.put(pack(message))
+                if not self._is_wanted():
+                    break
+        except zenoh.ZError:
+            pass  # the gateway ends
+        finally:
+            self.ends.set()
 
     def _is_wanted(self) -> bool:
         if self._publisher.matching_status.matching:  # type: ignore[attr-defined]
             self.asked = time.monotonic()
         return time.monotonic() - self.asked < _ABANDONED_S
-
-    def _publish(self) -> None:
-        found = self._client.summarize(self._signals, self._cycles, _LATE_S)
-        rows = [
-            (low, mean, high, count) if count else _UNSEEN for low, high, mean, _, count in found
-        ]
-        message = {"schema": SCHEMA, "cycle": self._client.cycle, "values": rows}
-        self._publisher.put(pack(message))
 
 
 def _described(signal: Signal) -> dict[str, Any]:
