@@ -211,3 +211,12 @@ def test_an_address_in_use_costs_only_the_metrics(
     second = start_daemon("line:1", config=CONFIG.format(address=address).split("[[")[0])
     names(second.log, f"no metrics on {address}", "in use")
     assert len(second.slave_rows()) == 1
+
+
+def test_a_file_at_the_address_stays(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    file = tmp_path / "notes.txt"
+    file.write_text("mine")
+    daemon = start_daemon("line:1", config=CONFIG.format(address=f"unix:{file}").split("[[")[0])
+    names(daemon.log, f"no metrics on unix:{file}", "in use")
+    assert daemon.stop() == 0
+    assert file.read_text() == "mine"

@@ -3,6 +3,7 @@
 import itertools
 import json
 import os
+import re
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -124,6 +125,20 @@ def test_there_are_so_many_streams_at_a_time(bus: Daemon, remote: Remote) -> Non
     for stream in open_:
         stream.__exit__(None, None, None)
     wait_for(lambda: bus.ctl("watch", "3/*", "--count", "1", check=False).returncode == 0, bus)
+
+
+@pytest.mark.long
+def test_who_waits_for_the_first_row_outlives_the_gateway(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    log = '[gateway]\nlisten = []\n[log]\ngateway = "debug"\n'
+    daemon = start_daemon("troll", config=log)
+    with following("watch", "2/*", "--hz", "0.1", env=daemon.env) as watch:
+        wait_for(lambda: re.search("ro/stream.*answered", daemon.log) is not None, daemon)
+        time.sleep(0.5)  # the answer is on its way
+        os.kill(daemon.child_pid("ecatd.gateway"), signal.SIGKILL)
+        wait_for(lambda: "waiting for it" in watch.said, daemon)
+        wait_for(lambda: len(watch.documents) > 0, daemon)
 
 
 def test_watch_shows_rows(bus: Daemon) -> None:

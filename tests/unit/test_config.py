@@ -326,6 +326,10 @@ def test_numbers_are_written_as_numbers(tmp_path: Path, given: str, written: str
         ("[gateway]\npublish = 1", ":2: gateway.publish:", "'publish_hz'"),
         ("[gateway]\nmetrics = '0.0.0.0:80'", ":2: gateway.metrics:", "other machines | 127.0.0.1"),
         ("[gateway]\nmetrics = '127.a.example:80'", ":2: gateway.metrics:", "other machines"),
+        ('[gateway]\nmetrics = "unix:/a\\u0000b"', ":2: gateway.metrics:", "no path"),
+        ("[gateway]\nmetrics = 'unix:/'", ":2: gateway.metrics:", "no path"),
+        ("[gateway]\nlisten = ['unixsock-stream//x/']", ":2: gateway.listen[0]:", "/x/ | no path"),
+        (f"[gateway]\nmetrics = 'unix:/{'ü' * 60}'", ":2: gateway.metrics:", "too long | 107"),
         ("[gateway]\nmetrics = '127.0.0.1'", ":2: gateway.metrics:", "no address | 127.0.0.1:9754"),
         ("zzz = 1", ":1: zzz:", "bus | interface"),
         ("[dc]\ncycle_time_us = 500", ":2: dc.cycle_time_us:", "[table]"),
@@ -363,6 +367,7 @@ def test_numbers_are_written_as_numbers(tmp_path: Path, given: str, written: str
             "string | 2.0 | quotes",
         ),
         (f"{SLAVE}{START}type = 'float'\nvalue = 'inf'", ":6: slave[0].startup[0].value:", "inf"),
+        (f"{SLAVE}{START}type = 'lreal'\nvalue = 1{'0' * 400}", ":6: slave", "finite"),
         (f"{SLAVE}{START}{RPM}value = inf", ":7: slave[0].startup[0].value:", "finite | inf"),
         (f"{SLAVE}{START}{RPM}value = 'nan'", ":7: slave[0].startup[0].value:", "finite | nan"),
         (f"{SLAVE}{START}{RPM}value = 'x'", ":7: slave[0].startup[0].value:", "number | unit"),
@@ -788,3 +793,9 @@ def test_anything_is_taken_or_refused_in_one_line(data: dict[str, Any]) -> None:
     except ConfigError as error:
         said = str(error)
     assert "\n" not in said
+
+
+def test_the_gateway_may_listen_on_unix_sockets() -> None:
+    written = {"listen": ["unixsock-stream//run/here"], "metrics": "unix:/run/there"}
+    gateway = read_config({"gateway": written}).gateway
+    assert {"listen": gateway.listen, "metrics": gateway.metrics} == written

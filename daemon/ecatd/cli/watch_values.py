@@ -39,12 +39,16 @@ def watch(options: argparse.Namespace) -> None:
 
     def follow(remote: Remote) -> Iterator[None]:
         with remote.stream(options.pattern, options.hz) as stream:
+            yield  # it has answered, though a row takes a while at a low rate
+            before: int | None = None
             for row in stream:
                 document = _document(remote, stream.signals, row)
+                passed = stream.cycles if before is None else row["cycle"] - before
+                before = row["cycle"]
                 if options.json:
                     print_json_line(document)
                 else:
-                    screen.draw(_lines(document, stream.cycles))
+                    screen.draw(_lines(document, passed))
                 yield
                 if next(shown) == options.count:
                     return
@@ -68,7 +72,7 @@ def _lines(document: dict[str, Any], cycles: int) -> list[str]:
     def doubt(count: int) -> str:
         if count >= cycles:
             return ""
-        return f"read in {count} cycles" if count else "no value that can be trusted"
+        return f"read in {count} of them" if count else "no value that can be trusted"
 
     lines = table_lines(
         ("NAME", "MINIMUM", "MEAN", "MAXIMUM", "UNIT", ""),

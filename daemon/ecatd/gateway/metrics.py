@@ -51,7 +51,7 @@ class MetricsServer:
         path = self._address.removeprefix(_PREFIX)
         try:
             if path != self._address:
-                Path(path).unlink(missing_ok=True)
+                # A socket of an earlier gateway is replaced, another file is not.
                 self._server = await asyncio.start_unix_server(self._serve, path, limit=_HEAD_MAX)
                 Path(path).chmod(0o660)
             else:

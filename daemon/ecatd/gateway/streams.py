@@ -132,10 +132,13 @@ class _Stream:
         try:
             with self._client:
                 summaries = self._client.summaries(self._signals)
+                domains = {slave.domain for slave in self._client.slaves()}
                 while not self.ends.is_set():
                     row = summaries.take(self._cycles, _LATE_S)
                     if self._rows.qsize() < _WAITING_MAX:
-                        self._rows.put((self._client.cycle, row))
+                        # That of the last sample: another one may have ended since.
+                        cycle = max(self._client.domain(number).cycle for number in domains)
+                        self._rows.put((cycle, row))
         except EcatError:
             pass  # the daemon ends, and with it the gateway: readers must open another stream
         finally:

@@ -50,9 +50,17 @@ _LISTEN = accepts(f"{_ENDPOINT}; `{_LOCAL}/PATH`")(_endpoints)
 _CONNECT = accepts(_ENDPOINT)(_endpoints)
 
 
+def _check_socket_path(table: Table, key: Key, path: str) -> None:
+    if not path.startswith("/") or path.endswith("/") or not path.isprintable():
+        table.fail(key, f"{show(path)} is no path of a socket: write its whole path")
+    if len(path.encode()) > _SOCKET_PATH_MAX:
+        table.fail(key, f"{show(path)} is too long for a socket: at most {_SOCKET_PATH_MAX} bytes")
+
+
 def _check_endpoint(table: Table, key: Key) -> None:
     endpoint = table.text(key)
     if endpoint.startswith(f"{_LOCAL}/"):
+        _check_socket_path(table, key, endpoint.removeprefix(_LOCAL))
         return
     protocol, _, rest = endpoint.partition("/")
     host, _, port = re.split("[?#]", rest, maxsplit=1)[0].rpartition(":")
@@ -81,7 +89,10 @@ def _is_loopback(host: str) -> bool:
 @accepts("`HOST:PORT` with a loopback address, or `unix:PATH`")
 def _metrics_address(table: Table, key: Key) -> str:
     text = table.text(key)
-    if not text or (text.startswith("unix:/") and len(text) <= len("unix:") + _SOCKET_PATH_MAX):
+    if not text:
+        return text
+    if text.startswith("unix:/"):
+        _check_socket_path(table, key, text.removeprefix("unix:"))
         return text
     host, _, port = text.rpartition(":")
     if not _is_port(port):

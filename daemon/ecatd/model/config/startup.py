@@ -53,7 +53,7 @@ def _value(table: Table, key: Key) -> str:
     if "type" in table:
         kind = table.explain("type", lambda: parse_type(table.text("type")))
     real = kind is not None and is_real(kind)
-    if isinstance(value, float) or (real and isinstance(value, str)):
+    if isinstance(value, float) or real:
         _check_finite(table, key)
     if isinstance(value, int | float):
         fits = kind is None or real or (isinstance(value, int) and kind not in STRINGS)
@@ -83,6 +83,8 @@ def _check_finite(table: Table, key: Key) -> bool:
         finite = math.isfinite(float(table.data[key]))
     except ValueError:
         return False
+    except OverflowError:  # a whole number beyond all floating-point numbers
+        finite = False
     return finite or table.fail(key, f"must be a finite number, not {show(table.data[key])}")
 
 
