@@ -204,6 +204,16 @@ def test_defaults_without_matching_names_go_by_their_order(tmp_path: Path) -> No
     assert record.entries[1].default == b"\xfe", "the second one"
 
 
+def test_a_text_is_no_default_of_a_number(tmp_path: Path) -> None:
+    text = SAMPLE.replace(
+        "<Type>STRING(0)</Type>\n                <BitSize>0<",
+        "<Type>UDINT</Type>\n                <BitSize>32<",
+    )
+    objects = axis(tmp_path, text).objects
+    (hardware,) = next(item for item in objects if item.index == 0x1009).entries
+    assert (hardware.data_type, hardware.default) == (DataType.UNSIGNED32, None)
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "iso-8859-1", "windows-1252"])
 def test_encodings(tmp_path: Path, encoding: str) -> None:
     data = SAMPLE.replace('encoding="utf-8"', f'encoding="{encoding}"').encode(encoding)

@@ -367,7 +367,7 @@ def _value(info: Element, kind: str, entry: EsiEntry) -> bytes | None:
         limit = 1 << entry.bits
         value = number.number(-(limit >> 1), limit - 1)
         return (value % limit).to_bytes(size, "little")
-    if text is not None:
+    if text is not None and entry.data_type in STRINGS:  # it says nothing about a number
         coding = "utf-16-le" if entry.data_type == DataType.UNICODE_STRING else "utf-8"
         return text.text.encode(coding)[: size or _MAX_BITS // 8]
     return None
