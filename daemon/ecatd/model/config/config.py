@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar
 from ..bus_name import BUS_NAME_RULE, check_bus_name
 from ..log_levels import DEFAULTS, LEVELS, OTHERS, PARTS
 from ..plain import plain
-from ..toml_file import Key, Rules, Table, accepts, integer, number, one_of, show
+from ..toml_file import Key, Limits, Rules, Table, accepts, integer, number, one_of, show
 from .clocks import DcConfig, DcSlaveConfig, read_clocks
 from .copies import ABSENT, CopyConfig, read_copies
 from .domains import DomainConfig, read_domains
@@ -44,20 +44,17 @@ def _folders(table: Table, key: Key) -> list[str]:
     return table.array(key, _folder)
 
 
-@accepts("a whole path")
-def _capture_folder(table: Table, key: Key) -> str:
-    folder = table.text(key)
-    if folder and not (folder.startswith("/") and folder.isprintable()):
-        table.fail(key, f'{show(folder)} is no folder: write its whole path, "/var/lib/ecatd"')
-    return folder
+def _whole_path(what: str, example: str) -> Limits[str]:
+    """A rule for the path of something, or an empty text: nothing."""
 
+    @accepts("a whole path")
+    def rule(table: Table, key: Key) -> str:
+        path = table.text(key)
+        if path and not (path.startswith("/") and path.isprintable()):
+            table.fail(key, f'{show(path)} is no {what}: write its whole path, "{example}"')
+        return path
 
-@accepts("a whole path")
-def _audit_file(table: Table, key: Key) -> str:
-    path = table.text(key)
-    if path and not (path.startswith("/") and path.isprintable()):
-        table.fail(key, f'{show(path)} is no file: write its whole path, "/var/log/ecatd/audit"')
-    return path
+    return rule
 
 
 def _log(top: Table, key: Key) -> dict[str, str]:
@@ -130,7 +127,7 @@ class CaptureConfig(Placed):
     """
 
     memory_mb: Annotated[int, integer(0, 1024)] = 16
-    folder: Annotated[str, _capture_folder] = ""
+    folder: Annotated[str, _whole_path("folder", "/var/lib/ecatd")] = ""
     keep: Annotated[int, integer(1, 1000)] = 10
 
 
@@ -174,7 +171,7 @@ class Config(Placed):
     second_interface: Annotated[str, read_interface] = ""
     cycle_time_us: Annotated[int, integer(100, 1_000_000)] = 1000
     state_timeout_s: Annotated[float, number(0.1, 300)] = 10.0
-    audit_file: Annotated[str, _audit_file] = ""
+    audit_file: Annotated[str, _whole_path("file", "/var/log/ecatd/audit")] = ""
     log: Annotated[dict[str, str], _log] = field(default_factory=lambda: {**DEFAULTS})
     profiles: Annotated[list[str], _folders] = field(default_factory=list)
     expected: Annotated[ExpectedConfig, one(ExpectedConfig)] = field(default_factory=ExpectedConfig)
