@@ -222,6 +222,26 @@ def test_r34_a_gateway_that_asks_and_does_not_read(daemon: Daemon) -> None:
         assert answers > 100 * len(request)  # it is served again when it reads
 
 
+def test_r34_who_reads_eeproms_without_end_keeps_nobody_from_changes(daemon: Daemon) -> None:
+    path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
+    reads = [{"op": "read_sii", "slave": 0, "word": 0, "count": 128} for _ in range(40)]
+    change = {"op": "sdo_write", "slave": 0, "index": 0x6060, "data": b"\x03"}
+    asked = [{"id": number, **request} for number, request in enumerate([*reads, change])]
+    answers: dict[int, dict[str, Any]] = {}
+    with socket.socket(socket.AF_UNIX) as gateway, gateway.makefile("rb") as replies:
+        gateway.connect(str(path))
+        gateway.sendall(b"".join(map(frame, asked)))
+        while len(answers) < len(asked):
+            answer = unpack(replies.read(LENGTH.unpack(replies.read(LENGTH.size))[0]))
+            answers[answer["id"]] = answer
+    read = [len(answers[number].get("ok", {"data": b""})["data"]) for number in range(40)]
+    assert read == 24 * [256] + 16 * [0]
+    errors = [answers[number]["error"] for number in range(24, 40)]
+    assert {error["name"] for error in errors} == {"busy"}
+    assert "24 requests waiting" in errors[0]["message"]
+    assert "ok" in answers[40], answers[40]
+
+
 def test_r34_too_many_gateways(daemon: Daemon) -> None:
     path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
     with contextlib.ExitStack() as stack:

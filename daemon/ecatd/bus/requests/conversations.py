@@ -25,14 +25,10 @@ from ..mailbox.talks import Talk, talk_alone
 from ..master.emergencies import Emergency
 from ..master.master import Master
 from ..master.worker import Worker
+from .places import Places
 
 T = TypeVar("T")
 
-_REQUESTS_MAX, _OF_ONE_SLAVE_MAX = 128, 32
-"""Requests that may wait, in all and for one slave; further ones are refused with BusyError."""
-_FOR_CHANGES = 0.25
-"""The share of these places that only requests which change something may take. Everybody who may
-read can ask for as much as he likes, and must not keep others from their changes."""
 _PATIENCE = 10.0
 """Seconds after which a request that could not begin is given up."""
 
@@ -50,12 +46,15 @@ class Conversations:
         master: The master.
         worker: The worker on which slaves are asked.
         note: Called with each emergency that a slave sends meanwhile.
+
+    Attributes:
+        places: The places in which requests wait.
     """
 
     def __init__(self, master: Master, worker: Worker, note: Callable[[Emergency], None]) -> None:
         self._master = master
         self._worker = worker
-        self._waiting = 0
+        self.places = Places()
         self._note = note
 
     async def coe(
@@ -153,22 +152,14 @@ class Conversations:
         Raises:
             BusyError: Too many requests are waiting, or this one waited too long.
         """
-        share = 1 if changes else 1 - _FOR_CHANGES
-        if len(line) >= _OF_ONE_SLAVE_MAX * share:
-            raise BusyError(f"{slave.label} has {len(line)} requests waiting already; try again")
-        if self._waiting >= _REQUESTS_MAX * share:
-            raise BusyError(
-                f"busy: {self._waiting} mailbox requests are waiting already; try again"
-            )
         loop, called = asyncio.get_running_loop(), asyncio.Event()
-        self._waiting += 1
-        try:
-            with line.join(lambda: loop.call_soon_threadsafe(called.set)) as turn:
-                if not turn.has_come:
-                    await _patiently(called, slave)
-                yield
-        finally:
-            self._waiting -= 1
+        with (
+            self.places.take(slave, changes=changes),
+            line.join(lambda: loop.call_soon_threadsafe(called.set)) as turn,
+        ):
+            if not turn.has_come:
+                await _patiently(called, slave)
+            yield
 
 
 async def _patiently(called: asyncio.Event, slave: Slave) -> None:

@@ -13,6 +13,7 @@ from ecatd.model.requests.eeproms import ReadSii, WriteSii
 from ..master.master import Master
 from ..master.worker import Worker
 from .changes import Change, Changes
+from .places import Places
 
 _PATIENCE = 10.0
 """Seconds for which an EEPROM waits for the next part from the client that writes it."""
@@ -32,13 +33,17 @@ class Eeproms:
         bus: The bus description.
         master: The master.
         worker: The worker on which slaves are asked.
+        places: The places in which requests wait.
         changes: Tells of changes.
     """
 
-    def __init__(self, bus: Bus, master: Master, worker: Worker, changes: Changes) -> None:
+    def __init__(
+        self, bus: Bus, master: Master, worker: Worker, places: Places, changes: Changes
+    ) -> None:
         self._bus = bus
         self._master = master
         self._worker = worker
+        self._places = places
         self._changes = changes
         self._writers: dict[int, _Writer] = {}  # by position
 
@@ -48,23 +53,29 @@ class Eeproms:
         Meanwhile the EEPROM is assigned to the master, not to the slave (register 0x0500).
 
         Raises:
+            BusyError: Too many requests are waiting.
             StateError: There is no such slave, or its EEPROM cannot be read.
         """
-        position = self._bus.find(request.slave).position
-        steps = self._master.reading_eeproms(
-            lambda words: words(request.word, request.count), [position]
-        )
-        (data,) = await self._worker.request(steps)
+        slave = self._bus.find(request.slave)
+        with self._places.take(slave, changes=False):
+            steps = self._master.reading_eeproms(
+                lambda words: words(request.word, request.count), [slave.position]
+            )
+            (data,) = await self._worker.request(steps)
         return {"data": data}
 
     async def write(self, request: WriteSii) -> dict[str, Any]:
         """The reply has `written`: how many words had other values before.
 
         Raises:
-            BusyError: Another client writes this EEPROM.
+            BusyError: Another client writes this EEPROM, or too many requests are waiting.
             StateError: There is no such slave, or its EEPROM cannot be written.
         """
         slave = self._bus.find(request.slave)
+        with self._places.take(slave, changes=True):
+            return await self._write(slave, request)
+
+    async def _write(self, slave: Slave, request: WriteSii) -> dict[str, Any]:
         self._reserve(slave, request.by)
         before: dict[int, bytes] = {}
         word, data = request.word, request.data

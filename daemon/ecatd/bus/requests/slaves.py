@@ -62,7 +62,7 @@ class SlaveRequests:
         self._dictionaries = Dictionaries(bus, conversations)
         self._objects = Objects(bus, conversations, self._dictionaries, meaning, changes)
         self._registers = Registers(bus, master, worker, changes)
-        self._eeproms = Eeproms(bus, master, worker, changes)
+        self._eeproms = Eeproms(bus, master, worker, conversations.places, changes)
         self._ethernet = Ethernet(bus, conversations, changes)
         self._idns = Idns(bus, conversations, changes)
         self._wire = Wire(bus, master, config, worker)
