@@ -49,7 +49,9 @@ _DEVICE: Rules = {
 }
 _FILE: Rules = {
     "slave": lambda table, key: table.table(key).read(_DEVICE, required=("vendor", "product")),
-    "startup": lambda table, key: table.array(key, read_parameter, "tables"),
+    "startup": lambda table, key: table.array(
+        key, read_parameter, "an array of tables, written as [[startup]]"
+    ),
 }
 
 

@@ -174,7 +174,7 @@ class Table:
         for key, value in self.data.items():
             if key in known:
                 continue
-            near = difflib.get_close_matches(key, known, 1, 0.5)
+            near = difflib.get_close_matches(key.lower(), known, 1)
             hint = f"did you mean '{near[0]}'?" if near else f"valid are {', '.join(known)}"
             elements = value if isinstance(value, list) else []
             if key in self.document.top and all(isinstance(item, dict) for item in elements):
@@ -269,10 +269,10 @@ class Table:
         if not math.isfinite(value):
             self.fail(key, f"must be a finite number, not {value}")
         if not low <= value <= high:
-            bounds = f"at least {low:.15g}"
+            bounds = f"at least {_decimal(low)}"
             if high < math.inf:
-                bounds = f"from {low:.15g} to {high:.15g}"
-            self.fail(key, f"is {value:.15g}, but must be {bounds}")
+                bounds = f"from {_decimal(low)} to {_decimal(high)}"
+            self.fail(key, f"is {_decimal(value)}, but must be {bounds}")
         return float(value)
 
     def choice(self, key: Key, choices: Mapping[str, T], default: T = REQUIRED) -> T:
@@ -368,6 +368,20 @@ def number(low: float = -math.inf, high: float = math.inf) -> Limits[float]:
     return Limits(lambda table, key: table.number(key, low=low, high=high), (low, high))
 
 
+def zero_or(low: float, high: float) -> Limits[float]:
+    """A rule for numbers within bounds, or 0."""
+
+    @accepts(f"0, or {low} to {high}")
+    def rule(table: Table, key: Key) -> float:
+        value = table.number(key, low=0, high=high)
+        if 0 < value < low:
+            bounds = f"from {_decimal(low)} to {_decimal(high)}"
+            table.fail(key, f"is {_decimal(value)}, but must be 0, or {bounds}")
+        return value
+
+    return rule
+
+
 def printable(most: int) -> Limits[str]:
     """A rule for printable texts of at most `most` bytes in UTF-8, the room in shared memory."""
 
@@ -429,6 +443,12 @@ def _in_markdown(words: Iterable[str]) -> str:
     return ", ".join(f'`"{word}"`' for word in words)
 
 
+def _decimal(value: float) -> str:
+    """A number as people write it; with all its digits if it is just beyond a shorter one."""
+    short = f"{value:.15g}"
+    return short if float(short) == value else repr(value)
+
+
 def _hexadecimal(value: int) -> str:
     sign = "-" if value < 0 else ""
     return f"{sign}0x{abs(value):X}" if 9 < abs(value) < 1 << 64 else show(value)
@@ -441,6 +461,7 @@ def path_text(path: toml_places.Path) -> str:
         if isinstance(part, int):
             text += f"[{part}]"
         else:
-            name = part if re.fullmatch(r"[A-Za-z0-9_-]+", part) else repr(part)[:_SHOWN]
+            name = part if re.fullmatch(r"[A-Za-z0-9_-]+", part) else repr(part)
+            name = name if len(name) <= _SHOWN else f"{name[: _SHOWN - 1]}…"
             text += f".{name}" if text else name
     return text

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from ..toml_file import Key, Table, accepts, number
+from ..toml_file import Key, Table, accepts, number, zero_or
 from .placed import Placed, each, read, rules_of
 from .slave_reference import POSITION_MAX, slave_reference
 
-SYNC_MAX_US = 4_000_000
-"""Longest cycle of SYNC signals: registers 0x09A0 and 0x09A4 have nanoseconds in 32 bits."""
+SYNC_MIN_US, SYNC_MAX_US = 0.001, 4_000_000
+"""Bounds of the times of SYNC signals: registers 0x09A0 and 0x09A4 have nanoseconds in 32 bits."""
 
 
 @accepts(f"-1 to {POSITION_MAX} or a name")
@@ -34,9 +34,9 @@ class DcSlaveConfig(Placed):
     """
 
     slave: Annotated[int, slave_reference]
-    sync0_us: Annotated[float, number(0, SYNC_MAX_US)] = 0.0
+    sync0_us: Annotated[float, zero_or(SYNC_MIN_US, SYNC_MAX_US)] = 0.0
     shift_us: Annotated[float | None, number(-SYNC_MAX_US, SYNC_MAX_US)] = None
-    sync1_us: Annotated[float, number(0, SYNC_MAX_US)] = 0.0
+    sync1_us: Annotated[float, zero_or(SYNC_MIN_US, SYNC_MAX_US)] = 0.0
 
 
 @dataclass(slots=True)

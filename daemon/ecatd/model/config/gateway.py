@@ -11,7 +11,7 @@ from ..bus_name import HOST_NAME, HOST_NAME_RULE
 from ..errors import LOOPBACK
 from ..queries import RIGHT_NAMES
 from ..toml_file import Key, Table, accepts, any_of, number, show
-from .placed import Placed, one, read
+from .placed import Placed, each, read
 from .slave_reference import POSITION_MAX
 
 PLAIN, ENCRYPTED = ("tcp", "ws", "udp"), ("tls", "quic")
@@ -137,10 +137,6 @@ def _slaves(table: Table, key: Key) -> list[int | str]:
     return table.array(key, _slave)
 
 
-def _users(table: Table, key: Key) -> list[UserConfig]:
-    return table.array(key, one(UserConfig), "tables")
-
-
 @dataclass(slots=True)
 class UserConfig(Placed):
     """`[[gateway.user]]`: one table for each user of other machines, who has a certificate.
@@ -199,7 +195,7 @@ class GatewayConfig(Placed):
     certificate: Annotated[str, _path] = ""
     key: Annotated[str, _path] = ""
     users_ca: Annotated[str, _path] = ""
-    user: Annotated[list[UserConfig], _users] = field(default_factory=list)
+    user: Annotated[list[UserConfig], each(UserConfig)] = field(default_factory=list)
     anonymous_reading: Annotated[bool, Table.boolean] = False
     publish_hz: Annotated[float, number(0, 1000)] = 10.0
     metrics: Annotated[str, _metrics_address] = ""

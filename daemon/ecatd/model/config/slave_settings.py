@@ -7,7 +7,18 @@ from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple
 
 from ..bus import Module
-from ..toml_file import Key, Limits, Table, accepts, array, integer, number, one_of, printable, show
+from ..toml_file import (
+    Key,
+    Table,
+    accepts,
+    array,
+    integer,
+    number,
+    one_of,
+    printable,
+    show,
+    zero_or,
+)
 from .eoe import SlaveEoeConfig, read_slave_eoe
 from .pdos import PdoConfig, check_pdos, read_assigned
 from .placed import Placed, each, rules_of
@@ -62,20 +73,7 @@ def _name(table: Table, key: Key) -> str:
     return name
 
 
-def _zero_or(low: float, high: float) -> Limits[float]:
-    """A rule for a time within bounds, or 0: off."""
-
-    @accepts(f"0, or {low} to {high}")
-    def rule(table: Table, key: Key) -> float:
-        time = table.number(key, low=0, high=high)
-        if 0 < time < low:
-            table.fail(key, f"is {time:g}, but must be 0, or from {low:g} to {high:g}")
-        return time
-
-    return rule
-
-
-_WATCHDOG = _zero_or(WATCHDOG_MIN_MS, WATCHDOG_MAX_MS)  # slaves count it in steps of 100 µs
+_WATCHDOG = zero_or(WATCHDOG_MIN_MS, WATCHDOG_MAX_MS)  # slaves count it in steps of 100 µs
 _UNSIGNED32 = integer(0, 0xFFFFFFFF)
 _POLICY = one_of((STRICT, TOLERANT))
 _REGISTER = integer(IDENTIFICATION_REGISTERS[0], IDENTIFICATION_REGISTERS[-1])
@@ -205,7 +203,7 @@ class SlaveConfig(Placed):
     pdi_watchdog_ms: Annotated[float | None, _WATCHDOG] = None
     mailbox_timeout_ms: Annotated[float | None, number(10, 9000)] = None
     mailbox_tries: Annotated[int | None, integer(1, 10)] = None
-    mailbox_poll_ms: Annotated[float | None, _zero_or(_POLL_MIN_MS, _POLL_MAX_MS)] = None
+    mailbox_poll_ms: Annotated[float | None, zero_or(_POLL_MIN_MS, _POLL_MAX_MS)] = None
     module: Annotated[list[ModuleConfig], each(ModuleConfig)] = field(default_factory=list)
     pdos: Annotated[list[int] | None, read_assigned] = None
     pdo: Annotated[list[PdoConfig], each(PdoConfig)] = field(default_factory=list)
