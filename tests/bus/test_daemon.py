@@ -391,15 +391,20 @@ def test_r31_others_are_told_how_to_get_in() -> None:
     names(told, "NotPermittedError", "'tclosed'", "usermod -aG ecat", f"--connect {LOOPBACK}")
 
 
-def test_r23_stopping_takes_the_slaves_to_init(tmp_path: Path) -> None:
+@pytest.mark.parametrize("answers", ["come", "get lost"])
+def test_r23_stopping_takes_the_slaves_to_init(tmp_path: Path, answers: str) -> None:
     """Seen by another master, on the interface that the daemon has left."""
     code = (
-        "import pathlib, signal, socket, subprocess, sys\n"
+        "import os, socket, subprocess, sys\n"
+        "def faults(*fault): subprocess.run([sys.executable, '-m', 'ecatsim', 'ctl', *fault,"
+        " '--name', str(os.getppid())], check=True, stdout=subprocess.DEVNULL)\n"
         "ready = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); ready.bind('notify')\n"
         "daemon = subprocess.Popen([sys.executable, '-m', 'ecatd.service', '--interface',"
         " 'ecat-master', '--bus', 'tinit'])\n"
         "while b'READY=1' not in ready.recv(4096): pass\n"
+        "if sys.argv[1] == 'get lost': faults('drop', '--way-back', '--all-frames', '--count=0')\n"
         "daemon.terminate(); assert daemon.wait() == 0\n"
+        "faults('clear')\n"
         "raw = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(0x88A4))\n"
         "raw.bind(('ecat-master', 0x88A4)); raw.settimeout(60)\n"
         # One BRD of AL status: the states of all slaves, ORed, and how many have answered.
@@ -414,7 +419,10 @@ def test_r23_stopping_takes_the_slaves_to_init(tmp_path: Path) -> None:
         "NOTIFY_SOCKET": str(tmp_path / "notify"),
     }
     result = subprocess.run(
-        [sys.executable, "-m", "ecatsim", "run", "troll", "--", sys.executable, "-c", code],
+        [
+            *(sys.executable, "-m", "ecatsim", "run", "troll"),
+            *("--", sys.executable, "-c", code, answers),
+        ],
         env=env,
         cwd=tmp_path,
         text=True,

@@ -403,7 +403,7 @@ class BusServer:
         up = self._up
         try:
             if up.master is not None and self.bus.slaves:
-                # Slaves that are gone get no request; their watchdogs make their outputs safe.
+                # Nobody waits for slaves that are gone; their watchdogs make their outputs safe.
                 here = {
                     n.position: n.al_state & 0x0F for n in up.master.al_states.read() if n.al_state
                 }
@@ -413,8 +413,12 @@ class BusServer:
                     up.leave(AlState.INIT, _STOP_TIMEOUT)
                 for state, asked in ((AlState.SAFEOP, in_op), (AlState.INIT, list(here))):
                     if asked:
-                        with suppress(StateError):
+                        try:
                             up.master.al_states.wait_for(state, _STOP_TIMEOUT, asked)
+                        except StateError as error:
+                            self._log.warning(f"at the stop: {error}")
+                # A slave may hear this although its answers were lost.
+                up.master.al_states.tell_all(AlState.INIT)
             if up.clocks is not None:
                 up.clocks.sync_signals.stop()
         finally:

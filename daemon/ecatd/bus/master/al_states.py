@@ -84,6 +84,10 @@ class AlStates:
                 [fpwr(self._stations[p], _AL_CONTROL, data) for p in positions]
             )
 
+    def tell_all(self, state: AlState) -> None:
+        """Requests an AL state of all slaves by one broadcast, and waits for none of them."""
+        self._write(state, None)
+
     def acknowledge(self, positions: Collection[int]) -> Steps[set[int]]:
         """Acknowledges errors (AL control bit 4), and gives the slaves time to clear them.
 
