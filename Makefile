@@ -109,12 +109,15 @@ test-long: $(VENV)/.test
 	  $(call run_tests,user,unshare --user --map-user=1000 --map-group=1000,-m unprivileged $(FIRST_STEPS)); }
 
 # As root, in a network of its own. The image of the machine is made anew when what is in it changes.
+# `make -j2` builds the packages and the image at the same time. A day that ends because QEMU itself has
+# crashed (status 75) begins again, once.
 build/machine: tests/system/system_machine.py tests/system/agent.py
 	@rm -rf $@
 	@$(BIN)/python tests/system/system_machine.py $@
 
 test-system test-system-short: $(VENV)/.test deb build/machine
-	unshare --net $(call pytest,system) -m "system$(if $(filter %-short,$@), and not long)" tests/system
+	day() { unshare --net $(call pytest,system) -m "system$(if $(filter %-short,$@), and not long)" tests/system; }; \
+	  day || { [ $$? = 75 ] && echo "The day on the machine begins again." && day; }
 
 # What the tests name in their first lines; each of these is a part of make test in small.
 death: $(VENV)/.test

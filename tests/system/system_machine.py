@@ -9,6 +9,7 @@ import json
 import os
 import shlex
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -18,10 +19,14 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NoReturn, Self
+
+import pytest
 
 HERE = Path(__file__).parent
 PATIENCE_S = 300.0
+EMULATOR_CRASHED = 75
+"""Exit status of the tests if QEMU crashed: version 7.2 does so in one boot of some fifteen."""
 PACKAGES = (
     *("systemd", "systemd-sysv", "dbus", "udev", "kmod", "linux-image-rt-amd64", "libpam-systemd"),
     *("iproute2", "ethtool", "procps", "python3", "strace", "network-manager"),
@@ -250,9 +255,21 @@ class Machine:
                 reply = json.loads(line)
                 if reply["id"] == self._number:
                     return Said(reply["status"], reply["text"], reply["seconds"])
-            data = self._agent.recv(65536)
-            assert data, "the machine has ended"
+            try:
+                data = self._agent.recv(65536)
+            except ConnectionError:
+                data = b""
+            if not data:
+                self._machine_is_gone()
             self._pending += data
+
+    def _machine_is_gone(self) -> NoReturn:
+        """Ends the tests: with a status of its own if QEMU itself has crashed."""
+        status = self._process.wait(PATIENCE_S)
+        if status < 0 and status != -signal.SIGKILL:
+            name = signal.Signals(-status).name
+            pytest.exit(f"QEMU itself has crashed ({name})", EMULATOR_CRASHED)
+        raise AssertionError(f"the machine has ended:\n{self._console()}")
 
 
 def _connect(path: Path, process: "subprocess.Popen[bytes]") -> socket.socket:
