@@ -18,11 +18,12 @@ pytestmark = [
 
 PORT = 7447
 LATE = "192.0.2.7"  # for documentation (RFC 5737)
+BOUND = f"tcp/127.0.0.1:{PORT + 1}#iface=late0"
 NEW_NETWORK = 0x40000000  # CLONE_NEWNET
 CONFIG = f"""
 [gateway]
 listen = ["tcp/{LATE}:{PORT}", "tcp/127.0.0.1:{PORT}", "tcp/nowhere.invalid:1",
-  "tcp/a..b:1"]
+  "tcp/a..b:1", "{BOUND}"]
 anonymous_reading = true
 """
 
@@ -57,6 +58,9 @@ def test_an_address_that_comes_later_costs_nothing(tmp_path: Path) -> None:
         inside(daemon, "ip", "address", "add", f"{LATE}/32", "dev", "lo")
         wait_for(lambda: f"ecatd: listening on tcp/{LATE}" in daemon.log, daemon)
         assert slaves(daemon, LATE) == 1
+        names(daemon.log, f"not listening on {BOUND}", "no interface 'late0'")
+        inside(daemon, *["ip", "link", "add", "late0", "type", "veth", "peer", "name", "late1"])
+        wait_for(lambda: f"ecatd: listening on {BOUND}" in daemon.log, daemon)
         assert daemon.stop() == 0
         assert "does not end" not in daemon.log
     finally:

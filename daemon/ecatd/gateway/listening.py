@@ -85,17 +85,21 @@ async def _find_soon(endpoint: str) -> str:
 def find_problem(endpoint: str) -> str:
     """Returns why no process can listen on an endpoint now; empty if one can, or if unknown."""
     protocol, _, rest = endpoint.partition("/")
-    host, _, port = rest.partition("#")[0].partition("?")[0].rpartition(":")
+    address, _, options = rest.partition("#")
+    host, _, port = address.partition("?")[0].rpartition(":")
     if protocol not in PROTOCOLS:
         return ""
+    interface = dict(option.partition("=")[::2] for option in options.split(";")).get("iface")
+    if interface and interface not in (name for _, name in socket.if_nameindex()):
+        return f"this machine has no interface '{interface}'"
     kind = socket.SOCK_DGRAM if protocol in _DATAGRAMS else socket.SOCK_STREAM
     try:
-        family, kind, _, _, address = socket.getaddrinfo(
+        family, kind, _, _, place = socket.getaddrinfo(
             host.strip("[]"), port, type=kind, flags=socket.AI_PASSIVE
         )[0]
         with socket.socket(family, kind) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
+            probe.bind(place)
             if kind == socket.SOCK_STREAM:
                 probe.listen(1)
     except socket.gaierror as error:
