@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from .output import print_json_line
 from .terminal import check_stdout
+from .watch import outlive
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -21,17 +23,25 @@ journal of the machine: journalctl -u 'ecatd*'.
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
     command.epilog = _EPILOG
-    command.set_defaults(run=log)
+    command.set_defaults(alone=log)
 
 
-def log(remote: Remote, options: argparse.Namespace) -> None:
-    """Prints lines of the log as they come, until the daemon ends."""
+def log(options: argparse.Namespace) -> None:
+    """Prints lines of the log as they come, also those of the next daemon after a restart."""
     check_stdout()
-    for line in remote.log_lines():
-        if options.json:
-            print_json_line({"bus": remote.bus, **line})
-        else:
-            print(_text(line), flush=True)
+
+    def follow(remote: Remote) -> Iterator[None]:
+        lines = remote.log_lines()
+        remote.states()  # the daemon answers, so the command goes on when it is away
+        yield
+        for line in lines:
+            if options.json:
+                print_json_line({"bus": remote.bus, **line})
+            else:
+                print(_text(line), flush=True)
+            yield
+
+    outlive(options, follow)
 
 
 def _text(line: dict[str, Any]) -> str:
