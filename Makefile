@@ -23,7 +23,7 @@ help:
 	@echo "             test-system-short: from installing to removing the package, with the most important between"
 	@echo "make death   those about dying and hostile processes at length, some minutes (SEED=number)"
 	@echo "make soak    a bus with random faults for half an hour (SECONDS=number SEED=number)"
-	@echo "make fuzz    a million wrong inputs for each parser and way into the daemon, some hours (INPUTS=number)"
+	@echo "make fuzz    a million wrong inputs for each parser and way into the daemon, some hours (INPUTS=number, 60000 or more)"
 	@echo "make torn    100 million reads while the daemon writes: none is of two cycles, some minutes"
 	@echo "make bench   measure the speed, some minutes (OUT=folder: where results go, bench/ by default);"
 	@echo "             bench-full: everything, for an hour; DEVICE_DRIVERS=folder, a checkout of"

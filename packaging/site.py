@@ -27,10 +27,16 @@ def on_config(config: MkDocsConfig) -> None:
     site.mkdir(parents=True, exist_ok=True)
     others = {path.parent.name for path in site.glob("*/index.html")}
     versions = [
-        {"version": one, "title": one, "aliases": []} for one in sorted(others | {version})[::-1]
+        {"version": one, "title": one, "aliases": []}
+        for one in sorted(others | {version}, key=_numbers, reverse=True)
     ]
     (site / "versions.json").write_text(json.dumps(versions))
     (site / "index.html").write_text(f'<meta http-equiv="refresh" content="0; url={version}/">\n')
+
+
+def _numbers(version: str) -> list[int]:
+    """For sorting: 0.10.0 comes after 0.9.0."""
+    return [int(part) for part in re.findall(r"\d+", version)]
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

@@ -20,11 +20,15 @@ static int daemon_holds_lock(int fd) {
   return fcntl(fd, F_OFD_GETLK, &lock) != 0 || lock.l_type != F_UNLCK;
 }
 
+/* What follows `ecatd` in the name of the service of a bus: nothing for ecat0, else @ and the bus. */
+static const char *at(const ecat_t *bus) { return strcmp(bus->name, "ecat0") == 0 ? "" : "@"; }
+static const char *instance(const ecat_t *bus) { return at(bus)[0] ? bus->name : ""; }
+
 static int not_running(ecat_t *bus) {
   return ecat_fail(bus, ECAT_EDOWN,
-                   "no ecatd serves bus '%s'; start it with 'systemctl start ecatd', or without "
-                   "hardware 'ecatd --simulate troll'",
-                   bus->name);
+                   "no ecatd serves bus '%s'; start it with 'systemctl start ecatd%s%s', or without "
+                   "hardware 'ecatd --simulate troll%s%s'",
+                   bus->name, at(bus), instance(bus), at(bus)[0] ? " --bus " : "", instance(bus));
 }
 
 /* Whether a table lies within the shared memory; checked before its first byte is used. */
@@ -283,7 +287,8 @@ int ecat_memory_check(ecat_t *bus, uint64_t age_ns) {
     return 0;
   else if (!daemon_holds_lock(bus->fd))
     ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' has ended; start it again with "
-              "'systemctl start ecatd', unless systemd does so by itself", bus->name);
+              "'systemctl start ecatd%s%s', unless systemd does so by itself",
+              bus->name, at(bus), instance(bus));
   else if (age_ns > limit + 80000000u)
     return ecat_fail(bus, ECAT_ESTALE, "the cycle of bus '%s' stands still since %.3f s", bus->name,
                      (double)age_ns * 1e-9);

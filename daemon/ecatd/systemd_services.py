@@ -58,9 +58,10 @@ def _instance(bus: str) -> str:
 
 def how_to_start(bus: str) -> str:
     """Returns advice for messages if no daemon runs."""
+    name = "" if bus == "ecat0" else f" --bus {bus}"
     return (
         f"start it with 'systemctl start {service(bus)}', or without hardware: "
-        f"'ecatd --simulate troll'"
+        f"'ecatd --simulate troll{name}'"
     )
 
 

@@ -171,7 +171,7 @@ def test_sdo_requests_through_shared_memory(troll: Daemon) -> None:
 def test_a_client_of_a_bus_that_is_not_there() -> None:
     from ecatd.client import Client
 
-    with pytest.raises(UnreachableError, match=naming("'nobody'", "systemctl start ecatd")):
+    with pytest.raises(UnreachableError, match=naming("'nobody'", "systemctl start ecatd@nobody'")):
         Client("nobody")
     with pytest.raises(UsageError, match=naming("'a/b'", "bus name")):
         Client("a/b")

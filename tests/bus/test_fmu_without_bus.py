@@ -70,9 +70,9 @@ def refused(model: Model, **start: object) -> list[str]:
 
 def test_no_bus(model: Model) -> None:
     (error,) = refused(model, bus="nobody")
-    names(error, "'nobody'", "systemctl start ecatd")
+    names(error, "'nobody'", "systemctl start ecatd@nobody'")
     (error,) = refused(model, bus="nobody", whenMissing=WAIT, patience=0.1)
-    names(error, "'nobody'", "systemctl start ecatd", "'patience'")
+    names(error, "'nobody'", "systemctl start ecatd@nobody'", "'patience'")
 
 
 def test_waits_for_a_bus_that_is_missing(model: Model, start_daemon: Callable[..., Daemon]) -> None:

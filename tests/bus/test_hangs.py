@@ -98,6 +98,22 @@ def test_r19_the_engine_brakes_the_drive_if_nobody_controls_it(
 
 
 @pytest.mark.long
+def test_r18_a_main_process_that_hangs_is_told(machine: Machine) -> None:
+    """Without systemd, whose watchdog would end it. The bus goes on meanwhile."""
+    daemon = machine.daemon
+    os.kill(daemon.process.pid, signal.SIGSTOP)
+    wait_for(lambda: daemon.ctl("check", check=False).returncode == 1, daemon)
+    names(daemon.ctl("check", check=False).stdout, "degraded", "main process", "restart ecatd")
+    assert machine.turns
+    machine.send(GATEWAY, signal.SIGKILL)  # the service will write to a process that is gone
+    os.kill(daemon.process.pid, signal.SIGCONT)
+    wait_for(lambda: daemon.ctl("check", check=False).returncode == 0, daemon)
+    assert machine.turns
+    assert daemon.stop() == 0
+    assert "Traceback" not in daemon.log
+
+
+@pytest.mark.long
 def test_r19_an_engine_that_stands_still_is_noticed(machine: Machine) -> None:
     stopped = thread_of(machine.pid(BUS), "ecat-cyclic")
     stop_thread(stopped)

@@ -213,6 +213,18 @@ def test_an_address_in_use_costs_only_the_metrics(
     assert len(second.slave_rows()) == 1
 
 
+def test_an_address_that_is_free_later(start_daemon: Callable[..., Daemon]) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        address = f"127.0.0.1:{other.getsockname()[1]}"
+        daemon = start_daemon("line:1", config=CONFIG.format(address=address).split("[[")[0])
+        names(daemon.log, f"no metrics on {address}", "already in use", "tried again")
+    wait_for(lambda: f"ecatd: metrics on {address}" in daemon.log, daemon)
+    with urlopen(f"http://{address}/metrics") as answer:
+        assert answer.status == 200
+
+
 def test_a_file_at_the_address_stays(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
     file = tmp_path / "notes.txt"
     file.write_text("mine")

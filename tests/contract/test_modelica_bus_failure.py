@@ -128,7 +128,13 @@ def test_a_model_goes_on_without_a_bus_until_there_is_one(
     assert status == 0
     lines = said.splitlines()
     assert all(line.startswith("EtherCAT: ") for line in (lines[0], lines[-1])), said
-    names(lines[0], f"'{name}'", "'systemctl start ecatd'", "'ecatd --simulate troll'", "goes on")
+    names(
+        lines[0],
+        f"'{name}'",
+        f"'systemctl start ecatd@{name}'",
+        f"'ecatd --simulate troll --bus {name}'",
+        "goes on",
+    )
     names(lines[-1], f"'{name}'", "is there")
 
 
@@ -197,7 +203,9 @@ def test_patience_ends(model: Start, name: str) -> None:
     assert status == 1
     first, last = said.splitlines()
     names(first, "waits", "0.05 s")
-    names(last, "EtherCAT: ", "no ecatd", f"'{name}'", "'systemctl start ecatd'", "patience")
+    names(
+        last, "EtherCAT: ", "no ecatd", f"'{name}'", f"'systemctl start ecatd@{name}'", "patience"
+    )
 
 
 @pytest.mark.parametrize("wait_for_bus", [False, True])

@@ -118,7 +118,7 @@ def test_fresh_shared_memory_is_all_zero(shared: SharedMemory) -> None:
 
 def test_who_is_not_there_is_told(shared: SharedMemory) -> None:
     with pytest.raises(
-        UnreachableError, match=naming("no ecatd", "'nobody'", "systemctl start ecatd")
+        UnreachableError, match=naming("no ecatd", "'nobody'", "systemctl start ecatd@nobody'")
     ):
         read("nobody")
     for name in ("../x", "", "a" * 32, "a/b"):

@@ -207,7 +207,7 @@ def test_without_purge_files_of_the_administrator_stay_and_are_named(tmp_path: P
     keeping = "\n".join(line for line in told.splitlines() if line.startswith("keep "))
     for path in OF_THE_ADMINISTRATOR:
         assert Path(path).name in keeping
-    assert f"{PROGRAMS}/ecatctl service uninstall --purge" in told
+    assert f"{PROGRAMS}/ecatctl service uninstall --purge --root {tmp_path}`" in told
     service(tmp_path, "uninstall", "--purge")
     assert set(tree(tmp_path)) == {RULES, f"{SETTINGS}/ecatd-exporter.service"}
 

@@ -21,7 +21,10 @@ _SHOWN = 3
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
-    """Sets the function of the command; it has no arguments of its own."""
+    """Adds the statuses to the help; the command has no arguments of its own."""
+    command.epilog = (
+        "exit status, as for monitoring plug-ins: 0 well, 1 degraded, 2 down, 3 no right to look"
+    )
     command.set_defaults(alone=check)
 
 

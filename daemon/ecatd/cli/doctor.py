@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import platform
+import socket
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -108,15 +109,31 @@ def _look(options: argparse.Namespace, config: Config | None) -> Iterator[Findin
     names = [options.interface] if options.interface else []
     if not names and config is not None:
         names = [name for name in (config.interface, config.second_interface) if name]
+    if not names:
+        names = _in_use(options)
     if config is not None:
         yield from look_at_settings(config.realtime)
     for name in names:
         yield from look_at(name, cpu)
+    if not names:
+        text = "none was checked: neither a configuration nor a running bus names one"
+        yield Finding("interface", "name", Level.HINT, text, "`ecatctl doctor --interface IF`")
     yield from look_at_processors(cpu, service_group())
     yield from look_at_service(options.bus)
     yield from look_at_rights(options.bus)
     yield from look_at_shared_memory()
     yield from look_at_versions(options.bus)
+
+
+def _in_use(options: argparse.Namespace) -> list[str]:
+    """The interfaces of the running bus, as far as this machine has them."""
+    with Source(options) as source:
+        try:
+            links = source.remote().info()["links"] if source.local else {}
+        except EcatError:
+            return []
+    here = {name for _, name in socket.if_nameindex()}
+    return [name for name in links if name in here]
 
 
 def _measured(options: argparse.Namespace, changes: Iterator[str]) -> Iterator[str]:

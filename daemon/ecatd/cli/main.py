@@ -23,8 +23,8 @@ _EPILOG = """\
 exit status:
   0 done   2 wrong usage   3 daemon not reachable   4 no answer in time   5 SDO abort
   6 not permitted   7 wrong state or no such slave   70 a defect in ecatd
-  1 only by --check of generate and library: something would change; by doctor: a problem
-  check has statuses of its own: 0 well, 1 degraded, 2 down
+  1 a difference (--check of generate and library, config diff) or a problem (doctor)
+  check has statuses of its own: 0 well, 1 degraded, 2 down, 3 no right to look
 
 The daemon of this machine is used; --connect tls/HOST:7448 asks one of another host.
 """

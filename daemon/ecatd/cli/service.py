@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from ecatd.installation.actions import Action
 from ecatd.installation.buses import configured, enabled, is_masked, outdated, unit
@@ -125,9 +125,10 @@ def _next(place: Place, options: argparse.Namespace, before: set[str]) -> list[s
     if options.action == "uninstall":
         if options.purge:
             return []
+        root = "" if place.is_here else f" --root {place.root}"
         lines = [
-            f"`{place.programs}/ecatctl service uninstall --purge` also removes the files that "
-            "were kept"
+            f"`{place.programs}/ecatctl service uninstall --purge{root}` also removes the files "
+            "that were kept"
         ]
         return [
             *lines,
@@ -146,8 +147,12 @@ def _after_installation(place: Place, bus: str) -> Iterator[str]:
     file = CONFIGURATION / f"{bus}.toml"
     if not place.at(file).exists():
         yield f"`{ctl} service install --interface IF` writes {file}"
-    systemctl = "systemctl" if place.root == Path("/") else f"systemctl --root {place.root}"
+    systemctl = "systemctl" if place.is_here else f"systemctl --root {place.root}"
+    program = PurePosixPath(place.programs / "ecatd")
+    if not place.is_here and not place.at(program).exists():
+        yield f"install ecatd in {place.root} as {program}, where the links lead"
     for name in map(unit, sorted({bus, *configured(place)})):
         if name not in enabled(place) and not is_masked(place, name):
             yield f"`{systemctl} enable {name}` has it start with the machine"
-    yield f"`systemctl start {unit(bus)}`; `{ctl} check` says whether the bus is well"
+    where = "" if place.is_here else f"when the machine of {place.root} runs: "
+    yield f"{where}`systemctl start {unit(bus)}`; `{ctl} check` says whether the bus is well"

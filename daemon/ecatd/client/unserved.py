@@ -57,7 +57,7 @@ def _without_gateway(bus: str, header: Any) -> EcatError:
         return UnreachableError(f"{silent}: {advice.text}; {advice.remedy}")
     return UnreachableError(
         f"{silent}; ecatd starts it again by itself, while the bus runs on: try again in some "
-        f"seconds"
+        f"seconds. After --no-gateway, start it with 'ecatd --only-gateway --bus {bus}'"
     )
 
 

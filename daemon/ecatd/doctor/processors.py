@@ -49,10 +49,9 @@ def _engine_cpu(cpu: int | None, cpus: Path) -> Iterator[Finding]:
     if cpu is None:
         text = f"the engine has no CPU for itself (realtime.cpu); this machine has {len(online)}"
         best = max(isolated or online, default=0)
-        remedy = f"set realtime.cpu = {best}" + (
-            "" if isolated else f", and boot with isolcpus={best}"
-        )
-        yield Finding(_AREA, "CPU of the engine", Level.HINT, text, remedy)
+        remedy = f"set realtime.cpu = {best}" + ("" if isolated else f", and {_isolate(best)}")
+        cost = str(COSTS["cpu"])
+        yield Finding(_AREA, "CPU of the engine", Level.HINT, text, remedy, cost=cost)
         return
     if cpu not in online:
         text = f"realtime.cpu is {cpu}, but there are only {read(cpus / 'online')}"
@@ -62,7 +61,7 @@ def _engine_cpu(cpu: int | None, cpus: Path) -> Iterator[Finding]:
         yield Finding(_AREA, "CPU of the engine", Level.OK, f"CPU {cpu}, isolated from the others")
     else:
         text = f"CPU {cpu}, which other programs use, too"
-        remedy = f"boot with isolcpus={cpu} nohz_full={cpu} rcu_nocbs={cpu}, or remove realtime.cpu"
+        remedy = f"{_isolate(cpu)}, or remove realtime.cpu"
         cost = str(COSTS["cpu"])
         yield Finding(_AREA, "CPU of the engine", Level.HINT, text, remedy, cost=cost)
     twins = cpu_list(read(cpus / f"cpu{cpu}/topology/thread_siblings_list")) - {cpu}
@@ -70,6 +69,10 @@ def _engine_cpu(cpu: int | None, cpus: Path) -> Iterator[Finding]:
         text = f"CPU {cpu} shares its core with CPU {min(twins)}: they slow each other down"
         remedy = f"switch hyper-threading off, or isolate CPU {min(twins)}, too"
         yield Finding(_AREA, "shared core", Level.HINT, text, remedy)
+
+
+def _isolate(cpu: int) -> str:
+    return f"boot with isolcpus={cpu} nohz_full={cpu} rcu_nocbs={cpu}"
 
 
 def _governor(cpus: Path) -> Iterator[Finding]:

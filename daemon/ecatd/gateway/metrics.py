@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import socket
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ _PREFIX = "unix:"
 _HEAD_MAX = 8192
 _PATIENCE = 5.0
 """Seconds for one request, from the connection until the client has read the answer."""
+_RETRY_S = 2.0
 _CONNECTIONS_MAX = 16
 """Another connection ends the oldest one, so that silent clients do not lock others out."""
 _TEXT = "text/plain; charset=utf-8"
@@ -29,7 +32,7 @@ class MetricsServer:
         address: `HOST:PORT`, or `unix:PATH`.
         bus: Name of the bus.
         states: Reads the AL states of the slaves from the bus server.
-        log: The log for an address that cannot be used.
+        log: The log for an address that cannot be used, or not yet.
     """
 
     def __init__(
@@ -44,10 +47,26 @@ class MetricsServer:
         self._states = states
         self._log = log
         self._server: asyncio.Server | None = None
+        self._trying: asyncio.Task[None] | None = None
         self._connections: dict[asyncio.StreamWriter, None] = {}  # the oldest first
 
     async def start(self) -> None:
-        """Starts listening. If the address cannot be used, it only logs a warning."""
+        """Starts listening. An address that cannot be used is tried again and again."""
+        if problem := await self._listen():
+            self._log.warning(
+                f"no metrics on {self._address}: {problem} (gateway.metrics); it is tried again"
+            )
+            self._trying = asyncio.create_task(self._try_again())
+
+    async def _try_again(self) -> None:
+        while True:
+            await asyncio.sleep(_RETRY_S)
+            if not await self._listen():
+                self._log.info(f"metrics on {self._address}")
+                return
+
+    async def _listen(self) -> str:
+        """Starts listening; returns why that is not possible, or an empty text."""
         path = self._address.removeprefix(_PREFIX)
         try:
             if path != self._address:
@@ -59,11 +78,16 @@ class MetricsServer:
                 self._server = await asyncio.start_server(
                     self._serve, host.strip("[]"), int(port), limit=_HEAD_MAX
                 )
-        except OSError as error:
-            self._log.warning(f"no metrics on {self._address}: {error.strerror} (gateway.metrics)")
+        except socket.gaierror as error:
+            return error.strerror or str(error)
+        except OSError as error:  # the text of asyncio says the address again
+            return os.strerror(error.errno) if error.errno else str(error)
+        return ""
 
     def close(self) -> None:
         """Stops listening."""
+        if self._trying is not None:
+            self._trying.cancel()
         if self._server is not None:
             self._server.close()
             if self._address.startswith(_PREFIX):

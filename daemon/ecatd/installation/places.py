@@ -58,9 +58,14 @@ class Place:
         return self.programs == PACKAGED
 
     @property
+    def is_here(self) -> bool:
+        """Whether it is this machine, and not an image of another one."""
+        return self.root == Path("/")
+
+    @property
     def is_running(self) -> bool:
         """Whether systemd runs there, so that it can read new units."""
-        return self.root == Path("/") and Path("/run/systemd/system").is_dir()
+        return self.is_here and Path("/run/systemd/system").is_dir()
 
 
 def here(root: Path) -> Place:

@@ -12,6 +12,8 @@ from .bus import display_name
 
 _ABSENT = "absent"
 _DAY = 86400.0
+_SILENT_S = 12.0
+"""Seconds without a question of the main process, which comes every second, before that counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +30,7 @@ class Health:
         differences: A text for each slave that was missing at the start, and for devices that are
             no slaves of the bus.
         problems: A text for each slave with a problem, for each group of optional slaves of which
-            only some are there, and `differences`.
+            only some are there, `differences`, and a main process that hangs.
     """
 
     rows: list[dict[str, Any]]
@@ -70,6 +72,11 @@ def look_at(reply: Mapping[str, Any]) -> Health:
     differences = [item["text"] for item in missing]
     differences += filter(None, [reply.get("others")])
     problems += differences
+    if (silent := reply.get("service_silent_s", 0.0)) > _SILENT_S:
+        problems.append(
+            f"the main process of ecatd has hung for {silent:.0f} s, so nothing looks after the "
+            "bus server and the gateway: restart ecatd"
+        )
     left_out = sum(len(item["expected"]) for item in missing)
     absent = len(rows) - len(expected)
     count = len(expected) + left_out

@@ -41,6 +41,7 @@ class Child:
         self.on_levels: Callable[[dict[str, str]], None] = lambda levels: None
         self.on_starting: Callable[[], None] = lambda: None
         self._process = process
+        self._broken = asyncio.ensure_future(_ignore_broken_pipe(process))
         self._asked_at: float | None = None
         self._first: bytes | None = None
         self._listening: asyncio.Task[None] | None = None
@@ -169,3 +170,10 @@ class Child:
 
     def __str__(self) -> str:
         return f"{self.name} (process {self._process.pid})"
+
+
+async def _ignore_broken_pipe(process: asyncio.subprocess.Process) -> None:
+    """Takes the error of a write to a process that has just ended: `Child.end` tells of the end."""
+    if process.stdin is not None:
+        with suppress(ConnectionError):
+            await process.stdin.wait_closed()

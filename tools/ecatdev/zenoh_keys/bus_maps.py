@@ -88,11 +88,14 @@ class States(TypedDict):
         slaves: Those of all slaves, by position.
         missing: Slaves that were missing at a tolerant start.
         others: A sentence about devices that are no slaves of the bus, or empty.
+        service_silent_s: Seconds since the main process has asked the bus server whether it works,
+            which it does every second.
     """
 
     slaves: list[AlState]
     missing: list[MissingSlave]
     others: str
+    service_silent_s: float
 
 
 class MissingSlave(TypedDict):
