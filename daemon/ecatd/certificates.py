@@ -1,16 +1,27 @@
-"""Checks whether the certificates of `[gateway]` can be read and belong together."""
+"""Checks whether the certificates of `[gateway]` can be used, and sees when they are renewed."""
 
 from __future__ import annotations
 
+import asyncio
+import re
+import socket
 import ssl
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
+from ecatd.log import Log
 from ecatd.model.config import GatewayConfig
+from ecatd.model.config.gateway import host_of
+
+_FILES = ("certificate", "key", "users_ca")
+_PERIOD_S = 2.0
 
 
 def wrong_certificates(config: GatewayConfig) -> str:
     """Returns what is wrong with the certificates and what to do; empty if nothing is wrong."""
-    for key in ("certificate", "key", "users_ca"):
+    for key in _FILES:
         if (path := getattr(config, key)) and (problem := _unreadable(key, Path(path))):
             return problem
     if config.certificate:
@@ -42,3 +53,59 @@ def _unreadable(key: str, path: Path) -> str:
             f"the user 'ecatd-gateway': sudo chgrp ecatd-gateway {path}; sudo chmod 640 {path}"
         )
     return ""
+
+
+async def watch_certificates(
+    config: GatewayConfig, log: Log, on_change: Callable[[], None]
+) -> None:
+    """Calls a function once when files have changed and can be used, as after a renewal.
+
+    Args:
+        config: The configuration that names them.
+        log: The log, which says so.
+        on_change: Has another gateway started, which reads the files.
+    """
+    used = before = _contents(config)
+    while True:
+        await asyncio.sleep(_PERIOD_S)
+        now = _contents(config)
+        # While files are being written, they differ from one look to the next.
+        if now != used and now == before and not wrong_certificates(config):
+            log.notice("the certificates have changed: the gateway starts again to use them")
+            on_change()
+            return
+        before = now
+
+
+def _contents(config: GatewayConfig) -> list[bytes]:
+    found = []
+    for key in _FILES:
+        found.append(b"")
+        if path := getattr(config, key):
+            with suppress(OSError):
+                found[-1] = Path(path).read_bytes()
+    return found
+
+
+def name_of_router(endpoint: str, config: GatewayConfig) -> str:
+    """The common name in the certificate of a router; empty if that cannot be found out.
+
+    Args:
+        endpoint: The address of the router, `tls/HOST:PORT`.
+        config: The configuration with the certificates of this gateway.
+    """
+    port = re.split("[?#]", endpoint, maxsplit=1)[0].rpartition(":")[2]
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = False
+    try:
+        context.load_verify_locations(config.users_ca)
+        context.load_cert_chain(config.certificate, config.key)
+        address = (host_of(endpoint), int(port))
+        with (
+            socket.create_connection(address, _PERIOD_S) as connection,
+            context.wrap_socket(connection) as encrypted,
+        ):
+            subject: Any = (encrypted.getpeercert() or {}).get("subject", ())
+    except (OSError, ValueError):
+        return ""
+    return next((value for ((key, value),) in subject if key == "commonName"), "")

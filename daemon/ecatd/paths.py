@@ -166,6 +166,17 @@ def read_host(folder: Path, bus: str) -> str:
         return ""
 
 
+def closed_buses(folder: Path) -> list[str]:
+    """Returns the buses in whose folders this user may not look."""
+    with suppress(OSError):
+        return [
+            path.name
+            for path in folder.iterdir()
+            if path.is_dir() and not os.access(path, os.R_OK | os.X_OK)
+        ]
+    return []
+
+
 def served_buses(folder: Path) -> list[str]:
     """Returns the buses whose gateways serve Zenoh clients of this machine."""
     return sorted(path.parents[1].name for path in folder.glob(str(zenoh_socket(Path(), "*"))))

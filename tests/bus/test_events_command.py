@@ -29,6 +29,9 @@ def test_events_are_kept(bus: Daemon) -> None:
     with Simulator(str(bus.child_pid("ecatsim"))) as simulator:
         simulator.faults.power_off(LAST)
         wait_for(lambda: "slaves" in kinds(bus), bus)
+        silent = bus.ctl("sii-read", str(LAST), check=False)
+        assert silent.returncode == 4
+        names(silent.stderr, "slave 10 (EL2008)", "does not answer", "switched off")
         simulator.faults.power_on(LAST)
     wait_for(lambda: "recovered" in bus.ctl("events", "-p", str(LAST)).stdout, bus)
     found = bus.ctl_json("events")["events"]
@@ -38,6 +41,7 @@ def test_events_are_kept(bus: Daemon) -> None:
     lines = bus.ctl("events").stdout.splitlines()
     assert len(lines) >= len(found)
     names("\n".join(lines), "slave 10 (EL2008)", "recovery", "recovered")
+    assert {*kinds(bus, "--kind", "recovery", "--kind", "slaves")} == {"recovery", "slaves"}
     assert kinds(bus, "--since", "1h")[: len(found)] == [event["event"] for event in found]
     later = bus.ctl_json("events", "--since", "0s")["events"]
     assert all(event["sequence"] > numbers[-1] for event in later)

@@ -14,6 +14,7 @@ import zenoh
 from following import following
 
 from conftest import (
+    PATIENCE,
     Daemon,
     free_port,
     names,
@@ -176,17 +177,17 @@ def test_r36_who_is_not_let_in(site: Site, tmp_path: Path) -> None:
     assert remote_command("init", "--dir", str(other)).returncode == 0
     forged = tmp_path / "anna.pem"
     assert remote_command("user", "anna", "--dir", str(other), "-o", str(forged)).returncode == 0
-    with pytest.raises(UnreachableError, match=naming("certificates", str(forged))):
-        Remote(site.daemon.bus, site.endpoint, 1.0, forged)
+    with pytest.raises(NotPermittedError, match=naming("certificate of the daemon", str(forged))):
+        Remote(site.daemon.bus, site.endpoint, PATIENCE, forged)
     mixed = tmp_path / "mixed.pem"  # it trusts the daemon, which does not trust it
     authority = (site.folder / "authority.pem").read_text()
     head = forged.read_text().split("-----END PRIVATE KEY-----\n")[0]
     mixed.write_text(f"{head}-----END PRIVATE KEY-----\n{authority}")
-    with pytest.raises(UnreachableError):
-        Remote(site.daemon.bus, site.endpoint, 1.0, mixed)
+    with pytest.raises(NotPermittedError, match=naming("'anna'", "authority", "gateway.users_ca")):
+        Remote(site.daemon.bus, site.endpoint, PATIENCE, mixed)
     # None at all.
-    with pytest.raises(UnreachableError, match="ecatctl remote user"):
-        Remote(site.daemon.bus, site.endpoint, 1.0)
+    with pytest.raises(NotPermittedError, match="ecatctl remote user"):
+        Remote(site.daemon.bus, site.endpoint, PATIENCE)
     assert site.as_user("anna").info()["host"]
 
 
@@ -242,8 +243,8 @@ def expired_identity(authority: Path, folder: Path) -> Path:
 
 def test_r36_an_expired_certificate_is_not_let_in(site: Site, tmp_path: Path) -> None:
     old = expired_identity(site.folder, tmp_path)
-    with pytest.raises(UnreachableError):
-        Remote(site.daemon.bus, site.endpoint, 1.0, old)
+    with pytest.raises(NotPermittedError, match=naming("'anna'", "expired", str(old))):
+        Remote(site.daemon.bus, site.endpoint, PATIENCE, old)
     shown = remote_command("show", str(old))
     assert shown.returncode == 7
     names(shown.stdout, "'anna'", "2020")
@@ -303,7 +304,7 @@ def test_a_user_is_taken_out_while_the_bus_runs(
         try:
             with Remote(daemon.bus, endpoint, 3.0, site[user]) as remote:
                 return remote.rights()
-        except (NotPermittedError, UnreachableError):
+        except (NotPermittedError, UnreachableError, NoAnswerError):
             return None  # the gateway that knows the users is starting
 
     wait_for(lambda: (rights("bob") or {}).get("write") == [], daemon)
@@ -370,6 +371,50 @@ def test_certificates_that_cannot_be_used_cost_only_the_encrypted_addresses(
         assert len(daemon.slave_rows()) == 8
         names(daemon.log, "encrypted addresses", *tokens)
         assert daemon.stop() == 0
+
+
+@pytest.mark.long
+def test_who_is_silent_is_told_from_who_is_absent(
+    start_daemon: Callable[..., Daemon], site: Site
+) -> None:
+    ports = free_port(), free_port()
+    config = CONFIG.format(port=ports[0], folder=site.folder)
+    plain = f'"tls/127.0.0.1:{ports[0]}", "tcp/127.0.0.1:{ports[1]}"'
+    daemon = start_daemon("troll", config=re.sub(r"(listen = \[).*(\])", rf"\1{plain}\2", config))
+    endpoints = f"tls/127.0.0.1:{ports[0]}", f"tcp/127.0.0.1:{ports[1]}"
+    stop_process(daemon.process.pid)  # it would start another gateway
+    stop_process(daemon.child_pid("ecatd.gateway"))
+    for endpoint in endpoints:
+        with pytest.raises(NoAnswerError, match=naming(endpoint, "busy or hangs")):
+            Remote(daemon.bus, endpoint, 2.0, site["anna"])
+    daemon.kill_all()
+    for endpoint in endpoints:
+        with pytest.raises(UnreachableError, match=naming(endpoint, "refused")):
+            Remote(daemon.bus, endpoint, 2.0, site["anna"])
+
+
+@pytest.mark.long
+def test_a_renewed_certificate_is_used(
+    start_daemon: Callable[..., Daemon], site: Site, tmp_path: Path
+) -> None:
+    folder = tmp_path / "tls"
+    folder.mkdir()
+    port = free_port()
+    shutil.copy(site.folder / "authority.pem", folder)
+    daemon = start_daemon("troll", config=CONFIG.format(port=port, folder=folder))
+    names(daemon.log, "encrypted addresses cannot be used", "remote init")
+    for name in ("daemon.pem", "daemon.key"):
+        shutil.copy(site.folder / name, folder)
+    wait_for(lambda: "certificates have changed" in daemon.log, daemon)
+
+    def lets_in() -> bool:
+        try:
+            with Remote(daemon.bus, f"tls/127.0.0.1:{port}", 5.0, site["anna"]) as remote:
+                return bool(remote.info())
+        except (UnreachableError, NoAnswerError, NotPermittedError):
+            return False
+
+    wait_for(lets_in, daemon)
 
 
 @pytest.mark.long

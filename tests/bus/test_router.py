@@ -42,6 +42,7 @@ CONFIG = """\
 host = "{host}"
 listen = []
 connect = ["tls/{hub}:{port}"]
+router_names = ["hub"]
 certificate = "{folder}/daemon.pem"
 key = "{folder}/daemon.key"
 users_ca = "{folder}/authority.pem"
@@ -164,7 +165,8 @@ class Plant:
             make("user", user, *authority, "-o", str(self.identity(user)))
         allowed = [f"--user={user}" for user in USERS]
         cells = ("--machine=cell4", "--machine=cell5")
-        make("router", HUB, *cells, *allowed, *authority, "-o", str(folder / "hub"))
+        out = ("-o", str(folder / "hub"))
+        make("router", "hub", "--host", HUB, *cells, *allowed, *authority, *out)
         self.start_router()
         self.daemons: dict[str, Daemon] = {}
         for cell in ("cell4", "cell5"):
@@ -177,6 +179,13 @@ class Plant:
         for user, rights in USERS.items():
             config += f'[[gateway.user]]\nname = "{user}"\n{rights if cell == "cell4" else ""}\n'
         return config
+
+    def without_the_name_of_the_router(self, cell: str) -> Daemon:
+        """Another bus of a machine, whose configuration does not say how the router is called."""
+        config = self._config(cell).replace('router_names = ["hub"]', "")
+        return self._start(
+            *("line:1", "--bus", "odd"), config=config, preexec=self.hosts[cell].enter
+        )
 
     def start_daemon(self, cell: str) -> None:
         self.daemons[cell] = self._start(
@@ -356,12 +365,22 @@ def test_whom_the_router_does_not_know_gets_nothing(plant: Plant) -> None:
     names(one_line_error(denied.stderr, "ecatctl"), "'eve'", "[[gateway.user]]")
 
 
+def test_a_router_with_another_name_in_its_certificate_is_told(plant: Plant) -> None:
+    odd = plant.without_the_name_of_the_router("cell5")
+    try:
+        wait_for(lambda: "router_names" in odd.log, odd)
+        names(odd.log, plant.endpoint, "'hub'", 'router_names = ["hub"]')
+    finally:
+        odd.close()
+    assert "router_names" not in plant.daemons["cell5"].log
+
+
 def test_an_expired_certificate_is_not_let_in(plant: Plant, tmp_path: Path) -> None:
     old = expired_identity(plant.folder / "tls", tmp_path)
     old.rename(plant.identity("old"))
     denied = plant.ctl("old", f"cell4/{BUS}", "slaves", "--timeout", "2")
-    assert denied.returncode == 3, denied
-    names(one_line_error(denied.stderr, "ecatctl"), plant.endpoint, "certificates")
+    assert denied.returncode == 6, denied
+    names(one_line_error(denied.stderr, "ecatctl"), plant.endpoint, "certificate", "expired")
 
 
 @pytest.fixture(scope="module")

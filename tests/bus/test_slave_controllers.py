@@ -328,6 +328,9 @@ def test_an_alias_is_written_with_its_checksum(bus: Daemon, simulator: Simulator
     found = bus.ctl_json("sii-read", "1")["sii"]
     assert (found["alias"], found["problems"]) == (1234, [])
     names(bus.ctl("alias", "1", "1234").stdout, "nothing was written")
+    # The other one has it only in its EEPROM so far.
+    again = bus.ctl("alias", "2", "1234", check=False)
+    names(again.stderr, "warning", bus.ctl_json("slaves")["slaves"][1]["name"], "has this alias")
     simulator.faults.eeprom(1, "checksum")
     wrong = bus.ctl("alias", "1", "5", "--yes", check=False)
     assert wrong.returncode == 7

@@ -158,6 +158,7 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "host": ['""', '"cell-4.b"'],
         "listen": ["[]", '["tcp/127.0.0.1:7447"]'],
         "connect": ["[]"],
+        "router_names": ["[]", '["hub", "10.0.0.3"]'],
         "publish_hz": ["0", "1000"],
         "metrics": ['""', '"unix:/run/x"', '"[::1]:1"'],
         "certificate": ['""', '"/etc/ecatd/tls/daemon.pem"'],

@@ -7,9 +7,9 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from ecatd.model.errors import EcatError, NoAnswerError
+from ecatd.model.errors import JOIN, EcatError, NoAnswerError, NotPermittedError
 from ecatd.model.health import Health, look_at
-from ecatd.paths import search_dirs, served_buses
+from ecatd.paths import closed_buses, search_dirs, served_buses
 
 from .output import print_json, print_table
 
@@ -28,7 +28,7 @@ def buses(options: argparse.Namespace) -> None:
         head = ("BUS", "HOST", "INTERFACE", "CYCLE", "SINCE", "SLAVES")
         print_table(head, map(_cells, rows))
     elif options.connect:
-        print(f"no bus is reached at {options.connect}")
+        print(f"no bus is reached at {options.connect}, or none that lets this user in")
     else:
         print("no bus is served on this machine; --connect asks for buses of other machines")
 
@@ -44,6 +44,9 @@ def _here(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
                 yield _row(bus, remote.info(), remote.health())
         except EcatError as error:
             yield {"bus": bus, "error": error.to_reply()}
+    for bus in sorted({bus for folder in search_dirs() for bus in closed_buses(folder)}):
+        closed = NotPermittedError(f"no right to use bus '{bus}': {JOIN}")
+        yield {"bus": bus, "error": closed.to_reply()}
 
 
 def _there(options: argparse.Namespace) -> Iterator[dict[str, Any]]:

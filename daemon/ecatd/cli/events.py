@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.bus import Bus
+from ecatd.model.event_facts import shown
 
 from .arguments import add_slave
 from .output import print_json, print_json_line
@@ -41,6 +42,12 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "all that the daemon keeps, up to 1000)",
     )
     command.add_argument("-f", "--follow", action="store_true", help="go on with new events")
+    command.add_argument(
+        "--kind",
+        action="append",
+        metavar="KIND",
+        help="only events of this kind, such as emergency; can be given several times",
+    )
     add_slave(command)
 
 
@@ -93,7 +100,7 @@ class _Follower:
     def _show(self, bus: Bus, answer: dict[str, Any]) -> None:
         options = self._options
         chosen = None if options.slave is None else bus.find(options.slave).position
-        found = list(_wanted(answer["events"], chosen, self._since))
+        found = list(_wanted(answer["events"], chosen, self._since, options.kind))
         if options.json and not options.follow:
             print_json({"bus": bus.name, "events": found})
             return
@@ -106,11 +113,15 @@ class _Follower:
 
 
 def _wanted(
-    found: Iterable[dict[str, Any]], chosen: int | None, since: float | None
+    found: Iterable[dict[str, Any]],
+    chosen: int | None,
+    since: float | None,
+    kinds: list[str] | None,
 ) -> Iterator[dict[str, Any]]:
     for event in found:
         of_slave = chosen is None or event.get("slave") == chosen
-        if of_slave and (since is None or event["time_ns"] >= since * 1e9):
+        of_kind = not kinds or event["event"] in kinds
+        if of_slave and of_kind and (since is None or event["time_ns"] >= since * 1e9):
             yield event
 
 
@@ -130,19 +141,9 @@ def _line(bus: Bus, event: dict[str, Any]) -> str:
     facts = [str(event["text"])] if event.get("text") else []
     said = _SAID + _IN_TEXT.get(event["event"], ())
     facts += [
-        f"{name} {_shown(value)}"
+        f"{name} {shown(value)}"
         for name, value in event.items()
         if name not in said and value not in ("", None)
     ]
     what = f"{label}: {', '.join(facts)}" if label and facts else label or ", ".join(facts)
     return f"{when}.{ns // 10**6:03}  {event['event']:<16}  {what}".rstrip()
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.3g}"
-    if isinstance(value, list | tuple):
-        return " ".join(_shown(item) for item in value) or "none"
-    if isinstance(value, dict):
-        return " ".join(f"{name}={_shown(item)}" for name, item in value.items()) or "none"
-    return str(value)

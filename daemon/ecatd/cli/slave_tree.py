@@ -57,10 +57,12 @@ def errors_text(errors: LinkErrors) -> str:
     """The errors on a link or at a port, in a few words."""
     # A damaged frame is often counted twice: as invalid, and by the physical layer.
     counts = (
-        (max(errors.invalid, errors.physical), "errors"),
-        (errors.lost_links, "losses of the link"),
+        (max(errors.invalid, errors.physical), "error", "errors"),
+        (errors.lost_links, "loss of the link", "losses of the link"),
     )
-    return ", ".join(f"{count} {name}" for count, name in counts if count)
+    return ", ".join(
+        f"{count} {one if count == 1 else more}" for count, one, more in counts if count
+    )
 
 
 def rows(roots: list[Node]) -> Iterator[tuple[int, Node]]:

@@ -97,19 +97,6 @@ def read_identity(path: Path) -> Identity:
     return Identity(path, user[1].strip(), certificates[0], keys[0], "".join(certificates[1:]))
 
 
-def whose(identity: Identity | None) -> str:
-    """Why a connection with a certificate may fail, and what to do: the end of a message."""
-    if identity is None:
-        return (
-            "this connection needs a certificate. Ask for one (`ecatctl remote user NAME` on the "
-            "machine of the daemon), and give it with --identity"
-        )
-    return (
-        f"is it running, does it listen there, and do both certificates hold? `ecatctl remote show "
-        f"{identity.path}` shows yours"
-    )
-
-
 def who() -> str:
     """This process, for the log of the daemon."""
     program = Path("/proc/self/comm").read_text(errors="replace").strip()

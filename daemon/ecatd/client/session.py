@@ -26,7 +26,8 @@ from ecatd.paths import read_host, search_dirs, zenoh_socket
 from ecatd.systemd_services import how_to_start
 from ecatd.zenoh_keys import AS, RIGHTS, bus_key, bus_of, full_name, session_config
 
-from .identity import find_identity, is_encrypted, whose
+from .identity import find_identity, is_encrypted
+from .unreached import why_unreached
 
 _GATEWAY_PATIENCE, _GATEWAY_PAUSE = 5.0, 0.05
 """Seconds for which a gateway is waited for that starts while the bus runs, and between tries."""
@@ -107,7 +108,7 @@ class Session:
                     return self._open(self._connect, found=False)
                 endpoint, self.full_name = _local_endpoint(self.bus)
                 return self._open(endpoint, found=True)
-            except UnreachableError:
+            except (UnreachableError, NoAnswerError):
                 if self._connect or time.monotonic() > deadline or not _is_coming(self.bus):
                     raise
             time.sleep(_GATEWAY_PAUSE)
@@ -128,15 +129,7 @@ class Session:
         except zenoh.ZError as error:
             if found:
                 raise _unserved(self.bus) from error
-            if is_encrypted(endpoint):
-                raise UnreachableError(
-                    f"no ecatd lets this user in for bus '{self.bus}' at {endpoint}: "
-                    + whose(self._identity)
-                ) from error
-            raise UnreachableError(
-                f"no ecatd answers for bus '{self.bus}' at {endpoint}; is it running, and does it "
-                f"listen there?"
-            ) from error
+            raise why_unreached(endpoint, self._identity, self.timeout) from error
 
     def close(self) -> None:
         """Ends the session."""
@@ -224,8 +217,8 @@ class Session:
         if not alive and self.user:
             return NotPermittedError(
                 f"no daemon there lets user '{self.user}' use bus '{self.bus}': its configuration "
-                "does not name this user in [[gateway.user]], it serves another bus, or its "
-                "gateway is just starting"
+                "does not name this user in [[gateway.user]], or it serves another bus. Or its "
+                "machine cannot be reached now, or its gateway is just starting"
             )
         if not alive and self._is_local:
             return _unserved(self.bus)
@@ -244,8 +237,8 @@ class Session:
                 f"group 'ecat', and to users with a certificate (`ecatctl remote`)"
             )
         return NoAnswerError(
-            f"{silent} within {self.timeout:g} s: its bus server is busy, or hangs"
-            + self._doubt(key)
+            f"{silent} within {self.timeout:g} s: a slave or the bus server is busy or hangs; a "
+            "longer --timeout may help" + self._doubt(key)
         )
 
     @property

@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import os
+import socket
+from contextlib import suppress
 from typing import Any
 
 from ecatd import shm
 from ecatd.failure_record import find_record
-from ecatd.model.errors import EcatError, UnreachableError
-from ecatd.paths import search_dirs, served_buses
+from ecatd.model.errors import EcatError, NoAnswerError, UnreachableError
+from ecatd.paths import search_dirs, served_buses, zenoh_socket
 from ecatd.shared_memory.reader import opened
-from ecatd.systemd_services import how_to_start, other_version, why_no_gateway, why_not_running
+from ecatd.stats import read
+from ecatd.systemd_services import (
+    how_to_start,
+    other_version,
+    service,
+    why_no_gateway,
+    why_not_running,
+)
+
+_HANG_S = 1.0
+"""Seconds without a cycle after which the daemon counts as hung."""
 
 
 def has_shared_memory(bus: str) -> bool:
@@ -50,15 +62,36 @@ def _without_gateway(bus: str, header: Any) -> EcatError:
     """Returns the error for a daemon that runs without its gateway."""
     if header.state == shm.BusState.STOPPING:
         return UnreachableError(f"the daemon of bus '{bus}' is stopping")
+    silence = read(bus).silence
+    if silence > _HANG_S:
+        return NoAnswerError(
+            f"the daemon of bus '{bus}' hangs: there has been no cycle for {silence:.0f} s; "
+            f"'systemctl restart {service(bus)}'"
+        )
     silent = f"the gateway of bus '{bus}' does not answer"
     if advice := why_no_gateway(bus):
         return UnreachableError(f"{silent}: {advice.text}, while the bus runs on; {advice.remedy}")
     if advice := other_version(bus, shm.printable(header.version)):
         return UnreachableError(f"{silent}: {advice.text}; {advice.remedy}")
+    if _listens(bus):
+        return NoAnswerError(
+            f"{silent}, though it is there: it is busy, or hangs. Then ecatd starts another one by "
+            "itself, while the bus runs on: try again in some seconds"
+        )
     return UnreachableError(
         f"{silent}; ecatd starts it again by itself, while the bus runs on: try again in some "
         f"seconds. After --no-gateway, start it with 'ecatd --only-gateway --bus {bus}'"
     )
+
+
+def _listens(bus: str) -> bool:
+    """Whether a gateway takes connections on this machine."""
+    for folder in search_dirs():
+        with socket.socket(socket.AF_UNIX) as there, suppress(OSError):
+            there.settimeout(1.0)
+            there.connect(str(zenoh_socket(folder, bus)))
+            return True
+    return False
 
 
 def _running() -> list[str]:

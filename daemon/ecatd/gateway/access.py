@@ -7,7 +7,8 @@ identifies a user of another machine. Only the connection of user NAME may use t
 that a refused user gets a message.
 
 If the gateway connects to a router (`gateway.connect`), the router identifies the users: it must
-let only NAME use the keys below `as/NAME`. `ecatctl remote router` makes such settings.
+let only NAME use the keys below `as/NAME`. `ecatctl remote router` makes such settings. The name in
+the router's certificate must be its host in `gateway.connect`, or one of `gateway.router_names`.
 """
 
 from __future__ import annotations
@@ -58,8 +59,7 @@ def access_control(bus: str, config: GatewayConfig) -> dict[str, Any]:
         subjects.append({"id": "network", "link_protocols": [*PLAIN, *ENCRYPTED]})
         policies.append({"rules": ["ask", "tell"], "subjects": ["network"]})
     people = {f"user-{number}": user.name for number, user in enumerate(config.user)}
-    routers = {host_of(item): None for item in config.connect if is_encrypted(item)}
-    hubs = {f"router-{number}": name for number, name in enumerate(routers)}
+    hubs = {f"router-{number}": name for number, name in enumerate(router_names(config))}
     for who, name in (people | hubs).items():
         rules += _change(who, bus, f"{AS}/{name}/**" if who in people else f"{AS}/**")
         subjects.append({"id": who, "link_protocols": [*ENCRYPTED], "cert_common_names": [name]})
@@ -71,6 +71,12 @@ def access_control(bus: str, config: GatewayConfig) -> dict[str, Any]:
         "subjects": subjects,
         "policies": policies,
     }
+
+
+def router_names(config: GatewayConfig) -> list[str]:
+    """The common names that routers may have in their certificates."""
+    hosts = (host_of(item) for item in config.connect if is_encrypted(item))
+    return list(dict.fromkeys((*hosts, *config.router_names)))
 
 
 def _change(who: str, bus: str, keys: str) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from urllib.parse import unquote
 
 import zenoh
 
-from ecatd.certificates import wrong_certificates
+from ecatd.certificates import watch_certificates, wrong_certificates
 from ecatd.encoding import MAX_MESSAGE, pack, unpack
 from ecatd.log import Log
 from ecatd.model.bus import Bus
@@ -136,10 +136,10 @@ class Gateway:
         in_use = self._config
         if wrong := wrong_certificates(in_use):
             in_use = without_encryption(in_use)
-            self._log.error(
-                f"{wrong}. Until this is corrected and the configuration is read again, encrypted "
-                "addresses cannot be used"
-            )
+            self._log.error(f"{wrong}. Until this is corrected, encrypted addresses cannot be used")
+        if self._config.certificate or self._config.users_ca:
+            watching = watch_certificates(self._config, self._log, self._on_end)
+            self._keep(asyncio.create_task(watching))
         self._in_use = in_use
         self._full_name = full_name(in_use.host, self._name)
         await self._look_at_slaves()
@@ -150,7 +150,7 @@ class Gateway:
         await listening.look()
         self._session = session = await self._open_session()
         self._keep(asyncio.create_task(listening.watch()))
-        self._keep(asyncio.create_task(watch_routers(session, in_use.connect, self._log)))
+        self._keep(asyncio.create_task(watch_routers(session, in_use, self._log)))
         self._streams = Streams(session, self._name, self._full_name)
         loop = asyncio.get_running_loop()
 
@@ -279,7 +279,7 @@ class Gateway:
             try:
                 check(user, request, self._named)
             except NotPermittedError as error:
-                self._refusals.note(user.name, str(error))
+                self._refusals.note(user.name, f"{error}; asked for {'/'.join(parts)}")
                 raise
             who = f"user '{user.name}'"
             if "by" in request.fields:  # not the parts of a file: they do not count as changes
@@ -353,15 +353,13 @@ class Gateway:
     async def _reconfigure(self) -> None:
         """Reads what may have changed; calls `on_end` if another gateway must be started.
 
-        That is so if its settings have changed, or some of them could not be used.
+        That is so if its settings have changed.
         """
         self._description = None  # the limits of outputs may have changed
         with suppress(UnreachableError):  # the bus server has ended
             if await self._look_at_slaves():
                 self._publish("slaves", self._slaves)
-            wanted = (await self._settings()).gateway
-            # If certificates could not be used, they may be usable now.
-            if wanted != self._config or self._in_use != self._config:
+            if (await self._settings()).gateway != self._config:
                 self._on_end()
 
     async def report(self) -> dict[str, Any]:

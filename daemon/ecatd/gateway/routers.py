@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
 
 import zenoh
 
+from ecatd.certificates import name_of_router
 from ecatd.log import Log
+from ecatd.model.config import GatewayConfig
+from ecatd.model.config.gateway import is_encrypted
+
+from .access import router_names
 
 _PERIOD = 1.0
 _PATIENCE = 5
 """Looks before a router that was never reached is reported."""
 
 
-async def watch_routers(session: zenoh.Session, endpoints: Sequence[str], log: Log) -> None:
+async def watch_routers(session: zenoh.Session, config: GatewayConfig, log: Log) -> None:
     """Logs each change of the number of reached routers; ends at once if there are no routers.
 
     Args:
         session: The gateway's session.
-        endpoints: The addresses of the routers, `gateway.connect`.
+        config: The configuration, which names the routers.
         log: The log for these reports.
     """
-    told, looks = -1, 0
+    told, looks, endpoints = -1, 0, config.connect
     while endpoints:
         found = min(len(session.info.routers_zid()), len(endpoints))
         looks += 1
@@ -30,6 +34,7 @@ async def watch_routers(session: zenoh.Session, endpoints: Sequence[str], log: L
             where = ", ".join(endpoints)
             if found == len(endpoints):
                 log.info(f"connected to {where}")
+                await _check_names(config, log)
             else:
                 count = f"{found} of {len(endpoints)} routers are" if found else "no router is"
                 log.warning(
@@ -38,3 +43,14 @@ async def watch_routers(session: zenoh.Session, endpoints: Sequence[str], log: L
                 )
             told = found
         await asyncio.sleep(_PERIOD)
+
+
+async def _check_names(config: GatewayConfig, log: Log) -> None:
+    """Warns of routers that cannot pass on anything, since their certificates have other names."""
+    for endpoint in filter(is_encrypted, config.connect):
+        name = await asyncio.to_thread(name_of_router, endpoint, config)
+        if name and name not in router_names(config):
+            log.warning(
+                f"the certificate of the router at {endpoint} has the name '{name}', so nothing of "
+                f'this bus passes it: add router_names = ["{name}"] to [gateway], and reload'
+            )

@@ -51,7 +51,7 @@ function _shtab_ecatctl_using
 end
 
 set -g _shtab_ecatctl_commands buses slaves graph pdos read watch write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis events errors sii-read sii-write alias foe-read foe-write soe-read soe-write eoe eoe-read eoe-write rescan reboot identify reg-read reg-write log log-level config startup scan cstruct xml generate library capture doctor remote service client-flags
-set -g _shtab_ecatctl_opts_with_value --address --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --last --latency --mac --machine --name --out --output --password --raw --root --seconds --since --size --slave --templates --timeout --type --user --watch -n -o -p
+set -g _shtab_ecatctl_opts_with_value --address --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --raw --root --seconds --since --size --slave --templates --timeout --type --user --watch -n -o -p
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -299,6 +299,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using events' -l timeout -x -d 'seconds t
 complete -c ecatctl -n '_shtab_ecatctl_using events' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using events' -l since -x -d 'only events since this time: 10m, 2h, 1d, or a time of today as 10:02 (default: all that the daemon keeps, up to 1000)'
 complete -c ecatctl -n '_shtab_ecatctl_using events' -s f -l follow -d 'go on with new events'
+complete -c ecatctl -n '_shtab_ecatctl_using events' -l kind -x -d 'only events of this kind, such as emergency; can be given several times'
 complete -c ecatctl -n '_shtab_ecatctl_using events' -s p -l slave -x -d 'only this one, by position or name'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a errors -d 'Show the error counters of the slaves, and which cables they are about.'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -s h -l help -d 'show this help message and exit'

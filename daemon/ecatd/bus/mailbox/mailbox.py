@@ -399,7 +399,9 @@ class Mailbox:
 def _area(managers: bytes, number: int, kind: int, least: int) -> _Area:
     start, size, control, _, activate = struct.unpack_from("<HHBBB", managers, _SM1 * number)
     if control & _KIND != kind or not activate & _ENABLED:
-        raise StateError(f"sync manager {number} is not set up for a mailbox")
+        raise StateError(
+            f"it has no mailbox, or lost it: its sync manager {number} is not set up for one"
+        )
     if not least <= size <= DATAGRAM_MAX:
         raise StateError(
             f"the mailbox in sync manager {number} has {size} bytes; {least} to {DATAGRAM_MAX} "

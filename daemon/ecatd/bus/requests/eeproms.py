@@ -7,14 +7,16 @@ import time
 from typing import Any, NamedTuple
 
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.errors import BusyError
+from ecatd.model.errors import BusyError, StateError
 from ecatd.model.requests.eeproms import ReadSii, WriteSii
 
 from ..master.master import Master
 from ..master.worker import Worker
 from .changes import Change, Changes
+from .conversations import silent
 from .places import Places
 
+_AL_STATUS = 0x0130
 _PATIENCE = 10.0
 """Seconds for which an EEPROM waits for the next part from the client that writes it."""
 
@@ -54,6 +56,7 @@ class Eeproms:
 
         Raises:
             BusyError: Too many requests are waiting.
+            NoAnswerError: The slave does not answer.
             StateError: There is no such slave, or its EEPROM cannot be read.
         """
         slave = self._bus.find(request.slave)
@@ -61,8 +64,18 @@ class Eeproms:
             steps = self._master.reading_eeproms(
                 lambda words: words(request.word, request.count), [slave.position]
             )
-            (data,) = await self._worker.request(steps)
+            try:
+                (data,) = await self._worker.request(steps)
+            except StateError as error:
+                if not await self._worker.run(lambda: self._answers(slave)):
+                    raise silent(slave) from error
+                raise
         return {"data": data}
+
+    def _answers(self, slave: Slave) -> bool:
+        stations = [self._master.stations[slave.position]]
+        (answer,) = self._master.registers.read_all(stations, _AL_STATUS, 2)
+        return bool(answer.wkc)
 
     async def write(self, request: WriteSii) -> dict[str, Any]:
         """The reply has `written`: how many words had other values before.

@@ -15,6 +15,7 @@ from typing import Any
 
 from ecatd.log import Log
 from ecatd.model.config import CaptureConfig
+from ecatd.model.event_facts import shown
 from ecatd.paths import give_to_group
 from ecatd.pcapng import header, packet, read_records
 
@@ -89,7 +90,9 @@ class FaultFiles:
         if now - self._last < _PAUSE:
             return
         self._last = now
-        text = facts.get("text") or ", ".join(f"{key} {value}" for key, value in facts.items())
+        text = facts.get("text") or ", ".join(
+            f"{key} {shown(value)}" for key, value in facts.items()
+        )
         self._task = asyncio.create_task(self._write(f"{kind}: {text}"))
 
     async def close(self) -> None:

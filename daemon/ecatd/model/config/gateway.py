@@ -48,6 +48,7 @@ _ENDPOINT = (
 )
 _LISTEN = accepts(f"{_ENDPOINT}; `{_LOCAL}/PATH`")(_endpoints)
 _CONNECT = accepts(_ENDPOINT)(_endpoints)
+_ROUTER_NAMES = accepts("names of hosts")(lambda table, key: table.array(key, _router_name))
 
 
 def _check_socket_path(table: Table, key: Key, path: str) -> None:
@@ -55,6 +56,13 @@ def _check_socket_path(table: Table, key: Key, path: str) -> None:
         table.fail(key, f"{show(path)} is no path of a socket: write its whole path")
     if len(path.encode()) > _SOCKET_PATH_MAX:
         table.fail(key, f"{show(path)} is too long for a socket: at most {_SOCKET_PATH_MAX} bytes")
+
+
+def _router_name(table: Table, key: Key) -> str:
+    text = table.text(key)
+    if not HOST_NAME.fullmatch(text):
+        table.fail(key, f"{show(text)} is no name of a router: it {HOST_NAME_RULE}")
+    return text
 
 
 def _check_endpoint(table: Table, key: Key) -> None:
@@ -175,6 +183,8 @@ class GatewayConfig(Placed):
             it does.
         connect: Zenoh routers that the gateway connects to, again and again until it succeeds.
             Needs `host`, and a `certificate` that the authority of the router has signed.
+        router_names: Names (common names) in the certificates of routers, where the addresses in
+            `connect` have others, such as an IP address.
         certificate: File with the certificate of the daemon, in PEM, for `tls` and `quic`;
             [`ecatctl remote init`](zenoh.md#users-of-other-machines) makes it, and `key`. The
             gateway must be able to read both. `""`: none.
@@ -192,6 +202,7 @@ class GatewayConfig(Placed):
     host: Annotated[str, _host] = ""
     listen: Annotated[list[str], _LISTEN] = field(default_factory=lambda: [LOOPBACK])
     connect: Annotated[list[str], _CONNECT] = field(default_factory=list)
+    router_names: Annotated[list[str], _ROUTER_NAMES] = field(default_factory=list)
     certificate: Annotated[str, _path] = ""
     key: Annotated[str, _path] = ""
     users_ca: Annotated[str, _path] = ""
