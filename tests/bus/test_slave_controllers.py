@@ -16,7 +16,7 @@ import pytest
 
 from conftest import Daemon, names, naming, one_line_error, wait_for
 from ecatd.client.remote import Remote
-from ecatd.model.errors import StateError
+from ecatd.model.errors import NoAnswerError
 from ecatsim.control import Simulator
 from ecatsim.devices.beckhoff import EL3102
 
@@ -217,7 +217,7 @@ def test_an_eeprom_that_does_not_answer_delays_no_other(
 
     def read_of_silent_slave() -> tuple[float, float]:
         begun = time.monotonic()
-        with Remote(bus.bus) as other, pytest.raises(StateError, match=naming("slave 10")):
+        with Remote(bus.bus) as other, pytest.raises(NoAnswerError, match=naming("slave 10")):
             other.read_sii(10, 0, 8)
         return begun, time.monotonic()
 
