@@ -24,10 +24,10 @@ _PASSED_ON = _PRIORITIES["notice"]
 _JOURNAL = Path("/run/systemd/journal/socket")
 _NAMESPACE = uuid.UUID("6f0a7f6e-2c0c-4c6e-9a51-3d6a1e5f7b10")
 
-DEBUG_MAX, DEBUG_S = 1000, 5.0
-"""Most debug messages of one part, and the seconds in which they may come; further ones are only
-counted. By default, the journal takes 10000 messages of a service in 30 s, and then drops errors as
-well."""
+STORM_MAX, STORM_S = 1000, 5.0
+"""Most messages of one part and level, and the seconds in which they may come; further ones are
+only counted, except errors and requested changes. By default, the journal takes 10000 messages of a
+service in 30 s, and then drops errors as well."""
 
 
 def message_id(event: str) -> str:
@@ -130,10 +130,7 @@ class Log:
         self._write("info", text, event, slaves)
 
     def debug(self, text: str, event: str = "", slaves: Iterable[int] = ()) -> None:
-        """Reports a detail, with the name of its part in front; arguments as for `error`.
-
-        If too many come in a short time, further ones are only counted, and the number is reported.
-        """
+        """Reports a detail, with the name of its part in front; arguments as for `error`."""
         self._write("debug", text, event, slaves)
 
     @property
@@ -148,8 +145,8 @@ class Log:
         writer = self._writer
         if self._writes(level):
             if level == "debug":
-                writer.write_debug(self._part, text, event, slaves)
-            else:
+                text = f"{self._part}: {text}"
+            if level == "error" or writer.lets_pass(self._part, level):
                 writer.write(level, self._part, text, event, slaves)
 
 
@@ -166,28 +163,28 @@ class _Writer:
         self._left_out = 0  # messages that the journal did not take
         self._journal = journal or (_JOURNAL if _stderr_is_journal() else None)
         self._lock = threading.Lock()
-        self._since: dict[str, tuple[float, int]] = {}  # by part: begin, number of debug messages
+        self._since: dict[tuple[str, str], tuple[float, int]] = {}  # begin and number of messages
 
-    def write_debug(self, part: str, text: str, event: str, slaves: Iterable[int]) -> None:
-        """Writes a debug message, unless there are too many of them."""
+    def lets_pass(self, part: str, level: str) -> bool:
+        """Counts a message; whether there have not been too many. If so, their number is told."""
         now = time.monotonic()
         with self._lock:
-            begin, count = self._since.get(part, (now, 0))
-            if count <= DEBUG_MAX and now - begin > DEBUG_S:
+            begin, count = self._since.get((part, level), (now, 0))
+            if count <= STORM_MAX and now - begin > STORM_S:
                 begin, count = now, 0
-            self._since[part] = begin, count + 1
-        if count == DEBUG_MAX:
-            timer = threading.Timer(max(begin + DEBUG_S - now, 0), self._report_left_out, (part,))
+            self._since[part, level] = begin, count + 1
+        if count == STORM_MAX:
+            wait = max(begin + STORM_S - now, 0)
+            timer = threading.Timer(wait, self._report_left_out, (part, level))
             timer.daemon = True
             timer.start()
-        if count < DEBUG_MAX:
-            self.write("debug", part, f"{part}: {text}", event, slaves)
+        return count < STORM_MAX
 
-    def _report_left_out(self, part: str) -> None:
+    def _report_left_out(self, part: str, level: str) -> None:
         with self._lock:
-            _, count = self._since.pop(part)
-        text = f"{part}: {count - DEBUG_MAX} more debug messages within {DEBUG_S:g} s are left out"
-        self.write("debug", part, text)
+            _, count = self._since.pop((part, level))
+        more = f"{count - STORM_MAX} more messages of level {level} within {STORM_S:g} s"
+        self.write(level, part, f"{part}: {more} are left out")
 
     def write(
         self,

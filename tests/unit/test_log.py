@@ -12,7 +12,7 @@ from time import sleep
 
 import pytest
 
-from ecatd.log import DEBUG_MAX, Log, message_id
+from ecatd.log import STORM_MAX, Log, message_id
 from ecatd.model.log_levels import LEVELS, PARTS
 
 ROOT = Path(__file__).parents[2]
@@ -86,29 +86,29 @@ def test_each_part_has_its_level(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == "ecatd: debug: dc: but this\n"
 
 
-@pytest.mark.parametrize("more", [1, 500])
-def test_r47_a_storm_of_details_is_counted(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, more: int
+@pytest.mark.parametrize(("more", "level"), [(1, "debug"), (500, "debug"), (5, "warning")])
+def test_r47_a_storm_of_messages_is_counted(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, more: int, level: str
 ) -> None:
     """However fast they come: each is either written or counted. Other parts are not concerned."""
-    monkeypatch.setattr("ecatd.log.DEBUG_S", 0.05)
+    monkeypatch.setattr("ecatd.log.STORM_S", 0.05)
     monkeypatch.setattr("ecatd.log.time.monotonic", lambda: 7.0)  # all come at the same time
     log = Log("ecatd", {"level": "debug"})
     storm = log.of("mailbox")
     with ThreadPoolExecutor(4) as threads:
-        for number in range(DEBUG_MAX + more):
-            threads.submit(storm.debug, f"detail {number}")
+        for number in range(STORM_MAX + more):
+            threads.submit(getattr(storm, level), f"detail {number}")
     log.of("gateway").debug("a detail")
     lines: list[str] = []
 
     def told() -> int:
         lines.extend(capsys.readouterr().err.splitlines())
-        counted = [int(n) for line in lines for n in re.findall(r"(\d+) more debug", line)]
+        counted = [int(n) for line in lines for n in re.findall(r"(\d+) more messages", line)]
         return sum("detail " in line for line in lines) + sum(counted)
 
-    while told() < DEBUG_MAX + more:
+    while told() < STORM_MAX + more:
         sleep(0.01)
-    assert any("more debug messages" in line for line in lines)
+    assert any(f"more messages of level {level}" in line for line in lines)
     assert "ecatd: debug: gateway: a detail" in lines
     storm.debug("again")
     assert "mailbox: again" in capsys.readouterr().err
