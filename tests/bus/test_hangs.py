@@ -75,6 +75,31 @@ def test_r18_a_gateway_that_hangs_is_replaced_and_the_bus_goes_on(machine: Machi
 
 
 @pytest.mark.long
+def test_r18_a_gateway_whose_zenoh_hangs_is_replaced(machine: Machine) -> None:
+    """Its event loop goes on, but nobody gets an answer."""
+    before = machine.pid(GATEWAY)
+    tasks = [*Path(f"/proc/{before}/task").iterdir()]
+    threads = [int(t.name) for t in tasks if (t / "comm").read_text().startswith("rx-")]
+    for thread in threads:
+        stop_thread(thread)
+
+    def there_is_another() -> bool:
+        assert machine.turns
+        for thread in threads:  # their tracer has to see their end
+            with suppress(ChildProcessError):
+                os.waitpid(thread, os.WNOHANG | WALL)
+        try:
+            return machine.pid(GATEWAY) != before
+        except AssertionError:
+            return False
+
+    wait_for(there_is_another, machine.daemon)
+    names(machine.daemon.log, "gateway", "not answered", "starts it again", "bus goes on")
+    wait_for(lambda: machine.daemon.ctl("check", check=False).returncode == 0, machine.daemon)
+    assert machine.turns
+
+
+@pytest.mark.long
 def test_r19_a_bus_server_that_is_stopped_ends_the_daemon(machine: Machine) -> None:
     machine.send(BUS, signal.SIGSTOP)
     status, log = machine.daemon.wait_end()

@@ -17,6 +17,7 @@ import sys
 import traceback
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ecatd.landlock import restrict
 from ecatd.log import Log
@@ -34,6 +35,9 @@ from ecatd.process import (
 from ecatd.service_link import answer_pings, read_settings, tell
 from ecatd.stats import read
 from ecatd.systemd_services import other_version
+
+if TYPE_CHECKING:
+    from .gateway import Gateway
 
 _OOM_SCORE = 500
 """The bus does not need the gateway, so the kernel ends it first if there is no memory left."""
@@ -66,7 +70,7 @@ async def _serve(bus: str, log: Log, *, alone: bool) -> None:
             notify("READY=1", f"STATUS=serves bus '{bus}'")
         else:
             tell("ready")
-        work = _feed_watchdog() if alone else answer_pings(gateway.report)
+        work = _feed_watchdog(gateway) if alone else answer_pings(gateway.report)
         working = asyncio.create_task(work)
         working.add_done_callback(lambda _: stop.set())  # it ends when the service was killed
         await stop.wait()
@@ -75,8 +79,9 @@ async def _serve(bus: str, log: Log, *, alone: bool) -> None:
         await gateway.stop()
 
 
-async def _feed_watchdog() -> None:
+async def _feed_watchdog(gateway: Gateway) -> None:
     while True:
+        await gateway.report()
         notify("WATCHDOG=1", wait=False)
         await asyncio.sleep(_PERIOD)
 

@@ -58,6 +58,8 @@ from .streams import Streams
 
 _OPEN_PATIENCE, _OPEN_PAUSE = 5.0, 0.005
 """Seconds that Zenoh has to listen on the local socket, and seconds between two looks."""
+_LOOK_PATIENCE, _LOOK_AGAIN = 1.0, 0.1
+"""Seconds for an answer when the gateway looks whether clients get one, and between two looks."""
 _CLOSE_PATIENCE = 1.0
 """Seconds that Zenoh has to close its session."""
 _SECTIONS = ("bus", "gateway", "realtime")
@@ -87,6 +89,7 @@ class Gateway:
         self._bus = BusClient(control_socket(runtime_dir, name), self._on_event, on_end)
         self._config = self._in_use = GatewayConfig()
         self._session: zenoh.Session | None = None
+        self._as_client: zenoh.Session | None = None  # looks whether clients get answers
         self._declared: list[Any] = []
         self._metrics: MetricsServer | None = None
         self._streams: Streams | None = None
@@ -363,8 +366,29 @@ class Gateway:
                 self._on_end()
 
     async def report(self) -> dict[str, Any]:
-        """Returns the answer to the service's ping: it is empty, since any answer is a good one."""
+        """Returns the answer to the service's ping: it is empty, since any answer is a good one.
+
+        It answers only if clients get answers: it finds its bus as they do, over its own socket.
+        """
+        while not await asyncio.to_thread(self._finds_itself):
+            await asyncio.sleep(_LOOK_AGAIN)
         return {}
+
+    def _finds_itself(self) -> bool:
+        try:
+            if self._as_client is None:
+                settings = {
+                    "connect/endpoints": [f"unixsock-stream/{self._socket}"],
+                    "connect/timeout_ms": int(_LOOK_PATIENCE * 1e3),
+                    "connect/exit_on_failure": True,
+                }
+                self._as_client = zenoh.open(session_config("client", settings))
+            key = bus_key(self._full_name, "alive")
+            found = self._as_client.liveliness().get(key, timeout=_LOOK_PATIENCE)
+            return any(reply.ok is not None for reply in found)
+        except zenoh.ZError:
+            self._as_client = None  # the next try opens another session
+            return False
 
     async def stop(self) -> None:
         """Closes the session and the connection."""
