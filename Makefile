@@ -111,7 +111,7 @@ test-long: $(VENV)/.test
 # As root, in a network of its own. The image of the machine is made anew when what is in it changes.
 # `make -j2` builds the packages and the image at the same time. A day that ends because QEMU itself has
 # crashed (status 75) begins again, once.
-build/machine: tests/system/system_machine.py tests/system/agent.py
+build/machine: tests/system/system_machine.py tests/system/agent.py | $(VENV)/.test
 	@rm -rf $@
 	@$(BIN)/python tests/system/system_machine.py $@
 

@@ -56,28 +56,33 @@ def _unreadable(key: str, path: Path) -> str:
 
 
 async def watch_certificates(
-    config: GatewayConfig, log: Log, on_change: Callable[[], None]
+    config: GatewayConfig, used: list[bytes], log: Log, on_change: Callable[[], None]
 ) -> None:
     """Calls a function once when files have changed and can be used, as after a renewal.
 
     Args:
         config: The configuration that names them.
-        log: The log, which says so.
+        used: What was in them when they were last checked.
+        log: The log, which says so, also if the new ones cannot be used.
         on_change: Has another gateway started, which reads the files.
     """
-    used = before = _contents(config)
+    before = known = used
     while True:
         await asyncio.sleep(_PERIOD_S)
-        now = _contents(config)
+        now = contents(config)
         # While files are being written, they differ from one look to the next.
-        if now != used and now == before and not wrong_certificates(config):
-            log.notice("the certificates have changed: the gateway starts again to use them")
-            on_change()
-            return
+        if now == before and now not in (used, known):
+            known = now
+            if not (wrong := wrong_certificates(config)):
+                log.info("the certificates have changed: the gateway starts again to use them")
+                on_change()
+                return
+            log.warning(f"the certificates have changed, but the new ones are not used: {wrong}")
         before = now
 
 
-def _contents(config: GatewayConfig) -> list[bytes]:
+def contents(config: GatewayConfig) -> list[bytes]:
+    """What is in the files of the certificates; empty for one that cannot be read."""
     found = []
     for key in _FILES:
         found.append(b"")
@@ -108,4 +113,4 @@ def name_of_router(endpoint: str, config: GatewayConfig) -> str:
             subject: Any = (encrypted.getpeercert() or {}).get("subject", ())
     except (OSError, ValueError):
         return ""
-    return next((value for ((key, value),) in subject if key == "commonName"), "")
+    return next((value for part in subject for key, value in part if key == "commonName"), "")

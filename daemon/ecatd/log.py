@@ -27,7 +27,7 @@ _NAMESPACE = uuid.UUID("6f0a7f6e-2c0c-4c6e-9a51-3d6a1e5f7b10")
 STORM_MAX, STORM_S = 1000, 5.0
 """Most messages of one part and level, and the seconds in which they may come; further ones are
 only counted, except errors and requested changes. By default, the journal takes 10000 messages of a
-service in 30 s, and then drops errors as well."""
+service in 30 s, and then drops errors as well, so one part alone must not have as many."""
 
 
 def message_id(event: str) -> str:

@@ -4,9 +4,12 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
+import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -405,7 +408,7 @@ def test_a_renewed_certificate_is_used(
     names(daemon.log, "encrypted addresses cannot be used", "remote init")
     for name in ("daemon.pem", "daemon.key"):
         shutil.copy(site.folder / name, folder)
-    wait_for(lambda: "certificates have changed" in daemon.log, daemon)
+    wait_for(lambda: "certificates have changed: " in daemon.log, daemon)
 
     def lets_in() -> bool:
         try:
@@ -415,6 +418,28 @@ def test_a_renewed_certificate_is_used(
             return False
 
     wait_for(lets_in, daemon)
+    shutil.copy(site.folder / "authority.key", folder / "daemon.key")
+    wait_for(lambda: "the new ones are not used" in daemon.log, daemon)
+    names(daemon.log, "gateway.key", "together")
+    assert lets_in()
+
+
+def test_a_port_of_another_program_is_not_a_refusal(site: Site) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+
+        def talk() -> None:
+            with suppress(OSError):
+                while True:
+                    with other.accept()[0] as connection:
+                        connection.sendall(b"SSH-2.0-OpenSSH_9.2\r\n")
+
+        threading.Thread(target=talk, daemon=True).start()
+        for identity in (None, site["anna"]):
+            with pytest.raises(NoAnswerError, match=naming(f"127.0.0.1:{port}", "another program")):
+                Remote("ecat0", f"tls/127.0.0.1:{port}", 2.0, identity)
 
 
 @pytest.mark.long

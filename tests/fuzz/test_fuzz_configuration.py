@@ -158,7 +158,7 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "host": ['""', '"cell-4.b"'],
         "listen": ["[]", '["tcp/127.0.0.1:7447"]'],
         "connect": ["[]"],
-        "router_names": ["[]", '["hub", "10.0.0.3"]'],
+        "router_names": ["[]"],
         "publish_hz": ["0", "1000"],
         "metrics": ['""', '"unix:/run/x"', '"[::1]:1"'],
         "certificate": ['""', '"/etc/ecatd/tls/daemon.pem"'],
@@ -536,6 +536,7 @@ CONTRADICTIONS: list[tuple[str, dict[str, str]]] = [
     ("[gateway]", {"connect": '["tcp/hub:1"]', "host": '"a"'}),
     ("[gateway]", {"connect": '["tls/hub:1"]', "host": '"a"'}),
     ("[gateway]", {"connect": '["unixsock-stream//x"]', "host": '"a"'}),
+    ("[gateway]", {"router_names": '["hub"]'}),
 ]
 
 

@@ -36,6 +36,7 @@ def buses(options: argparse.Namespace) -> None:
 def _here(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """The buses of this machine, also those that do not answer."""
     from ecatd.client.remote import Remote  # loading Zenoh is slow
+    from ecatd.client.unserved import has_shared_memory
 
     names = {bus: None for folder in search_dirs() for bus in served_buses(folder)}
     for bus in names:
@@ -44,9 +45,10 @@ def _here(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
                 yield _row(bus, remote.info(), remote.health())
         except EcatError as error:
             yield {"bus": bus, "error": error.to_reply()}
-    for bus in sorted({bus for folder in search_dirs() for bus in closed_buses(folder)}):
-        closed = NotPermittedError(f"no right to use bus '{bus}': {JOIN}")
-        yield {"bus": bus, "error": closed.to_reply()}
+    closed = {bus for folder in search_dirs() for bus in closed_buses(folder)}
+    for bus in sorted(filter(has_shared_memory, closed)):
+        denied = NotPermittedError(f"no right to use bus '{bus}': {JOIN}")
+        yield {"bus": bus, "error": denied.to_reply()}
 
 
 def _there(options: argparse.Namespace) -> Iterator[dict[str, Any]]:

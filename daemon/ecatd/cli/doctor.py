@@ -116,7 +116,7 @@ def _look(options: argparse.Namespace, config: Config | None) -> Iterator[Findin
     for name in names:
         yield from look_at(name, cpu)
     if not names:
-        text = "none was checked: neither a configuration nor a running bus names one"
+        text = "none was checked: no configuration and no bus that answers names one that is here"
         yield Finding("interface", "name", Level.HINT, text, "`ecatctl doctor --interface IF`")
     yield from look_at_processors(cpu, service_group())
     yield from look_at_service(options.bus)

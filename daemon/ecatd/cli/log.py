@@ -32,7 +32,7 @@ def log(options: argparse.Namespace) -> None:
 
     def follow(remote: Remote) -> Iterator[None]:
         lines = remote.log_lines()
-        remote.states()  # the daemon answers, so the command goes on when it is away
+        remote.stats()  # its gateway answers, so the command goes on when it is away
         yield
         for line in lines:
             if options.json:

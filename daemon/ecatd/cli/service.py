@@ -125,10 +125,9 @@ def _next(place: Place, options: argparse.Namespace, before: set[str]) -> list[s
     if options.action == "uninstall":
         if options.purge:
             return []
-        root = "" if place.is_here else f" --root {place.root}"
         lines = [
-            f"`{place.programs}/ecatctl service uninstall --purge{root}` also removes the files "
-            "that were kept"
+            f"`{place.programs}/ecatctl service uninstall --purge{_root(place)}` also removes the "
+            "files that were kept"
         ]
         return [
             *lines,
@@ -141,12 +140,17 @@ def _next(place: Place, options: argparse.Namespace, before: set[str]) -> list[s
     return list(_after_installation(place, options.bus))
 
 
+def _root(place: Place) -> str:
+    """The option that names the file system, if it is not that of this machine."""
+    return "" if place.is_here else f" --root {place.root}"
+
+
 def _after_installation(place: Place, bus: str) -> Iterator[str]:
     ctl = "ecatctl" if bus == "ecat0" else f"ecatctl --bus {bus}"
     yield "`usermod -aG ecat USER` for each user of the bus, who then has to log in again"
     file = CONFIGURATION / f"{bus}.toml"
     if not place.at(file).exists():
-        yield f"`{ctl} service install --interface IF` writes {file}"
+        yield f"`{ctl} service install --interface IF{_root(place)}` writes {file}"
     systemctl = "systemctl" if place.is_here else f"systemctl --root {place.root}"
     program = PurePosixPath(place.programs / "ecatd")
     if not place.is_here and not place.at(program).exists():

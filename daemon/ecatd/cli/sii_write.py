@@ -223,7 +223,11 @@ def _warn_of_alias(remote: Remote, found: Slave, alias: int) -> None:
     """Warns if the next start would not find the slave by its new alias."""
     bus, (config, _) = remote.describe(), remote.configuration()
     others = [item for item in bus.slaves if item.position != found.position]
-    same = [item.label for item in others if alias and alias in _aliases(remote, item)]
+    same = [
+        item.label
+        for item in others
+        if alias and (item.alias == alias or _next_alias(remote, item) == alias)
+    ]
     if same:
         text = f"{', '.join(same)} has this alias, too, so a start cannot tell which is which"
         print(f"ecatctl: warning: {text}", file=sys.stderr)
@@ -236,12 +240,12 @@ def _warn_of_alias(remote: Remote, found: Slave, alias: int) -> None:
         print(f"ecatctl: warning: {text}", file=sys.stderr)
 
 
-def _aliases(remote: Remote, slave: Slave) -> tuple[int, ...]:
-    """The alias that a slave has now, and the one that it will have after its next start."""
+def _next_alias(remote: Remote, slave: Slave) -> int:
+    """The alias that a slave will have after its next start; 0: none, or it does not answer now."""
     try:
-        return slave.alias, int.from_bytes(remote.read_sii(slave.position, _ALIAS, 1), "little")
-    except EcatError:  # it does not answer now
-        return (slave.alias,)
+        return int.from_bytes(remote.read_sii(slave.position, _ALIAS, 1), "little")
+    except EcatError:
+        return 0
 
 
 def set_alias(remote: Remote, options: argparse.Namespace) -> None:

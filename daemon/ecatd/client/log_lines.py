@@ -18,7 +18,7 @@ _PAUSE = 0.05
 
 
 def log_lines(session: zenoh.Session, bus: str) -> Iterator[dict[str, Any]]:
-    """Yields new lines of the log as they come; see LogLine in docs/zenoh-keys.md.
+    """Returns an iterator over lines of the log from now on; see LogLine in docs/zenoh-keys.md.
 
     Args:
         session: The session.
@@ -29,7 +29,12 @@ def log_lines(session: zenoh.Session, bus: str) -> Iterator[dict[str, Any]]:
     """
     ring = zenoh.handlers.RingChannel
     alive = session.liveliness().declare_subscriber(bus_key(bus, "alive"), ring(1), history=True)
-    with session.declare_subscriber(bus_key(bus, "ro", "log", "lines"), ring(_LINES)) as lines:
+    lines = session.declare_subscriber(bus_key(bus, "ro", "log", "lines"), ring(_LINES))
+    return _follow(lines, alive)
+
+
+def _follow(lines: Any, alive: Any) -> Iterator[dict[str, Any]]:
+    with lines, alive:
         while True:
             if (sample := lines.try_recv()) is not None:
                 yield unpack(bytes(sample.payload), MAX_REPLY)

@@ -5,7 +5,13 @@ from __future__ import annotations
 import socket
 import ssl
 
-from ecatd.model.errors import EcatError, NoAnswerError, NotPermittedError, UnreachableError
+from ecatd.model.errors import (
+    EcatError,
+    NoAnswerError,
+    NotPermittedError,
+    UnreachableError,
+    UsageError,
+)
 
 from .identity import Identity
 
@@ -64,10 +70,13 @@ def _shake_hands(
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     if identity is None:
         context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
-    try:
-        if identity is not None:
+    else:
+        try:
             context.load_cert_chain(identity.path)
             context.load_verify_locations(cadata=identity.authorities)
+        except (OSError, ValueError) as error:
+            return UsageError(f"{identity.path} cannot be used: {error}; {_shown(identity)}")
+    try:
         with context.wrap_socket(connection, server_hostname=host) as tls:
             tls.recv(1)  # the daemon looks at the certificate of the user only now (TLS 1.3)
     except ssl.SSLCertVerificationError as error:
@@ -80,17 +89,18 @@ def _shake_hands(
         return _silent(endpoint)
     except (OSError, ValueError) as error:  # of which ssl.SSLError is one
         name = getattr(error, "reason", None) or ""
-        why = next((text for part, text in _REFUSED.items() if part in name), name.lower())
+        if "ALERT" not in name:  # it does not speak TLS
+            return _silent(endpoint)
         if identity is None:
             return NotPermittedError(
                 f"{endpoint} needs a certificate. Ask for one (`ecatctl remote user NAME` on the "
                 "machine of the daemon), and give it with --identity"
             )
-        if why:
-            return NotPermittedError(
-                f"the daemon at {endpoint} does not accept the certificate of user "
-                f"'{identity.user}': {why}; {_shown(identity)}"
-            )
+        why = next((text for part, text in _REFUSED.items() if part in name), name.lower())
+        return NotPermittedError(
+            f"the daemon at {endpoint} does not accept the certificate of user "
+            f"'{identity.user}': {why}; {_shown(identity)}"
+        )
     return UnreachableError(
         f"{endpoint} ends the connection: no ecatd listens there, or it does not let "
         f"{f'user {identity.user!r}' if identity else 'anybody'} in"

@@ -74,6 +74,8 @@ async def _serve(bus: str, log: Log, *, alone: bool) -> None:
         working = asyncio.create_task(work)
         working.add_done_callback(lambda _: stop.set())  # it ends when the service was killed
         await stop.wait()
+        if working.done():
+            working.result()  # raises what has ended it
         working.cancel()
     finally:
         await gateway.stop()

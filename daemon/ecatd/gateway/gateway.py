@@ -15,7 +15,7 @@ from urllib.parse import unquote
 
 import zenoh
 
-from ecatd.certificates import watch_certificates, wrong_certificates
+from ecatd.certificates import contents, watch_certificates, wrong_certificates
 from ecatd.encoding import MAX_MESSAGE, pack, unpack
 from ecatd.log import Log
 from ecatd.model.bus import Bus
@@ -49,6 +49,7 @@ from .access import (
     unknown_slaves,
     without_encryption,
 )
+from .aside import aside
 from .bus_client import Answer, BusClient
 from .listening import Listening
 from .metrics import MetricsServer
@@ -76,8 +77,8 @@ class Gateway:
         name: Name of the bus.
         runtime_dir: The folder with the folders of the sockets.
         log: The log for failures.
-        on_end: Called when the bus server has gone or the settings have changed, so that another
-            gateway must be started.
+        on_end: Called when the bus server has gone, or the settings or certificates have changed,
+            so that another gateway must be started.
     """
 
     def __init__(self, name: str, runtime_dir: Path, log: Log, on_end: Callable[[], None]) -> None:
@@ -136,12 +137,12 @@ class Gateway:
         Raises:
             EcatError: The session cannot be opened, or the bus server does not answer.
         """
-        in_use = self._config
+        in_use, files = self._config, contents(self._config)
         if wrong := wrong_certificates(in_use):
             in_use = without_encryption(in_use)
             self._log.error(f"{wrong}. Until this is corrected, encrypted addresses cannot be used")
         if self._config.certificate or self._config.users_ca:
-            watching = watch_certificates(self._config, self._log, self._on_end)
+            watching = watch_certificates(self._config, files, self._log, self._on_end)
             self._keep(asyncio.create_task(watching))
         self._in_use = in_use
         self._full_name = full_name(in_use.host, self._name)
@@ -366,11 +367,11 @@ class Gateway:
                 self._on_end()
 
     async def report(self) -> dict[str, Any]:
-        """Returns the answer to the service's ping: it is empty, since any answer is a good one.
+        """Returns the answer to the service's ping: it is empty, since it is enough that it comes.
 
-        It answers only if clients get answers: it finds its bus as they do, over its own socket.
+        It comes only if clients get answers: the gateway finds its bus as they do, over its socket.
         """
-        while not await asyncio.to_thread(self._finds_itself):
+        while not await aside(self._finds_itself):
             await asyncio.sleep(_LOOK_AGAIN)
         return {}
 

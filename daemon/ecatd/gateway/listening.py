@@ -10,12 +10,13 @@ import asyncio
 import errno
 import os
 import socket
-import threading
 from collections.abc import Sequence
-from contextlib import suppress
+from functools import partial
 
 from ecatd.log import Log
 from ecatd.model.config.gateway import PROTOCOLS
+
+from .aside import aside
 
 _PERIOD = 2.0
 _DATAGRAMS = ("udp", "quic")
@@ -62,22 +63,9 @@ class Listening:
 
 
 async def _find_soon(endpoint: str) -> str:
-    """Runs `find_problem` in a thread that cannot delay the end of this process."""
-    loop = asyncio.get_running_loop()
-    answer: asyncio.Future[str] = loop.create_future()
-
-    def tell(found: str) -> None:
-        if not answer.done():
-            answer.set_result(found)
-
-    def find() -> None:
-        found = find_problem(endpoint)
-        with suppress(RuntimeError):  # the loop has ended
-            loop.call_soon_threadsafe(tell, found)
-
-    threading.Thread(target=find, daemon=True).start()
+    """Runs `find_problem`, for which it waits a little."""
     try:
-        return await asyncio.wait_for(answer, _PATIENCE)
+        return await asyncio.wait_for(aside(partial(find_problem, endpoint)), _PATIENCE)
     except TimeoutError:
         return "its name is not known yet"
 

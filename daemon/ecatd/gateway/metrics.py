@@ -53,9 +53,13 @@ class MetricsServer:
     async def start(self) -> None:
         """Starts listening. An address that cannot be used is tried again and again."""
         if problem := await self._listen():
-            self._log.warning(
-                f"no metrics on {self._address}: {problem} (gateway.metrics); it is tried again"
-            )
+            about = f"no metrics on {self._address}: {problem} (gateway.metrics)"
+            folder = Path(self._address.removeprefix(_PREFIX)).parent
+            if self._address.startswith(_PREFIX) and not folder.is_dir():
+                # The gateway may write only into folders that it has found at its start.
+                self._log.warning(f"{about}; make the folder, then restart the gateway")
+                return
+            self._log.warning(f"{about}; it is tried again")
             self._trying = asyncio.create_task(self._try_again())
 
     async def _try_again(self) -> None:
@@ -71,7 +75,8 @@ class MetricsServer:
         try:
             if path != self._address:
                 # A socket of an earlier gateway is replaced, another file is not.
-                self._server = await asyncio.start_unix_server(self._serve, path, limit=_HEAD_MAX)
+                server = await asyncio.start_unix_server(self._serve, path, limit=_HEAD_MAX)
+                self._server = server
                 Path(path).chmod(0o660)
             else:
                 host, _, port = self._address.rpartition(":")

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 
 import zenoh
 
 from ecatd.certificates import name_of_router
 from ecatd.log import Log
+from ecatd.model.bus_name import HOST_NAME
 from ecatd.model.config import GatewayConfig
 from ecatd.model.config.gateway import is_encrypted
 
 from .access import router_names
+from .aside import aside
 
 _PERIOD = 1.0
 _PATIENCE = 5
@@ -48,9 +51,14 @@ async def watch_routers(session: zenoh.Session, config: GatewayConfig, log: Log)
 async def _check_names(config: GatewayConfig, log: Log) -> None:
     """Warns of routers that cannot pass on anything, since their certificates have other names."""
     for endpoint in filter(is_encrypted, config.connect):
-        name = await asyncio.to_thread(name_of_router, endpoint, config)
+        name = await aside(partial(name_of_router, endpoint, config))
         if name and name not in router_names(config):
+            remedy = (
+                f'add router_names = ["{name}"] to [gateway], and reload'
+                if HOST_NAME.fullmatch(name)
+                else "it needs one with the name of a host (`ecatctl remote router`)"
+            )
             log.warning(
-                f"the certificate of the router at {endpoint} has the name '{name}', so nothing of "
-                f'this bus passes it: add router_names = ["{name}"] to [gateway], and reload'
+                f"the certificate of the router at {endpoint} has the name {name!r}, so nothing of "
+                f"this bus passes it: {remedy}"
             )

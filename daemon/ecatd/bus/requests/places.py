@@ -17,7 +17,7 @@ read can ask for as much as he likes, and must not keep others from their change
 
 
 class Places:
-    """The places of a bus: for conversations with mailboxes, and for reads of EEPROMs."""
+    """The places of a bus: for conversations with mailboxes, and for EEPROMs."""
 
     def __init__(self) -> None:
         self._taken: Counter[int] = Counter()  # by position

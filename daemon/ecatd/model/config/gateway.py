@@ -297,11 +297,18 @@ def _check_routers(table: Table, config: GatewayConfig) -> None:
                 "tls/HOST:PORT, or set gateway.anonymous_reading = true if everybody who reaches "
                 "the router may read the bus",
             )
-    routers = {host_of(endpoint) for endpoint in config.connect}
+    if config.router_names and not config.connect:
+        table.fail(
+            "router_names", "there is no router: name one in gateway.connect, or remove this"
+        )
+    # Who has the certificate of a router may speak for every user.
+    routers = {*map(host_of, config.connect), *config.router_names}
     for at, user in enumerate(config.user):
         if user.name in routers:
             table.tables("user")[at].fail(
-                "name", f"{show(user.name)} is the name of a router (gateway.connect): use another"
+                "name",
+                f"{show(user.name)} is the name of a router (gateway.connect or "
+                "gateway.router_names): use another",
             )
 
 
