@@ -799,3 +799,17 @@ def test_the_gateway_may_listen_on_unix_sockets() -> None:
     written = {"listen": ["unixsock-stream//run/here"], "metrics": "unix:/run/there"}
     gateway = read_config({"gateway": written}).gateway
     assert {"listen": gateway.listen, "metrics": gateway.metrics} == written
+
+
+@pytest.mark.parametrize(
+    ("connect", "router_names"), [("tls/hub:7447", "[]"), ("tls/10.0.0.3:7447", "['hub']")]
+)
+def test_no_user_has_the_name_of_a_router(tmp_path: Path, connect: str, router_names: str) -> None:
+    """A router passes on what users ask for, so its certificate may speak for each of them."""
+    with pytest.raises(ConfigError, match=naming("'hub'", "name of a router")):
+        load(
+            tmp_path,
+            "[gateway]\nhost = 'cell4'\ncertificate = '/c'\nkey = '/k'\nusers_ca = '/u'\n"
+            f"connect = ['{connect}']\nrouter_names = {router_names}\n"
+            "[[gateway.user]]\nname = 'hub'\n",
+        )
