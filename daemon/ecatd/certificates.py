@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import re
-import socket
 import ssl
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from ecatd.log import Log
 from ecatd.model.config import GatewayConfig
-from ecatd.model.config.gateway import host_of
 
 _FILES = ("certificate", "key", "users_ca")
 _PERIOD_S = 2.0
@@ -90,27 +86,3 @@ def contents(config: GatewayConfig) -> list[bytes]:
             with suppress(OSError):
                 found[-1] = Path(path).read_bytes()
     return found
-
-
-def name_of_router(endpoint: str, config: GatewayConfig) -> str:
-    """The common name in the certificate of a router; empty if that cannot be found out.
-
-    Args:
-        endpoint: The address of the router, `tls/HOST:PORT`.
-        config: The configuration with the certificates of this gateway.
-    """
-    port = re.split("[?#]", endpoint, maxsplit=1)[0].rpartition(":")[2]
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    context.check_hostname = False
-    try:
-        context.load_verify_locations(config.users_ca)
-        context.load_cert_chain(config.certificate, config.key)
-        address = (host_of(endpoint), int(port))
-        with (
-            socket.create_connection(address, _PERIOD_S) as connection,
-            context.wrap_socket(connection) as encrypted,
-        ):
-            subject: Any = (encrypted.getpeercert() or {}).get("subject", ())
-    except (OSError, ValueError):
-        return ""
-    return next((value for part in subject for key, value in part if key == "commonName"), "")

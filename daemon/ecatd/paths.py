@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import grp
 import os
+import socket
 from contextlib import suppress
 from pathlib import Path
 
@@ -21,6 +22,7 @@ MACHINE = Path("/etc/ecatd")
 DOCTOR_CHANGES = "ecatd-doctor.json"
 """The list of what `ecatctl doctor --fix` has changed, beside the folders of the buses."""
 
+_CONNECT_S = 1.0
 _SOCKET_PATH_MAX = 107  # of a Unix socket in Linux
 _OWN = "set ECATD_RUNTIME_DIR to a directory of your own"
 
@@ -164,6 +166,19 @@ def read_host(folder: Path, bus: str) -> str:
         return _host_file(folder, bus).read_text()
     except OSError:
         return ""
+
+
+def takes_connections(bus: str) -> bool:
+    """Whether a gateway takes connections on this machine, as far as this user can see."""
+    for folder in search_dirs():
+        with socket.socket(socket.AF_UNIX) as there, suppress(OSError):
+            there.settimeout(_CONNECT_S)
+            try:
+                there.connect(str(zenoh_socket(folder, bus)))
+            except (PermissionError, TimeoutError):  # it listens, but not for us, or it hangs
+                return True
+            return True
+    return False
 
 
 def closed_buses(folder: Path) -> list[str]:

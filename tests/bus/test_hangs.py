@@ -7,7 +7,7 @@ import ctypes
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -56,36 +56,12 @@ def wait_end(machine: Machine, thread: int) -> tuple[int, str]:
     return machine.daemon.wait_end()
 
 
-@pytest.mark.long
-def test_r18_a_gateway_that_hangs_is_replaced_and_the_bus_goes_on(machine: Machine) -> None:
-    before = machine.pid(GATEWAY)
-    machine.send(GATEWAY, signal.SIGSTOP)
+def see_it_replaced(machine: Machine, before: int, stopped: Sequence[int] = ()) -> None:
+    """Waits for another gateway than `before`, whose threads `stopped` this process has stopped."""
 
     def there_is_another() -> bool:
         assert machine.turns
-        try:
-            return machine.pid(GATEWAY) != before
-        except AssertionError:
-            return False
-
-    wait_for(there_is_another, machine.daemon)
-    names(machine.daemon.log, "gateway", "not answered", "starts it again", "bus goes on")
-    wait_for(lambda: machine.daemon.ctl("check", check=False).returncode == 0, machine.daemon)
-    assert machine.turns
-
-
-@pytest.mark.long
-def test_r18_a_gateway_whose_zenoh_hangs_is_replaced(machine: Machine) -> None:
-    """Its event loop goes on, but nobody gets an answer."""
-    before = machine.pid(GATEWAY)
-    tasks = [*Path(f"/proc/{before}/task").iterdir()]
-    threads = [int(t.name) for t in tasks if (t / "comm").read_text().startswith("rx-")]
-    for thread in threads:
-        stop_thread(thread)
-
-    def there_is_another() -> bool:
-        assert machine.turns
-        for thread in threads:  # their tracer has to see their end
+        for thread in stopped:  # their tracer has to see their end
             with suppress(ChildProcessError):
                 os.waitpid(thread, os.WNOHANG | WALL)
         try:
@@ -97,6 +73,24 @@ def test_r18_a_gateway_whose_zenoh_hangs_is_replaced(machine: Machine) -> None:
     names(machine.daemon.log, "gateway", "not answered", "starts it again", "bus goes on")
     wait_for(lambda: machine.daemon.ctl("check", check=False).returncode == 0, machine.daemon)
     assert machine.turns
+
+
+@pytest.mark.long
+def test_r18_a_gateway_that_hangs_is_replaced_and_the_bus_goes_on(machine: Machine) -> None:
+    before = machine.pid(GATEWAY)
+    machine.send(GATEWAY, signal.SIGSTOP)
+    see_it_replaced(machine, before)
+
+
+@pytest.mark.long
+def test_r18_a_gateway_whose_zenoh_hangs_is_replaced(machine: Machine) -> None:
+    """Its event loop goes on, but nobody gets an answer."""
+    before = machine.pid(GATEWAY)
+    tasks = [*Path(f"/proc/{before}/task").iterdir()]
+    threads = [int(t.name) for t in tasks if (t / "comm").read_text().startswith("rx-")]
+    for thread in threads:
+        stop_thread(thread)
+    see_it_replaced(machine, before, threads)
 
 
 @pytest.mark.long

@@ -246,7 +246,8 @@ class Machine:
     def _ask(self, command: str, timeout: float, patience: float) -> Said:
         self._number += 1
         request = {"id": self._number, "command": command, "timeout": timeout}
-        self._agent.sendall(json.dumps(request).encode() + b"\n")
+        with suppress(ConnectionError):  # seen below
+            self._agent.sendall(json.dumps(request).encode() + b"\n")
         end = time.monotonic() + patience
         while True:
             self._agent.settimeout(max(end - time.monotonic(), 0.001))

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
-import socket
-from contextlib import suppress
 from typing import Any
 
 from ecatd import shm
 from ecatd.failure_record import find_record
 from ecatd.model.errors import EcatError, NoAnswerError, UnreachableError
-from ecatd.paths import search_dirs, served_buses, zenoh_socket
+from ecatd.paths import search_dirs, served_buses, takes_connections
 from ecatd.shared_memory.reader import opened
 from ecatd.stats import read
 from ecatd.systemd_services import (
@@ -73,7 +71,7 @@ def _without_gateway(bus: str, header: Any) -> EcatError:
         return UnreachableError(f"{silent}: {advice.text}, while the bus runs on; {advice.remedy}")
     if advice := other_version(bus, shm.printable(header.version)):
         return UnreachableError(f"{silent}: {advice.text}; {advice.remedy}")
-    if _listens(bus):
+    if takes_connections(bus):
         return NoAnswerError(
             f"{silent}, though it is there: it is busy, or hangs. Then ecatd starts another one by "
             "itself, while the bus runs on: try again in some seconds"
@@ -82,16 +80,6 @@ def _without_gateway(bus: str, header: Any) -> EcatError:
         f"{silent}; ecatd starts it again by itself, while the bus runs on: try again in some "
         f"seconds. After --no-gateway, start it with 'ecatd --only-gateway --bus {bus}'"
     )
-
-
-def _listens(bus: str) -> bool:
-    """Whether a gateway takes connections on this machine."""
-    for folder in search_dirs():
-        with socket.socket(socket.AF_UNIX) as there, suppress(OSError):
-            there.settimeout(1.0)
-            there.connect(str(zenoh_socket(folder, bus)))
-            return True
-    return False
 
 
 def _running() -> list[str]:

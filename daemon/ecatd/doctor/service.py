@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import grp
 import pwd
-import socket
 from collections.abc import Iterator
-from contextlib import suppress
 
 from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError
-from ecatd.paths import search_dirs, zenoh_socket
+from ecatd.paths import takes_connections
 from ecatd.stats import read
 from ecatd.systemd_services import (
     gateway,
@@ -46,25 +44,13 @@ def _bus_and_gateway(bus: str) -> Iterator[Finding]:
         return
     yield Finding(area, name, Level.OK, "runs")
     advice = why_no_gateway(bus)
-    if advice is None and _is_served(bus):
+    if advice is None and takes_connections(bus):
         yield Finding(area, "gateway", Level.OK, "runs")
     elif advice := advice or other_version(bus, version):
         yield Finding(area, "gateway", Level.PROBLEM, advice.text, advice.remedy)
     else:
         remedy = f"'journalctl -u {gateway(bus)} -n 20', or the log of ecatd, says why"
         yield Finding(area, "gateway", Level.PROBLEM, "it does not answer", remedy)
-
-
-def _is_served(bus: str) -> bool:
-    """Whether a gateway takes connections on this machine, as far as this user can see."""
-    for folder in search_dirs():
-        with socket.socket(socket.AF_UNIX) as link, suppress(OSError):
-            try:
-                link.connect(str(zenoh_socket(folder, bus)))
-            except PermissionError:
-                return True
-            return True
-    return False
 
 
 def _accounts() -> Iterator[Finding]:

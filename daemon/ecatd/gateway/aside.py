@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
-from contextlib import suppress
+from concurrent.futures import Future
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -13,23 +13,14 @@ T = TypeVar("T")
 
 async def aside(call: Callable[[], T]) -> T:
     """Runs a call in a thread that cannot delay the end of this process; raises what it raises."""
-    loop = asyncio.get_running_loop()
-    answer: asyncio.Future[T] = loop.create_future()
-
-    def tell(how: Callable[[], None]) -> None:
-        if not answer.done():
-            how()
+    answer: Future[T] = Future()
+    answer.set_running_or_notify_cancel()  # who no longer waits leaves the call running
 
     def run() -> None:
-        how: Callable[[], None]
         try:
-            found = call()
-            how = lambda: answer.set_result(found)  # noqa: E731
+            answer.set_result(call())
         except Exception as error:
-            failed = error
-            how = lambda: answer.set_exception(failed)  # noqa: E731
-        with suppress(RuntimeError):  # the loop has ended
-            loop.call_soon_threadsafe(tell, how)
+            answer.set_exception(error)
 
     threading.Thread(target=run, daemon=True).start()
-    return await answer
+    return await asyncio.wrap_future(answer)

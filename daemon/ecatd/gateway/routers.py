@@ -1,17 +1,23 @@
-"""Reports when routers are reached or lost, because Zenoh tries to connect again silently."""
+"""Reports when routers are reached or lost, because Zenoh tries to connect again silently.
+
+It also reports routers whose certificates have names that the configuration does not say.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import re
+import socket
+import ssl
 from functools import partial
+from typing import Any
 
 import zenoh
 
-from ecatd.certificates import name_of_router
 from ecatd.log import Log
 from ecatd.model.bus_name import HOST_NAME
 from ecatd.model.config import GatewayConfig
-from ecatd.model.config.gateway import is_encrypted
+from ecatd.model.config.gateway import host_of, is_encrypted
 
 from .access import router_names
 from .aside import aside
@@ -19,6 +25,8 @@ from .aside import aside
 _PERIOD = 1.0
 _PATIENCE = 5
 """Looks before a router that was never reached is reported."""
+_CONNECT_S = 2.0
+"""Seconds for a connection that only asks for the certificate of a router."""
 
 
 async def watch_routers(session: zenoh.Session, config: GatewayConfig, log: Log) -> None:
@@ -51,7 +59,7 @@ async def watch_routers(session: zenoh.Session, config: GatewayConfig, log: Log)
 async def _check_names(config: GatewayConfig, log: Log) -> None:
     """Warns of routers that cannot pass on anything, since their certificates have other names."""
     for endpoint in filter(is_encrypted, config.connect):
-        name = await aside(partial(name_of_router, endpoint, config))
+        name = await aside(partial(_name_of_router, endpoint, config))
         if name and name not in router_names(config):
             remedy = (
                 f'add router_names = ["{name}"] to [gateway], and reload'
@@ -62,3 +70,27 @@ async def _check_names(config: GatewayConfig, log: Log) -> None:
                 f"the certificate of the router at {endpoint} has the name {name!r}, so nothing of "
                 f"this bus passes it: {remedy}"
             )
+
+
+def _name_of_router(endpoint: str, config: GatewayConfig) -> str:
+    """The common name in the certificate of a router; empty if that cannot be found out.
+
+    Args:
+        endpoint: The address of the router, `tls/HOST:PORT`.
+        config: The configuration with the certificates of this gateway.
+    """
+    port = re.split("[?#]", endpoint, maxsplit=1)[0].rpartition(":")[2]
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = False
+    try:
+        context.load_verify_locations(config.users_ca)
+        context.load_cert_chain(config.certificate, config.key)
+        address = (host_of(endpoint), int(port))
+        with (
+            socket.create_connection(address, _CONNECT_S) as connection,
+            context.wrap_socket(connection) as encrypted,
+        ):
+            subject: Any = (encrypted.getpeercert() or {}).get("subject", ())
+    except (OSError, ValueError):
+        return ""
+    return next((value for part in subject for key, value in part if key == "commonName"), "")

@@ -27,6 +27,7 @@ from ..mailbox.coe import Coe
 from ..mailbox.line import Line
 from .al_states import AlStates
 
+_AL_STATUS = 0x0130
 _SYNC_MANAGERS, _ACTIVATE = 0x0800, (0x0806, 0x080E)
 
 _REPEAT_S = 0.5
@@ -252,6 +253,11 @@ class Master:
             )
             for managers in found
         ]
+
+    def answers(self, position: int) -> bool:
+        """Whether a slave answers at its address now."""
+        (answer,) = self.registers.read_all([self.stations[position]], _AL_STATUS, 2)
+        return bool(answer.wkc)
 
     def name(self, position: int) -> str:
         """Returns the name that SOEM has read for a slave, for messages; empty if it has none."""

@@ -16,7 +16,6 @@ from .changes import Change, Changes
 from .conversations import silent
 from .places import Places
 
-_AL_STATUS = 0x0130
 _PATIENCE = 10.0
 """Seconds for which an EEPROM waits for the next part from the client that writes it."""
 
@@ -67,15 +66,10 @@ class Eeproms:
             try:
                 (data,) = await self._worker.request(steps)
             except StateError as error:
-                if not await self._worker.run(lambda: self._answers(slave)):
+                if not await self._worker.run(lambda: self._master.answers(slave.position)):
                     raise silent(slave) from error
                 raise
         return {"data": data}
-
-    def _answers(self, slave: Slave) -> bool:
-        stations = [self._master.stations[slave.position]]
-        (answer,) = self._master.registers.read_all(stations, _AL_STATUS, 2)
-        return bool(answer.wkc)
 
     async def write(self, request: WriteSii) -> dict[str, Any]:
         """The reply has `written`: how many words had other values before.

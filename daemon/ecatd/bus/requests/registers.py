@@ -21,7 +21,7 @@ from ..master.worker import Worker
 from .changes import Changes, shown
 from .conversations import silent
 
-_DL_STATUS, _AL_STATUS = 0x0110, 0x0130
+_DL_STATUS = 0x0110
 _COUNTERS, _COUNTERS_SIZE = 0x0300, 0x14
 _FORWARDED, _PROCESSING, _PDI, _LOST_LINKS = 0x08, 0x0C, 0x0D, 0x10
 _CLEARED = (0x0300, 0x030C, 0x030D, 0x0310)
@@ -61,17 +61,11 @@ class Registers:
             (data,) = yield from self._master.reading([(slave.position, address, size)])
             return data
         except StateError as error:
-            if self._answers(slave):
+            if self._master.answers(slave.position):
                 raise StateError(
                     f"{slave.label} has no register 0x{address:04X} that the master can read"
                 ) from error
             raise silent(slave) from error
-
-    def _answers(self, slave: Slave) -> bool:
-        (answer,) = self._master.registers.read_all(
-            [self._master.stations[slave.position]], _AL_STATUS, 2
-        )
-        return bool(answer.wkc)
 
     async def write(self, request: WriteRegister) -> dict[str, Any]:
         """The reply has `data`: what the registers have afterwards. Raises as `read`."""
@@ -85,7 +79,7 @@ class Registers:
             try:
                 yield from self._master.writing([(slave.position, address, request.data)])
             except StateError as error:
-                if self._answers(slave):
+                if self._master.answers(slave.position):
                     raise StateError(
                         f"{slave.label} does not let the master write register 0x{address:04X}"
                     ) from error
