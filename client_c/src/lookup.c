@@ -1,6 +1,7 @@
 /* Finds entries by name, "slave/entry", as a person writes it. */
 #include "internal.h"
 
+#include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -36,12 +37,28 @@ int ecat_find_name(ecat_t *bus, const char *name) {
   return find_slave(bus, name != NULL ? name : "", name != NULL ? strlen(name) : 0);
 }
 
-/* Parses an address, 0x6060 or 0x6060:00; without a subindex it is 0. */
+/* Reads up to `most` hexadecimal digits, and 0x in front of them if it is there. Returns what follows, or
+ * NULL if there are none; `*marked` says whether there was 0x. */
+static const char *read_hexadecimal(const char *text, int most, unsigned *value, int *marked) {
+  int n = 0;
+  *marked = text[0] == '0' && (text[1] == 'x' || text[1] == 'X');
+  if (*marked) text += 2;
+  for (*value = 0; n < most && isxdigit((unsigned char)text[n]); n++) {
+    int digit = tolower((unsigned char)text[n]);
+    *value = 16 * *value + (unsigned)(digit <= '9' ? digit - '0' : digit - 'a' + 10);
+  }
+  return n > 0 ? text + n : NULL;
+}
+
+/* Parses an address: 0x6060:00 or 6060:00, in which both parts are hexadecimal, or 0x6060, whose subindex is
+ * 0. The notation is that of the commands (daemon/ecatd/model/addresses.py). */
 static int is_address(const char *text, unsigned *index, unsigned *subindex) {
-  char rest = 0;
+  int marked, any;
+  const char *rest = read_hexadecimal(text, 4, index, &marked);
   *subindex = 0;
-  return sscanf(text, "0x%4x:%2x%c", index, subindex, &rest) == 2 ||
-         sscanf(text, "0x%4x%c", index, &rest) == 1;
+  if (rest != NULL && rest[0] == ':') rest = read_hexadecimal(rest + 1, 2, subindex, &any);
+  else if (!marked) return 0;
+  return rest != NULL && rest[0] == '\0';
 }
 
 /* Whether `name` is "entry" or "PDO/entry" of this signal. */

@@ -51,7 +51,7 @@ def test_each_change_is_in_the_file(start_daemon: Callable[..., Daemon], tmp_pat
     daemon = start_daemon("troll", config=config)
     before = daemon.ctl_json("sdo-read", "0", "0x6083", "0")["value"]
     daemon.ctl("sdo-write", "0", "0x6083", "0", "1234")
-    daemon.ctl("state", "SAFEOP", "--yes", "-p", "4")
+    daemon.ctl("state", "4", "SAFEOP", "--yes")
     daemon.ctl("sdo-write", "0", "0x1018", "1", "7", check=False)  # is refused
     daemon.ctl("sdo-read", "0", "0x6083", "0")
     first, second, refused = file.read_text().splitlines()
@@ -61,7 +61,7 @@ def test_each_change_is_in_the_file(start_daemon: Callable[..., Daemon], tmp_pat
     assert re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}[+-]\d{4} ", first)
     assert file.stat().st_mode & 0o007 == 0
     file.rename(rotated)
-    daemon.ctl("state", "OP", "-p", "4")
+    daemon.ctl("state", "4", "OP")
     (third,) = file.read_text().splitlines()
     names(third, "slave 4", "OP")
     # A file that cannot be written is an error of its own, told once; changes go on.

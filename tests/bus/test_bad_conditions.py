@@ -261,7 +261,7 @@ def test_emergencies_of_a_running_slave_are_events(bench: Bench) -> None:
         bench.wait_for_event("emergency", slave=0, code=0x3220, register=0x04, times=1)
         said = "error code 0x3220 (voltage inside the device), error register 0x04"
         bench.wait_for_log(f"slave 0 (Gold EtherCAT GCON Drive) sent an emergency: {said}")
-        shown = bench.daemon.ctl("events", "-p", "0").stdout.splitlines()
+        shown = bench.daemon.ctl("events", "0").stdout.splitlines()
         (line,) = (line for line in shown if "emergency" in line)
         assert line.endswith(f"slave 0 (Gold EtherCAT GCON Drive): {said}, times 1")
         for code in range(0x8000, 0x8020):

@@ -65,7 +65,7 @@ def test_slaves_leave_op_and_come_back(daemon: Daemon) -> None:
     found = document(daemon)
     assert (found["status"], found["slaves"], found["in_op"]) == ("degraded", 2, 1)
     assert len(found["problems"]) == 1
-    daemon.ctl("state", "SAFEOP", "--yes", "-p", "0")
+    daemon.ctl("state", "0", "SAFEOP", "--yes")
     status, line = check(daemon)
     assert (status, line.partition(":")[0]) == (DOWN, "down")
     daemon.ctl("state", "OP")

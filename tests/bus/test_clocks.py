@@ -321,7 +321,7 @@ def test_a_drive_that_goes_by_sync0(
     assert there.registers(0, 0x0980, 2) == b"\x00\x03"
     assert there.registers(1, 0x0980, 2) == b"\x20\x03"
     assert {row["text"] for row in daemon.slave_rows("state")} == {"OP"}
-    assert daemon.ctl("sdo-read", "0", "0x1C32", "10").stdout.split()[1] == str(CYCLE)
+    assert daemon.ctl("sdo-read", "0", "1C32:0A").stdout.split()[1] == str(CYCLE)
 
 
 def test_signals_that_come_too_fast_for_the_device(

@@ -96,12 +96,12 @@ def test_slaves_have_names(start: Start) -> None:
     assert [row["domain_name"] for row in rows] == ["", "", "", "slow"]
     shown = daemon.ctl("slaves").stdout
     names(shown, "infeed (EL2008)", "pressures (EL3008)", "EK1100")
-    names(daemon.ctl("state", "-p", "pressures").stdout, "pressures (EL3008)", "OP")
-    assert "EK1100" not in daemon.ctl("state", "-p", "pressures").stdout
-    names(daemon.ctl("pdos", "-p", "EL1008").stdout, "EL1008", "TxPDO")
-    names(daemon.ctl("shm", "-p", "infeed").stdout, "infeed")
+    names(daemon.ctl("state", "pressures").stdout, "pressures (EL3008)", "OP")
+    assert "EK1100" not in daemon.ctl("state", "pressures").stdout
+    names(daemon.ctl("pdos", "EL1008").stdout, "EL1008", "TxPDO")
+    names(daemon.ctl("shm", "infeed").stdout, "infeed")
     assert json.loads(daemon.ctl("sdo-read", "pressures", "0x1018", "1", "--json").stdout)["value"]
-    daemon.ctl("state", "PREOP", "--yes", "-p", "infeed")
+    daemon.ctl("state", "infeed", "PREOP", "--yes")
     states = [row["text"] for row in daemon.slave_rows("state")]
     assert states == ["OP", "PREOP", "OP", "OP"]
     refused = daemon.ctl("sdo-read", "pressure", "0x1018", "1", check=False)

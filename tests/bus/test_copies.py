@@ -230,7 +230,7 @@ def test_the_output_is_safe_while_its_source_is_not_in_op(
             client.wait()
         client.sample()
         assert (lamp.raw, client.output(lamp).since_cycle) == (1, since)
-        daemon.ctl("state", "OP", "-p", "1")
+        daemon.ctl("state", "1", "OP")
         wait_for(lambda: client.output(lamp).reason == shm.Reason.START, daemon)
         arrives(daemon, client, "0/0x7000:01", 1, "3/0x6010:01", 1)
         arrives(daemon, client, "0/0x7000:01", 0, "3/0x6010:01", 0)

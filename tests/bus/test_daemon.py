@@ -333,7 +333,7 @@ def test_the_watchdog_brings_no_slave_back_that_somebody_took_out_of_op(
     start_daemon: Callable[..., Daemon],
 ) -> None:
     daemon = start_daemon("troll")
-    daemon.ctl("state", "SAFEOP", "--yes", "--slave", "3")
+    daemon.ctl("state", "3", "SAFEOP", "--yes")
     stall(daemon)
     wait_for(lambda: "back in OP after" in daemon.log, daemon)
     wait_for(lambda: al_states(daemon)[0] == AlState.OP, daemon)

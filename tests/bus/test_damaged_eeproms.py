@@ -108,6 +108,6 @@ def test_the_others_are_exchanged(damaged: Daemon) -> None:
 
 
 def test_a_damaged_slave_can_be_taken_to_op_by_hand(damaged: Daemon) -> None:
-    damaged.ctl("state", "OP", "-p", str(ERASED))
+    damaged.ctl("state", str(ERASED), "OP")
     assert damaged.slave_rows("slaves")[ERASED]["state"] == "OP"
-    damaged.ctl("state", "PREOP", "--yes", "-p", str(ERASED))
+    damaged.ctl("state", str(ERASED), "PREOP", "--yes")

@@ -121,8 +121,8 @@ def test_the_configuration_is_what_clients_see(mixed: Daemon) -> None:
         (2, "slow"),
     ]
     assert "  1 mid " in mixed.ctl("slaves").stdout.splitlines()[5]
-    assert mixed.ctl("pdos", "-p", "34").stdout.startswith("34  Loopback32  (domain 2 (slow))\n")
-    assert mixed.ctl_json("pdos", "-p", "0")["domains"][1] == {
+    assert mixed.ctl("pdos", "34").stdout.startswith("34  Loopback32  (domain 2 (slow))\n")
+    assert mixed.ctl_json("pdos", "0")["domains"][1] == {
         "name": "mid",
         "divider": 4,
         "phase": 0,

@@ -93,7 +93,7 @@ FAULTS = {
     "a slave leaves OP for a reason of its own": Fault(
         lambda faults: faults.al_error(SLAVE, code=REASON),
         of("al_state", "SAFEOP+ERROR") + of("recovery", "fallen") + of("recovery", "refused"),
-        lambda bench, faults: bench.daemon.ctl("state", "OP", "-p", str(SLAVE)) and None,
+        lambda bench, faults: bench.daemon.ctl("state", str(SLAVE), "OP") and None,
         ONE_BACK,
         ("slave 5", "stays out of OP", "0x001D"),
     ),

@@ -33,11 +33,11 @@ def test_events_are_kept(bus: Daemon) -> None:
         assert silent.returncode == 4
         names(silent.stderr, "slave 10 (EL2008)", "does not answer", "switched off")
         simulator.faults.power_on(LAST)
-    wait_for(lambda: "recovered" in bus.ctl("events", "-p", str(LAST)).stdout, bus)
+    wait_for(lambda: "recovered" in bus.ctl("events", str(LAST)).stdout, bus)
     found = bus.ctl_json("events")["events"]
     numbers = [event["sequence"] for event in found]
     assert numbers == [*range(numbers[0], numbers[0] + len(numbers))]
-    assert {event["slave"] for event in bus.ctl_json("events", "-p", str(LAST))["events"]} == {LAST}
+    assert {event["slave"] for event in bus.ctl_json("events", str(LAST))["events"]} == {LAST}
     lines = bus.ctl("events").stdout.splitlines()
     assert len(lines) >= len(found)
     names("\n".join(lines), "slave 10 (EL2008)", "recovery", "recovered")

@@ -254,7 +254,7 @@ def test_a_transfer_is_protected_and_ends_with_cancel(bus: Daemon, tmp_path: Pat
     with subprocess.Popen(command, env=bus.env, stderr=subprocess.PIPE, text=True) as process:
         wait_for(lambda: "writing file 'big.bin' begins (3000000" in bus.log, bus)
         for arguments in (
-            ("state", "PREOP", "--yes", "-p", "0"),
+            ("state", "0", "PREOP", "--yes"),
             ("state", "PREOP", "--yes"),
             ("reboot", "0", "--yes"),
             ("alias", "0", "7", "--yes"),

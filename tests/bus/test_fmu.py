@@ -190,14 +190,14 @@ def test_a_slave_that_is_not_operational_can_end_the_simulation(
 ) -> None:
     with model.play(bus=troll.bus, requireOperational=True) as player:
         player.step()
-        troll.ctl("state", "SAFEOP", "--yes", "-p", "2")
+        troll.ctl("state", "2", "SAFEOP", "--yes")
         with pytest.raises(Exception, match="DoStep"):
             for _ in range(10_000):
                 player.step()
         names(player.errors()[0], "slave 2 (EL1018)", "OP", "requireOperational")
     troll.ctl("state", "OP")
     with model.play(bus=troll.bus) as player:
-        troll.ctl("state", "SAFEOP", "--yes", "-p", "2")
+        troll.ctl("state", "2", "SAFEOP", "--yes")
         for _ in range(5):
             player.step()
     troll.ctl("state", "OP")

@@ -264,13 +264,13 @@ def test_values_and_events_are_published(daemon: Daemon, network: zenoh.Session)
     wait_for(lambda: bool(blinking), daemon)
     assert blinking[0]["raw"] in (0, 1)
     assert blinking[0]["name"] == "Input"
-    daemon.ctl("state", "SAFEOP", "--yes", "-p", "3")
+    daemon.ctl("state", "3", "SAFEOP", "--yes")
     states = ("al_state", 3, "SAFEOP")
     wait_for(
         lambda: states in [(x["event"], x.get("slave"), x.get("text")) for x in events], daemon
     )
     subscriber.undeclare()
-    daemon.ctl("state", "OP", "-p", "3")
+    daemon.ctl("state", "3", "OP")
 
 
 def test_lines_of_the_log_are_published_without_values_of_objects(
@@ -285,8 +285,8 @@ def test_lines_of_the_log_are_published_without_values_of_objects(
     # Somebody has heard a line, so the subscription has reached the gateway.
     wait_for(lambda: daemon.ctl("log-level", "dc", "info") and bool(heard), daemon)
     daemon.ctl("sdo-write", "0", "0x6060", "0", "8")
-    daemon.ctl("state", "SAFEOP", "--yes", "-p", "3")
-    daemon.ctl("state", "OP", "-p", "3")
+    daemon.ctl("state", "3", "SAFEOP", "--yes")
+    daemon.ctl("state", "3", "OP")
     wait_for(lambda: any(line["event"] == "al_state" for line in heard), daemon)
     subscriber.undeclare()
     (change,) = (line for line in heard if "0x6060:00" in str(line["text"]))

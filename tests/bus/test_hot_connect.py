@@ -140,7 +140,7 @@ def test_a_group_comes_and_goes_while_the_others_run(start: Start) -> None:
     assert [row["recovery"] for row in rows] == [""] * 4 + ["absent"] * 3 + [""] * 2
     for state in ("PREOP", "OP"):  # of all slaves: who is not there is not waited for
         daemon.ctl("state", state, "--yes")
-    refused = daemon.ctl("state", "OP", "-p", "s5", check=False)
+    refused = daemon.ctl("state", "s5", "OP", check=False)
     assert refused.returncode == 7
     names(one_line_error(refused.stderr, "ecatctl"), "slave 5", "no answer")
     with daemon.client() as client, Simulator(str(simulator)) as rig:

@@ -144,7 +144,7 @@ def test_what_slaves_are_told_and_answer(start_daemon: Callable[..., Daemon]) ->
     )
     assert details(daemon.log) == ["slaves", "start"]
     before = len(daemon.log)
-    daemon.ctl("state", "SAFEOP", "--yes", "-p", "3")
+    daemon.ctl("state", "3", "SAFEOP", "--yes")
     wanted = ["slave 3 (EL2008): a client wants SAFEOP", "slave 3: SAFEOP is requested"]
     wait_for(lambda: "slave 3: SAFEOP is reached" in daemon.log, daemon)
     in_order(daemon.log[before:], [*wanted, "slave 3: SAFEOP is reached"])

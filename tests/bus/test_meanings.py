@@ -57,7 +57,7 @@ def test_everybody_sees_volts(
     daemon = start(start_daemon, "")
     entry = channel(daemon, monkeypatch, 8)
     assert (entry.unit, entry.scale, entry.offset) == ("V", 10 / 32767, 0.0)
-    assert "[V = raw * 0.000305185]" in daemon.ctl("pdos", "-p", "4").stdout
+    assert "[V = raw * 0.000305185]" in daemon.ctl("pdos", "4").stdout
     with daemon.client() as client:
         client.wait()
         client.sample()
@@ -85,7 +85,7 @@ def test_the_configuration_counts_before_the_profile_and_reaches_everybody(
         assert signal.unit == "bar"
         assert signal.value == pytest.approx(signal.raw * 0.25 - 1.0)
         assert client.signal("5/0x6060:11").unit == "V"
-    assert "tank  [bar = raw * 0.25 - 1]" in daemon.ctl("pdos", "-p", "5").stdout
+    assert "tank  [bar = raw * 0.25 - 1]" in daemon.ctl("pdos", "5").stdout
     with remote(daemon, monkeypatch) as session:
         slave = session.describe().slaves[5]
     (tank,) = [entry for _, entry, _ in slave.entries(outputs=False) if entry.name == "tank"]

@@ -223,7 +223,7 @@ def test_r08_a_slave_with_a_reason_of_its_own(start: Start, code: str) -> None:
         assert condition(bench, 4) == "refused"
     assert bench.daemon.log.count("stays out of OP") == 1
     assert not any(event.get("state") == "asked" for event in bench.events)
-    said = bench.daemon.ctl("state", "OP", "-p", "4").stdout
+    said = bench.daemon.ctl("state", "4", "OP").stdout
     assert "waiting" not in said
     in_op(bench)
 
@@ -251,12 +251,12 @@ def test_r07_another_device_is_left_alone(start: Start) -> None:
 def test_a_state_that_a_user_wants_is_respected(start: Start) -> None:
     bench = start()
     in_op(bench)
-    bench.daemon.ctl("state", "PREOP", "--yes", "-p", "2")
+    bench.daemon.ctl("state", "2", "PREOP", "--yes")
     bench.ctl("al-error", "4", "0x001B")
     bench.wait_for_event("recovery", slave=4, state="recovered")
     rows = bench.daemon.slave_rows("state")
     assert [row["text"] for row in rows] == ["OP", "OP", "PREOP", "OP", "OP", "OP", "OP"]
-    bench.daemon.ctl("state", "OP", "-p", "2")
+    bench.daemon.ctl("state", "2", "OP")
     in_op(bench)
 
 
@@ -267,7 +267,7 @@ def test_nothing_comes_back_where_that_is_not_wanted(start: Start) -> None:
     bench.ctl("al-error", "4", "0x001B")
     bench.wait_for(lambda: condition(bench, 5) == "missing")
     bench.power(5, on=True)
-    bench.wait_for_log("switched off and on, or exchanged; `ecatctl state OP -p 5`")
+    bench.wait_for_log("switched off and on, or exchanged; `ecatctl state 5 OP`")
     with bench.daemon.client() as client:
         slaves = client.slaves()
         assert slaves[4].al_state == AlState.SAFEOP | 0x10

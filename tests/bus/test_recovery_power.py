@@ -122,14 +122,14 @@ def test_other_process_data_than_at_the_start(
             return value.raw == number
 
         # Asked for OP as it is, it is refused by the same sentence.
-        refused = bench.daemon.ctl("state", "OP", "-p", "2", check=False)
+        refused = bench.daemon.ctl("state", "2", "OP", check=False)
         assert (refused.returncode, refused.stderr.count("\n")) == (7, 1)
         assert f"slave 2 (CiA402): {text}" in refused.stderr
         for index, subindex, data in writes:
             kind = "uint32" if len(data) == len("0x60640020") else "uint16"
             kind = kind if subindex != "0" else "uint8"
             bench.daemon.ctl("sdo-write", "2", index, subindex, data, "--type", kind)
-        bench.daemon.ctl("state", "OP", "-p", "2")
+        bench.daemon.ctl("state", "2", "OP")
         bench.wait_for(lambda: arrives(77))
         in_op(bench)
     # Once when it came back, and once as the reason why the request has failed.
@@ -195,14 +195,14 @@ def test_asking_by_hand_sets_up_a_slave_that_forgot_its_address(
     bench.wait_for_data()
     bench.power(4, 5, on=False)
     bench.wait_for(lambda: conditions(bench).keys() == {4, 5, 6, 7})
-    result = bench.daemon.ctl("state", "PREOP", "--yes", "-p", "5", check=False)
+    result = bench.daemon.ctl("state", "5", "PREOP", "--yes", check=False)
     assert result.returncode == 7
     assert result.stderr.count("\n") == 1
     said = one_line_error(result.stderr, "ecatctl")
     names(said, "slave 5 (EL3008)", "PREOP", "no answer")
     bench.power(4, 5, on=True)
     bench.wait_for_log("no answer from slaves 4-5 at their address, though 8 slaves are there")
-    bench.daemon.ctl("state", "PREOP", "--yes", "-p", "5")
+    bench.daemon.ctl("state", "5", "PREOP", "--yes")
     assert bench.daemon.ctl("sdo-read", "5", "0x1018", "1").stdout.startswith("0x00000002")
     assert conditions(bench).get(4) == "missing"
     bench.daemon.ctl("state", "OP")
@@ -214,7 +214,7 @@ def test_asking_by_hand_for_another_device(start: Start) -> None:
     bench = start("troll")
     bench.ctl("swap", "3", "EL2004")
     bench.wait_for_event("recovery", slave=3, state="exchanged")
-    result = bench.daemon.ctl("state", "OP", "-p", "3", check=False)
+    result = bench.daemon.ctl("state", "3", "OP", check=False)
     assert result.returncode == 7
     names(one_line_error(result.stderr, "ecatctl"), "slave 3 (EL2008)", "another device")
     bench.ctl("swap", "3", "original")

@@ -67,8 +67,8 @@ def test_what_can_change_is_used_at_once(start_daemon: Callable[..., Daemon]) ->
         assert (now["recovery.slaves"], now["cycle_time_us"]) == ("all", 1000)
         assert daemon.ctl_json("shm")["lease_max_us"] == 50_000_000
         # Recovery does what it was told: this slave was left alone before.
-        daemon.ctl("state", "PREOP", "--yes", "-p", "3")
-        daemon.ctl("state", "OP", "-p", "3")
+        daemon.ctl("state", "3", "PREOP", "--yes")
+        daemon.ctl("state", "3", "OP")
         assert daemon.child_pid("ecatd.bus") == server
         client.wait(5)  # the same bus: no client has noticed anything
         client.sample()
@@ -81,7 +81,7 @@ def test_the_log_level_changes_without_a_restart_of_anything(
     pids = [daemon.child_pid(module) for module in ("ecatd.bus", "ecatd.gateway")]
     reload(daemon, CONFIG + '[log]\nslaves = "debug"\n', "changed: log.slaves")
     assert in_force(daemon)["log.slaves"] == "debug"
-    daemon.ctl("state", "SAFEOP", "--yes", "-p", "3")
+    daemon.ctl("state", "3", "SAFEOP", "--yes")
     wait_for(lambda: "ecatd: debug: slaves: " in daemon.log, daemon)
     assert [daemon.child_pid(module) for module in ("ecatd.bus", "ecatd.gateway")] == pids
 

@@ -323,9 +323,9 @@ def test_declared_signals_reach_clients_and_hold(start_daemon: Callable[..., Dae
         speed.value = 30.0
         with pytest.raises(UsageError, match=naming(301, "out of range", "0x60FF:00", -300, 300)):
             speed.raw = 301
-    text = daemon.ctl("pdos", "-p", "0").stdout
+    text = daemon.ctl("pdos", "0").stdout
     assert "0x60FF:00  32 bit  INTEGER32   speed  [rpm = raw * 0.1, -30 to 30, safe 0]" in text
-    (slave,) = daemon.ctl_json("pdos", "-p", "0")["slaves"]
+    (slave,) = daemon.ctl_json("pdos", "0")["slaves"]
     entries = {e["index"]: e for pdo in slave["outputs"] for e in pdo["entries"]}
     assert {key: entries[0x60FF][key] for key in ("unit", "minimum", "maximum", "safe")} == {
         "unit": "rpm",

@@ -81,6 +81,6 @@ def test_fmmus_map_whole_bytes(layouts: Daemon) -> None:
 
 
 def test_pdos_are_shown_where_they_are(layouts: Daemon) -> None:
-    lines = layouts.ctl("pdos", "-p", str(NIBBLES)).stdout.splitlines()
+    lines = layouts.ctl("pdos", str(NIBBLES)).stdout.splitlines()
     places = [line.split()[0] for line in lines if "bit  UNSIGNED8" in line]
     assert places == ["0.0", "0.1", "1.0", "0.0", "0.1", "1.0"]

@@ -225,7 +225,7 @@ def test_slaves_are_told_on_the_way_down(start: Start) -> None:
         return int(daemon.ctl_json("sdo-read", str(AXIS), index, "0")["value"])
 
     def ask(state: str) -> tuple[int, int]:
-        daemon.ctl("state", state, "--yes", "-p", str(AXIS))
+        daemon.ctl("state", str(AXIS), state, "--yes")
         return has("0x6083"), has("0x6084")
 
     at_first = has("0x6084")
@@ -283,14 +283,14 @@ def told(bench: Bench) -> tuple[object, object]:
 def test_a_slave_that_stopped_in_preop_is_told_on_the_way_up(start: Start) -> None:
     bench = start(TOLD)
     restart(bench)
-    bench.daemon.ctl("state", "PREOP", "--yes", "-p", str(DRIVE))
+    bench.daemon.ctl("state", str(DRIVE), "PREOP", "--yes")
     assert value(bench.daemon, DRIVE, "0x6065") != 1234
-    bench.daemon.ctl("state", "OP", "-p", str(DRIVE))
+    bench.daemon.ctl("state", str(DRIVE), "OP")
     assert told(bench) == (1234, 77)
     # It keeps what is written to it in PREOP, when it has been told before.
-    bench.daemon.ctl("state", "PREOP", "--yes", "-p", str(DRIVE))
+    bench.daemon.ctl("state", str(DRIVE), "PREOP", "--yes")
     bench.daemon.ctl("sdo-write", str(DRIVE), "0x6065", "0", "5")
-    bench.daemon.ctl("state", "OP", "-p", str(DRIVE))
+    bench.daemon.ctl("state", str(DRIVE), "OP")
     assert told(bench) == (5, 77)
 
 
@@ -299,12 +299,12 @@ def test_a_slave_that_was_not_told_everything_is_told_it_again(start: Start) -> 
     bench = start(TOLD)
     restart(bench)
     bench.ctl("mailbox", str(DRIVE), "stuck")
-    failed = bench.daemon.ctl("state", "OP", "-p", str(DRIVE), check=False)
+    failed = bench.daemon.ctl("state", str(DRIVE), "OP", check=False)
     assert failed.returncode == 7
     names(one_line_error(failed.stderr, "ecatctl"), "slave 2", "mailbox")
     assert bench.daemon.slave_rows()[DRIVE]["state"] == "PREOP"
     bench.ctl("mailbox", str(DRIVE), "none")
-    bench.daemon.ctl("state", "OP", "-p", str(DRIVE))
+    bench.daemon.ctl("state", str(DRIVE), "OP")
     assert told(bench) == (1234, 77)
 
 

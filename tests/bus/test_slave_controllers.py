@@ -56,9 +56,9 @@ def test_damaged_frames_are_located(bus: Daemon, simulator: Simulator) -> None:
     assert [tuple(end) for end in link["ends"]] == [before, (place, 0)]
     labels = (f"slave {before[0]}", f"port {before[1]}", f"slave {place}", "3 damaged frames")
     names(bus.ctl("errors").stdout, *labels, "cable")
-    assert bus.ctl("errors", "-p", "0").stdout.startswith("no errors")
+    assert bus.ctl("errors", "0").stdout.startswith("no errors")
     for end in (before[0], place):
-        names(bus.ctl("errors", "-p", str(end)).stdout, "3 damaged frames")
+        names(bus.ctl("errors", str(end)).stdout, "3 damaged frames")
     names(bus.ctl("errors", "--reset").stdout, *labels, "cleared")
     assert bus.ctl_json("errors")["links"] == []
     names(bus.log, "error counters of all slaves", "pid")
@@ -71,7 +71,7 @@ def test_slaves_that_do_not_answer_are_named(bus: Daemon, simulator: Simulator) 
     assert silent.returncode == 4
     names(silent.stderr, "slave 10 (EL2008)")
     assert "cleared" not in silent.stdout
-    for command in (("reg-read", "10", "al_status"), ("errors", "-p", "10")):
+    for command in (("reg-read", "10", "al_status"), ("errors", "10")):
         assert bus.ctl(*command, check=False).returncode == 4
     rows = {row["position"]: row for row in bus.ctl_json("graph")["slaves"]}
     assert not rows[10]["known"]
@@ -142,7 +142,7 @@ def test_registers_are_read_and_written(bus: Daemon) -> None:
         ("reg-write 0 0x0012 0x12345 --yes", 2, ("0x12345", "2 bytes")),
         ("reg-write 0 0x0012 hex:0 --yes", 2, ("'hex:0'",)),
         ("reg-write 0 0x0012 5 --yes", 7, ("slave 0 (EK1100)", "0x0012", "write")),
-        ("errors -p 99", 7, ("slave 99",)),
+        ("errors 99", 7, ("slave 99",)),
         ("alias 99 5 --yes", 7, ("slave 99",)),
         ("errors --count 2", 2, ("--watch",)),
     ],

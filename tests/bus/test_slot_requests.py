@@ -123,12 +123,12 @@ def test_what_was_taken_back_is_dropped(start_daemon: Callable[..., Daemon]) -> 
 
 
 def test_a_slave_without_mailbox_now_is_told_at_once(troll: Daemon) -> None:
-    troll.ctl("state", "INIT", "--yes", "-p", "0")
+    troll.ctl("state", "0", "INIT", "--yes")
     result = troll.ctl("sdo-read", "0", "0x6060", check=False)
     assert result.stderr.count("\n") == 1
     said = one_line_error(result.stderr, "ecatctl")
-    names(said, "slave 0 (Gold EtherCAT GCON Drive)", "INIT", "`ecatctl state PREOP -p 0`")
-    troll.ctl("state", "OP", "-p", "0")
+    names(said, "slave 0 (Gold EtherCAT GCON Drive)", "INIT", "`ecatctl state 0 PREOP`")
+    troll.ctl("state", "0", "OP")
 
 
 def test_r13_emergencies_between_answers_are_told(start_daemon: Callable[..., Daemon]) -> None:

@@ -51,8 +51,8 @@ def test_parameters_are_verified(machine: Callable[[str], Daemon]) -> None:
     changed = daemon.ctl("startup", "verify", "axis", check=False)
     assert changed.returncode == 7
     names(changed.stdout.splitlines()[1], "7", "8", "different")
-    daemon.ctl("state", "INIT", "--yes", "-p", "axis")
-    daemon.ctl("state", "OP", "-p", "axis")  # it is told again
+    daemon.ctl("state", "axis", "INIT", "--yes")
+    daemon.ctl("state", "axis", "OP")  # it is told again
     rows = daemon.ctl_json("startup", "verify")["parameters"]
     assert [row["result"] for row in rows[:2]] == 2 * ["as configured"]
     names(daemon.ctl("startup", "verify", "EK1100").stdout, "no", "slave 0 (EK1100)")

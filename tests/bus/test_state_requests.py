@@ -32,7 +32,7 @@ def refused(daemon: Daemon, *arguments: str) -> str:
 @pytest.mark.parametrize("position", [WITHOUT_MAILBOX, WITHOUT_BOOT])
 def test_boot_is_not_asked_for_where_there_is_none(daemon: Daemon, position: int) -> None:
     name, before = ("EL2008", "EL3008")[position], len(daemon.log)
-    said = refused(daemon, "BOOT", "-p", str(position))
+    said = refused(daemon, str(position), "BOOT")
     names(said, f"slave {position} ({name})", "BOOT", "EEPROM", "mailbox", "0x14", "0x17")
     wait_for(lambda: states(daemon) == 5 * ["OP"], daemon)
     after = daemon.log[before:].splitlines()
@@ -45,20 +45,20 @@ def test_boot_of_all_slaves_is_not_asked_for_where_one_has_none(daemon: Daemon) 
 
 
 def test_boot_is_reached_and_left_from_and_to_op(daemon: Daemon) -> None:
-    daemon.ctl("state", "BOOT", "--yes", "-p", str(BOOTABLE))
+    daemon.ctl("state", str(BOOTABLE), "BOOT", "--yes")
     wait_for(lambda: states(daemon) == ["OP", "OP", "BOOT", "OP", "OP"], daemon)
     text = daemon.ctl("sdo-read", str(BOOTABLE), "0x1018", "1", check=False).stderr
     names(text, f"slave {BOOTABLE}", "BOOT", "PREOP")
-    daemon.ctl("state", "PREOP", "--yes", "-p", str(BOOTABLE))
+    daemon.ctl("state", str(BOOTABLE), "PREOP", "--yes")
     assert daemon.ctl("sdo-read", str(BOOTABLE), "0x1018", "1").stdout.startswith("0x00000002")
-    daemon.ctl("state", "BOOT", "--yes", "-p", str(BOOTABLE))
-    daemon.ctl("state", "OP", "-p", str(BOOTABLE))
+    daemon.ctl("state", str(BOOTABLE), "BOOT", "--yes")
+    daemon.ctl("state", str(BOOTABLE), "OP")
     wait_for(lambda: states(daemon) == 5 * ["OP"], daemon)
 
 
 @pytest.mark.long
 def test_a_slave_that_refuses_boot_is_in_op_again(daemon: Daemon) -> None:
-    text = refused(daemon, "BOOT", "-p", str(PRETENDER))
+    text = refused(daemon, str(PRETENDER), "BOOT")
     names(text, "slave 3 (EL3008)", "BOOT", "INIT+ERROR", "AL status 0x0013")
     wait_for(lambda: states(daemon) == 5 * ["OP"], daemon)
 
@@ -67,8 +67,8 @@ def test_a_slave_that_refuses_stays_where_it_was_without_an_error(
     start_daemon: Callable[..., Daemon],
 ) -> None:
     daemon = start_daemon(str(RIG))
-    daemon.ctl("state", "PREOP", "--yes", "-p", str(TIRED))
-    text = refused(daemon, "SAFEOP", "-p", str(TIRED))
+    daemon.ctl("state", str(TIRED), "PREOP", "--yes")
+    text = refused(daemon, str(TIRED), "SAFEOP")
     assert "slave 4 (EL2008)" in text
     assert "AL status 0x001D" in text
     wait_for(lambda: states(daemon) == ["OP", "OP", "OP", "OP", "PREOP"], daemon)
@@ -76,7 +76,7 @@ def test_a_slave_that_refuses_stays_where_it_was_without_an_error(
 
 def test_a_slave_that_refuses_op_keeps_its_reason(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon(str(RIG))
-    daemon.ctl("state", "PREOP", "--yes", "-p", str(TIRED))
-    refused(daemon, "OP", "-p", str(TIRED))
+    daemon.ctl("state", str(TIRED), "PREOP", "--yes")
+    refused(daemon, str(TIRED), "OP")
     wait_for(lambda: bool(re.search(r"slave 4 \(EL2008\) .*0x001D", daemon.log)), daemon)
     assert states(daemon)[TIRED].startswith("PREOP+ERROR (AL status 0x001D")

@@ -99,9 +99,9 @@ def test_outputs_are_held_and_given_back(bus: Daemon, number: int) -> None:
 
 
 def test_outputs_that_do_not_reach_a_slave(bus: Daemon) -> None:
-    bus.ctl("state", "SAFEOP", "--yes", "-p", "3")
+    bus.ctl("state", "3", "SAFEOP", "--yes")
     refused = bus.ctl("write", f"{OUTPUT}=1", "--yes", check=False)
-    bus.ctl("state", "OP", "-p", "3")
+    bus.ctl("state", "3", "OP")
     assert refused.returncode == 7
     names(one_line_error(refused.stderr, "ecatctl"), "slave 3 (EL2008)", "SAFEOP")
 

@@ -31,7 +31,7 @@ def test_a_bus_that_fits_goes_to_op(start_daemon: Callable[..., Daemon], states:
     ("config", "tokens"),
     [
         (COPY.format(9, "0x6000:01"), ["slave 9", "3 slaves"]),
-        (COPY.format(2, "0x6FFF:01"), ["slave 1 (EL1008)", "0x6FFF:01", "ecatctl pdos -p 1"]),
+        (COPY.format(2, "0x6FFF:01"), ["slave 1 (EL1008)", "0x6FFF:01", "ecatctl pdos 1"]),
         ("[[signal]]\nslave = 7\nentry = '0x7000:01'\n", ["slave 7", "3 slaves"]),
         ("[[signal]]\nslave = 2\nentry = '0x7FFF:01'\n", ["slave 2 (EL2008)", "0x7FFF:01"]),
         ("[[outputs.safe]]\nslave = 1\n", ["slave 1 (EL1008)", "no outputs"]),

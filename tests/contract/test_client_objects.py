@@ -132,6 +132,7 @@ def test_entries_are_found_by_name_and_by_address(shared: Client) -> None:
     assert (signal.output, signal.scale, signal.offset) == (False, 0.5, -1.0)
     assert shared.signal(0, 0x6000, 6) is signal
     assert shared.signal("all/0x6000:06") is signal
+    assert shared.signal("all/6000:06") is signal
     assert shared.signal(signal.number) is signal
     assert repr(signal) == "<input 0/0x6000:06 'i16', 16 bit>"
     assert shared.signals(slave=1) == []

@@ -48,18 +48,18 @@ def test_info_tells_the_time_on_the_wire(troll: Daemon) -> None:
 
 
 def test_pdos_names_every_entry(troll: Daemon) -> None:
-    text = troll.ctl("pdos", "-p", "0").stdout
+    text = troll.ctl("pdos", "0").stdout
     assert "0x6040:00  16 bit  UNSIGNED16  Control word" in text
     assert "EL1018" not in text
-    assert "no process data" in troll.ctl("pdos", "-p", "1").stdout
-    (slave,) = troll.ctl_json("pdos", "-p", "2")["slaves"]
+    assert "no process data" in troll.ctl("pdos", "1").stdout
+    (slave,) = troll.ctl_json("pdos", "2")["slaves"]
     entries = [entry for pdo in slave["inputs"] for entry in pdo["entries"]]
     assert [entry["index"] for entry in entries] == [0x6000 + 16 * n for n in range(8)]
 
 
 def test_state_shows_and_changes(troll: Daemon) -> None:
     wait_for(lambda: troll.ctl("state", check=False).stdout.count("OP") == 8, troll)
-    assert troll.ctl("state", "SAFEOP", "--yes", "-p", "3").stdout.split()[-1] == "SAFEOP"
+    assert troll.ctl("state", "3", "SAFEOP", "--yes").stdout.split()[-1] == "SAFEOP"
     rows = troll.slave_rows("state")
     assert [row["text"] for row in rows] == ["OP"] * 3 + ["SAFEOP"] + ["OP"] * 4
     troll.ctl("state", "op")
@@ -74,7 +74,7 @@ def test_state_goes_through_all_states_on_the_way_up(troll: Daemon) -> None:
     assert {row["text"] for row in troll.slave_rows("state")} == {"PREOP"}
     troll.ctl("state", "OP")
     assert {row["text"] for row in troll.slave_rows("state")} == {"OP"}
-    refused = troll.ctl("state", "PREOP", "--yes", "-p", "77", check=False)
+    refused = troll.ctl("state", "77", "PREOP", "--yes", check=False)
     assert refused.returncode == 7
     assert {row["text"] for row in troll.slave_rows("state")} == {"OP"}
 
@@ -86,12 +86,12 @@ def test_state_asks_before_slaves_leave_op(troll: Daemon) -> None:
         return one_line_error(found.stderr, "ecatctl")
 
     names(refused("INIT"), f"8 slaves of bus '{troll.bus}'", "INIT", "outputs", "safe", "--yes")
-    names(refused("SAFEOP", "-p", "EL2008"), "slave 3 (EL2008)", "SAFEOP", "outputs", "--yes")
+    names(refused("EL2008", "SAFEOP"), "slave 3 (EL2008)", "SAFEOP", "outputs", "--yes")
     assert {row["text"] for row in troll.slave_rows("state")} == {"OP"}
-    troll.ctl("state", "PREOP", "--yes", "-p", "3")
-    troll.ctl("state", "SAFEOP", "-p", "3")  # it is not in OP, and goes up
+    troll.ctl("state", "3", "PREOP", "--yes")
+    troll.ctl("state", "3", "SAFEOP")  # it is not in OP, and goes up
     for position in range(4, 8):
-        troll.ctl("state", "SAFEOP", "--yes", "-p", str(position))
+        troll.ctl("state", str(position), "SAFEOP", "--yes")
     names(refused("SAFEOP"), "slave 0 (", "slave 1 (", "slave 2 (EL1018)", "their outputs")
     troll.ctl("state", "OP")
 
@@ -113,6 +113,14 @@ def test_sdo_in_every_kind(troll: Daemon) -> None:
     document = troll.ctl_json("sdo-read", "4", "0x6000", "0x11")
     assert document["unit"] == "V"
     assert float(found[2]) == pytest.approx(int(found[1]) * document["scale"], rel=1e-4)
+    assert troll.ctl("sdo-read", "4", "6000:11", "-v").stdout.split()[2] == "0x6000:11"
+    troll.ctl("sdo-write", "0", "6060:00", "9")
+    assert troll.ctl("sdo-read", "0", "0x6060").stdout == "0x09 9\n"
+    assert "0x6041:00" in troll.ctl("sdo-read", "0", "status word", "-v").stdout
+    for arguments in ("sdos 0 6060", "sdo-read 0 6060", "sdo-write 0 6060 0 1"):
+        refused = troll.ctl(*arguments.split(), check=False)
+        assert refused.returncode == 2
+        names(refused.stderr, "0x6060", "0x17AC")
     # Longer than a mailbox or not, a name comes whole.
     assert "Gold" in troll.ctl("sdo-read", "0", "0x1008").stdout
 
@@ -121,17 +129,15 @@ def test_sdo_in_every_kind(troll: Daemon) -> None:
     ("arguments", "status", "what"),
     [
         ("sdo-read 0 0x7777", 5, "SDO abort 0x06020000 | 0x7777:00"),
-        (
-            "sdo-read 0 6060",
-            5,
-            "SDO abort 0x06020000 | 6060 | 0x17AC | 0x6060",
-        ),
-        ("sdo-write 0 6060 0 1", 5, "0x17AC | 0x6060"),
-        ("sdo-read 0 0x1018 99", 5, "SDO abort 0x06090011 | 0x1018:63"),
+        ("sdo-read 0 1018:63", 5, "SDO abort 0x06090011 | 0x1018:63"),
+        ("sdo-read 0 Statuswort", 2, "slave 0 | 'Statuswort' | `ecatctl pdos 0`"),
+        ("sdo-read 0 6060:00 1", 2, "0x6060:00 | subindex"),
+        ("sdo-write 0 0x6060 1", 2, "0x6060:00 | subindex"),
+        ("reg-read 0 130", 2, "0x0130 | 0x0082"),
         ("sdo-write 0 0x1018 1 5", 5, "SDO abort 0x06010002 | 0x1018:01"),
         ("sdo-read 9 0x1018", 7, "slave 9"),
         ("sdo-read 2 0x1018", 7, "slave 2 (EL1018) | object dictionary"),
-        ("pdos -p 8", 7, "slave 8"),
+        ("pdos 8", 7, "slave 8"),
         ("sdo-write 0 0x6060 0 900", 2, "900 | INTEGER8 | -128 | 127"),
         ("sdo-write 0 0x6060 0 x", 2, "'x' | INTEGER8"),
         ("sdo-write 0 0x6060 0 1 --type word3", 2, "'word3' | data type"),

@@ -366,7 +366,7 @@ def test_all_that_does_not_fit_the_bus_is_listed(
     expected = [
         ("signal[0].maximum", "slave 2 (CiA402)", "0x60FF:00", "[[outputs.safe]]"),
         ("copy[0].factor", "rpm", "V", "slave 1 (stop, EL1008)"),
-        ("copy[1].entry", "0x60FF:01", "slave 2 (CiA402)", "ecatctl pdos -p 2"),
+        ("copy[1].entry", "0x60FF:01", "slave 2 (CiA402)", "ecatctl pdos 2"),
         ("copy[2].from_slave", "slave 7", "3 slaves"),
         ("domain[1].slaves", "domain 1 (coupler)", "nothing"),
         ("outputs.safe[0].slave", "slave 1 (stop, EL1008)", "no outputs"),

@@ -123,4 +123,4 @@ def test_the_page_about_commissioning(
     own = written[:begin] + tables + written[written.index("[dc]") :]
     again = start_daemon(str(machine), config=own)
     assert again.ctl_json("sdo-read", "axis", "0x6065")["value"] == 50000
-    names(again.ctl("pdos", "-p", "EL3008").stdout, "pressure", "bar")
+    names(again.ctl("pdos", "EL3008").stdout, "pressure", "bar")

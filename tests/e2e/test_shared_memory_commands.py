@@ -53,7 +53,7 @@ def owner(daemon: Daemon, lease: float = 30.0) -> Iterator[subprocess.Popen[str]
 
 
 def outputs_of(daemon: Daemon) -> list[dict[str, Any]]:
-    outputs: list[dict[str, Any]] = daemon.ctl_json("claims", "-p", str(EL2008))["outputs"]
+    outputs: list[dict[str, Any]] = daemon.ctl_json("claims", str(EL2008))["outputs"]
     return outputs
 
 
@@ -79,7 +79,7 @@ def test_claims_name_who_owns_what(troll: Daemon) -> None:
         assert re.search(row, text, re.M)
         assert re.search(r"^  0x7000:01 Output +1  active +slot \d+ python", text, re.M)
         assert re.search(r"^0 Gold .*: 6 outputs, each +0  safe +never claimed$", text, re.M)
-        drive_text = troll.ctl("claims", "-p", "0").stdout
+        drive_text = troll.ctl("claims", "0").stdout
         assert re.search(r"^  0x6040:00 Control word +0  safe +never claimed$", drive_text, re.M)
         assert max(map(len, text.splitlines())) <= 80
 
@@ -90,7 +90,7 @@ def test_clients_that_hang_or_die_are_told(start_daemon: Callable[..., Daemon]) 
     with owner(daemon, lease=2.0) as process:
         process.send_signal(signal.SIGSTOP)
         wait_for(lambda: outputs_of(daemon)[0]["state"] == "safe", daemon)
-        text = daemon.ctl("claims", "-p", str(EL2008)).stdout
+        text = daemon.ctl("claims", str(EL2008)).stdout
         row = rf"{process.pid}  python.* 0  lapsed\n +has lost its outputs: lease lost$"
         assert re.search(row, text, re.M)
         assert re.search(r"^  0x7000:01 Output +\d  safe +lease lost ", text, re.M)
@@ -125,7 +125,7 @@ def test_shm_shows_all_there_is(troll: Daemon) -> None:
     wait_for(lambda: valid.search(troll.ctl("shm").stdout) is not None, troll)
     assert "\033" not in text
     assert max(map(len, text.splitlines())) <= 80
-    one = troll.ctl("shm", "-p", "2").stdout
+    one = troll.ctl("shm", "2").stdout
     assert "EL1018" in one
     assert "EL2008" not in one
 
@@ -189,7 +189,7 @@ def test_wrong_usage_and_nobody_there(troll: Daemon, command: str) -> None:
     names(far.stderr, "--connect", "machine of the daemon")
     count = troll.ctl(command, "--count", "2", check=False)
     names(count.stderr, "--count", "--watch")
-    slave = troll.ctl(command, "-p", "77", check=False)
+    slave = troll.ctl(command, "77", check=False)
     assert slave.returncode == 7
     names(one_line_error(slave.stderr, "ecatctl"), "slave 77")
     nobody = run_module("ecatd.cli", command, "--bus", "nobody", env=troll.env)

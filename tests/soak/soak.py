@@ -218,7 +218,7 @@ class Soak:
         self.simulator.faults.al_error(slave, code=code)
         self.wait_for(lambda: self.told(slave, f"0x{code:04X}", since) > 0)
         if code != 0x001B:
-            self.daemon.ctl("state", "OP", "-p", str(slave))
+            self.daemon.ctl("state", str(slave), "OP")
         self.heal()
         self.check_told_once(slave, r": SAFEOP\+ERROR", since)
 

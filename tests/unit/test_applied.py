@@ -75,7 +75,7 @@ MISFITS = [
     ("[[outputs.safe]]\nslave = 1\n", "5: outputs.safe[0].slave: slave 1 (S) | no outputs"),
     (
         "[[outputs.safe]]\nslave = 0\nentry = '0x7000:00'\nvalue = 1\n",
-        "6: outputs.safe[0].entry: slave 0 (press, D) | 0x7000:00 | ecatctl pdos -p 0",
+        "6: outputs.safe[0].entry: slave 0 (press, D) | 0x7000:00 | ecatctl pdos 0",
     ),
     (
         "[[outputs.safe]]\nslave = 0\nentry = '0x60FF:00'\nvalue = 40000\n",
@@ -88,7 +88,7 @@ MISFITS = [
     ("[[signal]]\nslave = 9\nentry = '0x6000:00'\n", "5: signal[0].slave: slave 9"),
     (
         "[[signal]]\nslave = 1\nentry = '0x6001:00'\n",
-        "6: signal[0].entry: slave 1 (S) | 0x6001:00 | ecatctl pdos -p 1",
+        "6: signal[0].entry: slave 1 (S) | 0x6001:00 | ecatctl pdos 1",
     ),
     (
         "[[signal]]\nslave = 1\nentry = '0x6000:00'\nmaximum = 3\n",
@@ -113,7 +113,7 @@ MISFITS = [
     ),
     (copy().replace("'press'", "6"), "5: copy[0].slave: slave 6"),
     (copy().replace("_slave = 1", "_slave = 6"), "7: copy[0].from_slave: slave 6"),
-    (copy(source="0x6001:00"), "8: copy[0].from_entry: slave 1 (S) | 0x6001:00 | -p 1"),
+    (copy(source="0x6001:00"), "8: copy[0].from_entry: slave 1 (S) | 0x6001:00 | ecatctl pdos 1"),
     (copy(target="0x6041:00"), "6: copy[0].entry: slave 0 (press, D) | 0x6041:00 | input"),
     (copy(target="0x2000:00"), "6: copy[0].entry: 0x2000:00 | slave 0 (press, D) | 128 | remove"),
     (copy(source="0x6010:00"), "4: copy[0]: 0x6010:00 | 0x60FF:00 | BIT4 | correct"),

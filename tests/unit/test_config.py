@@ -241,11 +241,11 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
     assert (config.outputs.wkc_limit, config.outputs.stop_patience) == (3, 3.0)
     assert config.signal == [
         SignalConfig(0, "0x60FF:00", "speed", "rpm", 0.5, 1.0, -100.0, 100.0),
-        SignalConfig(0, "0x606c:0"),
+        SignalConfig(0, "0x606C:00"),
     ]
     assert config.signal[1].address == (0x606C, 0)
     assert config.copy == [
-        CopyConfig(1, "0x7000:01", 3, "0x6000:1", -2.0, 0.5),
+        CopyConfig(1, "0x7000:01", 3, "0x6000:01", -2.0, 0.5),
         CopyConfig(1, "0x7000:02", 0, "0x6000:01"),
     ]
     assert (config.copy[0].address, config.copy[0].from_address) == ((0x7000, 1), (0x6000, 1))
@@ -516,9 +516,9 @@ def test_numbers_are_written_as_numbers(tmp_path: Path, given: str, written: str
         (COPY.replace("'0x6000:01'", "'6000'"), ":5: copy[0].from_entry:", "address | '6000'"),
         (COPY.replace("slave = 1\n", "slave = 'lamp'\n", 1), ":2: copy[0].slave:", "'lamp'"),
         (
-            f"{COPY}{COPY.replace('0x7000:01', '0x7000:1')}",
+            f"{COPY}{COPY.replace('0x7000:01', '7000:1')}",
             ":8: copy[1].entry:",
-            "0x7000:1 of slave 1 | another input",
+            "0x7000:01 of slave 1 | another input",
         ),
         ("[outputs]\nsafe = [1]", ":2: outputs.safe[0]:", "[[outputs.safe]]"),
         (

@@ -51,7 +51,7 @@ def config(text: str) -> Config:
         ),
         (
             ("[[slave]]", "[[signal]]\nslave = 4\nentry = '0x1:0'\nmaximum = 7\n[[slave]]"),
-            ["signal[4 0x1:0]"],
+            ["signal[4 0x0001:00]"],
             [],
         ),
         (
@@ -59,13 +59,13 @@ def config(text: str) -> Config:
                 "[[slave]]",
                 "[[signal]]\nslave = 4\nentry = '0x1:0'\nmaximum = 7\nname = 'x'\n[[slave]]",
             ),
-            ["signal[4 0x1:0]"],
-            ["signal[4 0x1:0].name"],
+            ["signal[4 0x0001:00]"],
+            ["signal[4 0x0001:00].name"],
         ),
         (
             ("[[slave]]", "[[signal]]\nslave = 4\nentry = '0x1:0'\nname = 'x'\n[[slave]]"),
             [],
-            ["signal[4 0x1:0]"],
+            ["signal[4 0x0001:00]"],
         ),
         (
             (
@@ -73,7 +73,7 @@ def config(text: str) -> Config:
                 "[[signal]]\nslave = 4\nentry = '0x1:0'\nmaximum = 7\nscale = 2\n[[slave]]",
             ),
             [],
-            ["signal[4 0x1:0]"],
+            ["signal[4 0x0001:00]"],
         ),
         # Another slave is expected, so the limit may be about another one, too.
         (
@@ -123,8 +123,8 @@ def test_keys_in_force_are_named_where_they_are_written(tmp_path: Path) -> None:
     file.write_text(BEFORE)
     before = load_config(file)
     old = find_origins(before)
-    later = '[[signal]]\nslave = 5\nentry = "0x1:0"\nname = "later"\n'
-    limited = '[[signal]]\nslave = 4\nentry = "0x1:0"\nmaximum = 7\n'
+    later = '[[signal]]\nslave = 5\nentry = "0x0001:00"\nname = "later"\n'
+    limited = '[[signal]]\nslave = 4\nentry = "0x0001:00"\nmaximum = 7\n'
     first, _, second = BEFORE.partition('[[signal]]\nslave = "press"')
     kept = f'[[signal]]\nslave = "press"{second}'.partition("[[signal]]\nslave = 3")[0]
     file.write_text(first + later + limited + kept)

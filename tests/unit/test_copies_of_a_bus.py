@@ -93,8 +93,8 @@ def test_the_physical_value_stays_the_same(
 @pytest.mark.parametrize(
     ("source", "target", "more", "tokens"),
     [
-        (0x20, 1, {}, "slave 0 | no input 0x6000:20 | ecatctl pdos -p 0"),
-        (1, 0x20, {}, "slave 1 | no output 0x7000:20 | ecatctl pdos -p 1"),
+        (0x20, 1, {}, "slave 0 | no input 0x6000:20 | ecatctl pdos 0"),
+        (1, 0x20, {}, "slave 1 | no output 0x7000:20 | ecatctl pdos 1"),
         (7, 7, {}, "0x7000:07 | slave 1 (D) | 256 bits | at most 64 | remove"),
         (4, 2, {}, "0x6000:04 of slave 0 | 0x7000:02 of slave 1 | BIT4 | 4 bits | correct"),
         (1, 6, {}, "0x7000:06 | OCTET_STRING | not a number"),
@@ -156,7 +156,7 @@ def test_a_slave_in_doubt_does_not_keep_the_bus_from_its_start() -> None:
 def test_a_written_configuration_has_the_same_copies() -> None:
     copies = [
         CopyConfig(1, "0x7000:01", 0, "0x6000:01", -2.0, 0.5),
-        CopyConfig(1, "0x1:2", 0, "0x3:4"),
+        CopyConfig(1, "0x0001:02", 0, "0x0003:04"),
     ]
     text = write_config(Config(copy=copies), made_bus(), "1.0")
     assert read_config(tomllib.loads(text)).copy == copies

@@ -88,7 +88,7 @@ def test_r08_a_reason_of_its_own_is_told_once_and_not_touched(code: int) -> None
     assert not plan.ask
     assert not plan.set_up
     assert f"0x{code:04X}" in plan.refused[0]
-    assert "ecatctl state OP -p 0" in plan.refused[0]
+    assert "ecatctl state 0 OP" in plan.refused[0]
     assert not watch.see(SAFEOP_ERROR, code).refused
     assert watch.during(60, SAFEOP_ERROR, code) == []
     assert watch.condition() == Condition.REFUSED

@@ -66,7 +66,7 @@ ROWS = (
     Row("version", "--version", "", "--version"),
     Row("graph", "graph", "a tree; `-o bus.svg` or `-o bus.dot` draws it", "graph"),
     Row("debug", "log-level", "by part of the daemon", "log-level mailbox"),
-    Row("pdos", "pdos", "with units, and the position in the process image", "pdos -p 3"),
+    Row("pdos", "pdos", "with units, and the position in the process image", "pdos 3"),
     Row("data", "read", "values with their units, by name patterns", "read '4/*Value'"),
     Row("cstruct", "cstruct", "a struct for each domain", "cstruct"),
     Row("xml", "xml", "", "xml"),
@@ -78,7 +78,7 @@ ROWS = (
         "sdo-read 0 0x6060",
     ),
     Row("download", "sdo-write", "also called `download`", "sdo-write 4 0x8000 0x06 1"),
-    Row("states", "state", "`state PREOP -p 3` requests a state; it asks first", "state"),
+    Row("states", "state", "`state 3 PREOP` requests a state; it asks first", "state"),
     Row(
         "rescan",
         "rescan",
@@ -87,7 +87,7 @@ ROWS = (
     ),
     Row("reboot", "reboot", "waits until the slave is back", "reboot 3 --yes"),
     Row("crc", "errors", "which cable it is, in words", "errors"),
-    Row("diag", "errors --all", "", "errors --all -p 1"),
+    Row("diag", "errors --all", "", "errors --all 1"),
     Row(
         "pcap",
         "capture",

@@ -87,7 +87,7 @@ def add_watch(command: argparse.ArgumentParser) -> None:
 
 
 def add_slave(command: argparse.ArgumentParser) -> None:
-    """Adds the option `--slave`, which chooses one slave."""
+    """Adds the argument SLAVE, which chooses one slave of all."""
     command.add_argument(
-        "-p", "--slave", type=slave, metavar="SLAVE", help="only this one, by position or name"
+        "slave", type=slave, nargs="?", metavar="SLAVE", help="only this one, by position or name"
     )

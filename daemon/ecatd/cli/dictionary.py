@@ -16,7 +16,8 @@ from ecatd.model.dictionary import (
 )
 from ecatd.model.errors import SdoAbortError, UsageError
 
-from .arguments import bounded, slave
+from . import addresses
+from .arguments import slave
 from .output import print_json, print_table
 from .progress import counted
 from .sdo import physical_text, value_text
@@ -33,10 +34,10 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
     command.add_argument(
         "index",
-        type=bounded(0, 0xFFFF),
+        type=addresses.object_,
         nargs="?",
-        metavar="INDEX",
-        help="only this object, as 0x1018 (default: all)",
+        metavar="OBJECT",
+        help="only this object: its index as 0x1018, or the name of an entry (default: all)",
     )
     command.add_argument("--values", action="store_true", help="read the values, too")
     add_esi(command)
@@ -144,7 +145,10 @@ def sdos(remote: Remote, options: argparse.Namespace) -> None:
     """Lists the objects of a slave, or one of them."""
     bus = remote.describe()
     found = bus.find_coe(options.slave)
-    objects = read_objects(remote, found, options.esi, options.index)
+    index = None
+    if options.index is not None:
+        index, _ = addresses.find_object(remote, found.position, options.index, None)
+    objects = read_objects(remote, found, options.esi, index)
     rows = list(_rows(remote, found.position, objects, values=options.values))
     if options.json:
         print_json({"bus": bus.name, "slave": found.position, "objects": rows})

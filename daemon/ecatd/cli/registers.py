@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from ecatd.model.addresses import REGISTER_MOST, parse_number
 from ecatd.model.errors import StateError, UsageError
 from ecatd.model.registers import (
     REGISTERS,
@@ -67,14 +68,11 @@ def _register(text: str, size: int | None) -> Register:
     Raises:
         UsageError: There is no such register.
     """
-    try:
-        address = bounded(0, 0xFFFF)(text)
-    except argparse.ArgumentTypeError as error:
-        if text[:1].isdigit():
-            raise UsageError(str(error)) from error
-        found = find_register(text)
-    else:
+    if text[:1].isdigit():
+        address = parse_number(text, "register", REGISTER_MOST)
         found = register_at(address) or Register("", address, _SIZE, "")
+    else:
+        found = find_register(text)
     return found._replace(size=size or found.size)
 
 

@@ -73,8 +73,8 @@ def _row(bus: Bus, missing: list[Slave], place: int, device: dict[str, Any]) -> 
         for item in missing:
             if identity == (item.vendor, item.product, item.revision):
                 row["difference"] = (
-                    f"perhaps {item.label}, which was switched off and on: `ecatctl state OP -p "
-                    f"{item.position}` brings it back, if ecatd does not"
+                    f"perhaps {item.label}, which was switched off and on: `ecatctl state "
+                    f"{item.position} OP` brings it back, if ecatd does not"
                 )
     elif device["vendor"] is None:
         row["difference"] = "its EEPROM cannot be read"

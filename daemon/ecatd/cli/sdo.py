@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model import abort_codes
+from ecatd.model.addresses import address_text
 from ecatd.model.datatypes import (
     STRINGS,
     TYPE_NAMES,
@@ -20,10 +18,11 @@ from ecatd.model.datatypes import (
     parse_type,
     type_name,
 )
-from ecatd.model.errors import SdoAbortError, UsageError
+from ecatd.model.errors import UsageError
 from ecatd.model.requests.objects import DATA_MAX
 
-from .arguments import bounded, slave
+from . import addresses
+from .arguments import slave
 from .output import print_json
 from .saving import read_bytes, save_bytes
 
@@ -32,19 +31,6 @@ if TYPE_CHECKING:
 
 _WITH_UNIT = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?) +(\S.*)")
 """A number with a unit."""
-_FOUR_DIGITS = re.compile("[1-9][0-9]{3}")
-
-
-class Index(int):
-    """An object index, with the text that the user has typed."""
-
-    typed: str
-
-
-def _index(text: str) -> Index:
-    index = Index(bounded(0, 0xFFFF)(text))
-    index.typed = text
-    return index
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
@@ -52,13 +38,13 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     reading = name == "sdo-read"
     command.set_defaults(run=sdo_read if reading else sdo_write)
     command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
-    command.add_argument("index", type=_index, help="object index, as 0x6060")
+    command.add_argument("object", type=addresses.object_, metavar="OBJECT", help=addresses.HELP)
     command.add_argument(
         "subindex",
-        type=bounded(0, 0xFF),
-        nargs="?" if reading else None,
-        default=0,
-        help="object subindex" + (" (default: 0)" if reading else ""),
+        type=addresses.subindex,
+        nargs="?",
+        metavar="SUBINDEX",
+        help="object subindex, if OBJECT has none" + (" (default: 0)" if reading else ""),
     )
     if not reading:
         command.add_argument(
@@ -80,10 +66,13 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
 
 def sdo_read(remote: Remote, options: argparse.Namespace) -> None:
     """Uploads an object and prints it as `ethercat upload` does: hexadecimal and decimal."""
-    with _hint(options.index):
-        found = remote.sdo_read(
-            options.slave, options.index, options.subindex, complete=options.complete
-        )
+    options.index, subindex = addresses.find_object(
+        remote, options.slave, options.object, options.subindex
+    )
+    options.subindex = subindex or 0
+    found = remote.sdo_read(
+        options.slave, options.index, options.subindex, complete=options.complete
+    )
     if options.type:
         found = found._replace(data_type=parse_type(options.type))
     value = decode(found.data_type, found.data)
@@ -97,7 +86,7 @@ def sdo_read(remote: Remote, options: argparse.Namespace) -> None:
         return
     text = value_text(found)
     if options.verbose:
-        address = f"0x{options.index:04X}:{options.subindex:02X}"
+        address = address_text(options.index, options.subindex)
         text += f"  {address} {type_name(found.data_type)} {found.name}".rstrip()
         if physical := physical_text(found):
             text += f" = {physical}"
@@ -143,21 +132,6 @@ def _document(remote: Remote, options: argparse.Namespace, found: SdoValue) -> d
     }
 
 
-@contextmanager
-def _hint(index: Index) -> Iterator[None]:
-    """Adds a hint to the error about a missing object if its index may lack the 0x.
-
-    Documents give objects in hexadecimal, so users easily type 6060 for 0x6060.
-    """
-    try:
-        yield
-    except SdoAbortError as error:
-        if error.code != abort_codes.NO_OBJECT or not _FOUR_DIGITS.fullmatch(index.typed):
-            raise
-        hint = f"{index.typed} is decimal, that is 0x{index:04X}; did you mean 0x{index.typed}?"
-        raise SdoAbortError(error.code, f"{error} ({hint})") from error
-
-
 def _data(remote: Remote, options: argparse.Namespace, chosen: DataType | None) -> bytes | str:
     """What to write: bytes, or a text that the daemon converts to bytes.
 
@@ -200,11 +174,18 @@ def _raw(remote: Remote, options: argparse.Namespace, value: float, unit: str) -
 def sdo_write(remote: Remote, options: argparse.Namespace) -> None:
     """Downloads a value to an object; the daemon finds out the type unless `--type` is given."""
     chosen = parse_type(options.type) if options.type else None
-    with _hint(options.index):
-        data = _data(remote, options, chosen)
-        written = remote.sdo_write(
-            options.slave, options.index, options.subindex, data, complete=options.complete
+    options.index, subindex = addresses.find_object(
+        remote, options.slave, options.object, options.subindex
+    )
+    if subindex is None:
+        raise UsageError(
+            f"the subindex is missing: write {address_text(options.index, 0)}, or another one"
         )
+    options.subindex = subindex
+    data = _data(remote, options, chosen)
+    written = remote.sdo_write(
+        options.slave, options.index, options.subindex, data, complete=options.complete
+    )
     if chosen is not None:
         written = written._replace(data_type=chosen)
     if options.json:

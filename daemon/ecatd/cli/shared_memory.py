@@ -72,7 +72,7 @@ def _check_local(options: argparse.Namespace) -> None:
 
 
 def _chosen(document: dict[str, Any], options: argparse.Namespace) -> dict[str, Any]:
-    """Returns the document; with `--slave` only the parts about this slave.
+    """Returns the document; with SLAVE only the parts about this slave.
 
     Raises:
         StateError: There is no such slave.

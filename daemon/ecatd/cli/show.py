@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text
 from ecatd.model.bus import Bus, Slave, display_name
 from ecatd.model.datatypes import type_name
+from ecatd.model.errors import StateError, UsageError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import places
 
@@ -29,13 +31,16 @@ _NAMED_MAX = 4
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
     command.set_defaults(run={"slaves": slaves, "pdos": pdos, "state": state}[name])
-    if name == "state":
-        command.add_argument(
-            "state", nargs="?", metavar="STATE", help="INIT, PREOP, BOOT, SAFEOP, OP"
-        )
-        add_yes(command)
     if name in ("pdos", "state"):
         add_slave(command)
+    if name == "state":
+        command.add_argument(
+            "state",
+            nargs="?",
+            metavar="STATE",
+            help="INIT, PREOP, BOOT, SAFEOP or OP; without SLAVE, it is for all slaves",
+        )
+        add_yes(command)
 
 
 def slaves(remote: Remote, options: argparse.Namespace) -> int:
@@ -218,7 +223,16 @@ def _meaning(entry: Entry) -> str:
 
 def state(remote: Remote, options: argparse.Namespace) -> int:
     """Shows the AL states, or brings slaves to one."""
-    chosen = None if options.slave is None else remote.describe().find(options.slave).position
+    if options.state is None and isinstance(options.slave, str):
+        with suppress(UsageError):  # a slave that is named like a state needs its position here
+            options.state = AlState.parse(options.slave).name
+            options.slave = None
+    try:
+        chosen = None if options.slave is None else remote.describe().find(options.slave).position
+    except StateError as error:
+        if options.state is not None or not isinstance(options.slave, str):
+            raise
+        raise UsageError(f"{error}; AL states are INIT, PREOP, BOOT, SAFEOP and OP") from error
     if options.state is not None:
         _ask(remote, options, chosen)
         remote.set_state(options.state, chosen)

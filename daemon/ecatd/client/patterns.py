@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
+from ecatd.model.addresses import address_text, parse_address
 from ecatd.model.errors import StateError
 
 if TYPE_CHECKING:
@@ -25,7 +26,10 @@ def find_signals(client: Client, patterns: Sequence[str]) -> list[Signal]:
         return client.signals()
     found: dict[int, Signal] = {}
     for pattern in patterns:
-        fitting = _fitting(client, pattern if "/" in pattern else f"*/{pattern}")
+        slave, _, entry = pattern.rpartition("/")
+        address = parse_address(entry)
+        shown = address_text(*address) if address else entry
+        fitting = _fitting(client, f"{slave or '*'}/{shown}")
         if not fitting and "/" in pattern and not _GLOB & set(pattern):
             fitting = [client.signal(pattern)]  # raises an error about the name
         if not fitting:

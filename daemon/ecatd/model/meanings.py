@@ -197,7 +197,7 @@ def _apply_rule(slave: Slave, rule: SignalConfig, *, told: bool) -> None:
         rule.table.fail(
             "entry",
             f"{slave.label} has no {rule.entry} in its process data; "
-            f"`ecatctl pdos -p {slave.position}` lists what it has",
+            f"`ecatctl pdos {slave.position}` lists what it has",
         )
     slave.outputs, slave.inputs = outputs, inputs
 

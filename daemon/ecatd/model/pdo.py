@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from .addresses import address_text
 from .datatypes import is_real, nearest_real
-
-_ADDRESS = re.compile(r"0x([0-9A-Fa-f]{1,4}):([0-9A-Fa-f]{1,2})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +81,7 @@ class Entry:
     @property
     def address(self) -> str:
         """The address as it is always printed: `0x6060:00`."""
-        return f"0x{self.index:04X}:{self.subindex:02X}"
+        return address_text(self.index, self.subindex)
 
     def raw_range(self) -> tuple[float, float]:
         """Smallest and largest raw value whose physical value is within `minimum` and `maximum`.
@@ -98,12 +96,6 @@ class Entry:
         if is_real(self.data_type):
             return nearest_real(self.data_type, low), nearest_real(self.data_type, high)
         return _inwards(low, math.ceil), _inwards(high, math.floor)
-
-
-def parse_address(text: str) -> tuple[int, int] | None:
-    """Parses an address such as "0x60FF:00" into index and subindex; None if it is no address."""
-    match = _ADDRESS.fullmatch(text)
-    return (int(match[1], 16), int(match[2], 16)) if match else None
 
 
 def _inwards(limit: float, rounded: Callable[[float], int]) -> float:

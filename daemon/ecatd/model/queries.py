@@ -13,6 +13,7 @@ from contextlib import suppress
 from typing import Any, NamedTuple
 from urllib.parse import quote, unquote
 
+from .addresses import INDEX_MOST, REGISTER_MOST, SUBINDEX_MOST, parse_number
 from .errors import UsageError
 from .requests.parsing import KINDS, parse_request
 from .requests.request import Request
@@ -25,7 +26,8 @@ RIGHT_NAMES = tuple(
 """Kinds of requests that need a right, as `gateway.user.write` names them: `state`, `sdo`, ..."""
 _TRUE, _FALSE = ("1", "true"), ("0", "false")
 _BEGIN_OF_NUMBER = frozenset("-0123456789")
-_HEX_DIGITS = {"index": 4, "subindex": 2, "address": 4}
+_ADDRESSES = {"index": INDEX_MOST, "subindex": SUBINDEX_MOST, "address": REGISTER_MOST}
+"""Fields that are addresses, with the largest of them."""
 
 
 class Query(NamedTuple):
@@ -167,8 +169,8 @@ def _to_text(name: str, value: Any) -> str:
         return ALL
     if isinstance(value, bool):
         return "1" if value else "0"
-    if name in _HEX_DIGITS:
-        return f"0x{value:0{_HEX_DIGITS[name]}X}"
+    if name in _ADDRESSES:
+        return f"0x{value:0{len(f'{_ADDRESSES[name]:X}')}X}"
     if isinstance(value, int):
         return str(value)
     if not value:
@@ -183,6 +185,8 @@ def _from_text(name: str, text: str, types: frozenset[str], where: str) -> Any:
         return read_flag(name, text)
     if "None" in types and text == ALL:
         return None
+    if name in _ADDRESSES:
+        return parse_number(text, name, _ADDRESSES[name])
     if "int" in types:
         with suppress(ValueError):
             return int(text, 0)

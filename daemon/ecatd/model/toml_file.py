@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any, Generic, NoReturn, TypeVar
 
 from . import toml_places
+from .addresses import parse_address
 from .errors import ConfigError, UsageError
-from .pdo import parse_address
 from .text_file import read_text
 from .toml_places import Key as Key
 from .toml_places import Place

@@ -51,7 +51,7 @@ function _shtab_ecatctl_using
 end
 
 set -g _shtab_ecatctl_commands buses slaves graph pdos read watch write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis events errors sii-read sii-write alias foe-read foe-write soe-read soe-write eoe eoe-read eoe-write rescan reboot identify reg-read reg-write log log-level config startup scan cstruct xml generate library capture doctor remote service client-flags
-set -g _shtab_ecatctl_opts_with_value --address --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --raw --root --seconds --since --size --slave --templates --timeout --type --user --watch -n -o -p
+set -g _shtab_ecatctl_opts_with_value --address --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --raw --root --seconds --since --size --templates --timeout --type --user --watch -n -o
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -92,7 +92,6 @@ complete -c ecatctl -n '_shtab_ecatctl_using pdos' -l connect -x -d 'Zenoh endpo
 complete -c ecatctl -n '_shtab_ecatctl_using pdos' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
 complete -c ecatctl -n '_shtab_ecatctl_using pdos' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using pdos' -l json -d 'print JSON for programs'
-complete -c ecatctl -n '_shtab_ecatctl_using pdos' -s p -l slave -x -d 'only this one, by position or name'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a read -d 'Show values of the process image, by names.'
 complete -c ecatctl -n '_shtab_ecatctl_using read' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using read' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
@@ -140,7 +139,6 @@ complete -c ecatctl -n '_shtab_ecatctl_using state' -l identity -x -d 'certifica
 complete -c ecatctl -n '_shtab_ecatctl_using state' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using state' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using state' -l yes -d 'do it without asking'
-complete -c ecatctl -n '_shtab_ecatctl_using state' -s p -l slave -x -d 'only this one, by position or name'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a states -d 'Show the AL states, or bring slaves to one.'
 complete -c ecatctl -n '_shtab_ecatctl_using states' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using states' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
@@ -149,7 +147,6 @@ complete -c ecatctl -n '_shtab_ecatctl_using states' -l identity -x -d 'certific
 complete -c ecatctl -n '_shtab_ecatctl_using states' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using states' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using states' -l yes -d 'do it without asking'
-complete -c ecatctl -n '_shtab_ecatctl_using states' -s p -l slave -x -d 'only this one, by position or name'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a check -d 'Say in one line whether the bus is well, for monitoring systems.'
 complete -c ecatctl -n '_shtab_ecatctl_using check' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using check' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
@@ -183,7 +180,6 @@ complete -c ecatctl -n '_shtab_ecatctl_using claims' -l timeout -x -d 'seconds t
 complete -c ecatctl -n '_shtab_ecatctl_using claims' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using claims' -l watch -x -d 'show it again every SECONDS (default: 1); statistics also those of the last interval'
 complete -c ecatctl -n '_shtab_ecatctl_using claims' -l count -x -d 'with --watch: end after N times'
-complete -c ecatctl -n '_shtab_ecatctl_using claims' -s p -l slave -x -d 'only this one, by position or name'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a shm -d 'Show all that is in the shared memory of the bus.'
 complete -c ecatctl -n '_shtab_ecatctl_using shm' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using shm' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
@@ -193,7 +189,6 @@ complete -c ecatctl -n '_shtab_ecatctl_using shm' -l timeout -x -d 'seconds to w
 complete -c ecatctl -n '_shtab_ecatctl_using shm' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using shm' -l watch -x -d 'show it again every SECONDS (default: 1); statistics also those of the last interval'
 complete -c ecatctl -n '_shtab_ecatctl_using shm' -l count -x -d 'with --watch: end after N times'
-complete -c ecatctl -n '_shtab_ecatctl_using shm' -s p -l slave -x -d 'only this one, by position or name'
 complete -c ecatctl -n '_shtab_ecatctl_using shm' -l raw -xka "header slaves signals domains slave_status outputs slot_status replies domain_status settings health pages out_header doorbells slots requests images" -d 'one table: header, slaves, signals, domains, slave_status, outputs, slot_status, replies, domain_status, settings, health, pages, out_header, doorbells, slots, requests, images'
 complete -c ecatctl -n '_shtab_ecatctl_using shm' -l layout -d 'print the layout itself as tables in Markdown'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a dc -d 'Show the distributed clocks.'
@@ -300,7 +295,6 @@ complete -c ecatctl -n '_shtab_ecatctl_using events' -l json -d 'print JSON for 
 complete -c ecatctl -n '_shtab_ecatctl_using events' -l since -x -d 'only events since this time: 10m, 2h, 1d, or a time of today as 10:02 (default: all that the daemon keeps, up to 1000)'
 complete -c ecatctl -n '_shtab_ecatctl_using events' -s f -l follow -d 'go on with new events'
 complete -c ecatctl -n '_shtab_ecatctl_using events' -l kind -x -d 'only events of this kind, such as emergency; can be given several times'
-complete -c ecatctl -n '_shtab_ecatctl_using events' -s p -l slave -x -d 'only this one, by position or name'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a errors -d 'Show the error counters of the slaves, and which cables they are about.'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
@@ -308,7 +302,6 @@ complete -c ecatctl -n '_shtab_ecatctl_using errors' -l connect -x -d 'Zenoh end
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l json -d 'print JSON for programs'
-complete -c ecatctl -n '_shtab_ecatctl_using errors' -s p -l slave -x -d 'only this one, by position or name'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -s a -l all -d 'show the counters of all ports'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l reset -d 'clear the counters, after showing them'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l watch -x -d 'show it again every SECONDS (default: 1); statistics also those of the last interval'

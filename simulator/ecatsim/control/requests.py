@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 from ecatd.model import abort_codes
+from ecatd.model.addresses import INDEX_MOST, address_text, parse_address, parse_number
 from ecatd.model.datatypes import STRINGS, is_real, is_signed
 from ecatd.model.errors import SdoAbortError, StateError, UsageError
 from ecatd.model.sii_check import is_description
@@ -23,9 +23,8 @@ from .status import Status, of_slave, to_map
 
 _MEMORY = 0x10000
 _MAX_READ = 4096
-_ENTRY = re.compile(r"(0[xX])?([0-9A-Fa-f]{1,4})(:([0-9A-Fa-f]{1,2}))?")
 
-Object = Annotated[str, Is("object as INDEX:SUBINDEX in hexadecimal, 0x6000:01")]
+Object = Annotated[str, Is("object as INDEX:SUBINDEX, both hexadecimal: 6000:01")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,10 +234,10 @@ def _check_slave(simulation: Simulation, position: int) -> None:
 
 def _entry(simulation: Simulation, position: int, text: str) -> Variable:
     _check_slave(simulation, position)
-    match = _ENTRY.fullmatch(text)
-    if not match:
+    address = parse_address(text)
+    if address is None and not text[:1].isdigit():
         raise UsageError(f"'{text[:40]}' is not an object: use INDEX:SUBINDEX, as 0x6000:01")
-    index, subindex = int(match[2], 16), int(match[4] or "0", 16)
+    index, subindex = address or (parse_number(text, "index", INDEX_MOST), 0)
     device = simulation.rig.devices[position]
     try:
         return device.dictionary.entry(index, subindex)
@@ -246,7 +245,7 @@ def _entry(simulation: Simulation, position: int, text: str) -> Variable:
         what = "object" if error.code == abort_codes.NO_OBJECT else "entry"
         raise StateError(
             f"slave {position} ({device.order or device.name}) has no {what} "
-            f"0x{index:04X}:{subindex:02X}"
+            f"{address_text(index, subindex)}"
         ) from None
 
 

@@ -203,5 +203,5 @@ def _check_state(slave: Slave, status: int | None, without: Mapping[AlState, str
     if state in without:
         raise StateError(
             f"{slave.label} is in {AlState(state).name}, and {without[AlState(state)]} can be "
-            f"reached from PREOP on; bring it there with `ecatctl state PREOP -p {slave.position}`"
+            f"reached from PREOP on; bring it there with `ecatctl state {slave.position} PREOP`"
         )

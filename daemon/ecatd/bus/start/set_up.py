@@ -357,7 +357,7 @@ def _difference(
         if _layout(before) == _layout(now):
             continue
         again = (
-            f"then run `ecatctl state OP -p {slave.position}`, or "
+            f"then run `ecatctl state {slave.position} OP`, or "
             + ("write a new description (`ecatctl scan -o FILE`) and " if described else "")
             + "restart ecatd to use what it has now"
         )

@@ -53,8 +53,8 @@ def describe_presence(
         return f"slave count changed: {count}, now {found}: {who} added {where}"
     if not lost:
         return ""
-    which = f" -p {lost[0]}" if len(lost) == 1 else ""
-    ask = f"; `ecatctl state OP{which}` brings back what is there" if by_hand else ""
+    command = f"`ecatctl state {lost[0]} OP`" if len(lost) == 1 else "`ecatctl state OP`"
+    ask = f"; {command} brings back what is there" if by_hand else ""
     if len(lost) == count:
         if found:
             return (

@@ -277,7 +277,7 @@ class Recovery:
             slave.condition = Condition.REFUSED
             slave.text = (
                 f"AL status 0x{slave.code:04X}, {al_status_text(slave.code).lower()}: "
-                f"{al_remedy(slave.code)}; then `ecatctl state OP -p {item.position}`"
+                f"{al_remedy(slave.code)}; then `ecatctl state {item.position} OP`"
             )
             plan.refused[item.position] = slave.text
 

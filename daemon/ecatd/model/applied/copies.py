@@ -186,7 +186,7 @@ def _entry(slave: Slave, address: tuple[int, int], table: Table, key: str) -> En
     text = f"0x{address[0]:04X}:{address[1]:02X}"
     if not entries:
         there = _find(slave, address, output=not output)
-        why = f"`ecatctl pdos -p {slave.position}` lists what it has"
+        why = f"`ecatctl pdos {slave.position}` lists what it has"
         if there:
             why = f"it is an {other}; copies go from an input to an output"
         table.fail(key, f"{slave.label} has no {kind} {text}: {why}")

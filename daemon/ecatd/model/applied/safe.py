@@ -160,7 +160,7 @@ class _SlaveOutputs:
         if not found:
             rule.table.fail(
                 "entry",
-                f"{self._slave.label} has no output {rule.entry}: `ecatctl pdos -p "
+                f"{self._slave.label} has no output {rule.entry}: `ecatctl pdos "
                 f"{self._slave.position}` lists what it has",
             )
 

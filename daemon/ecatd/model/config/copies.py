@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from ..pdo import parse_address
+from ..addresses import parse_address
 from ..toml_file import Key, Table, number
 from .placed import Placed, read
 from .signals import read_entry, read_scale

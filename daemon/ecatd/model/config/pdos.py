@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Annotated
 
-from ..pdo import parse_address
+from ..addresses import parse_address
 from ..toml_file import Key, Table, accepts, integer
 from .placed import Placed, read
 from .signals import read_entry

@@ -7,7 +7,8 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
-from ..pdo import Entry, Value, parse_address
+from ..addresses import address_text, parse_address
+from ..pdo import Entry, Value
 from ..toml_file import Key, Rules, Table, accepts, number, printable, show
 from .placed import Placed, read, rules_of
 from .slave_reference import slave_reference
@@ -23,9 +24,8 @@ _VALUES = 'such as `{ 0 = "off", 0x10 = "on" }`'
 
 @accepts(ADDRESS)
 def read_entry(table: Table, key: Key) -> str:
-    """Checks the address of an entry; returns it as it is written."""
-    table.address(key)
-    return table.text(key)
+    """Reads the address of an entry; returns it as it is always printed."""
+    return address_text(*table.address(key))
 
 
 @accepts("finite, not 0")

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import Annotated
 
+from ..addresses import parse_address
 from ..datatypes import STRINGS, DataType, bit_length, encode, is_real, parse_type, plain_number
-from ..pdo import Entry, parse_address
+from ..pdo import Entry
 from ..physical import to_raw
 from ..toml_file import Key, Table, accepts, one_of, printable, show
 from .placed import Placed, rules_of
