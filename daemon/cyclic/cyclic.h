@@ -81,11 +81,13 @@ CYCLIC_API cyclic_t *cyclic_new(void *header, int out_fd, int first_fd, int seco
 /* Adds a datagram that exchanges `length` bytes of the image of `domain` from `offset` on, at the
  * logical address `address + offset`. Add datagrams in the order of the domains. `group` is -1, or the
  * group of optional slaves (0 to ECAT_MAX_GROUPS - 1) that all of these bytes belong to. These slaves
- * may be absent; then the working counter of this datagram says nothing about the domain. Returns 0,
- * or -EINVAL, -ENOSPC. */
+ * may be absent; then the working counter of this datagram says nothing about the domain. `split` is 0,
+ * or the number (from 1 on, in order) of the outputs or inputs of one slave that several datagrams carry
+ * together; they follow each other. `closes` is 1 if it has the last byte of a sync manager that several of
+ * them write. Returns 0, or -EINVAL, -ENOSPC, -ENOMEM. */
 CYCLIC_API int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, uint32_t address,
                                    uint32_t offset, uint32_t length, uint32_t wkc_expected,
-                                   int group);
+                                   int group, uint32_t split, int closes);
 /* Makes the cycle follow a reference clock, and distributes its time to the slaves in each cycle.
  * Call it before cyclic_start(). */
 CYCLIC_API void cyclic_set_clock(cyclic_t *c, const cyclic_clock *clock);

@@ -62,14 +62,27 @@ static void conclude_domain(cyclic_t *c, uint32_t number, uint64_t received) {
   cyclic_publish_domain(c, domain, received);
 }
 
+/* The second turn of a cycle. A slave uses outputs that are written in pieces when it has the last byte,
+ * whether it has the others or not. So the last pieces leave when the answers to the others are back. */
+static void close_outputs(cyclic_t *c, uint64_t receive_until) {
+  if (cyclic_now() >= receive_until) { /* a frame of the first turn was lost: no time is left */
+    cyclic_ports_leave_out(c, c->first_turn, c->frames);
+    return;
+  }
+  cyclic_frames_close(c);
+  cyclic_ports_send(c, c->first_turn, c->frames);
+  cyclic_ports_receive(c, c->first_turn, c->frames, receive_until);
+}
+
 static void exchange(cyclic_t *c, uint64_t receive_until) {
   uint64_t received;
   uint32_t i;
   c->send_ns = cyclic_now();
   cyclic_frames_fill(c);
-  cyclic_ports_send(c);
+  cyclic_ports_send(c, 0, c->first_turn);
   cyclic_slots_sent(c);
-  cyclic_ports_receive(c, receive_until);
+  cyclic_ports_receive(c, 0, c->first_turn, receive_until);
+  if (c->first_turn < c->frames) close_outputs(c, receive_until);
   received = cyclic_now();
   cyclic_count(&c->health->exchange, received - c->send_ns);
   c->typical_ns += ((int64_t)(received - c->send_ns) - c->typical_ns) / 16;

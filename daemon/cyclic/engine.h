@@ -15,6 +15,7 @@ _Static_assert(ECAT_SLOTS <= 32, "slots in use are the bits of a word");
 
 enum {
   MAX_DATAGRAMS = 256,
+  MAX_SPLITS = MAX_DATAGRAMS / 2,
   MAX_FRAMES = 64,        /* in one cycle; an index is not used again for twice as many */
   MAX_PORTS = 2,
   FRAME_BYTES = 1518,
@@ -54,6 +55,16 @@ struct datagram {
   uint32_t outputs;      /* bytes at its start that are sent from the image */
   uint32_t wkc_expected;
   uint64_t group;        /* bit of the group of optional slaves whose bytes it has, 0: none */
+  uint32_t split;        /* number of the split it is a piece of, counted from 1; 0: it has whole slaves */
+  int closes;            /* it has the last byte of a sync manager that is written in pieces */
+};
+
+/* The outputs, or the inputs, of a slave in one domain that do not fit into one datagram. */
+struct split {
+  uint32_t domain, offset, length; /* in the image of the domain */
+  uint32_t pieces, opening;        /* datagrams; of these those that do not close */
+  uint32_t taken;                  /* in this cycle: pieces that came back with the expected counter */
+  uint8_t *inputs;                 /* of the pieces so far, until all are there */
 };
 
 /* A frame of this cycle: its datagrams, and the copies of it that are back. */
@@ -164,6 +175,8 @@ struct cyclic {
   struct domain domain[ECAT_MAX_DOMAINS];
   struct datagram datagram[MAX_DATAGRAMS]; /* the status, the time, then the data of the domains */
   uint32_t domains, datagrams;
+  struct split split[MAX_SPLITS];
+  uint32_t splits, closing;                /* closing: datagrams that close */
 
   /* The frames of this cycle. */
   uint32_t due, packed;                    /* bit per domain: exchanged in this cycle; in the layout */
@@ -171,6 +184,7 @@ struct cyclic {
   uint16_t position[MAX_DATAGRAMS];        /* of these datagrams in their frame */
   struct frame frame[MAX_FRAMES];
   uint32_t frames, waiting;                /* waiting: frames that are not back completely */
+  uint32_t first_turn;                     /* frames sent at once; those behind wait for their answers */
   uint32_t sent;                           /* frames since the start: index and tag */
   uint32_t lost[128];                      /* by index: domains of a frame that was given up */
   uint8_t source[6];
@@ -242,6 +256,9 @@ int cyclic_emit(cyclic_t *c, uint32_t type, int32_t slave, int32_t slot, uint32_
 void cyclic_frames_init(cyclic_t *c);
 int cyclic_frames_fit(const cyclic_t *c); /* whether a cycle with all domains has room */
 void cyclic_frames_fill(cyclic_t *c);     /* makes the frames of this cycle ready to be sent */
+/* Before the second turn: leaves out the datagrams of splits whose opening pieces were not all taken. */
+void cyclic_frames_close(cyclic_t *c);
+void cyclic_frames_free(cyclic_t *c);
 /* Whether `bytes` is the answer to a frame: all its datagrams are where they were sent. */
 int cyclic_frame_is_answer(const cyclic_t *c, const struct frame *frame, const uint8_t *bytes,
                            size_t length);
@@ -252,8 +269,11 @@ int cyclic_frame_complete(const cyclic_t *c, const struct frame *frame, const ui
 void cyclic_frame_take(cyclic_t *c, const struct frame *frame, const uint8_t *bytes);
 
 /* ports.c */
-void cyclic_ports_send(cyclic_t *c);
-void cyclic_ports_receive(cyclic_t *c, uint64_t deadline_ns);
+/* Both for the frames `first` to `end` - 1 of this cycle. */
+void cyclic_ports_send(cyclic_t *c, uint32_t first, uint32_t end);
+void cyclic_ports_receive(cyclic_t *c, uint32_t first, uint32_t end, uint64_t deadline_ns);
+/* Counts frames that are not sent as not exchanged. */
+void cyclic_ports_leave_out(cyclic_t *c, uint32_t first, uint32_t end);
 
 /* clock.c */
 uint64_t cyclic_clock_estimate(const cyclic_t *c); /* of the reference clock's time, at send_ns */

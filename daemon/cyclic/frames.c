@@ -5,13 +5,18 @@
  * reference clock, and all slaves behind this clock take its time over (FRMW). The datagrams of the
  * domains that are due follow, in as few frames as their order allows. The layout changes only when
  * other domains are due than in the cycle before. Otherwise only indices, time and outputs are written.
+ *
+ * The outputs or inputs of a slave that do not fit into one datagram are a split: several datagrams, in
+ * the order of their bytes. The inputs are taken over when all pieces have come back in one cycle. If
+ * outputs are split, the datagrams with the last byte of a sync manager leave in frames of a second turn.
  */
 #include "engine.h"
 
 #include <errno.h>
+#include <stdlib.h>
 #include <string.h>
 
-enum { BRD = 7, FRMW = 14, AL_STATUS = 0x0130, SYSTEM_TIME = 0x0910, MORE = 0x8000 };
+enum { NOP = 0, BRD = 7, FRMW = 14, AL_STATUS = 0x0130, SYSTEM_TIME = 0x0910, MORE = 0x8000 };
 
 static void describe(struct datagram *d, int kind, int command, uint32_t address, uint32_t length) {
   memset(d, 0, sizeof *d);
@@ -28,12 +33,38 @@ void cyclic_frames_init(cyclic_t *c) {
   c->datagrams = 1;
 }
 
+/* Makes a datagram the next piece of a split; its first piece begins the split. */
+static int add_piece(cyclic_t *c, struct datagram *d, uint32_t number, int closes) {
+  struct split *split = &c->split[number - 1];
+  uint32_t length = split->length + d->length;
+  uint8_t *inputs = NULL;
+  if (number > c->splits + 1 || (d->outputs != 0 && d->outputs != d->length)) return -EINVAL;
+  if (split->pieces > 0 &&
+      (split->domain != d->domain || split->offset + split->length != d->offset))
+    return -EINVAL;
+  if (d->outputs == 0 && (inputs = realloc(split->inputs, length)) == NULL) return -ENOMEM;
+  if (split->pieces++ == 0) {
+    c->splits = number;
+    split->domain = d->domain;
+    split->offset = d->offset;
+  }
+  split->inputs = inputs;
+  split->length = length;
+  split->opening += !closes;
+  c->closing += closes != 0;
+  d->split = number;
+  d->closes = closes;
+  return 0;
+}
+
 int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, uint32_t address,
-                        uint32_t offset, uint32_t length, uint32_t wkc_expected, int group) {
+                        uint32_t offset, uint32_t length, uint32_t wkc_expected, int group,
+                        uint32_t split, int closes) {
   struct datagram *d = &c->datagram[c->datagrams];
   uint32_t output_bytes;
   if (domain >= c->domains || group >= ECAT_MAX_GROUPS || length == 0 || length > DOMAIN_DATAGRAM_MAX ||
-      offset > c->domain[domain].image_bytes || length > c->domain[domain].image_bytes - offset)
+      offset > c->domain[domain].image_bytes || length > c->domain[domain].image_bytes - offset ||
+      split > MAX_SPLITS)
     return -EINVAL;
   if (c->datagrams == MAX_DATAGRAMS - 1) return -ENOSPC; /* one for the clock */
   output_bytes = c->domain[domain].output_bytes;
@@ -45,8 +76,17 @@ int cyclic_add_datagram(cyclic_t *c, uint32_t domain, int command, uint32_t addr
                                                 : output_bytes - offset;
   d->wkc_expected = wkc_expected;
   d->group = group < 0 ? 0 : (uint64_t)1 << group;
+  if (split > 0) {
+    int code = add_piece(c, d, split, closes);
+    if (code != 0) return code;
+  }
   c->datagrams++;
   return 0;
+}
+
+void cyclic_frames_free(cyclic_t *c) {
+  uint32_t i;
+  for (i = 0; i < c->splits; i++) free(c->split[i].inputs);
 }
 
 void cyclic_set_clock(cyclic_t *c, const cyclic_clock *clock) {
@@ -87,22 +127,27 @@ static int has_room(uint32_t payload, const struct datagram *d) {
   return payload + d->length + DATAGRAM_FRAMING <= PAYLOAD_MAX;
 }
 
-int cyclic_frames_fit(const cyclic_t *c) {
-  uint32_t i, frames = 1, payload = 0;
+static uint32_t frames_of_turn(const cyclic_t *c, int closes) {
+  uint32_t i, frames = 0, payload = PAYLOAD_MAX;
   for (i = 0; i < c->datagrams; i++) {
+    if (c->datagram[i].closes != closes) continue;
     if (!has_room(payload, &c->datagram[i])) frames++, payload = 0;
     payload += c->datagram[i].length + DATAGRAM_FRAMING;
   }
-  return frames <= MAX_FRAMES;
+  return frames;
 }
 
-static void pack(cyclic_t *c) {
+int cyclic_frames_fit(const cyclic_t *c) {
+  return frames_of_turn(c, 0) + frames_of_turn(c, 1) <= MAX_FRAMES;
+}
+
+/* Puts the datagrams of a turn into frames; `placed` datagrams are in frames already. */
+static uint32_t pack_turn(cyclic_t *c, int closes, uint32_t placed) {
   struct frame *frame = NULL;
-  uint32_t i, placed = 0;
-  c->frames = 0;
+  uint32_t i;
   for (i = 0; i < c->datagrams; i++) {
     const struct datagram *d = &c->datagram[i];
-    if (!is_due(c, d)) continue;
+    if (!is_due(c, d) || d->closes != closes) continue;
     if (frame == NULL || !has_room(frame->length - FIRST_DATAGRAM, d)) {
       if (frame != NULL) end_frame(frame);
       frame = &c->frame[c->frames++];
@@ -118,6 +163,15 @@ static void pack(cyclic_t *c) {
     frame->count++;
   }
   if (frame != NULL) end_frame(frame);
+  return placed;
+}
+
+static void pack(cyclic_t *c) {
+  uint32_t placed;
+  c->frames = 0;
+  placed = pack_turn(c, 0, 0);
+  c->first_turn = c->frames;
+  if (c->closing > 0) (void)pack_turn(c, 1, placed);
   c->packed = c->due;
 }
 
@@ -146,6 +200,19 @@ void cyclic_frames_fill(cyclic_t *c) {
   uint32_t i;
   if (c->due != c->packed || c->frames == 0) pack(c);
   for (i = 0; i < c->frames; i++) fill(c, &c->frame[i]);
+  for (i = 0; i < c->splits; i++) c->split[i].taken = 0;
+}
+
+void cyclic_frames_close(cyclic_t *c) {
+  uint32_t k, i;
+  for (k = c->first_turn; k < c->frames; k++) {
+    struct frame *frame = &c->frame[k];
+    for (i = 0; i < frame->count; i++) {
+      const struct datagram *d = &c->datagram[c->order[frame->first + i]];
+      const struct split *split = &c->split[d->split - 1];
+      frame->bytes[c->position[frame->first + i]] = split->taken < split->opening ? NOP : d->header[0];
+    }
+  }
 }
 
 int cyclic_frame_is_answer(const cyclic_t *c, const struct frame *frame, const uint8_t *bytes,
@@ -194,10 +261,21 @@ void cyclic_frame_merge(const cyclic_t *c, struct frame *frame, const uint8_t *b
   }
 }
 
+static void take_piece(cyclic_t *c, const struct datagram *d, const uint8_t *data) {
+  struct split *split = &c->split[d->split - 1];
+  split->taken++;
+  if (split->inputs == NULL) return;
+  memcpy(split->inputs + (d->offset - split->offset), data, d->length);
+  if (split->taken == split->pieces)
+    memcpy(c->domain[d->domain].image + split->offset, split->inputs, split->length);
+}
+
 static void take_domain(cyclic_t *c, const struct datagram *d, const uint8_t *data, uint32_t wkc) {
   struct domain *domain = &c->domain[d->domain];
   domain->wkc += wkc;
-  if (wkc == d->wkc_expected)
+  if (wkc == d->wkc_expected && d->split > 0)
+    take_piece(c, d, data);
+  else if (wkc == d->wkc_expected)
     memcpy(domain->image + d->offset + d->outputs, data + d->outputs, d->length - d->outputs);
   else if (d->group != 0)
     domain->absent |= d->group;

@@ -72,12 +72,12 @@ static int send_copy(cyclic_t *c, struct frame *frame, uint32_t port) {
   return 0;
 }
 
-void cyclic_ports_send(cyclic_t *c) {
+void cyclic_ports_send(cyclic_t *c, uint32_t first, uint32_t end) {
   uint32_t i, port;
   int error[MAX_PORTS] = {0, 0};
   c->waiting = 0;
-  c->ring = ECAT_RING_NONE;
-  for (i = 0; i < c->frames; i++) {
+  if (first == 0) c->ring = ECAT_RING_NONE;
+  for (i = first; i < end; i++) {
     struct frame *frame = &c->frame[i];
     for (port = 0; port < c->ports; port++) {
       int code = send_copy(c, frame, port);
@@ -219,17 +219,21 @@ static void leave_out(cyclic_t *c, const struct frame *frame) {
   if (frame == &c->frame[0]) c->silent++;
 }
 
-void cyclic_ports_receive(cyclic_t *c, uint64_t deadline_ns) {
+void cyclic_ports_leave_out(cyclic_t *c, uint32_t first, uint32_t end) {
+  for (; first < end; first++) leave_out(c, &c->frame[first]);
+}
+
+void cyclic_ports_receive(cyclic_t *c, uint32_t first, uint32_t end, uint64_t deadline_ns) {
   int usable[MAX_PORTS] = {1, 1}, timer_set = 0;
   uint32_t i, port;
-  for (i = 0; i < c->frames; i++)
+  for (i = first; i < end; i++)
     if (!c->frame[i].pending) leave_out(c, &c->frame[i]);
   while (c->waiting > 0 && (usable[0] || (c->ports > 1 && usable[1]))) {
     for (port = 0; port < c->ports; port++)
       if (usable[port]) usable[port] = drain(c, port);
     if (c->waiting > 0 && !wait_for_frame(c, deadline_ns, usable, &timer_set)) break;
   }
-  for (i = 0; c->waiting > 0 && i < c->frames; i++)
+  for (i = first; c->waiting > 0 && i < end; i++)
     if (c->frame[i].pending) {
       give_up(c, &c->frame[i]);
       c->waiting--;

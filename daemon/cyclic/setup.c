@@ -139,6 +139,8 @@ static void prefault_memory(cyclic_t *c) {
   prefault(c->hold, image);
   prefault(c->slot_image, slot_image_size(c));
   for (i = 0; i < c->domains; i++) prefault(c->domain[i].image, c->domain[i].image_bytes + 16u);
+  for (i = 0; i < c->splits; i++)
+    if (c->split[i].inputs != NULL) prefault(c->split[i].inputs, c->split[i].length);
   cyclic_outputs_prefault(c, prefault);
 }
 
@@ -259,6 +261,7 @@ void cyclic_free(cyclic_t *c) {
   if (c->timer_fd >= 0) close(c->timer_fd);
   if (c->out_map != NULL) munmap(c->out_map, c->out_size);
   for (i = 0; i < c->domains && i < ECAT_MAX_DOMAINS; i++) free(c->domain[i].image);
+  cyclic_frames_free(c);
   free(c->outputs);
   free(c->safe);
   free(c->hold);

@@ -1,5 +1,7 @@
 """Domains and datagrams: where each slave has its bytes, and what the working counters must be."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -69,12 +71,47 @@ def test_large_images_are_cut_at_slave_boundaries() -> None:
     assert domain.wkc_expected == 40 * 3
 
 
-def test_more_than_a_datagram_for_one_slave_is_refused() -> None:
-    lay_out(bus(slave(0, 8 * DOMAIN_DATAGRAM_MAX, 8 * DOMAIN_DATAGRAM_MAX)), set())
-    with pytest.raises(StateError, match=naming("slave 0 (S0)", "1453 bytes", "inputs")):
-        lay_out(bus(slave(0, 0, 8 * DOMAIN_DATAGRAM_MAX + 8)), set())
-    with pytest.raises(StateError, match=naming("slave 1 (S1)", "1500 bytes", "outputs")):
-        lay_out(bus(slave(0, 8, 8), slave(1, 12000, 8)), {1})
+def pieces(domain: DomainImage) -> list[tuple[int, int, int, int, bool]]:
+    return [(d.command, d.offset, d.length, d.split, d.closes) for d in domain.datagrams]
+
+
+def test_more_than_a_datagram_of_one_slave_is_split() -> None:
+    whole = lay_out(bus(slave(0, 8 * DOMAIN_DATAGRAM_MAX, 8 * DOMAIN_DATAGRAM_MAX)), set())
+    assert [row[3:] for row in pieces(whole.domains[0])] == [(0, False)] * 2
+    made = lay_out(bus(slave(0, 8, 8), slave(1, 8, 8 * 1453), slave(2, 8, 8)), set()).domains[0]
+    assert pieces(made) == [
+        (LRW, 0, 4, 0, False),
+        (LRW, 4, 1452, 1, False),
+        (LRW, 1456, 1, 1, False),
+        (LRW, 1457, 1, 0, False),
+    ]
+    assert [d.wkc_expected for d in made.datagrams] == [3 * 2 + 1, 1, 1, 1]
+    made = lay_out(bus(slave(0, 8, 8), slave(1, 8 * 3000, 8 * 1500)), {1}).domains[0]
+    assert pieces(made) == [
+        (LWR, 0, 1452, 1, False),
+        (LWR, 1452, 1452, 1, False),
+        (LWR, 2904, 96, 1, True),
+        (LRW, 3000, 2, 0, False),
+        (LRD, 3002, 1452, 2, False),
+        (LRD, 4454, 48, 2, False),
+    ]
+
+
+def test_sync_managers_that_fit_stay_whole() -> None:
+    made = Slave(0, "S0", 2, 7, 1)
+    for number, size in enumerate((100, 1400, 2000, 60, 1000, 1452), 2):
+        made.outputs += [replace(pdo, sync_manager=number) for pdo in pdos(0x7000, 8 * size)]
+    domain = lay_out(bus(made), set()).domains[0]
+    found = [(d.length, d.closes) for d in domain.datagrams]
+    assert found == [
+        (100, False),
+        (1400, False),
+        (1452, False),
+        (548, True),
+        (1060, False),
+        (1452, False),
+    ]
+    assert domain.wkc_expected == 2 * len(found)
 
 
 def test_more_groups_than_a_domain_has_bits_for_are_refused() -> None:

@@ -46,6 +46,13 @@ def test_a_full_datagram_fills_the_first_frame_to_the_last_byte() -> None:
     assert cycle(1000, 1, DOMAIN_DATAGRAM_MAX + 1, clock=True).frames == 2
 
 
+def test_the_last_piece_of_split_outputs_leaves_when_the_others_are_back() -> None:
+    parts = [Datagram(LRW, 0, 1452, 2, -1, 1), Datagram(LRW, 1452, 8, 2, -1, 1, closes=True)]
+    split = wire_time(Image([DomainImage(0, 0, datagrams=parts)]), 1000, 5, clock=True)
+    assert (split.frames, split.delay_ns) == (2, 2 * 5000)
+    assert split.wire_bytes == 8 + 1514 + 4 + 12 + 84
+
+
 def test_domains_are_due_together() -> None:
     slow = DomainImage(1, 0, divider=10, datagrams=[Datagram(LRW, 0, 1000, 1)])
     both = Image([*image(1000).domains, slow])

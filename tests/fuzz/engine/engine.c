@@ -449,7 +449,8 @@ int main(int count, char **arguments) {
   if (engine == NULL) die("no engine");
   for (i = 0; i < DOMAINS; i++)
     if (cyclic_add_datagram(engine, (uint32_t)i, CYCLIC_LRW, 0x100000u * (uint32_t)(i + 1), 0,
-                            engine->domain[i].image_bytes, engine->domain[i].wkc_expected, -1) != 0)
+                            engine->domain[i].image_bytes, engine->domain[i].wkc_expected, -1, 0,
+                            0) != 0)
       die("a datagram was refused");
   for (i = 0; i < SLAVES; i++) {
     uint32_t first = (uint32_t)(i * ENTRIES);

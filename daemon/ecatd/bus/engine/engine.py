@@ -147,7 +147,7 @@ def _library() -> ctypes.CDLL:
     lib.cyclic_set_clock.restype = None
     lib.cyclic_set_socket.argtypes = [pointer, u32, ctypes.c_int]
     lib.cyclic_set_socket.restype = None
-    lib.cyclic_add_datagram.argtypes = [pointer, u32, i32, u32, u32, u32, u32, i32]
+    lib.cyclic_add_datagram.argtypes = [pointer, u32, i32, *[u32] * 4, i32, u32, i32]
     lib.cyclic_set_safe.argtypes = [pointer, u32, ctypes.c_char_p, ctypes.c_char_p]
     double = ctypes.c_double
     lib.cyclic_use_limits.argtypes = [pointer, pointer, u32]
@@ -217,6 +217,7 @@ class Engine:
     ) -> None:
         self._sockets = list(sockets)
         self._dma_latency = -1
+        self._splits = 0
         fds = [item.fileno() for item in sockets]
         self._engine = _LIB.cyclic_new(
             address, out_fd, fds[0], fds[1] if len(fds) > 1 else -1, run & 0xFFFFFFFF
@@ -251,9 +252,12 @@ class Engine:
                 item.length,
                 item.wkc_expected,
                 item.group,
+                self._splits + item.split if item.split else 0,
+                int(item.closes),
             )
             if code != 0:
                 raise EcatError(f"datagram refused by the engine: {os.strerror(-code)}")
+        self._splits += max((item.split for item in domain.datagrams), default=0)
 
     def set_safe(self, slave: int, value: bytes, hold: bytes) -> None:
         """Sets a slave's safe values: bits set in `hold` keep their last value, others use `value`.

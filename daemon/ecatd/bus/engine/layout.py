@@ -12,18 +12,20 @@ that do not support the LRW command, "optional" those that come and go:
 Outputs lie before inputs, as clients expect. The two parts in the middle are exchanged together by
 LRW, those before by LWR, and those behind by LRD. So only slaves without LRW and optional slaves
 cost extra datagrams. A datagram always ends at the boundary of a slave, so that its working counter
-is known. Each group of optional slaves has datagrams of its own: their working counters show in
-every cycle whether the group is there, and the working counters of other datagrams do not depend on
-it.
+is known. If one datagram cannot carry the outputs or the inputs of a slave, they are split: several
+datagrams have nothing else, and are exchanged in one cycle, all or none (`Datagram.split`). Each
+group of optional slaves has datagrams of its own: their working counters show in every cycle
+whether the group is there, and the working counters of other datagrams do not depend on it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Set
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Set
+from dataclasses import dataclass, field, replace
 
 from ecatd.model.bus import Bus, Domain, Slave
 from ecatd.model.errors import StateError
+from ecatd.model.pdo_layout import sync_manager_bytes
 from ecatd.shm import MAX_GROUPS
 
 from .framing import DOMAIN_DATAGRAM_MAX
@@ -47,6 +49,11 @@ class Datagram:
         length: Its bytes.
         wkc_expected: Working counter when all its slaves take part.
         group: Number of the group of optional slaves in the domain that it carries; -1: none.
+        split: Number, in the domain and from 1 on, of the outputs or the inputs of one slave that
+            several datagrams carry together; 0: it carries all bytes of its slaves.
+        closes: It has the last byte of a sync manager that several datagrams write. A slave takes
+            outputs over when it has their last byte (ESC data sheet, section I, "Buffered Mode"),
+            so this one is sent when the others have come back.
     """
 
     command: int
@@ -54,6 +61,8 @@ class Datagram:
     length: int
     wkc_expected: int
     group: int = -1
+    split: int = 0
+    closes: bool = False
 
 
 @dataclass(slots=True)
@@ -113,8 +122,7 @@ def lay_out(bus: Bus, without_lrw: Set[int]) -> Image:
         without_lrw: Positions of slaves that do not support LRW.
 
     Raises:
-        StateError: A slave has more process data than one datagram can carry, or a domain has too
-            many groups of optional slaves.
+        StateError: A domain has too many groups of optional slaves.
     """
     count = max([len(bus.domains), 1, *(slave.domain + 1 for slave in bus.slaves)])
     image = Image([])
@@ -151,14 +159,14 @@ def _place(domain: DomainImage, slaves: list[Slave], without_lrw: Set[int]) -> N
     for number, members in enumerate([split, *groups], -1):
         parts: list[_Part] = []
         offset = _append(parts, members, offset, output=True)
-        domain.datagrams += _datagrams(LWR, parts, number)
+        _add_datagrams(domain, LWR, parts, number)
     offset = domain.output_bytes = _append(lrw, whole, offset, output=True)
     offset = _append(lrw, whole, offset, output=False)
-    domain.datagrams += _datagrams(LRW, lrw)
+    _add_datagrams(domain, LRW, lrw)
     for number, members in [*enumerate(groups), (-1, split)]:
         parts = []
         offset = _append(parts, members, offset, output=False)
-        domain.datagrams += _datagrams(LRD, parts, number)
+        _add_datagrams(domain, LRD, parts, number)
     domain.input_bytes = offset - domain.output_bytes
 
 
@@ -169,37 +177,65 @@ class _Part:
     output: bool
     offset: int
     length: int
+    areas: list[int]
+    """Bytes of its sync managers."""
 
 
 def _append(parts: list[_Part], slaves: Iterable[Slave], offset: int, *, output: bool) -> int:
-    """Places the outputs or the inputs of slaves from `offset` on; returns the offset after them.
-
-    Raises:
-        StateError: One datagram cannot carry all bytes of a slave.
-    """
+    """Places the outputs or the inputs of slaves from `offset` on; returns the offset behind."""
     for slave in slaves:
         if output:
-            slave.output_offset, length = offset, slave.output_bytes
+            slave.output_offset, pdos = offset, slave.outputs
         else:
-            slave.input_offset, length = offset, slave.input_bytes
-        if length > DOMAIN_DATAGRAM_MAX:
-            raise StateError(
-                f"{slave.label} has {length} bytes of {'outputs' if output else 'inputs'}, but one "
-                f"datagram carries at most {DOMAIN_DATAGRAM_MAX}: choose a smaller PDO assignment"
-            )
-        if length:
-            parts.append(_Part(output, offset, length))
-        offset += length
+            slave.input_offset, pdos = offset, slave.inputs
+        areas = [area.size for area in sync_manager_bytes(pdos)]
+        if areas:
+            parts.append(_Part(output, offset, sum(areas), areas))
+        offset += sum(areas)
     return offset
 
 
-def _datagrams(command: int, parts: Iterable[_Part], group: int = -1) -> list[Datagram]:
-    """Makes datagrams of `parts`, each as long as possible; one slave's bytes stay together."""
+def _add_datagrams(
+    domain: DomainImage, command: int, parts: Iterable[_Part], group: int = -1
+) -> None:
+    """Adds datagrams of `parts`, each as long as possible; one slave's bytes stay together."""
     written, read = _COUNTS[command]
-    datagrams: list[Datagram] = []
+    datagram: Datagram | None = None
     for part in parts:
-        if not datagrams or datagrams[-1].length + part.length > DOMAIN_DATAGRAM_MAX:
-            datagrams.append(Datagram(command, part.offset, 0, 0, group))
-        datagrams[-1].length += part.length
-        datagrams[-1].wkc_expected += written if part.output else read
-    return datagrams
+        wkc = written if part.output else read
+        if part.length > DOMAIN_DATAGRAM_MAX:
+            domain.datagrams += _split(domain, command, part, wkc, group)
+            datagram = None
+            continue
+        if datagram is None or datagram.length + part.length > DOMAIN_DATAGRAM_MAX:
+            datagram = Datagram(command, part.offset, 0, 0, group)
+            domain.datagrams.append(datagram)
+        datagram.length += part.length
+        datagram.wkc_expected += wkc
+
+
+def _split(
+    domain: DomainImage, command: int, part: _Part, wkc: int, group: int
+) -> Iterator[Datagram]:
+    """Makes datagrams of a part that is too long for one.
+
+    Sync managers that fit into one datagram stay whole.
+    """
+    number = 1 + max((datagram.split for datagram in domain.datagrams), default=0)
+    datagram = Datagram(command, part.offset, 0, wkc, group, number)
+    for area in part.areas:
+        if datagram.length and datagram.length + area > DOMAIN_DATAGRAM_MAX:
+            yield datagram
+            datagram = replace(datagram, offset=datagram.offset + datagram.length, length=0)
+        left = area
+        while left > DOMAIN_DATAGRAM_MAX:
+            yield replace(datagram, length=DOMAIN_DATAGRAM_MAX)
+            datagram = replace(datagram, offset=datagram.offset + DOMAIN_DATAGRAM_MAX)
+            left -= DOMAIN_DATAGRAM_MAX
+        if left < area:
+            yield replace(datagram, length=left, closes=part.output)
+            datagram = replace(datagram, offset=datagram.offset + left)
+        else:
+            datagram = replace(datagram, length=datagram.length + left)
+    if datagram.length:
+        yield datagram

@@ -11,7 +11,7 @@ domains meet in a cycle if every two of them meet in some cycle (Chinese remaind
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from math import gcd
@@ -52,7 +52,8 @@ class WireTime:
         datagrams: Number of datagrams of domains.
         data_bytes: Bytes of process data in them.
         wire_bytes: All bytes, with headers, padding, preambles, check sums and gaps.
-        delay_ns: Time of a bit through all slaves and back, in nanoseconds.
+        delay_ns: Time of a bit through all slaves and back, in nanoseconds; twice this time if the
+            cycle has a second turn (`Datagram.closes`).
         crowd: Numbers of the domains in this cycle that other phases could move to other cycles.
     """
 
@@ -143,12 +144,14 @@ def wire_time(
     times = []
     for domains in (image.domains, *_meetings(image.domains)):
         data = [item.length for domain in domains for item in domain.datagrams]
-        lengths = [STATUS_BYTES, *([TIME_BYTES] if clock else []), *data]
-        frames = pack(lengths)
-        wire_bytes = sum(_on_wire([lengths[number] for number in frame]) for frame in frames)
+        own = [STATUS_BYTES, *([TIME_BYTES] if clock else [])]
+        turns = [own + _lengths(domains, closes=False), _lengths(domains, closes=True)]
+        frames = [[turn[number] for number in frame] for turn in turns for frame in pack(turn)]
+        wire_bytes = sum(map(_on_wire, frames))
+        delays = delay * sum(map(bool, turns))
         crowd = _crowd(domains)
         times.append(
-            WireTime(cycle_us, len(frames), len(data), sum(data), wire_bytes, delay, crowd)
+            WireTime(cycle_us, len(frames), len(data), sum(data), wire_bytes, delays, crowd)
         )
     everything, *cycles = times
     if everything.frames > MAX_FRAMES or everything.datagrams > MAX_DOMAIN_DATAGRAMS:
@@ -157,7 +160,13 @@ def wire_time(
             f"data take {everything.datagrams} datagrams in {everything.frames} frames, but there "
             f"can be {MAX_DOMAIN_DATAGRAMS} in {MAX_FRAMES}: assign fewer PDOs"
         )
-    return max(cycles, key=lambda time: time.wire_bytes)
+    return max(cycles, key=lambda time: time.round_trip_us)
+
+
+def _lengths(domains: Iterable[DomainImage], *, closes: bool) -> list[int]:
+    """Returns the bytes of the datagrams of one turn of a cycle."""
+    datagrams = (item for domain in domains for item in domain.datagrams)
+    return [item.length for item in datagrams if item.closes is closes]
 
 
 def _meetings(domains: Sequence[DomainImage]) -> list[list[DomainImage]]:
