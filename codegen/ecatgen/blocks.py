@@ -10,10 +10,11 @@ from ecatd.model.datatypes import type_name
 from ecatd.model.pdo import Entry, Pdo
 
 from . import names, placement
-from .connectors import connectors, is_drawn
+from .connectors import address_code, connectors, is_drawn
 from .ir import Block, Skipped
 from .labels import label
 from .symbols import slave_kind, symbol
+from .text import Code
 
 _MAX_BITS = 64  # most bits of one entry in the shared memory
 
@@ -81,7 +82,7 @@ def _letters(name: str) -> str:
     return re.sub("[-_]", "", name).casefold()
 
 
-def _block(slave: Slave, name: str, instance: str) -> Block:
+def _block(slave: Slave, name: Code, instance: Code) -> Block:
     skipped: list[Skipped] = []
     writes = list(_usable(slave, skipped, outputs=True))
     reads = list(_usable(slave, skipped, outputs=False))
@@ -147,7 +148,11 @@ def _usable(slave: Slave, skipped: list[Skipped], *, outputs: bool) -> Iterator[
         if reason:
             skipped.append(
                 Skipped(
-                    entry.address, entry.name, type_name(entry.data_type), entry.bit_length, reason
+                    address=address_code(entry),
+                    entry_name=entry.name,
+                    type_name=type_name(entry.data_type),
+                    bit_length=entry.bit_length,
+                    reason=reason,
                 )
             )
         else:

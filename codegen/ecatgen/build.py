@@ -10,6 +10,7 @@ from .channels import build_channels
 from .drives import build_drives
 from .examples import build_examples
 from .ir import Library
+from .text import Code
 
 
 def build_library(bus: Bus, name: str) -> Library:
@@ -18,20 +19,20 @@ def build_library(bus: Bus, name: str) -> Library:
     Raises:
         UsageError: `name` cannot be the name of a Modelica library.
     """
-    name = names.library_name(name)
-    blocks = build_blocks(bus.slaves, name)
+    library = names.library_name(name)
+    blocks = build_blocks(bus.slaves, library)
     drives, notes = build_drives(blocks)
     return Library(
-        name=name,
+        name=library,
         description=f"Slaves of the EtherCAT bus {bus.name}",
         bus=bus.name,
         cycle_time_us=bus.cycle_time_us,
-        fingerprint=f"{bus.fingerprint:016x}",
+        fingerprint=Code("%016x") % bus.fingerprint,
         command=f"ecatctl generate {name} DIR",
         version=static_library.VERSION,
         blocks=blocks,
         drives=drives,
         channels=build_channels(blocks),
         notes=renamed(blocks) + notes,
-        examples=build_examples(bus, name, blocks, drives),
+        examples=build_examples(bus, library, blocks, drives),
     )

@@ -11,6 +11,7 @@ from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import places
 
 from .names import Namespace, component_name, connector_names
+from .text import c_comment, identifier
 
 _WHOLE = (8, 16, 32, 64)
 _REALS = {32: "float", 64: "double"}
@@ -26,11 +27,12 @@ def c_header(bus: Bus, version: str) -> str:
         version: Version of the program that writes it.
     """
     prefix = re.sub(r"\W", "_", bus.name)
-    prefix = prefix if not prefix[0].isdigit() else f"bus_{prefix}"
+    prefix = identifier(prefix if not prefix[0].isdigit() else f"bus_{prefix}")
     guard = f"{prefix.upper()}_IMAGE_H"
     domains = range(max([1, len(bus.domains), *(slave.domain + 1 for slave in bus.slaves)]))
+    about = f"The process image of bus '{bus.name}', written by ecatctl {version}"
     lines = [
-        f"/* The process image of bus '{bus.name}', written by ecatctl {version}.",
+        f"/* {c_comment(about)}.",
         " *",
         " * ecat_image() of <ecat/ecat.h> returns the address of such a struct for each domain.",
         " * Members are raw values. Comments have the object, its name, and the physical value.",
@@ -62,7 +64,7 @@ def _domain(bus: Bus, domain: int, prefix: str, check: str) -> Iterator[str]:
     name = f"{prefix}_image" if domain == 0 else f"{prefix}_image_{domain}"
     namespace, at, checks = Namespace(), 0, []
     yield ""
-    yield f"/* {bus.domain_label(domain)} */"
+    yield f"/* {c_comment(bus.domain_label(domain))} */"
     yield f"struct {name} {{"
     for offset, slave, outputs in _areas(bus, domain):
         if offset > at:
@@ -70,7 +72,7 @@ def _domain(bus: Bus, domain: int, prefix: str, check: str) -> Iterator[str]:
         words = component_name(slave.given_name or slave.name, "slave")
         member = namespace.take(f"{words}_{slave.position}_{'outputs' if outputs else 'inputs'}")
         size = slave.output_bytes if outputs else slave.input_bytes
-        yield f"  struct {{ /* {_plain(slave.label)}: {size} bytes from byte {offset} on */"
+        yield f"  struct {{ /* {c_comment(slave.label)}: {size} bytes from byte {offset} on */"
         yield from _members(slave, outputs, offset)
         yield f"  }} {member};"
         checks.append(f'{check}(offsetof(struct {name}, {member}) == {offset}, "{member}");')
@@ -137,15 +139,10 @@ def _comment(pdo: Pdo, entry: Entry, bit: int) -> str:
     byte, rest = divmod(bit, 8)
     place = f"byte {byte}" + (f" bit {rest}" if rest or entry.bit_length < 8 else "")
     name = " / ".join(filter(None, (pdo.name, entry.name)))
-    text = f"{place}: {entry.address} {type_name(entry.data_type)} {_plain(name)}".rstrip()
+    text = f"{place}: {entry.address} {type_name(entry.data_type)} {c_comment(name)}".rstrip()
     if entry.is_physical:
         offset = (
             f" {'-' if entry.offset < 0 else '+'} {abs(entry.offset):g}" if entry.offset else ""
         )
-        text += f"; value * {entry.scale:g}{offset} {_plain(entry.unit)}".rstrip()
+        text += f"; value * {entry.scale:g}{offset} {c_comment(entry.unit)}".rstrip()
     return text
-
-
-def _plain(text: str) -> str:
-    """Returns a text of a slave in a form that cannot end the comment."""
-    return "".join(c if c.isprintable() else " " for c in text).replace("*/", "* /")

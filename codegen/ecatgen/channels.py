@@ -9,9 +9,14 @@ from . import names, placement
 from .ir import Block, Channels, Connection, Connector, Extent, Point, Vector
 from .labels import label
 from .symbols import symbol
+from .text import NOTHING, Code
 
 _NUMBER = re.compile(r"\d+")
-_COLORS = {"Boolean": "{255, 0, 255}", "Integer": "{255, 127, 0}", "Real": "{0, 0, 127}"}
+_COLORS = {
+    "Boolean": Code("{255, 0, 255}"),
+    "Integer": Code("{255, 127, 0}"),
+    "Real": Code("{0, 0, 127}"),
+}
 _RESERVED = ("domainID", "slave", "valid", "Modelica", "EtherCAT")
 _START = ("start = ", "fixed = ")
 _CENTRE = Point(0, 0)  # centre of the slave in the diagram
@@ -65,8 +70,8 @@ def _channels(block: Block) -> Channels | None:
         connections=(
             *_lines(block, left, at_left=True),
             Connection(
-                "slave.valid",
-                "valid",
+                Code("slave.valid"),
+                Code("valid"),
                 (placement.valid_point(block.icon, _CENTRE), valid),
                 _COLORS["Boolean"],
             ),
@@ -118,12 +123,12 @@ def _name(group: Sequence[Connector]) -> str:
     return _NUMBER.sub("", first, count=1) if len(group) > 1 else first
 
 
-def _dimension(group: Sequence[Connector]) -> str:
-    return f"[{len(group)}]" if len(group) > 1 else ""
+def _dimension(group: Sequence[Connector]) -> Code:
+    return Code("[%d]") % len(group) if len(group) > 1 else NOTHING
 
 
 def _vector(
-    block: Block, group: Sequence[Connector], name: str, icon: Extent, row: int, *, left: bool
+    block: Block, group: Sequence[Connector], name: Code, icon: Extent, row: int, *, left: bool
 ) -> Vector:
     first, dimension = group[0], _dimension(group)
     text, is_vector = label(name) + dimension, bool(dimension)
@@ -133,7 +138,7 @@ def _vector(
         kind=first.kind,
         class_name=first.class_name,
         dimension=dimension,
-        modifiers=tuple(f"each {item}" if is_vector else item for item in modifiers),
+        modifiers=tuple(Code("each %s") % item if is_vector else item for item in modifiers),
         description=(
             f"{first.description} to {group[-1].description}" if is_vector else first.description
         ),
@@ -171,12 +176,12 @@ def _lines(block: Block, vectors: Sequence[Vector], *, at_left: bool) -> Iterato
         place = vector.diagram_place
         end = Point((place.a.x + place.b.x) // 2, (place.a.y + place.b.y) // 2)
         for member, name in enumerate(vector.members, 1):
-            outer = f"{vector.name}[{member}]" if vector.dimension else vector.name
+            outer = Code("%s[%d]") % (vector.name, member) if vector.dimension else vector.name
             port = ports[name]
             lane = port.x + (-1 if at_left else 1) * (_LANE + 2 * number % (_REACH - 2 * _LANE))
             points = placement.route(end, port, lane)
-            color = _COLORS[vector.kind]
+            color, inner = _COLORS[vector.kind], Code("slave.%s") % name
             if at_left:
-                yield Connection(outer, f"slave.{name}", points, color)
+                yield Connection(outer, inner, points, color)
             else:
-                yield Connection(f"slave.{name}", outer, points[::-1], color)
+                yield Connection(inner, outer, points[::-1], color)

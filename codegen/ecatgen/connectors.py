@@ -10,8 +10,9 @@ from ecatd.model.units import QUANTITIES, modelica_unit
 
 from . import placement
 from .ir import Connector, Extent, Kind
+from .text import NOTHING, Code, code, identifier, modelica_string
 
-_START = {"Boolean": "false", "Integer": "0", "Real": "0"}
+_START = {"Boolean": Code("false"), "Integer": Code("0"), "Real": Code("0")}
 
 
 def kind_of(entry: Entry) -> Kind:
@@ -30,7 +31,7 @@ def raw_kind_of(entry: Entry) -> Kind:
 
 def connectors(
     entries: Sequence[tuple[Pdo, Entry]],
-    names: Sequence[str],
+    names: Sequence[Code],
     labels: Sequence[str],
     icon: Extent,
     *,
@@ -50,23 +51,23 @@ def connectors(
     for (pdo, entry), name, label in zip(entries, names, labels, strict=True):
         drawn = is_drawn(entry, outputs=outputs)
         kind = kind_of(entry)
-        place = f"{entry.index:04X}_{entry.subindex:02X}"  # no connector has such a name
+        place = (entry.index, entry.subindex)  # no connector has such a name
         extent = placement.port_label(icon, row, label, left=outputs)
         result.append(
             Connector(
                 name=name,
-                handle=f"{'output' if outputs else 'input'}_{place}",
-                written=f"written_{place}",
-                after=result[-1].written if outputs and result else "etherCATMaster.cycle",
+                handle=Code("output_%04X_%02X" if outputs else "input_%04X_%02X") % place,
+                written=Code("written_%04X_%02X") % place,
+                after=result[-1].written if outputs and result else Code("etherCATMaster.cycle"),
                 direction="output" if outputs else "input",
                 access="write" if outputs else "read",
                 kind=kind,
                 raw_kind=raw_kind_of(entry),
-                class_name=_class_name(kind, outputs=outputs) if drawn else f"output {kind}",
-                function=kind.lower(),
+                class_name=_class_name(kind, drawn=drawn, outputs=outputs),
+                function=identifier(kind.lower()),
                 index=entry.index,
                 subindex=entry.subindex,
-                address=entry.address,
+                address=address_code(entry),
                 data_type=entry.data_type,
                 type_name=type_name(entry.data_type),
                 bit_length=entry.bit_length,
@@ -82,7 +83,7 @@ def connectors(
                 conversion=_conversion(entry),
                 note=entry.note,
                 values=tuple(entry.values),
-                placement=_placement(placement.port(icon, row, left=outputs)) if drawn else "",
+                placement=_placement(placement.port(icon, row, left=outputs)) if drawn else NOTHING,
                 label=label,
                 label_extent=extent if drawn else None,
             )
@@ -101,33 +102,41 @@ def _description(pdo: Pdo, entry: Entry) -> str:
     return f"{text} ({entry.address})" if text else entry.address
 
 
-def _class_name(kind: Kind, *, outputs: bool) -> str:
-    return f"Modelica.Blocks.Interfaces.{kind}{'Input' if outputs else 'Output'}"
+def address_code(entry: Entry) -> Code:
+    """Returns the address of an entry, as people read it."""
+    return Code("0x%04X:%02X") % (entry.index, entry.subindex)
 
 
-def _placement(extent: Extent) -> str:
-    return f"\n    annotation (Placement(transformation(extent = {extent})))"
+def _class_name(kind: Kind, *, drawn: bool, outputs: bool) -> Code:
+    if not drawn:
+        return Code("output %s") % identifier(kind)
+    direction = Code("Input" if outputs else "Output")
+    return Code("Modelica.Blocks.Interfaces.%s%s") % (identifier(kind), direction)
 
 
-def _modifiers(kind: Kind, entry: Entry, *, outputs: bool) -> Iterator[str]:
+def _placement(extent: Extent) -> Code:
+    return Code("\n    annotation (Placement(transformation(extent = %s)))") % extent
+
+
+def _modifiers(kind: Kind, entry: Entry, *, outputs: bool) -> Iterator[Code]:
     unit, display_unit = modelica_unit(entry.unit), entry.display_unit
     quantity = entry.quantity or QUANTITIES.get(unit, "")
     if quantity:
-        yield f'quantity = "{quantity}"'
+        yield Code("quantity = %s") % modelica_string(quantity)
     if unit:
-        yield f'unit = "{unit}"'
+        yield Code("unit = %s") % modelica_string(unit)
     if display_unit:
-        yield f'displayUnit = "{display_unit}"'
+        yield Code("displayUnit = %s") % modelica_string(display_unit)
     if not outputs:  # an output has no start value: the equations of the model give it
-        yield f"start = {_START[kind]}"
-        yield "fixed = true"
+        yield Code("start = %s") % _START[kind]
+        yield Code("fixed = true")
 
 
-def _scaling(entry: Entry) -> str:
+def _scaling(entry: Entry) -> Code:
     """Returns scale and offset as further arguments; numbers look the same in Modelica and C."""
     if not entry.is_physical:
-        return ""
-    return f", {entry.scale!r}, {entry.offset!r}"
+        return NOTHING
+    return Code(", %s, %s") % (code(entry.scale), code(entry.offset))
 
 
 def _conversion(entry: Entry) -> str:

@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 
 from . import placement
 from .ir import Block, Component, Connection, Drive, Extent, Kind, Point, Variable
+from .text import NOTHING, Code
 
-_COLORS: dict[Kind, str] = {
-    "Boolean": "{255, 0, 255}",
-    "Integer": "{255, 127, 0}",
-    "Real": "{0, 0, 127}",
+_COLORS: dict[Kind, Code] = {
+    "Boolean": Code("{255, 0, 255}"),
+    "Integer": Code("{255, 127, 0}"),
+    "Real": Code("{0, 0, 127}"),
 }
 _SOURCE_PORTS = {"y": Point(11, 0)}
 # A drive (EtherCAT.Interfaces.PartialDrive) is drawn larger, so that its connectors lie on the
@@ -43,13 +44,13 @@ class Diagram:
 
     def add(
         self,
-        class_name: str,
-        name: str,
+        class_name: Code,
+        name: Code,
         centre: Point,
         description: str,
-        *modifiers: str,
-        prefix: str = "",
-    ) -> str:
+        *modifiers: Code,
+        prefix: Code = NOTHING,
+    ) -> Code:
         """Adds a component of a library class and returns its name."""
         for port, offset in _PORTS[class_name].items():
             self._ports[f"{name}.{port}"] = Point(centre.x + offset.x, centre.y + offset.y)
@@ -57,7 +58,7 @@ class Diagram:
         self.components.append(Component(class_name, name, modifiers, description, place, prefix))
         return name
 
-    def add_block(self, library: str, block: Block, centre: Point) -> str:
+    def add_block(self, library: Code, block: Block, centre: Point) -> Code:
         """Adds the block of a slave and returns the name of the component."""
         for left, connectors in ((True, block.left), (False, block.right)):
             for row, connector in enumerate(connectors):
@@ -66,7 +67,7 @@ class Diagram:
                 )
         self.components.append(
             Component(
-                f"{library}.{block.name}",
+                Code("%s.%s") % (library, block.name),
                 block.instance,
                 (),
                 block.description,
@@ -75,7 +76,7 @@ class Diagram:
         )
         return block.instance
 
-    def add_drive(self, library: str, drive: Drive, centre: Point, *modifiers: str) -> str:
+    def add_drive(self, library: Code, drive: Drive, centre: Point, *modifiers: Code) -> Code:
         """Adds the block of a drive in SI units and returns the name of the component."""
         for port, offset in _DRIVE_PORTS.items():
             self._ports[f"{drive.instance}.{port}"] = Point(
@@ -83,16 +84,16 @@ class Diagram:
             )
         half = _DRIVE_HALF
         place = placement.extent(centre.x - half, centre.y - half, centre.x + half, centre.y + half)
-        name = f"{library}.Drives.{drive.name}"
+        name = Code("%s.Drives.%s") % (library, drive.name)
         self.components.append(Component(name, drive.instance, modifiers, drive.description, place))
         return drive.instance
 
-    def connect(self, source: str, target: str, kind: Kind, x: int | None = None) -> None:
+    def connect(self, source: Code, target: Code, kind: Kind, x: int | None = None) -> None:
         """Connects two connectors by a line whose vertical part is at `x`."""
         points = placement.route(self._ports[source], self._ports[target], x)
         self.connections.append(Connection(source, target, points, _COLORS[kind]))
 
-    def connect_around(self, source: str, target: str, kind: Kind, y: int) -> None:
+    def connect_around(self, source: Code, target: Code, kind: Kind, y: int) -> None:
         """Connects an output on the right to an input on the left, by a line at height `y`."""
         start, end = self._ports[source], self._ports[target]
         points = (
@@ -109,7 +110,7 @@ class Diagram:
         """Returns the point at which lines meet a connector."""
         return self._ports[connector]
 
-    def result(self, name: str, unit: str, description: str, expression: str) -> None:
+    def result(self, name: Code, unit: str, description: str, expression: Code) -> None:
         """Adds a variable that gives a result a short name."""
         self.variables.append(Variable(name, unit, description, expression))
 

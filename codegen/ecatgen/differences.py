@@ -212,8 +212,8 @@ def _of_block(old: Block, new: Block) -> Iterator[Difference]:
 
 
 def _connectors(block: Block) -> dict[tuple[str, str], Connector]:
-    found = {("output", item.address): item for item in block.writes}
-    return found | {("input", item.address): item for item in block.reads}
+    found = {("output", str(item.address)): item for item in block.writes}
+    return found | {("input", str(item.address)): item for item in block.reads}
 
 
 def _aspects(old: Connector, new: Connector) -> Iterator[tuple[str, str, str]]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from ecatd.model.units import si_unit
 
 from .ir import Connector, DriveParameter
+from .text import Code, code
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +32,8 @@ class _Quantity:
 
     objects: frozenset[int]
     unit: str
-    parameter: str
-    member: str
+    parameter: Code
+    member: Code
     inverse: bool
 
     def value(self, scale: float) -> float:
@@ -41,10 +42,14 @@ class _Quantity:
 
 
 _QUANTITIES = (
-    _Quantity(frozenset({0x6064, 0x607A}), "rad", "encoderResolution", "encoder", True),
-    _Quantity(frozenset({0x606C, 0x60FF}), "rad/s", "velocityScale", "velocity_scale", True),
-    _Quantity(frozenset({0x6071, 0x6072, 0x6077}), "N.m", "ratedTorque", "rated_torque", False),
-    _Quantity(frozenset({0x6078}), "A", "ratedCurrent", "rated_current", False),
+    _Quantity(frozenset({0x6064, 0x607A}), "rad", Code("encoderResolution"), Code("encoder"), True),
+    _Quantity(
+        frozenset({0x606C, 0x60FF}), "rad/s", Code("velocityScale"), Code("velocity_scale"), True
+    ),
+    _Quantity(
+        frozenset({0x6071, 0x6072, 0x6077}), "N.m", Code("ratedTorque"), Code("rated_torque"), False
+    ),
+    _Quantity(frozenset({0x6078}), "A", Code("ratedCurrent"), Code("rated_current"), False),
 )
 _CLOSE = 1e-9
 """Relative difference up to which two scales count as equal, since people round them."""
@@ -79,7 +84,7 @@ def parameters(connectors: Iterable[Connector]) -> Iterator[DriveParameter]:
             found = found or (scale, connector)
         if found is not None:
             yield DriveParameter(
-                quantity.parameter, quantity.member, repr(quantity.value(found[0]))
+                quantity.parameter, quantity.member, code(quantity.value(found[0]))
             )
 
 

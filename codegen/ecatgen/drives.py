@@ -9,38 +9,42 @@ from . import placement
 from .drive_units import UnsuitableError, parameters
 from .ir import Block, Connection, Connector, Drive, DriveLine, Point
 from .labels import label
+from .text import NOTHING, Code
 
 # The connectors of EtherCAT.Drives.CiA402 by object, with their x positions in the diagram: first
 # the outputs to the slave, then the inputs from it. See PartialDrive.
 _PINS_Y = -35
 _TO_SLAVE = {
-    0x6060: ("modeOfOperation", -140),
-    0x6040: ("controlWord", -129),
-    0x6072: ("maxTorque", -118),
-    0x6071: ("targetTorque", -107),
-    0x60FF: ("targetVelocity", -96),
-    0x607A: ("targetPosition", -85),
+    0x6060: (Code("modeOfOperation"), -140),
+    0x6040: (Code("controlWord"), -129),
+    0x6072: (Code("maxTorque"), -118),
+    0x6071: (Code("targetTorque"), -107),
+    0x60FF: (Code("targetVelocity"), -96),
+    0x607A: (Code("targetPosition"), -85),
 }
-_VALID = ("valid", 74)
+_VALID = (Code("valid"), 74)
 _FROM_SLAVE = {
-    0x6064: ("positionActualValue", 85),
-    0x6077: ("torqueActualValue", 96),
-    0x6041: ("statusWord", 107),
-    0x6061: ("modeOfOperationDisplay", 118),
-    0x606C: ("velocityActualValue", 129),
-    0x6078: ("currentActualValue", 140),
+    0x6064: (Code("positionActualValue"), 85),
+    0x6077: (Code("torqueActualValue"), 96),
+    0x6041: (Code("statusWord"), 107),
+    0x6061: (Code("modeOfOperationDisplay"), 118),
+    0x606C: (Code("velocityActualValue"), 129),
+    0x6078: (Code("currentActualValue"), 140),
 }
 _FLAGS = {
-    0x6061: ("useModeDisplay", "ECATM_HAS_MODE_DISPLAY"),
-    0x6064: ("usePosition", "ECATM_HAS_POSITION"),
-    0x606C: ("useVelocity", "ECATM_HAS_VELOCITY"),
-    0x6077: ("useTorque", "ECATM_HAS_TORQUE"),
-    0x6078: ("useCurrent", "ECATM_HAS_CURRENT"),
+    0x6061: (Code("useModeDisplay"), Code("ECATM_HAS_MODE_DISPLAY")),
+    0x6064: (Code("usePosition"), Code("ECATM_HAS_POSITION")),
+    0x606C: (Code("useVelocity"), Code("ECATM_HAS_VELOCITY")),
+    0x6077: (Code("useTorque"), Code("ECATM_HAS_TORQUE")),
+    0x6078: (Code("useCurrent"), Code("ECATM_HAS_CURRENT")),
 }
 _CONTROL_WORD, _STATUS_WORD, _MODE = 0x6040, 0x6041, 0x6060
-_TYPES = "EtherCAT.Types.DriveMode"
-_BOOLEAN, _INTEGER, _REAL = "{255, 0, 255}", "{255, 127, 0}", "{0, 0, 127}"
-_UTILITIES = "EtherCAT.Drives.Utilities"
+_MODES = Code("EtherCAT.Types.DriveMode.%s")
+_BOOLEAN, _INTEGER, _REAL = map(Code, ("{255, 0, 255}", "{255, 127, 0}", "{0, 0, 127}"))
+_TO_PHYSICAL = Code("EtherCAT.Drives.Utilities.ToPhysical")
+_TO_RAW = Code("EtherCAT.Drives.Utilities.ToRaw")
+_CONVERSION = Code("%sConversion")
+_OF_SLAVE, _OF_DRIVE = Code("slave.%s"), Code("cia402.%s")
 _CONVERSION_Y, _HALF, _PORT = -51, 5, 6  # position and size of the blocks between pins and slave
 _TOP = -72  # upper edge of the slave in the diagram
 _NARROW = 640  # icons up to this width are drawn twice as large as usual
@@ -57,7 +61,7 @@ class _Kind:
         what: Name of the target in messages.
     """
 
-    modes: tuple[str, str]
+    modes: tuple[Code, Code]
     target: int
     actual: tuple[int, ...]
     what: str
@@ -65,10 +69,23 @@ class _Kind:
 
 _KINDS = (
     _Kind(
-        ("CyclicVelocity", "ProfileVelocity"), 0x60FF, (0x606C, 0x6064), "target velocity 0x60FF"
+        (Code("CyclicVelocity"), Code("ProfileVelocity")),
+        0x60FF,
+        (0x606C, 0x6064),
+        "target velocity 0x60FF",
     ),
-    _Kind(("CyclicPosition", "ProfilePosition"), 0x607A, (0x6064,), "target position 0x607A"),
-    _Kind(("CyclicTorque", "ProfileTorque"), 0x6071, (0x6077, 0x6078), "target torque 0x6071"),
+    _Kind(
+        (Code("CyclicPosition"), Code("ProfilePosition")),
+        0x607A,
+        (0x6064,),
+        "target position 0x607A",
+    ),
+    _Kind(
+        (Code("CyclicTorque"), Code("ProfileTorque")),
+        0x6071,
+        (0x6077, 0x6078),
+        "target torque 0x6071",
+    ),
 )
 
 
@@ -110,24 +127,28 @@ def _drive(block: Block) -> Drive | None:
         title=label(block.name),
         description=f"{block.slave_label}, slave {block.position}, in SI units",
         block=block,
-        mode=f"{_TYPES}.{kinds[0].modes[0]}",
+        mode=_MODES % kinds[0].modes[0],
         modes=tuple(mode for kind in kinds for mode in kind.modes),
         modifiers=(
-            "final position = slave.slaveData.position",
-            "final slaveName = slave.slaveData.name",
-            f"final modeInProcessData = {_boolean(_MODE in writes)}",
-            *(f"final {flag} = {_boolean(index in reads)}" for index, (flag, _) in _FLAGS.items()),
+            Code("final position = slave.slaveData.position"),
+            Code("final slaveName = slave.slaveData.name"),
+            _final(Code("modeInProcessData"), _MODE in writes),
+            *(_final(flag, index in reads) for index, (flag, _) in _FLAGS.items()),
         ),
         parameters=tuple(parameters([*writes.values(), *reads.values()])),
         mode_object=0 if _MODE in writes else _MODE,
-        entries=" | ".join(flag for index, (_, flag) in _FLAGS.items() if index in reads) or "0",
+        entries=Code(" | ").join(flag for index, (_, flag) in _FLAGS.items() if index in reads)
+        or Code("0"),
         missing=tuple(
-            (" and ".join(f"mode <> {_TYPES}.{mode}" for mode in kind.modes), kind.what)
+            (
+                Code(" and ").join(Code("mode <> %s") % (_MODES % mode) for mode in kind.modes),
+                kind.what,
+            )
             for kind in _KINDS
             if kind not in kinds
         ),
-        writes=tuple(_line(c, *_TO_SLAVE[i], "ToPhysical", 270) for i, c in writes.items()),
-        reads=tuple(_line(c, *_FROM_SLAVE[i], "ToRaw", 90) for i, c in reads.items()),
+        writes=tuple(_line(c, *_TO_SLAVE[i], _TO_PHYSICAL, 270) for i, c in writes.items()),
+        reads=tuple(_line(c, *_FROM_SLAVE[i], _TO_RAW, 90) for i, c in reads.items()),
         unused=tuple(c for c in block.writes if c not in writes.values()),
         slave_extent=slave,
         connections=tuple(_lines(block, centre, scale)),
@@ -150,13 +171,13 @@ def _by_object(connectors: Sequence[Connector]) -> dict[int, Connector]:
     }
 
 
-def _line(connector: Connector, pin: str, x: int, conversion: str, rotation: int) -> DriveLine:
+def _line(connector: Connector, pin: Code, x: int, class_name: Code, rotation: int) -> DriveLine:
     scaled = connector.kind == "Real"
     return DriveLine(
         drive=pin,
         slave=connector.name,
-        conversion=f"{pin}Conversion" if scaled else "",
-        class_name=f"{_UTILITIES}.{conversion}" if scaled else "",
+        conversion=_CONVERSION % pin if scaled else NOTHING,
+        class_name=class_name if scaled else NOTHING,
         size=placement.extent(-_HALF, -_HALF, _HALF, _HALF),
         origin=Point(x, _CONVERSION_Y),
         rotation=rotation,
@@ -172,33 +193,33 @@ def _lines(block: Block, centre: Point, scale: int) -> Iterator[Connection]:
         if writes.get(c.index) == c:
             pin, x = _TO_SLAVE[c.index]
             end = placement.port_point(block.icon, row, centre, left=True, scale=scale)
-            source, begin = f"cia402.{pin}", Point(x, _PINS_Y)
+            source, begin = _OF_DRIVE % pin, Point(x, _PINS_Y)
             color = _INTEGER
             if c.kind == "Real":
                 there = Point(x, _CONVERSION_Y + _PORT)
-                yield Connection(source, f"{pin}Conversion.u", (begin, there), _INTEGER)
-                source, begin = f"{pin}Conversion.y", Point(x, _CONVERSION_Y - _PORT)
+                yield Connection(source, Code("%sConversion.u") % pin, (begin, there), _INTEGER)
+                source, begin = Code("%sConversion.y") % pin, Point(x, _CONVERSION_Y - _PORT)
                 color = _REAL
-            yield Connection(source, f"slave.{c.name}", (begin, Point(x, end.y), end), color)
+            yield Connection(source, _OF_SLAVE % c.name, (begin, Point(x, end.y), end), color)
     start = placement.valid_point(block.icon, centre, scale)
-    yield _upward(f"slave.{_VALID[0]}", start, f"cia402.{_VALID[0]}", _VALID[1], _PINS_Y, _BOOLEAN)
+    yield _upward(_OF_SLAVE % _VALID[0], start, _OF_DRIVE % _VALID[0], _VALID[1], _PINS_Y, _BOOLEAN)
     for row, c in enumerate(block.right):
         if reads.get(c.index) == c:
             start = placement.port_point(block.icon, row, centre, left=False, scale=scale)
             pin, x = _FROM_SLAVE[c.index]
-            source, target = f"slave.{c.name}", f"cia402.{pin}"
+            source, target = _OF_SLAVE % c.name, _OF_DRIVE % pin
             if c.kind == "Integer":
                 yield _upward(source, start, target, x, _PINS_Y, _INTEGER)
                 continue
             y = _CONVERSION_Y - _PORT
-            yield _upward(source, start, f"{pin}Conversion.u", x, y, _REAL)
+            yield _upward(source, start, Code("%sConversion.u") % pin, x, y, _REAL)
             points = (Point(x, _CONVERSION_Y + _PORT), Point(x, _PINS_Y))
-            yield Connection(f"{pin}Conversion.y", target, points, _INTEGER)
+            yield Connection(Code("%sConversion.y") % pin, target, points, _INTEGER)
 
 
-def _upward(source: str, start: Point, target: str, x: int, y: int, color: str) -> Connection:
+def _upward(source: Code, start: Point, target: Code, x: int, y: int, color: Code) -> Connection:
     return Connection(source, target, (start, Point(x, start.y), Point(x, y)), color)
 
 
-def _boolean(value: bool) -> str:
-    return "true" if value else "false"
+def _final(name: Code, value: bool) -> Code:
+    return Code("final %s = %s") % (name, Code("true" if value else "false"))

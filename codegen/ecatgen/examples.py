@@ -11,12 +11,16 @@ from ecatd.model.bus import Bus
 from . import placement
 from .diagram import Diagram
 from .ir import Block, Connector, Drive, Example, Kind, Point
-from .text import modelica_string
+from .text import Code, code, modelica_string
 
 # The movement of the examples: 75 revolutions of the motor at up to 10 revolutions per second,
 # reached within half a second. The motor is that of the simulated rig `troll`.
 DISTANCE, MAX_SPEED, MAX_ACCELERATION, START = 471.24, 62.832, 125.66, 1
-_MOTOR = {"encoderResolution": "65536", "ratedTorque": "0.4", "ratedCurrent": "5"}
+_MOTOR = {
+    Code("encoderResolution"): 65536,
+    Code("ratedTorque"): 0.4,
+    Code("ratedCurrent"): 5,
+}
 _BETWEEN = 16  # vertical distance between blocks of one column
 _CAUTION = (
     "Before you simulate with real hardware, set encoderResolution, ratedTorque and ratedCurrent "
@@ -26,7 +30,7 @@ _CAUTION = (
 
 
 def build_examples(
-    bus: Bus, library: str, blocks: Sequence[Block], drives: Sequence[Drive]
+    bus: Bus, library: Code, blocks: Sequence[Block], drives: Sequence[Drive]
 ) -> tuple[Example, ...]:
     """Builds the example models that suit the bus; some of them need a drive with their mode."""
     examples = [_all_slaves(bus, library, blocks)]
@@ -42,31 +46,43 @@ def build_examples(
 
 def _master(diagram: Diagram, bus: Bus, centre: Point) -> None:
     diagram.add(
-        "EtherCAT.EtherCATMaster",
-        "etherCATMaster",
+        Code("EtherCAT.EtherCATMaster"),
+        Code("etherCATMaster"),
         centre,
         "Connection to the bus, which paces the model",
-        f"bus = {modelica_string(bus.name)}",
-        f"sampleTime = {{{bus.cycle_time_us / 1e6!r}}}",
-        "waitForBus = true",
-        prefix="inner ",
+        Code("bus = %s") % modelica_string(bus.name),
+        Code("sampleTime = {%s}") % code(bus.cycle_time_us / 1e6),
+        Code("waitForBus = true"),
+        prefix=Code("inner "),
     )
 
 
 class _Constants:
     """Constant sources for the outputs that an example leaves at zero; added only if needed."""
 
-    _CLASSES: ClassVar[dict[Kind, tuple[str, str, str]]] = {
-        "Boolean": ("Modelica.Blocks.Sources.BooleanConstant", "off", "k = false"),
-        "Integer": ("Modelica.Blocks.Sources.IntegerConstant", "zero", "k = 0"),
-        "Real": ("Modelica.Blocks.Sources.Constant", "zeroReal", "k = 0"),
+    _CLASSES: ClassVar[dict[Kind, tuple[Code, Code, Code]]] = {
+        "Boolean": (
+            Code("Modelica.Blocks.Sources.BooleanConstant"),
+            Code("off"),
+            Code("k = false"),
+        ),
+        "Integer": (
+            Code("Modelica.Blocks.Sources.IntegerConstant"),
+            Code("zero"),
+            Code("k = 0"),
+        ),
+        "Real": (
+            Code("Modelica.Blocks.Sources.Constant"),
+            Code("zeroReal"),
+            Code("k = 0"),
+        ),
     }
 
     def __init__(self, diagram: Diagram, x: int, y: int, lane: int) -> None:
         self._diagram, self._x, self._y, self._lane = diagram, x, y, lane
-        self._names: dict[tuple[Kind, str], str] = {}
+        self._names: dict[tuple[Kind, str], Code] = {}
 
-    def feed(self, target: str, connector: Connector) -> None:
+    def feed(self, target: Code, connector: Connector) -> None:
         """Connects a constant to an input; each type and unit has a source of its own."""
         key = (connector.kind, connector.unit)
         if key not in self._names:
@@ -75,12 +91,12 @@ class _Constants:
             self._names[key] = self._add(connector.kind, Point(self._x, y))
         # Each source has a vertical lane of its own.
         lane = self._lane - 4 * list(self._names).index(key)
-        self._diagram.connect(f"{self._names[key]}.y", target, connector.kind, lane)
+        self._diagram.connect(Code("%s.y") % self._names[key], target, connector.kind, lane)
 
-    def _add(self, kind: Kind, centre: Point) -> str:
+    def _add(self, kind: Kind, centre: Point) -> Code:
         class_name, name, modifier = self._CLASSES[kind]
         taken = {component.name for component in self._diagram.components}
-        free = chain([name], (f"{name}_{n}" for n in count(2)))
+        free = chain([name], (Code("%s_%d") % (name, n) for n in count(2)))
         return self._diagram.add(
             class_name,
             next(name for name in free if name not in taken),
@@ -90,7 +106,7 @@ class _Constants:
         )
 
 
-def _column(diagram: Diagram, library: str, blocks: Sequence[Block], left: int) -> None:
+def _column(diagram: Diagram, library: Code, blocks: Sequence[Block], left: int) -> None:
     """Puts blocks below each other, beginning at the height of the master."""
     top = 90
     for block in blocks:
@@ -100,7 +116,7 @@ def _column(diagram: Diagram, library: str, blocks: Sequence[Block], left: int) 
         top -= 2 * half + _BETWEEN
 
 
-def _columns(diagram: Diagram, library: str, blocks: Sequence[Block]) -> None:
+def _columns(diagram: Diagram, library: Code, blocks: Sequence[Block]) -> None:
     """Puts blocks to the right of all others, in columns no taller than the diagram is so far."""
     box = diagram.box
     most = max(box.b.y - box.a.y, 150)
@@ -116,7 +132,7 @@ def _columns(diagram: Diagram, library: str, blocks: Sequence[Block]) -> None:
             height += size
 
 
-def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
+def _all_slaves(bus: Bus, library: Code, blocks: Sequence[Block]) -> Example:
     diagram = Diagram()
     _master(diagram, bus, Point(-120, 80))
     _column(diagram, library, [block for block in blocks if block.left], 0)
@@ -124,9 +140,9 @@ def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
     constants = _Constants(diagram, -70, 84, lane=-20)
     for block in blocks:
         for connector in block.left:
-            constants.feed(f"{block.instance}.{connector.name}", connector)
+            constants.feed(Code("%s.%s") % (block.instance, connector.name), connector)
     return Example(
-        name="AllSlaves",
+        name=Code("AllSlaves"),
         description="Read every input of the bus while all outputs are zero",
         paragraphs=(
             "Simulate the model while ecatd serves the bus, and plot the outputs of the blocks. "
@@ -136,50 +152,49 @@ def _all_slaves(bus: Bus, library: str, blocks: Sequence[Block]) -> Example:
         connections=tuple(diagram.connections),
         variables=(),
         diagram=diagram.box,
-        stop_time="10",
-        interval="0.001",
+        stop_time=Code("10"),
+        interval=Code("0.001"),
     )
 
 
-def _drive_parts(bus: Bus, library: str, drive: Drive, mode: str) -> Diagram:
+def _drive_parts(bus: Bus, library: Code, drive: Drive, mode: Code) -> Diagram:
     """Returns a diagram with master, enabled drive and a reference speed without a connection."""
     diagram = Diagram()
     _master(diagram, bus, Point(-80, 70))
     known = {parameter.name for parameter in drive.parameters}
-    motor = (f"{name} = {value}" for name, value in _MOTOR.items() if name not in known)
-    diagram.add_drive(
-        library, drive, Point(50, 0), f"mode = EtherCAT.Types.DriveMode.{mode}", *motor
-    )
+    motor = (Code("%s = %s") % (name, value) for name, value in _MOTOR.items() if name not in known)
+    mode = Code("mode = EtherCAT.Types.DriveMode.%s") % mode
+    diagram.add_drive(library, drive, Point(50, 0), mode, *motor)
     diagram.add(
-        "Modelica.Blocks.Sources.BooleanConstant",
-        "enable",
+        Code("Modelica.Blocks.Sources.BooleanConstant"),
+        Code("enable"),
         Point(-80, 15),
         "The drive shall be in operation",
-        "k = true",
+        Code("k = true"),
     )
     diagram.add(
-        "EtherCAT.Sources.PointToPoint",
-        "reference",
+        Code("EtherCAT.Sources.PointToPoint"),
+        Code("reference"),
         Point(-80, -30),
         "Reference speed",
-        f"distance = {DISTANCE}",
-        f"maxSpeed = {MAX_SPEED}",
-        f"maxAcceleration = {MAX_ACCELERATION}",
-        f"startTime = {START}",
+        Code("distance = %s") % DISTANCE,
+        Code("maxSpeed = %s") % MAX_SPEED,
+        Code("maxAcceleration = %s") % MAX_ACCELERATION,
+        Code("startTime = %s") % START,
     )
-    diagram.connect("enable.y", f"{drive.instance}.enable", "Boolean")
+    diagram.connect(Code("enable.y"), Code("%s.enable") % drive.instance, "Boolean")
     return diagram
 
 
-def _point_to_point(bus: Bus, library: str, drive: Drive) -> Example:
-    diagram = _drive_parts(bus, library, drive, "CyclicVelocity")
-    diagram.connect("reference.y", f"{drive.instance}.w_ref", "Real", x=0)
-    diagram.result("w_ref", "rad/s", "Reference speed", "reference.y")
-    diagram.result("w_m", "rad/s", "Measured speed", f"{drive.instance}.w")
-    diagram.result("i_m", "A", "Measured current", f"{drive.instance}.i")
+def _point_to_point(bus: Bus, library: Code, drive: Drive) -> Example:
+    diagram = _drive_parts(bus, library, drive, Code("CyclicVelocity"))
+    diagram.connect(Code("reference.y"), Code("%s.w_ref") % drive.instance, "Real", x=0)
+    diagram.result(Code("w_ref"), "rad/s", "Reference speed", Code("reference.y"))
+    diagram.result(Code("w_m"), "rad/s", "Measured speed", Code("%s.w") % drive.instance)
+    diagram.result(Code("i_m"), "A", "Measured current", Code("%s.i") % drive.instance)
     return _drive_example(
         diagram,
-        "PointToPointMovement",
+        Code("PointToPointMovement"),
         f"Move the drive {drive.block.slave_label} over a distance and back to rest",
         "A point-to-point reference gives the speed of the drive, as in Figures 8 and 9 of the "
         "paper on the DLR EtherCAT library. The drive is enabled by itself, in the mode cyclic "
@@ -187,18 +202,21 @@ def _point_to_point(bus: Bus, library: str, drive: Drive) -> Example:
     )
 
 
-def _relative_position(bus: Bus, library: str, drive: Drive) -> Example:
-    diagram = _drive_parts(bus, library, drive, "CyclicPosition")
+def _relative_position(bus: Bus, library: Code, drive: Drive) -> Example:
+    diagram = _drive_parts(bus, library, drive, Code("CyclicPosition"))
     diagram.add(
-        "Modelica.Blocks.Continuous.Integrator", "angle", Point(-30, -30), "Angle to turn by"
+        Code("Modelica.Blocks.Continuous.Integrator"),
+        Code("angle"),
+        Point(-30, -30),
+        "Angle to turn by",
     )
-    diagram.connect("reference.y", "angle.u", "Real")
-    diagram.connect("angle.y", f"{drive.instance}.phi_ref", "Real", x=0)
-    diagram.result("phi_ref", "rad", "Angle to turn by", "angle.y")
-    diagram.result("phi_m", "rad", "Measured angle", f"{drive.instance}.phi")
+    diagram.connect(Code("reference.y"), Code("angle.u"), "Real")
+    diagram.connect(Code("angle.y"), Code("%s.phi_ref") % drive.instance, "Real", x=0)
+    diagram.result(Code("phi_ref"), "rad", "Angle to turn by", Code("angle.y"))
+    diagram.result(Code("phi_m"), "rad", "Measured angle", Code("%s.phi") % drive.instance)
     return _drive_example(
         diagram,
-        "RelativePosition",
+        Code("RelativePosition"),
         f"Turn the drive {drive.block.slave_label} by an angle from wherever it is",
         "The reference is an angle. Wherever the drive is at the start, it does not jump: its "
         "target follows the actual angle until it is enabled, and the reference counts from there. "
@@ -206,7 +224,7 @@ def _relative_position(bus: Bus, library: str, drive: Drive) -> Example:
     )
 
 
-def _drive_example(diagram: Diagram, name: str, description: str, text: str) -> Example:
+def _drive_example(diagram: Diagram, name: Code, description: str, text: str) -> Example:
     return Example(
         name=name,
         description=description,
@@ -215,6 +233,6 @@ def _drive_example(diagram: Diagram, name: str, description: str, text: str) -> 
         connections=tuple(diagram.connections),
         variables=tuple(diagram.variables),
         diagram=diagram.box,
-        stop_time="10",
-        interval="0.001",
+        stop_time=Code("10"),
+        interval=Code("0.001"),
     )

@@ -1,6 +1,7 @@
 """The contents of a generated library. All decisions are made here; templates only write files.
 
-Texts are plain here: the templates escape them for the language that they write.
+A `str` is plain: the templates escape it for the language that they write. `Code` is written as it
+is.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ecatd.model.pdo import Value
+
+from .text import NOTHING, Code
 
 Kind = Literal["Boolean", "Integer", "Real"]
 
@@ -36,8 +39,8 @@ class Point:
     x: int
     y: int
 
-    def __str__(self) -> str:
-        return f"{{{self.x}, {self.y}}}"
+    def __str__(self) -> Code:
+        return Code("{%d, %d}") % (self.x, self.y)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +65,8 @@ class Extent:
         """Height of the rectangle."""
         return abs(self.b.y - self.a.y)
 
-    def __str__(self) -> str:
-        return f"{{{self.a}, {self.b}}}"
+    def __str__(self) -> Code:
+        return Code("{%s, %s}") % (self.a, self.b)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,27 +108,27 @@ class Connector:
         label_extent: Place of the label.
     """
 
-    name: str
-    handle: str
-    written: str
-    after: str
+    name: Code
+    handle: Code
+    written: Code
+    after: Code
     direction: Literal["output", "input"]
     access: Literal["write", "read"]
     kind: Kind
     raw_kind: Kind
-    class_name: str
-    function: str
+    class_name: Code
+    function: Code
     index: int
     subindex: int
-    address: str
+    address: Code
     data_type: int
     type_name: str
     bit_length: int
     description: str
     pdo_name: str
     entry_name: str
-    modifiers: tuple[str, ...]
-    scaling: str
+    modifiers: tuple[Code, ...]
+    scaling: Code
     scale: float
     offset: float
     unit: str
@@ -133,7 +136,7 @@ class Connector:
     conversion: str
     note: str
     values: tuple[Value, ...]
-    placement: str
+    placement: Code
     label: str
     label_extent: Extent | None
 
@@ -150,7 +153,7 @@ class Skipped:
         reason: Why it has no connector.
     """
 
-    address: str
+    address: Code
     entry_name: str
     type_name: str
     bit_length: int
@@ -192,8 +195,8 @@ class Block:
         rule: Line below the title, from point to point.
     """
 
-    name: str
-    instance: str
+    name: Code
+    instance: Code
     position: int
     kind: SlaveKind
     description: str
@@ -213,7 +216,7 @@ class Block:
     right: tuple[Connector, ...]
     variables: tuple[Connector, ...]
     icon: Extent
-    symbol: tuple[str, ...]
+    symbol: tuple[Code, ...]
     name_extent: Extent
     title_extent: Extent
     valid_extent: Extent
@@ -233,12 +236,12 @@ class Component:
         prefix: `inner` and a space, or nothing.
     """
 
-    class_name: str
-    name: str
-    modifiers: tuple[str, ...]
+    class_name: Code
+    name: Code
+    modifiers: tuple[Code, ...]
     description: str
     extent: Extent
-    prefix: str = ""
+    prefix: Code = NOTHING
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,10 +255,10 @@ class Connection:
         color: Colour of the line, as Modelica writes it.
     """
 
-    source: str
-    target: str
+    source: Code
+    target: Code
     points: tuple[Point, ...]
-    color: str
+    color: Code
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,10 +272,10 @@ class Variable:
         expression: Expression for its value.
     """
 
-    name: str
+    name: Code
     unit: str
     description: str
-    expression: str
+    expression: Code
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,15 +294,15 @@ class Example:
         interval: Time between two results in s.
     """
 
-    name: str
+    name: Code
     description: str
     paragraphs: tuple[str, ...]
     components: tuple[Component, ...]
     connections: tuple[Connection, ...]
     variables: tuple[Variable, ...]
     diagram: Extent
-    stop_time: str
-    interval: str
+    stop_time: Code
+    interval: Code
 
 
 @dataclass(frozen=True, slots=True)
@@ -318,10 +321,10 @@ class DriveLine:
         offset: See scale.
     """
 
-    drive: str
-    slave: str
-    conversion: str
-    class_name: str
+    drive: Code
+    slave: Code
+    conversion: Code
+    class_name: Code
     size: Extent
     origin: Point
     rotation: int
@@ -339,9 +342,9 @@ class DriveParameter:
         value: Its value.
     """
 
-    name: str
-    member: str
-    value: str
+    name: Code
+    member: Code
+    value: Code
 
 
 @dataclass(frozen=True, slots=True)
@@ -370,18 +373,18 @@ class Drive:
         diagram: Extent of the diagram.
     """
 
-    name: str
-    instance: str
+    name: Code
+    instance: Code
     title: str
     description: str
     block: Block
-    mode: str
-    modes: tuple[str, ...]
-    modifiers: tuple[str, ...]
+    mode: Code
+    modes: tuple[Code, ...]
+    modifiers: tuple[Code, ...]
     parameters: tuple[DriveParameter, ...]
     mode_object: int
-    entries: str
-    missing: tuple[tuple[str, str], ...]
+    entries: Code
+    missing: tuple[tuple[Code, str], ...]
     writes: tuple[DriveLine, ...]
     reads: tuple[DriveLine, ...]
     unused: tuple[Connector, ...]
@@ -408,13 +411,13 @@ class Vector:
         label_extent: Place of the label.
     """
 
-    name: str
+    name: Code
     kind: Kind
-    class_name: str
-    dimension: str
-    modifiers: tuple[str, ...]
+    class_name: Code
+    dimension: Code
+    modifiers: tuple[Code, ...]
     description: str
-    members: tuple[str, ...]
+    members: tuple[Code, ...]
     place: Extent
     diagram_place: Extent
     label: str
@@ -446,8 +449,8 @@ class Channels:
         diagram: Extent of the diagram.
     """
 
-    name: str
-    instance: str
+    name: Code
+    instance: Code
     title: str
     description: str
     block: Block
@@ -455,7 +458,7 @@ class Channels:
     left: tuple[Vector, ...]
     right: tuple[Vector, ...]
     icon: Extent
-    symbol: tuple[str, ...]
+    symbol: tuple[Code, ...]
     name_extent: Extent
     title_extent: Extent
     valid_label: Extent
@@ -485,11 +488,11 @@ class Library:
         examples: Example models.
     """
 
-    name: str
+    name: Code
     description: str
     bus: str
     cycle_time_us: int
-    fingerprint: str
+    fingerprint: Code
     command: str
     version: str
     blocks: tuple[Block, ...]

@@ -15,6 +15,7 @@ from functools import lru_cache
 
 from ecatd.model.errors import UsageError
 
+from .text import Code, identifier
 from .words import WORDS
 
 MAX_LENGTH = 48
@@ -35,7 +36,7 @@ _LETTERS = str.maketrans(
 )
 
 
-def library_name(name: str) -> str:
+def library_name(name: str) -> Code:
     """Returns the name after checking that a Modelica library can have it.
 
     Raises:
@@ -51,7 +52,7 @@ def library_name(name: str) -> str:
         raise UsageError(f"'{name}' is a word of the languages Modelica or C: choose another name")
     if name.casefold() in {library.casefold() for library in FOREIGN_LIBRARIES}:
         raise UsageError(f"'{name}' is the name of another Modelica library: choose another one")
-    return name
+    return identifier(name)
 
 
 def class_name(text: str, fallback: str) -> str:
@@ -91,7 +92,7 @@ def instance_name(class_: str) -> str:
 
 def connector_names(
     entries: Sequence[tuple[str, str, str]], reserved: Iterable[str] = ()
-) -> list[str]:
+) -> list[Code]:
     """Makes names for the entries of one slave, which depend only on these entries.
 
     Args:
@@ -132,7 +133,7 @@ class Namespace:
         """Whether the name is neither reserved nor taken."""
         return name.casefold() not in self._reserved | self._taken
 
-    def take(self, name: str) -> str:
+    def take(self, name: str) -> Code:
         """Takes and returns the name; if it is not free, adds the suffix or a counter from 2 on."""
         if name.casefold() in self._reserved:
             name += self._suffix
@@ -141,7 +142,7 @@ class Namespace:
             count += 1
             free = f"{name}_{count}"
         self._taken.add(free.casefold())
-        return free
+        return identifier(free)
 
 
 def _words(text: str) -> list[str]:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from pathlib import Path
 
 from jinja2 import (
     ChoiceLoader,
-    Environment,
     FileSystemLoader,
     PackageLoader,
     PrefixLoader,
-    StrictUndefined,
     TemplateNotFound,
     TemplateSyntaxError,
 )
@@ -22,36 +20,30 @@ from ecatd.model.errors import ConfigError
 from ecatd.model.text_file import read_text
 
 from . import text
+from .environment import CheckedEnvironment
 from .ir import Library
 
 OURS = "ecatgen"
 """The folder name with which a template of the user includes a built-in template."""
 
-FILTERS = {
+FILTERS: dict[str, Callable[..., text.Code]] = {
     "string": text.modelica_string,
     "html": text.modelica_html,
     "integer": text.modelica_integer,
     "c_string": text.c_string,
     "c_comment": text.c_comment,
+    "identifier": text.identifier,
     "modification": text.modification,
 }
 
 
 @cache
-def _environment(folders: tuple[Path, ...] = ()) -> Environment:
+def _environment(folders: tuple[Path, ...] = ()) -> CheckedEnvironment:
     ours = PackageLoader("ecatgen", "templates")
-    environment = Environment(
-        loader=ChoiceLoader(
-            [*(FileSystemLoader(folder) for folder in folders), ours, PrefixLoader({OURS: ours})]
-        ),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,  # the filters escape for the language of each place
-        auto_reload=False,
+    loader = ChoiceLoader(
+        [*(FileSystemLoader(folder) for folder in folders), ours, PrefixLoader({OURS: ours})]
     )
-    environment.filters |= FILTERS
+    environment = CheckedEnvironment(loader, text.Language.DOCUMENTATION, FILTERS)
     _check(folders, ours.list_templates())
     return environment
 

@@ -8,11 +8,12 @@ from collections.abc import Collection, Iterator
 from ecatd.model.bus import Slave
 
 from .ir import Kind, Point, SlaveKind
+from .text import Code
 
 _CONTROL_WORD, _STATUS_WORD = (0x6040, 0), (0x6041, 0)
 _COUPLER = re.compile(r"(EK|BK|CU|EPP?9|EKM)[0-9]|.*(coupler|junction)", re.IGNORECASE)
 
-_DARK, _FILL = "{64, 64, 64}", "{95, 158, 160}"
+_DARK, _FILL = Code("{64, 64, 64}"), Code("{95, 158, 160}")
 
 
 def slave_kind(slave: Slave, writes: Collection[Kind], reads: Collection[Kind]) -> SlaveKind:
@@ -42,7 +43,7 @@ def _has(slave: Slave, address: tuple[int, int], *, outputs: bool) -> bool:
     )
 
 
-def symbol(kind: SlaveKind, corner: Point) -> tuple[str, ...]:
+def symbol(kind: SlaveKind, corner: Point) -> tuple[Code, ...]:
     """Returns the Modelica graphics of the symbol for a kind of slave.
 
     Args:
@@ -65,26 +66,27 @@ class _Pen:
     def __init__(self, corner: Point) -> None:
         self._corner = corner
 
-    def _points(self, *points: tuple[int, int]) -> str:
+    def _points(self, *points: tuple[int, int]) -> Code:
         x, y = self._corner.x, self._corner.y
-        return f"{{{', '.join(str(Point(x + dx, y + dy)) for dx, dy in points)}}}"
+        return Code("{%s}") % Code(", ").join(Point(x + dx, y + dy) for dx, dy in points)
 
-    def line(self, *points: tuple[int, int], smooth: bool = False) -> str:
-        more = ", smooth = Smooth.Bezier" if smooth else ""
-        return f"Line(points = {self._points(*points)}, color = {_DARK}{more})"
+    def line(self, *points: tuple[int, int], smooth: bool = False) -> Code:
+        more = Code(", smooth = Smooth.Bezier" if smooth else "")
+        return Code("Line(points = %s, color = %s%s)") % (self._points(*points), _DARK, more)
 
-    def polygon(self, *points: tuple[int, int]) -> str:
-        return f"Polygon(points = {self._points(*points)}, {self._filled()})"
+    def polygon(self, *points: tuple[int, int]) -> Code:
+        return Code("Polygon(points = %s, %s)") % (self._points(*points), self._filled())
 
-    def rectangle(self, a: tuple[int, int], b: tuple[int, int]) -> str:
-        return f"Rectangle(extent = {self._points(a, b)}, {self._filled()})"
+    def rectangle(self, a: tuple[int, int], b: tuple[int, int]) -> Code:
+        return Code("Rectangle(extent = %s, %s)") % (self._points(a, b), self._filled())
 
     @staticmethod
-    def _filled() -> str:
-        return f"lineColor = {_DARK}, fillColor = {_FILL}, fillPattern = FillPattern.Solid"
+    def _filled() -> Code:
+        form = Code("lineColor = %s, fillColor = %s, fillPattern = FillPattern.Solid")
+        return form % (_DARK, _FILL)
 
 
-def _drive(pen: _Pen) -> Iterator[str]:
+def _drive(pen: _Pen) -> Iterator[Code]:
     """Draws a motor, seen from the side."""
     yield pen.rectangle((2, 8), (22, 26))
     for y in (12, 17, 22):
@@ -93,7 +95,7 @@ def _drive(pen: _Pen) -> Iterator[str]:
     yield pen.polygon((4, 4), (20, 4), (18, 8), (6, 8))
 
 
-def _coupler(pen: _Pen) -> Iterator[str]:
+def _coupler(pen: _Pen) -> Iterator[Code]:
     """Draws a bus that continues on both sides."""
     yield pen.line((0, 8), (32, 8))
     for x in (2, 12, 22):
@@ -101,14 +103,14 @@ def _coupler(pen: _Pen) -> Iterator[str]:
         yield pen.rectangle((x, 16), (x + 8, 26))
 
 
-def _chip(pen: _Pen) -> Iterator[str]:
+def _chip(pen: _Pen) -> Iterator[Code]:
     """Draws an electronic device."""
     for y in (10, 16, 22):
         yield pen.line((2, y), (30, y))
     yield pen.rectangle((7, 5), (25, 27))
 
 
-def _waveform(pen: _Pen, kind: SlaveKind) -> Iterator[str]:
+def _waveform(pen: _Pen, kind: SlaveKind) -> Iterator[Code]:
     """Draws a waveform with an arrow: on the left for outputs, on the right for inputs."""
     if kind.startswith("digital"):
         points = ((7, 6), (11, 6), (11, 26), (18, 26), (18, 6), (25, 6), (25, 26))

@@ -11,6 +11,7 @@ from ecatd.model.pdo import Entry, Pdo, Value
 _LARGE = 1.7e308
 
 _names = st.text(max_size=8)
+_letters = st.text('µ°Ω"*/\\ ?', max_size=7)  # printable, as units of the configuration are
 _indices = st.sampled_from([0, 0x6040, 0x6041, 0x6060, 0x607A, 0x60FF, 0x606C, 0x6000, 0x7000])
 _entries = st.builds(
     Entry,
@@ -19,13 +20,13 @@ _entries = st.builds(
     name=_names,
     data_type=st.sampled_from([*map(int, DataType), 0x0800, 0xFFFF]),
     bit_length=st.sampled_from([0, 1, 2, 7, 8, 16, 31, 32, 33, 64, 65, 255]),
-    unit=st.sampled_from(["", "V", "rad/s", "%", "nonsense", '"']) | _names,
+    unit=st.sampled_from(["", "V", "rad/s", "%", "nonsense", '"', "*/"]) | _letters,
     scale=st.floats(-_LARGE, _LARGE).filter(bool),
     offset=st.floats(-_LARGE, _LARGE),
     minimum=st.none() | st.floats(-_LARGE, 0),
     maximum=st.none() | st.floats(0, _LARGE),
-    display_unit=st.sampled_from(["", "deg"]) | _names,
-    quantity=st.sampled_from(["", "Angle"]) | _names,
+    display_unit=st.sampled_from(["", "deg", "rad/s2"]),
+    quantity=st.sampled_from(["", "Angle"]),
     values=st.lists(st.builds(Value, st.integers(-5, 5), _names), max_size=2),
     note=_names,
     connector=st.booleans(),

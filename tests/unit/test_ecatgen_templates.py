@@ -24,7 +24,9 @@ def written(folder: Path, name: str, text: str) -> list[Path]:
 
 def test_a_template_of_the_user_replaces_ours_and_no_other(tmp_path: Path) -> None:
     ours = render(LIBRARY)
-    theirs = render(LIBRARY, written(tmp_path, "users_guide.mo.j2", "{{ library.bus }} only\n"))
+    theirs = render(
+        LIBRARY, written(tmp_path, "users_guide.mo.j2", "{{ library.bus | html }} only\n")
+    )
     assert theirs["UsersGuide.mo"] == b"ecat0 only\n"
     assert {path for path in ours if ours[path] != theirs[path]} == {"UsersGuide.mo"}
 

@@ -14,6 +14,7 @@ from ecatd.version import VERSION
 
 from .. import names
 from ..ir import Block, Connector, Library
+from ..text import NOTHING, Code, identifier, table_text, table_word
 from . import common_variables as common
 from .ir import Attributes, Fmu, Slave, Unknown, Variable
 from .units import units
@@ -161,11 +162,11 @@ class _Builder:
         }
         for item in common.OF_SLAVES:
             yield self._variable(
-                (f"{instance}.{item.name}", f"{block.slave_label}: {item.description}"),
+                (_member(instance, item.name), f"{block.slave_label}: {item.description}"),
                 "output",
                 item.name,
                 self._fixed(item),
-                str(number),
+                Code(" %d") % number,
             )
         for outputs, connectors in ((True, block.writes), (False, block.reads)):
             for connector in connectors:
@@ -179,12 +180,18 @@ class _Builder:
         self, number: int, instance: str, connector: Connector, entry: Entry, *, outputs: bool
     ) -> Variable:
         numbers = (connector.scale, connector.offset, *map(float, entry.raw_range()))
-        place = (
-            f"{number} {entry.index:04x} {entry.subindex:02x} {entry.data_type:04x} "
-            f"{entry.bit_length} {' '.join(map(_bits, numbers))} {connector.unit_name}"
+        unit = table_text(connector.unit_name)
+        place = Code(" %d %04x %02x %04x %d %s%s") % (
+            number,
+            entry.index,
+            entry.subindex,
+            entry.data_type,
+            entry.bit_length,
+            Code(" ").join(map(_bits, numbers)),
+            Code(" %s") % unit if unit else NOTHING,
         )
         return self._variable(
-            (f"{instance}.{connector.name}", connector.description),
+            (_member(instance, connector.name), connector.description),
             "input" if outputs else "output",
             "input" if outputs else "output",
             self._value(connector, entry, start=outputs),
@@ -239,12 +246,17 @@ class _Builder:
         return (("start", self._bus.name),) if self._fmi == 2 else ()
 
     def _variable(
-        self, text: tuple[str, str], causality: str, role: str, value: _Value, place: str = ""
+        self,
+        text: tuple[str, str],
+        causality: str,
+        role: str,
+        value: _Value,
+        place: Code = NOTHING,
     ) -> Variable:
         name, description = text
         variability = {"parameter": "fixed", "independent": "continuous"}.get(causality, "discrete")
         access = "Real" if value.access in _FLOAT.values() else value.access
-        row = f"variable {access} {role} {_start(value)} {name} {place}".rstrip()
+        words = (identifier(access), identifier(role), _start(value), table_word(name), place)
         is_text = value.element == "String"
         attributes = {
             "name": name,
@@ -259,15 +271,19 @@ class _Builder:
             name=name,
             description=description,
             causality=causality,
-            element=value.element,
+            element=identifier(value.element),
             attributes=tuple(attributes.items()),
             type_attributes=self._start_of_text() if is_text else value.attributes(),
             start_texts=(self._bus.name,) if is_text and self._fmi == 3 else (),
             unit=value.unit,
             kind=value.declared or value.element,
             limits=value.limits(),
-            row=row,
+            row=Code("variable %s %s %s %s%s") % words,
         )
+
+
+def _member(instance: str, name: str) -> str:
+    return f"{instance}.{name}"
 
 
 def _sized(entry: Entry) -> str:
@@ -297,16 +313,16 @@ def _below(value: float | int) -> float:
     return math.nextafter(nearest, -math.inf) if nearest > value else nearest
 
 
-def _bits(value: float) -> str:
+def _bits(value: float) -> Code:
     """Returns the IEEE 754 bits of a number as 16 hexadecimal digits."""
-    return struct.pack(">d", value).hex()
+    return Code("%016x") % int.from_bytes(struct.pack(">d", value), "big")
 
 
-def _start(value: _Value) -> str:
+def _start(value: _Value) -> Code:
     if value.access == "String":
-        return "-"
+        return Code("-")
     start = value.start or (1 if value.declared else 0)  # enumerations begin at 1
-    return _bits(float(start)) if value.access in _FLOAT.values() else str(int(start))
+    return _bits(float(start)) if value.access in _FLOAT.values() else Code("%d") % int(start)
 
 
 def _number(value: float | int | bool) -> str:

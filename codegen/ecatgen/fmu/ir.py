@@ -1,11 +1,13 @@
 """The contents of an FMU. All decisions are made here; templates only write files from them.
 
-Texts are plain here: the templates escape them for XML and HTML.
+A `str` is plain: the templates escape it for XML, HTML and the table. `Code` is written as it is.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+from ..text import Code
 
 Attributes = tuple[tuple[str, str], ...]
 """Names and values of XML attributes, in the order in which they are written."""
@@ -73,14 +75,14 @@ class Variable:
     name: str
     description: str
     causality: str
-    element: str
+    element: Code
     attributes: Attributes
     type_attributes: Attributes
     start_texts: tuple[str, ...]
     unit: str
     kind: str
     limits: str
-    row: str
+    row: Code
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +153,7 @@ class Fmu:
     token: str
     tool: str
     bus: str
-    fingerprint: str
+    fingerprint: Code
     command: str
     step_size: str
     unit_groups: tuple[tuple[Unit, ...], ...]

@@ -2,38 +2,31 @@
 
 from __future__ import annotations
 
-import html
+from collections.abc import Callable
+from functools import cache
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import PackageLoader
 
-from ..text import one_line
-from .ir import Attributes, Fmu
+from .. import text
+from ..environment import CheckedEnvironment
+from .ir import Fmu
+
+_FILTERS: dict[str, Callable[..., text.Code]] = {
+    "xml": text.xml,
+    "attributes": text.xml_attributes,
+    "text": text.table_text,
+    "word": text.table_word,
+}
 
 
-def _escaped(text: str) -> str:
-    return html.escape(one_line(text))
-
-
-def _attributes(attributes: Attributes) -> str:
-    return "".join(f' {name}="{_escaped(value)}"' for name, value in attributes)
-
-
-def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("ecatgen.fmu", "templates"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,  # the filters below escape for the language of each place
-    )
-    environment.filters |= {"xml": _escaped, "attributes": _attributes, "line": one_line}
-    return environment
+@cache
+def _environment() -> CheckedEnvironment:
+    loader = PackageLoader("ecatgen.fmu", "templates")
+    return CheckedEnvironment(loader, text.Language.XML, _FILTERS)
 
 
 def render(fmu: Fmu) -> dict[str, bytes]:
     """Returns the files that differ between FMUs, by their path in the FMU."""
-    environment = _environment()
     files = {
         "modelDescription.xml": f"fmi{fmu.fmi}.xml.j2",
         "resources/plant.txt": "plant.txt.j2",
@@ -43,6 +36,6 @@ def render(fmu: Fmu) -> dict[str, bytes]:
         files["sources/buildDescription.xml"] = "build.xml.j2"
         files["terminalsAndIcons/terminalsAndIcons.xml"] = "terminals.xml.j2"
     return {
-        path: environment.get_template(template).render(fmu=fmu).encode()
+        path: _environment().get_template(template).render(fmu=fmu).encode()
         for path, template in files.items()
     }

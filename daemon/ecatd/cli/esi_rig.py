@@ -5,7 +5,6 @@ Modules of a device with slots follow it in brackets in a list, as in `Island[DI
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -13,7 +12,9 @@ from pathlib import Path
 
 from ecatd.esi import EsiChoice, choose, list_devices
 from ecatd.model.config import POSITION_MAX, load_config
+from ecatd.model.config.writer import value_text
 from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.quoting import toml_string
 from ecatd.model.text_file import read_text
 
 from .esi_devices import esi_files
@@ -90,11 +91,11 @@ def rig(sources: Sequence[str], wanted: Sequence[Wanted]) -> str:
         path, choice = _find(item, files)
         lines += item.count * [
             "[[slave]]",
-            f"esi = {json.dumps(str(path.absolute()), ensure_ascii=False)}",
-            f"type = {json.dumps(choice.type, ensure_ascii=False)}",
+            f"esi = {toml_string(str(path.absolute()))}",
+            f"type = {toml_string(choice.type)}",
             f"product = {choice.product}",
             f"revision = {choice.revision}",
-            f"modules = {json.dumps(item.modules, ensure_ascii=False)}",
+            f"modules = {value_text('modules', item.modules)}",
             *(f"{key} = {number}" for key, number in item.place.items()),
         ]
     return "\n".join(lines) + "\n"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ from ecatd.model.al import al_state_text
 from ecatd.model.bus import Bus
 from ecatd.model.errors import UsageError
 from ecatd.model.port_errors import PORT_ORDER, SlaveErrors, links_with_errors
+from ecatd.model.quoting import printable
 
 from .output import print_json
 from .saving import save
@@ -124,10 +124,15 @@ def _lines(roots: list[Node]) -> Iterator[str]:
         yield cells.rstrip()
 
 
+def _dot_text(text: str) -> str:
+    """Text inside a string of Graphviz."""
+    return printable(text).replace("\\", "\\\\").replace('"', '\\"')
+
+
 def _dot(bus: Bus, roots: list[Node]) -> str:
     """The tree in the language of Graphviz."""
     lines = [
-        f"digraph {json.dumps(bus.name)} {{",
+        f'digraph "{_dot_text(bus.name)}" {{',
         "  rankdir=LR;",
         '  node [shape=box, style=filled, fillcolor="white", fontname="sans-serif"];',
         '  edge [dir=none, fontname="sans-serif", fontsize=10];',
@@ -136,7 +141,7 @@ def _dot(bus: Bus, roots: list[Node]) -> str:
     for node in _all(roots):
         words = [f"{node.position} {node.name}", node.state or "no answer", node.delay_text]
         words += [f"port {port}: {errors_text(errors)}" for port, errors in node.loose]
-        label = "\\n".join(word.replace("\\", "\\\\").replace('"', '\\"') for word in words if word)
+        label = "\\n".join(_dot_text(word) for word in words if word)
         color = "white" if node.state == "OP" else "mistyrose"
         lines.append(f'  s{node.position} [label="{label}", fillcolor="{color}"];')
     before = {item.position: node.position for node in _all(roots) for item in node.behind}

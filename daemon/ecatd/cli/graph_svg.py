@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from html import escape
+
+from ecatd.model.quoting import xml_text
 
 from .slave_tree import Node, rows
 
@@ -37,10 +38,10 @@ def svg_text(name: str, roots: list[Node]) -> str:
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
         f'viewBox="0 0 {width} {height}" role="img">',
-        f"<title>EtherCAT bus {escape(name)}</title>",
+        f"<title>EtherCAT bus {xml_text(name)}</title>",
         f"<style>{_STYLE}</style>",
         f'<rect x="{_MARGIN}" y="{_MARGIN}" width="{_WIDTH}" height="{_HEIGHT}"/>',
-        f'<text x="{_MARGIN + 10}" y="{_MARGIN + 25}">master, bus {escape(name)}</text>',
+        f'<text x="{_MARGIN + 10}" y="{_MARGIN + 25}">master, bus {xml_text(name)}</text>',
     ]
     for x, y, node in placed:
         start = at.get(before.get(node.position, -1), (_MARGIN, _MARGIN))
@@ -64,12 +65,12 @@ def _link(start: tuple[int, int], end: tuple[int, int], node: Node) -> Iterator[
 def _box(x: int, y: int, node: Node) -> Iterator[str]:
     kind = "op" if node.state == "OP" else "not-op"
     yield f'<rect class="{kind}" x="{x}" y="{y}" width="{_WIDTH}" height="{_HEIGHT}" rx="3"/>'
-    yield f'<text x="{x + 10}" y="{y + 17}">{node.position} {escape(node.name)}</text>'
+    yield f'<text x="{x + 10}" y="{y + 17}">{node.position} {xml_text(node.name)}</text>'
     port = "" if node.port is None else f"at port {node.port}"
     facts = " · ".join(filter(None, (node.state or "no answer", port, node.delay_text)))
-    yield f'<text class="small" x="{x + 10}" y="{y + 33}">{escape(facts)}</text>'
+    yield f'<text class="small" x="{x + 10}" y="{y + 33}">{xml_text(facts)}</text>'
     if node.all_errors:
         yield (
             f'<text class="small bad" x="{x + _WIDTH - 10}" y="{y + 33}" text-anchor="end">'
-            f"{escape(node.all_errors)}</text>"
+            f"{xml_text(node.all_errors)}</text>"
         )

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import STRINGS, DataType
 from ecatd.model.pdo import Entry, Pdo
+from ecatd.model.quoting import printable
 from ecatd.model.sii import UNASSIGNED
 
 from .dictionary import type_in_esi
@@ -24,7 +26,10 @@ def bus_document(bus: Bus, version: str) -> str:
         version: Version of the program that writes it.
     """
     root = Element("EtherCATInfoList")
-    root.append(ElementTree.Comment(f" bus {bus.name}, written by ecatctl {version} "))
+    about = f" bus {bus.name}, written by ecatctl {version} "
+    root.append(
+        ElementTree.Comment(re.sub("-(?=-)", "- ", printable(about)))
+    )  # XML has no -- there
     for slave in bus.slaves:
         root.append(_slave(slave))
     ElementTree.indent(root)
@@ -40,7 +45,7 @@ def _slave(slave: Slave) -> Element:
         "Type",
         {"ProductCode": f"#x{slave.product:08X}", "RevisionNo": f"#x{slave.revision:08X}"},
     )
-    kind.text = _xml(slave.name)
+    kind.text = printable(slave.name)
     _text(device, "Name", slave.given_name or slave.name)
     for usage in _sync_managers(slave):
         SubElement(device, "Sm").text = usage
@@ -79,7 +84,7 @@ def _entry(entry: Entry) -> Element:
     _text(element, "Name", entry.name)
     _text(element, "DataType", _type(entry))
     if entry.is_physical:
-        meaning = {"Unit": _xml(entry.unit), "Scale": f"{entry.scale:.17g}"}
+        meaning = {"Unit": printable(entry.unit), "Scale": f"{entry.scale:.17g}"}
         SubElement(element, "Meaning", {**meaning, "Offset": f"{entry.offset:.17g}"})
     return element
 
@@ -93,9 +98,4 @@ def _type(entry: Entry) -> str:
 
 
 def _text(parent: Element, tag: str, text: str) -> None:
-    SubElement(parent, tag).text = _xml(text)
-
-
-def _xml(text: str) -> str:
-    """Leaves out letters that XML cannot have; a slave may send any."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)
+    SubElement(parent, tag).text = printable(text)

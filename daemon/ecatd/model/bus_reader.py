@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from .bus import SCHEMA, Bus, Domain, Module, Slave
 from .bus_name import BUS_NAME, BUS_NAME_RULE
 from .config import DOMAINS_MAX, POSITION_MAX
+from .config.domains import NAME_BYTES as _DOMAIN_NAME_BYTES
+from .config.signals import NAME_BYTES, UNIT_BYTES
+from .config.slave_settings import SLAVE_NAME_RULE, is_slave_name
 from .datatypes import bit_length, is_real, type_name
 from .errors import UsageError
 from .pdo import Entry, Pdo, Value
+from .units import is_unit
 
 _U8, _U16, _U32, _I64 = 0xFF, 0xFFFF, 0xFFFF_FFFF, (1 << 63) - 1
 _TEXT_MAX = 4096
@@ -104,6 +109,32 @@ def _bus_name(value: Any) -> str:
     raise _WrongError(f"is {_shown(value)}, but a bus name {BUS_NAME_RULE}")
 
 
+def _rule(is_valid: Callable[[str], bool], rule: str) -> Check:
+    """A text that is empty, or keeps a rule: that of the configuration, where it comes from."""
+
+    def check(value: Any) -> str:
+        if not _text(value) or is_valid(value):
+            return str(value)
+        raise _WrongError(f"is {_shown(value)}, but must {rule}")
+
+    return check
+
+
+def _printable(most: int) -> Check:
+    return _rule(
+        lambda text: text.isprintable() and len(text.encode("utf-8", "replace")) <= most,
+        f"be printable and at most {most} bytes long in UTF-8",
+    )
+
+
+def _is_quantity(text: str) -> bool:
+    return text.isascii() and text.isidentifier()
+
+
+def _is_group(text: str) -> bool:
+    return is_slave_name(text) or bool(re.fullmatch(r"slave [0-9]{1,5}", text))
+
+
 def _truth(value: Any) -> bool:
     if type(value) is bool:
         return value
@@ -155,19 +186,21 @@ _ENTRY: dict[str, Check] = {
     "name": _text,
     "data_type": _integer(0, _U16),
     "bit_length": _integer(0, _U8),
-    "unit": _text,
+    "unit": _printable(UNIT_BYTES),
     "scale": _scale,
     "offset": _number,
     "minimum": _limit,
     "maximum": _limit,
-    **dict.fromkeys(("display_unit", "quantity", "note"), _text),
+    "display_unit": _rule(is_unit, "be a unit in the notation of Modelica, such as 'rad/s'"),
+    "quantity": _rule(_is_quantity, "be the name of a quantity, such as 'AngularVelocity'"),
+    "note": _text,
     "connector": _truth,
     "safe": _safe,
 }
-_MODULE: dict[str, Check] = {"ident": _integer(0, _U32), "name": _text}
+_MODULE: dict[str, Check] = {"ident": _integer(0, _U32), "name": _printable(NAME_BYTES)}
 _VALUE: dict[str, Check] = {"number": _integer(-_I64, _I64), "name": _text}
 _DOMAIN: dict[str, Check] = {
-    "name": _text,
+    "name": _printable(_DOMAIN_NAME_BYTES),
     "divider": _integer(1, _U16),
     "phase": _integer(0, _U16 - 1),
 }
@@ -211,8 +244,8 @@ class _Reader:
             **dict.fromkeys(("coe", "eoe"), _truth),
             "problems": lambda value: _list(value, _PROBLEMS_MAX, lambda _, item: _text(item)),
             "profiles": lambda value: _list(value, _PROFILES_MAX, lambda _, item: _text(item)),
-            "given_name": _text,
-            "group": _text,
+            "given_name": _rule(is_slave_name, SLAVE_NAME_RULE),
+            "group": _rule(_is_group, SLAVE_NAME_RULE),
             "modules": lambda value: _list(value, _MODULES_MAX, self._module),
             "outputs": self._pdos,
             "inputs": self._pdos,

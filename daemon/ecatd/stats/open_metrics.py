@@ -12,6 +12,7 @@ from ecatd.model.al import AlState
 from ecatd.model.bus import display_name
 from ecatd.model.errors import EcatError
 from ecatd.model.health import Health, required
+from ecatd.model.quoting import printable
 
 from .problems import find_problems, is_exchanged
 from .snapshot import DOMAIN_COUNTERS, Histogram, Snapshot
@@ -206,4 +207,4 @@ def _sample(name: str, labels: Mapping[str, str], value: float) -> str:
 
 
 def _escape(text: str) -> str:
-    return text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+    return printable(text).replace("\\", "\\\\").replace('"', '\\"')

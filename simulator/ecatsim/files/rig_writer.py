@@ -20,6 +20,7 @@ from ecatd.model.datatypes import (
 from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.errors import ConfigError
 from ecatd.model.pdo import Entry, Pdo
+from ecatd.model.quoting import printable, toml_string
 
 from ..capture import CapturedSlave, Upload, topology
 from ..chip import Chip, from_registers
@@ -44,9 +45,9 @@ def rig_text(name: str, slaves: Sequence[CapturedSlave]) -> str:
         slaves: The captured slaves.
     """
     places = topology([slave.dl_status for slave in slaves])
-    lines = ["# Written by `ecatsim capture`.", f"name = {_text(name)}"]
+    lines = ["# Written by `ecatsim capture`.", f"name = {toml_string(name)}"]
     for slave, (parent, port) in zip(slaves, places, strict=True):
-        lines += ["", "[[slave]]", f"# {slave.position}: {_comment(slave.name)}"]
+        lines += ["", "[[slave]]", f"# {slave.position}: {printable(slave.name)}"]
         if slave.position:
             ports = slaves[parent].chip[_PORT_DESCRIPTOR]
             known = slave.chip[_PORT_DESCRIPTOR] & 3 >= _EBUS and ports >> 2 * port & 3 >= _EBUS
@@ -57,12 +58,12 @@ def rig_text(name: str, slaves: Sequence[CapturedSlave]) -> str:
 
 
 def _slave(slave: CapturedSlave) -> Iterator[str]:
-    yield from (f"# not captured: {_comment(note)}" for note in slave.notes)
+    yield from (f"# not captured: {printable(note)}" for note in slave.notes)
     source = f"slave {slave.position}"
     try:
         base = device_from_sii(slave.sii, source)
     except ConfigError as error:
-        yield f"# {_comment(error)}"
+        yield f"# {printable(str(error))}"
         yield "strict = false"
         base = device_from_sii(slave.sii, source, strict=False)
     encoded = base64.b64encode(slave.sii).decode()
@@ -111,7 +112,7 @@ def _pdo(pdo: Pdo) -> Iterator[str]:
     yield ""
     yield "[[slave.pdo]]"
     yield f"index = 0x{pdo.index:04X}"
-    yield f"name = {_text(pdo.name)}"
+    yield f"name = {toml_string(pdo.name)}"
     if pdo.sync_manager == UNASSIGNED:
         yield "assigned = false"
     else:
@@ -121,17 +122,17 @@ def _pdo(pdo: Pdo) -> Iterator[str]:
 
 def _pdo_entry(entry: Entry) -> str:
     if entry.is_gap:
-        return f"{{ gap = {entry.bit_length}, name = {_text(entry.name)} }}"
+        return f"{{ gap = {entry.bit_length}, name = {toml_string(entry.name)} }}"
     place = f"index = 0x{entry.index:04X}, subindex = {entry.subindex}"
     kind = f"type = {_type(entry.data_type)}, bits = {entry.bit_length}"
-    return f"{{ {place}, name = {_text(entry.name)}, {kind} }}"
+    return f"{{ {place}, name = {toml_string(entry.name)}, {kind} }}"
 
 
 def _object(item: DictionaryObject, slave: CapturedSlave) -> Iterator[str]:
     yield ""
     yield "[[slave.object]]"
     yield f"index = 0x{item.index:04X}"
-    yield f"name = {_text(item.name)}"
+    yield f"name = {toml_string(item.name)}"
     codes = {int(code): word for word, code in CODES.items()}
     rows = {
         subindex: _members(entry, slave.values.get((item.index, subindex), Upload()))
@@ -149,7 +150,7 @@ def _object(item: DictionaryObject, slave: CapturedSlave) -> Iterator[str]:
     yield from _list(
         "entry",
         (
-            f"{{ subindex = {subindex}, name = {_text(names[subindex])}, {', '.join(row)} }}"
+            f"{{ subindex = {subindex}, name = {toml_string(names[subindex])}, {', '.join(row)} }}"
             for subindex, row in rows.items()
         ),
     )
@@ -164,7 +165,7 @@ def _unreadable(
     if upload.abort and not (upload.abort == WRITE_ONLY and not entry.access & Access.READ):
         reason = f"0x{upload.abort:08X}, {abort_text(upload.abort)}"
     if reason:
-        yield f"# 0x{item.index:04X}:{subindex:02X} cannot be read: {_comment(reason)}"
+        yield f"# 0x{item.index:04X}:{subindex:02X} cannot be read: {printable(reason)}"
 
 
 def _members(entry: DictionaryEntry, upload: Upload) -> list[str]:
@@ -205,7 +206,7 @@ def _value(entry: DictionaryEntry, data: bytes) -> str:
     except Exception:  # the length does not fit the type
         return raw
     if kind == DataType.VISIBLE_STRING and 8 * len(data) <= bits:
-        return f"value = {_text(data.decode('latin-1'))}"
+        return f"value = {toml_string(data.decode('latin-1'))}"
     if kind == DataType.OCTET_STRING and 8 * len(data) <= bits:
         return f'value = "{data.hex(" ")}"'
     if not same or not bit_length(kind):
@@ -241,13 +242,3 @@ def _list(key: str, rows: Iterable[str]) -> Iterator[str]:
     yield f"{key} = ["
     yield from (f"  {row}," for row in rows)
     yield "]"
-
-
-def _text(text: str) -> str:
-    """Converts a text to a TOML string."""
-    quoted = text.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04X}" for c in quoted) + '"'
-
-
-def _comment(text: object) -> str:
-    return "".join(c if c.isprintable() else " " for c in str(text))

@@ -44,6 +44,9 @@ _POLL_MIN_MS, _POLL_MAX_MS = 10, 60_000
 _NAME_BYTES = 31
 _MARKS = ("alias", "identification")
 _NAME = re.compile(r"[^\W\d][\w-]*")
+SLAVE_NAME_RULE = (
+    f"be a letter, then letters, digits, '_' and '-', at most {_NAME_BYTES} bytes in UTF-8"
+)
 
 
 @accepts(f"0 to {POSITION_MAX}")
@@ -61,10 +64,15 @@ def _file(table: Table, key: Key) -> str:
     return path
 
 
+def is_slave_name(name: str) -> bool:
+    """Whether a slave or a group of slaves can have this name."""
+    return bool(_NAME.fullmatch(name)) and len(name.encode()) <= _NAME_BYTES
+
+
 @accepts(f"a letter, then letters, digits, `_`, `-`; at most {_NAME_BYTES} bytes")
 def _name(table: Table, key: Key) -> str:
     name = table.text(key)
-    if (name and not _NAME.fullmatch(name)) or len(name.encode()) > _NAME_BYTES:
+    if name and not is_slave_name(name):
         table.fail(
             key,
             f"{show(name)} is no name for a {'group' if key == 'group' else 'slave'}: write a "
@@ -309,7 +317,7 @@ def _about(row: Table) -> str:
     for mark in _MARKS:
         if type(value := row.data.get(mark)) is int and 0 < value <= 0xFFFF:
             texts.append(f"{mark} {value}")
-    if isinstance(name, str) and _NAME.fullmatch(name) and len(name.encode()) <= _NAME_BYTES:
+    if isinstance(name, str) and is_slave_name(name):
         texts.append(name)
     return ", ".join(texts)
 

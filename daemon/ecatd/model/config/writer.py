@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator
@@ -15,6 +14,7 @@ from ..datatypes import STRINGS, parse_type
 from ..log_levels import DEFAULTS
 from ..modules import module_differences
 from ..pdo import Entry
+from ..quoting import printable, toml_string
 from .config import Config
 from .copies import ABSENT
 from .pdos import INPUT_PDOS, OUTPUT_PDOS
@@ -132,11 +132,11 @@ def _about(slave: Slave) -> Iterator[str]:
     parts += [f"station alias {slave.alias}"] if slave.alias else []
     parts += [f"identification {slave.identification}"] if slave.identification else []
     name = slave.name or "no order code"
-    yield f"# --- slave {slave.position}: {_plain(name)} ({', '.join(parts)})"
+    yield f"# --- slave {slave.position}: {printable(name)} ({', '.join(parts)})"
     for title, pdos in (("outputs", slave.outputs), ("inputs", slave.inputs)):
         for pdo in pdos:
             entries = [_entry(entry) for entry in pdo.entries if not entry.is_gap]
-            text = f"{title}, PDO 0x{pdo.index:04X} {_plain(pdo.name)}".rstrip()
+            text = f"{title}, PDO 0x{pdo.index:04X} {printable(pdo.name)}".rstrip()
             yield from _comment([f"{text}: {'; '.join(entries) or 'no entries'}"])
 
 
@@ -144,7 +144,7 @@ def _comment(texts: Iterable[str]) -> Iterator[str]:
     """Texts as lines of a comment."""
     for text in texts:
         yield from wrap(
-            _plain(text),
+            printable(text),
             _WIDTH,
             initial_indent="# ",
             subsequent_indent="#   ",
@@ -154,8 +154,8 @@ def _comment(texts: Iterable[str]) -> Iterator[str]:
 
 
 def _entry(entry: Entry) -> str:
-    unit = f" in {_plain(entry.unit)}" if entry.unit else ""
-    return f"{entry.address} {_plain(entry.name)}".rstrip() + unit
+    unit = f" in {printable(entry.unit)}" if entry.unit else ""
+    return f"{entry.address} {printable(entry.name)}".rstrip() + unit
 
 
 def _slave(
@@ -164,7 +164,7 @@ def _slave(
     identity = replace(
         settings,
         name=name,
-        type=_plain(slave.name).encode()[:NAME_BYTES].decode("utf-8", "ignore"),
+        type=printable(slave.name).encode()[:NAME_BYTES].decode("utf-8", "ignore"),
         vendor=slave.vendor,
         product=slave.product,
         revision_min=slave.revision if settings.revision is None else None,
@@ -231,7 +231,7 @@ def _modules(settings: SlaveConfig, slave: Slave) -> Iterator[ModuleConfig]:
         return
     for slot, module in enumerate(slave.modules, 1):
         if module.ident:
-            yield ModuleConfig(slot, module.ident, _plain(module.name))
+            yield ModuleConfig(slot, module.ident, printable(module.name))
 
 
 def _table(config: Config, name: str, names: dict[int, str], notes: Notes) -> Iterator[str]:
@@ -312,11 +312,6 @@ def value_text(key: str, value: Any) -> str:
     if isinstance(value, list):
         return f"[{', '.join(value_text(key, item) for item in value)}]"
     if isinstance(value, dict):
-        items = (f"{json.dumps(k)} = {value_text('', v)}" for k, v in value.items())
+        items = (f"{toml_string(k)} = {value_text('', v)}" for k, v in value.items())
         return f"{{ {', '.join(items)} }}"
-    return json.dumps(value, ensure_ascii=False)
-
-
-def _plain(text: str) -> str:
-    """A text from a slave on one line of a comment."""
-    return "".join(character if character.isprintable() else "?" for character in text)
+    return toml_string(str(value))
