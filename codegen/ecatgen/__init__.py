@@ -10,8 +10,9 @@ bus description -> build -> ir -> render (templates) -> output (files)
   `drive_units`: blocks in SI units around those of drives; `channels`: blocks with vectors
 - `placement`, `labels`, `symbols`, `font`: the layout of icons and diagrams; `examples`, `diagram`:
   example models
-- `build`: puts all parts together in the `ir`, from which templates write files (`render`), and only
-  what `text` has made of names for their language (`environment`); `generate`: goes all the way from the bus description to the folder
+- `build`: puts all parts together in the `ir`, from which templates write files (`render`), which
+  hold only what `text` has made for their language (`environment`); `generate`: goes all the way
+  from the bus description to the folder
 - `static_library`: the library EtherCAT; `output`: writes both libraries into a folder;
   `differences`: the changes since an earlier run
 - `fmu`: the same bus as an FMU; `c_header`: its process image as structs for C
