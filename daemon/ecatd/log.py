@@ -17,6 +17,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ecatd.model.log_levels import DEFAULTS, PARTS, Levels, level_of
+from ecatd.model.quoting import printable
+from ecatd.plain_output import error_text, plain_text
 
 _PRIORITIES = {"error": 3, "warning": 4, "notice": 5, "info": 6, "debug": 7}
 _PASSED_ON = _PRIORITIES["notice"]
@@ -197,7 +199,7 @@ class _Writer:
         told: str = "",
     ) -> None:
         """Writes a message, whatever the level of its part is."""
-        slaves = [*slaves]
+        text, told, slaves = plain_text(text), plain_text(told), [*slaves]
         if self.take is not None and _PRIORITIES[level] <= _PASSED_ON:
             self.take(level, part, told or text, event, slaves)
         if self._journal is not None:
@@ -207,11 +209,11 @@ class _Writer:
                 self._left_out += 1  # a journal that hangs must not stop the control of a bus
                 return
             except OSError:
-                line = f"<{_PRIORITIES[level]}>{text}\n"
+                line = f"<{_PRIORITIES[level]}>{error_text(text)}\n"
             else:
                 return
         else:
-            line = f"{self._name}: {'' if level == 'info' else level + ': '}{text}\n"
+            line = f"{self._name}: {'' if level == 'info' else level + ': '}{error_text(text)}\n"
         sys.stderr.write(line)
         sys.stderr.flush()
 
@@ -222,8 +224,8 @@ class _Writer:
         now = time.time()
         stamp = time.strftime("%Y-%m-%dT%H:%M:%S", time.localtime(now))
         zone = time.strftime("%z", time.localtime(now))
-        plain = text.replace("\n", " ")
-        line = f"{stamp}.{int(now * 1000) % 1000:03d}{zone} {self.bus}: {plain}\n"
+        one = printable(text.replace("\n", " "))
+        line = f"{stamp}.{int(now * 1000) % 1000:03d}{zone} {self.bus}: {one}\n"
         flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
         try:
             descriptor = os.open(self.audit_file, flags, 0o640)

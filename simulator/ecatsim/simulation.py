@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from ecatd.model.atomic_write import check_owners
 from ecatd.model.errors import StateError, UsageError
 
 from .esc import Segment
@@ -97,6 +98,7 @@ class Simulation:
         if self.rig.trace is None:
             raise UsageError(f"rig {self.rig.name} has nothing to trace")
         try:
+            check_owners(path)
             self._trace_file = path.open("w", encoding="ascii")
         except OSError as error:
             raise UsageError(f"cannot write '{path}': {error.strerror}") from error

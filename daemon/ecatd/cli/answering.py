@@ -12,6 +12,7 @@ from contextlib import suppress
 from typing import Any
 
 from ecatd.model.errors import EcatError, NoAnswerError, UnreachableError
+from ecatd.plain_output import error_text
 from ecatd.stats import Snapshot
 
 from .source import Source
@@ -57,5 +58,5 @@ def check_cycle(snapshot: Snapshot, source: Source) -> int:
 
 
 def _say(error: EcatError) -> int:
-    print(f"ecatctl: {error}", file=sys.stderr)
+    print(f"ecatctl: {error_text(error)}", file=sys.stderr)
     return error.exit_code

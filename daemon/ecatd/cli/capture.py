@@ -10,12 +10,14 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
+from ecatd.model.atomic_write import open_new
 from ecatd.model.errors import StateError, UsageError
 from ecatd.model.requests.frames import RINGS
 from ecatd.pcapng import Frame, header, packet, read_records
 
 from .arguments import seconds
 from .output import print_json
+from .saving import add_force, check_target, writing
 from .signals import noted_signals
 from .terminal import check_stdout
 
@@ -37,6 +39,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         required=True,
         help="file to write, in the pcapng format; - for stdout",
     )
+    add_force(command)
     command.add_argument(
         "--last", type=seconds, metavar="S", help="only the frames of the last S seconds"
     )
@@ -93,6 +96,8 @@ def capture(remote: Remote, options: argparse.Namespace) -> None:
         raise UsageError("--duration needs --follow")
     if options.json and options.output == "-":
         raise UsageError("the frames go to stdout: give --output FILE with --json")
+    if options.output != "-":
+        check_target(Path(options.output), force=options.force)
     source = Source(remote)
     first, last, ended = 0, 0, False
     frames = source.read()
@@ -100,7 +105,7 @@ def capture(remote: Remote, options: argparse.Namespace) -> None:
         begin = frames[-1].time_ns - int(options.last * 1e9)
         frames = [frame for frame in frames if frame.time_ns >= begin]
     deadline = time.monotonic() + (options.duration or float("inf"))
-    with _File(options.output) as file, noted_signals() as is_ended:
+    with _File(options.output, force=options.force) as file, noted_signals() as is_ended:
         file.begin(source.interfaces)
         while True:
             file.add(frames, source.clock_ns)
@@ -134,7 +139,7 @@ class _File(ExitStack):
         UsageError: It is a terminal, or stdout is closed.
     """
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, *, force: bool) -> None:
         super().__init__()
         self.frames = 0
         self._path = path
@@ -145,11 +150,12 @@ class _File(ExitStack):
                 raise UsageError("a terminal cannot show frames: pipe them to `wireshark -k -i -`")
             self._file = sys.stdout.buffer
             return
-        try:
+        with writing(Path(path)):
+            number = open_new(Path(path), force=force)
             # Not buffered: no block waits for room when the file is closed.
-            self._file = self.enter_context(Path(path).open("wb", buffering=0))  # noqa: SIM115
-        except OSError as error:
-            raise StateError(f"{path} cannot be written: {error.strerror}") from error
+            self._file = self.enter_context(open(number, "wb", buffering=0))  # noqa: PTH123, SIM115
+            if Path(path).is_file():
+                self._file.truncate(0)
 
     def begin(self, interfaces: Sequence[str]) -> None:
         """Writes what is in front of all frames."""

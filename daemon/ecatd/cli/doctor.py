@@ -23,14 +23,14 @@ from ecatd.doctor.software import (
     look_at_versions,
 )
 from ecatd.doctor.wakeup import Wakeups, measure
-from ecatd.model.atomic_write import write_whole
 from ecatd.model.config import Config
-from ecatd.model.errors import EcatError, StateError, UsageError
+from ecatd.model.errors import EcatError, UsageError
 from ecatd.paths import MACHINE
 from ecatd.stats import Snapshot
 
 from .arguments import seconds
 from .output import print_json, table_lines
+from .saving import save
 from .source import Source
 
 _QUANTILES = (0.5, 0.99, 0.9999)
@@ -251,7 +251,4 @@ def _document(report: _Report) -> dict[str, object]:
 
 def _write(file: Path, lines: list[str]) -> None:
     head = [f"ecatctl doctor, {time.strftime('%Y-%m-%d %H:%M')}", platform.platform(), ""]
-    try:
-        write_whole(file, "\n".join([*head, *lines, ""]).encode(), ".ecatctl-")
-    except OSError as error:
-        raise StateError(f"{file} cannot be written: {error.strerror}") from error
+    save(file, "\n".join([*head, *lines, ""]))

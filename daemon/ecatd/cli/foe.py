@@ -23,7 +23,7 @@ from .arguments import bounded, slave
 from .confirm import add_yes, confirm
 from .output import print_json
 from .progress import progress
-from .saving import read_bytes, save_bytes
+from .saving import add_force, check_target, read_bytes, save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.file_transfer import FileTransfer
@@ -50,6 +50,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
             required=True,
             help="where to save it; - prints it",
         )
+        add_force(command)
     else:
         command.set_defaults(run=foe_write)
         command.add_argument("file", metavar="FILE", type=Path, help="the file")
@@ -81,6 +82,12 @@ def foe_read(remote: Remote, options: argparse.Namespace) -> None:
     """Reads a file, and saves or prints it."""
     if options.json and options.out == _STDOUT:
         raise UsageError("with --json, -o must name a file")
+    if options.out == _STDOUT and sys.stdout.isatty():
+        raise UsageError(
+            "a terminal cannot show a file of a slave: name a file, or pipe it"
+        )
+    if options.out != _STDOUT:
+        check_target(options.out, force=options.force)
     found = remote.describe().find(options.slave)
     if options.boot:
         confirm(options, f"This brings {found.label} to BOOT, where it exchanges no process data.")
@@ -103,7 +110,7 @@ def foe_read(remote: Remote, options: argparse.Namespace) -> None:
             start(only_find=True).cancel()
         raise
     if options.out != _STDOUT:
-        save_bytes(options.out, data)
+        save_bytes(options.out, data, force=options.force)
     elif not options.json:
         sys.stdout.buffer.write(data)
     _report(remote, options, found, transfer, time.monotonic() - begin, "read")

@@ -15,6 +15,7 @@ from typing import NoReturn
 from ecatd.lazy_command import LazyCommand
 from ecatd.model.bus_name import check_bus_name, check_full_bus_name
 from ecatd.model.errors import EcatError, StateError, UsageError
+from ecatd.plain_output import error_text, plain_output
 from ecatd.version import VERSION
 
 from .arguments import seconds
@@ -104,11 +105,9 @@ class _Command(LazyCommand, _Parser):
 
 
 def _print_error(error: EcatError) -> None:
-    import json
+    from .output import print_json_line
 
-    from .output import SCHEMA
-
-    print(json.dumps({"schema": SCHEMA, "error": error.to_reply()}))
+    print_json_line({"error": error.to_reply()})
 
 
 def _add_common(parser: argparse.ArgumentParser, *, defaults: bool) -> None:
@@ -195,22 +194,23 @@ def _write_no_more() -> None:
 
 def main() -> int:
     """Runs one command; returns the exit status."""
-    try:
-        return _main()
-    except KeyboardInterrupt:
-        return 130
-    except Exception:  # Python's own exit status would be 1, which is a result of --check
-        import traceback
-
-        traceback.print_exc()
-        return EcatError.exit_code
-
-
-def _main() -> int:
     if sys.stdout is None:  # closed: `>&-`
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  it is open until the end
     if sys.stderr is None:  # closed: `2>&-`
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115, PTH123
+    with plain_output():
+        try:
+            return _main()
+        except KeyboardInterrupt:
+            return 130
+        except Exception:  # Python's own exit status would be 1, which is a result of --check
+            import traceback
+
+            traceback.print_exc()
+            return EcatError.exit_code
+
+
+def _main() -> int:
     options = make_parser().parse_args()
     # A saved scan keeps the name of its bus unless --bus gives another one.
     options.given_bus = getattr(options, "bus", None)
@@ -237,7 +237,7 @@ def _main() -> int:
             except OSError:  # the status says what has failed
                 _write_no_more()
         with suppress(OSError):
-            print(f"ecatctl: {error}", file=sys.stderr, flush=True)
+            print(f"ecatctl: {error_text(error)}", file=sys.stderr, flush=True)
         return error.exit_code
     except BrokenPipeError:
         _write_no_more()

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any
+
+from ecatd.model.quoting import printable
+from ecatd.plain_output import json_text
 
 SCHEMA = 1
 
 
 def print_json(document: dict[str, Any]) -> None:
     """Prints a JSON document with `schema`, the version of its format."""
-    print(json.dumps(_plain({"schema": SCHEMA, **document}), indent=2, ensure_ascii=False))
+    print(json_text(_plain({"schema": SCHEMA, **document}), indent=2))
 
 
 def print_json_line(document: dict[str, Any]) -> None:
     """Prints a JSON document on one line, for programs that read a sequence of documents."""
-    print(json.dumps(_plain({"schema": SCHEMA, **document}), ensure_ascii=False), flush=True)
+    print(json_text(_plain({"schema": SCHEMA, **document})), flush=True)
 
 
 def _plain(value: Any) -> Any:
@@ -42,7 +44,7 @@ def table_lines(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str =
         rows: Cells, converted with `str`.
         right: A character for each column: `>` aligns it right, others align it left.
     """
-    table = [list(head), *([_printable(str(cell)) for cell in row] for row in rows)]
+    table = [list(head), *([printable(str(cell)) for cell in row] for row in rows)]
     widths = [max(len(row[column]) for row in table) for column in range(len(head))]
     right = right.ljust(len(head))
     lines = []
@@ -53,11 +55,6 @@ def table_lines(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str =
         ]
         lines.append("  ".join(cells).rstrip())
     return lines
-
-
-def _printable(text: str) -> str:
-    """A text from a slave without characters that control the terminal."""
-    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
 
 
 def print_table(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str = "") -> None:

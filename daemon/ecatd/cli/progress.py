@@ -7,6 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TypeVar
 
+from ecatd.model.quoting import printable
+from ecatd.plain_output import write_controls
+
 T = TypeVar("T")
 
 
@@ -17,7 +20,8 @@ def progress() -> Iterator[Callable[[str], None]]:
 
     def show(text: str) -> None:
         if shown:
-            print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+            write_controls(sys.stderr, f"\r\033[K{printable(text)}")
+            sys.stderr.flush()
 
     try:
         yield show

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import fcntl
 import io
-import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,11 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ecatd.client.patterns import find_signals
+from ecatd.model.atomic_write import open_new
 from ecatd.model.errors import NotPermittedError, StateError, UsageError
 
 from .arguments import times
 from .output import print_json
 from .recordings import FORMATS, Cell, Column, Recording, check_format, open_recording
+from .saving import add_force, check_target
 from .signals import (
     add_for,
     add_patterns,
@@ -55,6 +56,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.add_argument(
         "--every", type=times, default=1, metavar="N", help="only every Nth cycle (default: 1)"
     )
+    add_force(command)
     add_for(command, "end after so many seconds (default: with Ctrl-C)")
 
 
@@ -62,6 +64,7 @@ def record(options: argparse.Namespace) -> None:
     """Writes the values of each cycle to a file, until it ends."""
     suffix = options.out.suffix.lower()
     check_format(suffix, options.out)
+    check_target(options.out, force=options.force)
     with open_client(options) as client:
         chosen = find_signals(client, options.patterns)
         period = options.every * client.cycle_time
@@ -72,13 +75,15 @@ def record(options: argparse.Namespace) -> None:
             )
         recording = None
         try:
-            with _alone(options.out) as file, ended_by_signals():
+            with _alone(options.out, force=options.force) as file, ended_by_signals():
                 columns = [_column(signal, options.raw) for signal in chosen]
                 recording = open_recording(suffix, file, options.bus, columns)
                 try:
                     count, left_out, empty = _record(client, chosen, recording, options)
                 finally:
                     recording.end()
+        except FileExistsError as error:  # it was not there a moment ago
+            raise UsageError(f"{options.out}: {error.strerror}") from error
         except PermissionError as error:
             raise NotPermittedError(f"{options.out} cannot be written: {error.strerror}") from error
         except OSError as error:
@@ -108,7 +113,7 @@ def record(options: argparse.Namespace) -> None:
 
 
 @contextmanager
-def _alone(path: Path) -> Iterator[io.FileIO]:
+def _alone(path: Path, *, force: bool) -> Iterator[io.FileIO]:
     """Opens a file for writing, unless another `record` writes it.
 
     Raises:
@@ -116,7 +121,7 @@ def _alone(path: Path) -> Iterator[io.FileIO]:
         OSError: It cannot be written.
     """
     # Not truncated before it is locked, and not buffered: no data wait for room when it is closed.
-    number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    number = open_new(path, force=force)
     with open(number, "wb", buffering=0) as file:  # noqa: PTH123  a path has no such mode
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from ecatd.model.atomic_write import write_whole
+from ecatd.model.atomic_write import check_new, write_whole
 from ecatd.model.errors import NotPermittedError, StateError, UsageError
 
 
@@ -28,26 +31,55 @@ def read_bytes(path: Path, most: int) -> bytes:
     return data
 
 
-def save(path: Path, text: str) -> None:
-    """Writes a text file; raises as `save_bytes`."""
-    save_bytes(path, text.encode())
+def add_force(command: argparse.ArgumentParser) -> None:
+    """Adds the option `--force` of commands whose file cannot be made a second time."""
+    command.add_argument("--force", action="store_true", help="replace FILE if it exists")
 
 
-def save_bytes(path: Path, data: bytes) -> None:
+def save(path: Path, text: str, *, force: bool = True) -> None:
+    """Writes a text file; arguments and errors as for `save_bytes`."""
+    save_bytes(path, text.encode(), force=force)
+
+
+def save_bytes(path: Path, data: bytes, *, force: bool = True) -> None:
     """Writes a file; if that fails, an old one stays unchanged.
 
+    Args:
+        path: The file.
+        data: Its content.
+        force: Whether the file may exist: always, if anybody can make its content again.
+
     Raises:
-        UsageError: The name is `-`, which means standard output elsewhere.
+        UsageError: As `check_target`.
         NotPermittedError: The file cannot be written.
         StateError: Writing fails for another reason, such as a full disk.
     """
+    check_target(path, force=force)
+    with writing(path):
+        write_whole(path, data, f".{path.name}-")
+
+
+def check_target(path: Path, *, force: bool) -> None:
+    """Checks whether a file can be written, before a slave is asked for what goes into it.
+
+    Raises:
+        UsageError: The name is `-`, which means standard output elsewhere; or the file exists, and
+            `force` is false.
+        NotPermittedError: It, or a link to it, belongs to another user.
+    """
     if path == Path("-"):
         raise UsageError("'-' is not a file: write /dev/stdout for standard output")
+    with writing(path):
+        check_new(path, force=force)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Makes messages of errors while a file is written; raises as `save_bytes`."""
     try:
-        if path.exists() and not path.is_file():  # /dev/stdout, a pipe
-            path.write_bytes(data)
-            return
-        write_whole(path, data, f".{path.name}-")
+        yield
+    except FileExistsError as error:
+        raise UsageError(f"{path}: {error.strerror}") from error
     except PermissionError as error:
         raise NotPermittedError(f"{path} cannot be written: {error.strerror}") from error
     except OSError as error:

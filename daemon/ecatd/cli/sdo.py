@@ -24,7 +24,7 @@ from ecatd.model.requests.objects import DATA_MAX
 from . import addresses
 from .arguments import slave
 from .output import print_json
-from .saving import read_bytes, save_bytes
+from .saving import add_force, check_target, read_bytes, save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote, SdoValue
@@ -61,11 +61,14 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         command.add_argument(
             "-o", dest="out", metavar="FILE", type=Path, help="save the bytes to this file"
         )
+        add_force(command)
     command.add_argument("-v", "--verbose", action="store_true", help="print name and type, too")
 
 
 def sdo_read(remote: Remote, options: argparse.Namespace) -> None:
     """Uploads an object and prints it as `ethercat upload` does: hexadecimal and decimal."""
+    if options.out is not None:
+        check_target(options.out, force=options.force)
     options.index, subindex = addresses.find_object(
         remote, options.slave, options.object, options.subindex
     )
@@ -77,7 +80,7 @@ def sdo_read(remote: Remote, options: argparse.Namespace) -> None:
         found = found._replace(data_type=parse_type(options.type))
     value = decode(found.data_type, found.data)
     if options.out is not None:
-        save_bytes(options.out, found.data)
+        save_bytes(options.out, found.data, force=options.force)
     if options.json:
         print_json(_document(remote, options, found) | {"value": value})
         return

@@ -28,7 +28,7 @@ from .confirm import add_yes, confirm
 from .dictionary import add_esi, read_objects, read_value
 from .output import print_json, print_table
 from .progress import counted
-from .saving import save
+from .saving import add_force, check_target, save
 from .sdo import physical_text, value_text
 
 if TYPE_CHECKING:
@@ -63,6 +63,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         command.add_argument(
             "-o", dest="out", metavar="FILE", type=Path, help="the file (default: print it)"
         )
+        add_force(command)
         add_esi(command)
         return
     command.set_defaults(run=sdo_restore)
@@ -76,6 +77,8 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
 
 def sdo_dump(remote: Remote, options: argparse.Namespace) -> None:
     """Reads all objects of a slave, and writes those that can be restored as tables."""
+    if options.out is not None and str(options.out) != _STDOUT:
+        check_target(options.out, force=options.force)
     bus = remote.describe()
     found = bus.find_coe(options.slave)
     rows = [
@@ -102,7 +105,7 @@ def sdo_dump(remote: Remote, options: argparse.Namespace) -> None:
             lines += _comment(lines, _line(index, subindex, name, entry, value))
     text = "\n".join([*_head(found, tables), *lines]) + "\n"
     if options.out is not None and str(options.out) != _STDOUT:
-        save(options.out, text)
+        save(options.out, text, force=options.force)
     elif not options.json:
         sys.stdout.write(text)
         return

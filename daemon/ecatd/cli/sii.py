@@ -15,7 +15,7 @@ from ecatd.model.sii_check import check_sii
 from .arguments import slave
 from .output import print_json
 from .progress import progress
-from .saving import save_bytes
+from .saving import add_force, check_target, save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -33,15 +33,18 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.add_argument(
         "-o", dest="out", metavar="FILE", type=Path, help="save the bytes to this file"
     )
+    add_force(command)
 
 
 def sii_read(remote: Remote, options: argparse.Namespace) -> None:
     """Reads an EEPROM, and shows or saves it."""
+    if options.out is not None:
+        check_target(options.out, force=options.force)
     found = remote.describe().find(options.slave)
     image = read_image(remote, found)
     sii = check_sii(image)
     if options.out is not None:
-        save_bytes(options.out, image)
+        save_bytes(options.out, image, force=options.force)
     if options.json:
         file = None if options.out is None else str(options.out)
         document = {"bus": remote.bus, "slave": found.position, "bytes": len(image), "file": file}

@@ -22,7 +22,7 @@ from .arguments import bounded, slave
 from .confirm import add_yes, confirm
 from .output import print_json
 from .progress import counted
-from .saving import read_bytes, save_bytes
+from .saving import check_target, read_bytes, save_bytes
 from .sii import read_image, sii_lines
 
 if TYPE_CHECKING:
@@ -92,8 +92,9 @@ def sii_write(remote: Remote, options: argparse.Namespace) -> None:
         )
         if backup.exists():
             raise UsageError(f"{backup} exists: give another --backup; nothing was written")
+        check_target(backup, force=False)
         _check_unchanged(found, before, read_image(remote, found))
-        save_bytes(backup, before)
+        save_bytes(backup, before, force=False)
         _write(remote, found, image, parts, backup)
     _report(remote, options, found, words, changes, backup)
 

@@ -30,6 +30,7 @@ from ecatd.model.meanings import object_meaning
 from ecatd.model.pdo import Entry
 from ecatd.model.physical import physical_text
 from ecatd.model.profiles import load_profiles
+from ecatd.model.quoting import printable
 from ecatd.paths import profile_folders
 
 from .arguments import slave
@@ -269,8 +270,8 @@ def _capture(remote: Remote, options: argparse.Namespace) -> int:
         what = "1 object is" if one else f"{len(write_only)} objects are"
         lines += [f"# {what} write only, so not compared: --json names {'it' if one else 'them'}"]
     for row in rows:
-        name = f"  # {row['name']}; default {row['default']}"
-        physical = f"  # {row['physical']}" if row["physical"] else ""
+        name = f"  # {printable(str(row['name']))}; default {printable(str(row['default']))}"
+        physical = f"  # {printable(str(row['physical']))}" if row["physical"] else ""
         lines += ["", "[[slave.startup]]", f'object = "{row["object"]}"{name}']
         if row["type"]:
             lines += [

@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from typing import Self
 
 from ecatd.model.errors import StateError
+from ecatd.model.quoting import printable
+from ecatd.plain_output import write_controls
 
 _HIDE, _SHOW = "\033[?25l", "\033[?25h"
 _HOME, _CLEAR = "\033[H", "\033[2J"
@@ -38,7 +40,7 @@ def alarm(text: str) -> Line:
 
 
 def _painted(line: str, width: int | None = None) -> str:
-    text = line if width is None else line[:width]
+    text = printable(line if width is None else line[:width])
     if isinstance(line, Line) and text and not os.environ.get("NO_COLOR"):
         return f"\033[{line.style}m{text}\033[0m"
     return text
@@ -57,7 +59,10 @@ def check_stdout() -> None:
 def show(lines: Iterable[str]) -> None:
     """Prints lines; with colours if stdout is a terminal."""
     coloured = sys.stdout.isatty()
-    print("\n".join(_painted(line) if coloured else line for line in lines))
+    if coloured:
+        write_controls(sys.stdout, "".join(f"{_painted(line)}\n" for line in lines))
+    else:
+        print("\n".join(lines))
 
 
 class Screen:
@@ -81,7 +86,8 @@ class Screen:
                 room = max(1, height - 2)
                 lines = [*lines[:room], f"({len(lines) - room} more lines: enlarge the window)"]
             text = "".join(f"{_painted(line, width)}{_REST_OF_LINE}\n" for line in lines)
-            sys.stdout.write(_HIDE + self._begin + _HOME + text + _REST_OF_SCREEN + _SHOW)
+            screen = _HIDE + self._begin + _HOME + text + _REST_OF_SCREEN + _SHOW
+            write_controls(sys.stdout, screen)
             self._begin = ""
         else:
             sys.stdout.write(self._begin + "\n".join(lines) + "\n")

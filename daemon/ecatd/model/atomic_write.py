@@ -1,11 +1,25 @@
-"""Writes files atomically: readers see the old content or the new one, never a part of it."""
+"""Writes files that somebody names, and harms neither those of others nor what cannot come again.
+
+`write_whole` replaces a file atomically: readers see the old content or the new one, never a part
+of it. `open_new` is for files that grow, and for what nobody can make a second time. Both refuse
+files and links of other users: in a folder that everybody can write to, such a link would have root
+write wherever its owner wants.
+"""
 
 from __future__ import annotations
 
+import errno
 import os
+import pwd
+import stat
 import tempfile
 from contextlib import suppress
 from pathlib import Path
+
+_LINKS_MOST = 40
+_STREAMS = (Path("/dev/stdout"), Path("/dev/stderr"))
+_STREAM_FOLDERS = (Path("/dev/fd"), Path("/proc/self/fd"))
+"""Where the shell has opened something for this process, whoever owns it."""
 
 
 def write_whole(path: Path, data: bytes, prefix: str) -> None:
@@ -20,12 +34,13 @@ def write_whole(path: Path, data: bytes, prefix: str) -> None:
         prefix: First part of the name of the temporary file.
 
     Raises:
-        OSError: The file cannot be written.
+        OSError: The file cannot be written, or it or a link on the way belongs to another user.
     """
-    target = path.resolve()
-    if target.exists() and not target.is_file() and not target.is_dir():
-        target.write_bytes(data)
+    check_owners(path)
+    if path.exists() and not path.is_file() and not path.is_dir():
+        path.write_bytes(data)
         return
+    target = path.resolve()
     number, name = tempfile.mkstemp(prefix=prefix, dir=target.parent)
     try:
         with os.fdopen(number, "wb") as file:
@@ -36,6 +51,80 @@ def write_whole(path: Path, data: bytes, prefix: str) -> None:
         with suppress(OSError):
             Path(name).unlink()
         raise
+
+
+def check_new(path: Path, *, force: bool) -> None:
+    """Checks whether `open_new` will open a file, before what goes into it is asked for.
+
+    Raises:
+        OSError: As `open_new`.
+    """
+    check_owners(path)
+    if path.is_file() and not force and not _is_stream(path):
+        raise FileExistsError(errno.EEXIST, "it exists already; --force replaces it", str(path))
+
+
+def open_new(path: Path, *, force: bool) -> int:
+    """Opens a new file, or a device or a pipe, for writing; returns its descriptor.
+
+    Args:
+        path: The file.
+        force: Whether it may exist; then it still has its content.
+
+    Raises:
+        OSError: It cannot be written, exists without `force`, or it or a link on the way belongs
+            to another user.
+    """
+    check_new(path, force=force)
+    flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC
+    if _is_stream(path) or (path.exists() and not path.is_file()):
+        return os.open(path, flags & ~os.O_CREAT)
+    target = path.resolve() if force else path
+    number = os.open(target, flags | os.O_NOFOLLOW | (0 if force else os.O_EXCL), 0o666)
+    if os.fstat(number).st_uid != os.geteuid():  # it was exchanged meanwhile
+        os.close(number)
+        raise _not_ours(target)
+    return number
+
+
+def check_owners(path: Path) -> None:
+    """Checks that a file and all links that lead to it belong to this user.
+
+    Links of root count as own ones; devices are made by root only.
+
+    Raises:
+        PermissionError: One belongs to another user.
+    """
+    if _is_stream(path):
+        return
+    at = path if path.is_absolute() else Path.cwd() / path
+    for _ in range(_LINKS_MOST):
+        link = next((item for item in (*reversed(at.parents), at) if item.is_symlink()), None)
+        if link is None:
+            break
+        if link.lstat().st_uid not in (0, os.geteuid()):
+            raise _not_ours(link)
+        at = (link.parent / link.readlink()) / at.relative_to(link)
+        if _is_stream(at):
+            return
+    with suppress(FileNotFoundError, NotADirectoryError):
+        facts = at.lstat()
+        plain = stat.S_ISREG(facts.st_mode) or stat.S_ISFIFO(facts.st_mode)
+        if plain and facts.st_uid != os.geteuid():
+            raise _not_ours(at)
+
+
+def _is_stream(path: Path) -> bool:
+    return path in _STREAMS or path.parent in _STREAM_FOLDERS
+
+
+def _not_ours(path: Path) -> PermissionError:
+    owner = str(path.lstat().st_uid)
+    with suppress(KeyError):
+        owner = pwd.getpwuid(int(owner)).pw_name
+    what = f"the link {path}" if path.is_symlink() else "it"
+    text = f"{what} belongs to user {owner}: choose another name, or have it removed"
+    return PermissionError(errno.EPERM, text, str(path))
 
 
 def _mode(path: Path) -> int:

@@ -18,6 +18,7 @@ from .errors import StateError
 from .pdo import Entry, Pdo
 from .pdo_layout import byte_length, places
 from .plain import plain
+from .quoting import printable
 
 SCHEMA = 1
 
@@ -121,7 +122,7 @@ class Slave:
     @property
     def label(self) -> str:
         """The slave as messages name it: `slave 2 (EL1018)`, `slave 2 (infeed, EL1018)`."""
-        names = ", ".join(dict.fromkeys(filter(None, (self.given_name, self.name))))
+        names = printable(", ".join(dict.fromkeys(filter(None, (self.given_name, self.name)))))
         return f"slave {self.position} ({names})" if names else f"slave {self.position}"
 
     @property
@@ -142,8 +143,8 @@ class Slave:
 def display_name(given_name: str, name: str) -> str:
     """A slave as tables name it: `EL1018`, `infeed (EL1018)`, `(no name)`."""
     if given_name and name and given_name != name:
-        return f"{given_name} ({name})"
-    return given_name or name or "(no name)"
+        return printable(f"{given_name} ({name})")
+    return printable(given_name or name) or "(no name)"
 
 
 def positions_text(positions: Iterable[int]) -> str:

@@ -6,11 +6,17 @@ Generated code has filters of its own (`ecatgen.text`).
 from __future__ import annotations
 
 from html import escape
+from unicodedata import category
 
 
 def printable(text: str) -> str:
-    """The text with `?` for what controls a terminal, ends a line, or has no glyph."""
-    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
+    """The text with `?` for what controls a terminal, ends a line, or has no glyph.
+
+    The spaces of other scripts become usual ones.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else " " if category(c) == "Zs" else "?" for c in text)
 
 
 def toml_string(text: str) -> str:

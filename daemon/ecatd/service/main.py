@@ -18,6 +18,7 @@ from ecatd.model.errors import EcatError, UsageError
 from ecatd.model.log_levels import OTHERS
 from ecatd.model.profiles import load_profiles
 from ecatd.paths import profile_folders
+from ecatd.plain_output import plain_output
 from ecatd.version import VERSION
 
 from .child import PYTHON
@@ -126,7 +127,8 @@ def _check_files(config: Config) -> None:
 def main() -> int:
     """Runs the daemon until a signal ends it; returns the exit status. SIGHUP is ignored so far."""
     try:
-        return _main()
+        with plain_output():
+            return _main()
     except KeyboardInterrupt:  # before the supervisor handles signals
         return 0
 

@@ -9,6 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from ecatd.model.atomic_write import check_owners
 from ecatd.model.errors import UsageError
 
 from ..capture import capture
@@ -70,6 +71,10 @@ def _check(output: Path, force: bool) -> None:
         raise UsageError(f"'{output}' cannot be the name of a rig file: it must end in .toml")
     if output.exists() and not force:
         raise UsageError(f"'{output}' exists already; --force overwrites it")
+    try:
+        check_owners(output)
+    except OSError as error:
+        raise UsageError(f"cannot write '{output}': {error.strerror}") from error
     if not output.parent.is_dir():
         raise UsageError(f"cannot write '{output}': there is no folder '{output.parent}'")
     if not os.access(output.parent, os.W_OK):

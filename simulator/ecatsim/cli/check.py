@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import asdict, dataclass
 
 from ecatd.model.errors import EcatError
+from ecatd.plain_output import json_text
 
 from ..rigs import library as rigs
 from ..simulation import Simulation
@@ -64,7 +64,7 @@ def _check(options: argparse.Namespace) -> int:
         slaves = [asdict(row) for row in rows]
         ring = links.ring_end and {"slave": links.ring_end[0], "port": links.ring_end[1]}
         facts = {"schema": 1, "rig": rig.name, "ring": ring, "slaves": slaves}
-        print(json.dumps(facts, indent=2, ensure_ascii=False))
+        print(json_text(facts, indent=2))
         return 0
     end = ", a ring that ends at slave {} port {}".format(*links.ring_end) if links.ring_end else ""
     print(f"rig {rig.name}: {rig.size}{end}")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from ecatd.model.al import al_status_text
 from ecatd.model.errors import EcatError
+from ecatd.plain_output import json_text
 
 from ..control.client import Simulator, running
 from ..control.requests import REQUESTS
@@ -124,7 +124,7 @@ def _ask(options: argparse.Namespace, request: type[Described]) -> None:
 
 
 def _print_json(document: dict[str, Any]) -> None:
-    print(json.dumps({"schema": _SCHEMA, **document}, indent=2, ensure_ascii=False))
+    print(json_text({"schema": _SCHEMA, **document}, indent=2))
 
 
 def _print_table(head: list[str], rows: list[list[Any]]) -> None:

@@ -13,6 +13,7 @@ import traceback
 from collections.abc import Sequence
 
 from ecatd.model.errors import EcatError, UsageError
+from ecatd.plain_output import error_text, plain_output
 from ecatd.version import VERSION
 
 from ..files import python_file
@@ -57,6 +58,11 @@ def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit status."""
+    with plain_output():
+        return _main(arguments)
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     try:
         ours, child = _split(sys.argv[1:] if arguments is None else arguments)
         options = make_parser().parse_args(ours)
@@ -66,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status: int = options.execute(options)
         return status
     except EcatError as error:
-        print(f"ecatsim: {python_file.report(error)}", file=sys.stderr)
+        print(f"ecatsim: {error_text(python_file.report(error))}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         return _INTERRUPTED
@@ -76,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:
         line = python_file.report(error)
         if line:
-            print(f"ecatsim: {line}", file=sys.stderr)
+            print(f"ecatsim: {error_text(line)}", file=sys.stderr)
             return EcatError.exit_code
         traceback.print_exc()
         print("ecatsim: defect; the lines above say where", file=sys.stderr)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
+
+from ecatd.plain_output import json_text
 
 from ..devices.library import LibraryDevice, library
 from ..rigs import library as rigs
@@ -21,7 +22,7 @@ def add_arguments(parser: Parser, command: str) -> None:
 def _rigs(options: argparse.Namespace) -> int:
     if options.json:
         rows = [{"name": usage, "description": text} for usage, text in rigs.library()]
-        print(json.dumps({"schema": 1, "rigs": rows}, indent=2, ensure_ascii=False))
+        print(json_text({"schema": 1, "rigs": rows}, indent=2))
         return 0
     _table(rigs.library())
     return 0
@@ -30,7 +31,7 @@ def _rigs(options: argparse.Namespace) -> int:
 def _devices(options: argparse.Namespace) -> int:
     if options.json:
         rows = [asdict(device) for device in library()]
-        print(json.dumps({"schema": 1, "devices": rows}, indent=2, ensure_ascii=False))
+        print(json_text({"schema": 1, "devices": rows}, indent=2))
         return 0
     head = ("name", "vendor:product:revision", "out", "in", "what it is")
     _table([head, *(_row(device) for device in library())])
