@@ -83,9 +83,7 @@ def foe_read(remote: Remote, options: argparse.Namespace) -> None:
     if options.json and options.out == _STDOUT:
         raise UsageError("with --json, -o must name a file")
     if options.out == _STDOUT and sys.stdout.isatty():
-        raise UsageError(
-            "a terminal cannot show a file of a slave: name a file, or pipe it"
-        )
+        raise UsageError("a terminal cannot show a file of a slave: name a file, or pipe it")
     if options.out != _STDOUT:
         check_target(options.out, force=options.force)
     found = remote.describe().find(options.slave)
