@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +26,12 @@ _EXPECTED = re.compile(
 _CLASS = re.compile(r"^@@ (\S+)$", re.MULTILINE)
 
 Row = dict[str, float]
+
+
+def at_home(home: Path) -> dict[str, str]:
+    """The environment of a user who lives there, without the folders of this one's libraries."""
+    inherited = {k: v for k, v in os.environ.items() if k != "OPENMODELICALIBRARY"}
+    return {**inherited, "HOME": str(home)}
 
 
 def read_csv(file: Path) -> list[Row]:
@@ -67,7 +73,7 @@ class OpenModelica:
         done = subprocess.run(
             ["omc", *(["-d=nonewInst"] if self.old_front_end else []), file.name],
             cwd=self.folder,
-            env={**os.environ, "HOME": str(home)} if home else None,
+            env=at_home(home) if home else None,
             capture_output=True,
             text=True,
             check=False,
@@ -123,8 +129,13 @@ class OpenModelica:
         return fmus[0]
 
 
-def start(program: Path, stop_time: float, **overrides: str) -> subprocess.Popen[str]:
-    """Starts the program of a model; `bus` is the parameter of its EtherCATMaster."""
+def start(
+    program: Path, stop_time: float, flags: Sequence[str] = (), **overrides: str
+) -> subprocess.Popen[str]:
+    """Starts the program of a model; `bus` is the parameter of its EtherCATMaster.
+
+    With two underscores in place of the point, `overrides` are values of any of its parameters.
+    """
     values = {"stopTime": f"{stop_time}", "stepSize": "0.001"}
     values |= {name.replace("__", "."): value for name, value in overrides.items()}
     if bus := values.pop("bus", None):
@@ -135,6 +146,7 @@ def start(program: Path, stop_time: float, **overrides: str) -> subprocess.Popen
             str(program),
             "-override=" + ",".join(f"{name}={value}" for name, value in values.items()),
             f"-r={result_of(program)}",
+            *flags,
         ],
         cwd=program.parent,
         stdout=subprocess.PIPE,
@@ -148,9 +160,11 @@ def result_of(program: Path) -> Path:
     return program.with_name(f"{program.name}_res.csv")
 
 
-def simulate(program: Path, stop_time: float, **overrides: str) -> list[Row]:
+def simulate(
+    program: Path, stop_time: float, flags: Sequence[str] = (), **overrides: str
+) -> list[Row]:
     """Runs the program of a model to its end; returns its result."""
-    with start(program, stop_time, **overrides) as process:
+    with start(program, stop_time, flags, **overrides) as process:
         log, _ = process.communicate()
     assert process.returncode == 0, log
     return read_csv(result_of(program))

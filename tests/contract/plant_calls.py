@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,9 +80,17 @@ def compile_program(compiler: str, source: str, out: Path, folder: Path, *flags:
     return program
 
 
-def run(program: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Runs a program to its end."""
-    return subprocess.run([str(program), *arguments], capture_output=True, text=True, check=False)
+def run(
+    program: Path, *arguments: str, lines: Iterable[str] = ()
+) -> subprocess.CompletedProcess[str]:
+    """Runs a program, with these lines as its input, to its end."""
+    return subprocess.run(
+        [str(program), *arguments],
+        input="".join(f"{line}\n" for line in lines),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 def sentence(result: subprocess.CompletedProcess[str]) -> str:

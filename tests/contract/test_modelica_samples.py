@@ -1,19 +1,34 @@
 """Domains of a model, outputs that leave together, and errors that leave nothing behind."""
 
+import math
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise, takewhile
 from pathlib import Path
 
 import pytest
 from plant_calls import compile_program, run, served
 
+import ecatgen
 from conftest import Daemon
 from ecatdev import sample_buses
 from ecatgen import generate
+from modelica_clock import Clock, Event, RefusedError
 
 RIG = str(Path(__file__).parents[1] / "rigs" / "data_types.py")
 
 Build = Callable[..., Path]
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """An instant, the bus cycle of its sample, and the last value of the slave in both domains."""
+
+    event: Event
+    cycle: int
+    first: float
+    second: float
 
 
 @pytest.fixture
@@ -43,45 +58,54 @@ static void new_value(void) {
     ecat_read_int(bus, input, &now);
   }
 }
-/* Two blocks of one slave, whose input is a sine; each is read in a domain of its own. */
+/* Two blocks of one slave, whose input is a sine; each is read in a domain of its own. Each line of
+ * the input has a time, whether the model calls ecatm_wait(), and whether the domains are sampled.
+ * The answer has the cycle of the sample and the last values of the blocks. */
 int main(int argc, char **argv) {
   static Plant_EL3008 one, two;
-  double last = -100;
-  int tick, cycle = 0, together = 0, changes = 0;
-  int first = atoi(argv[2]), second = atoi(argv[3]); /* sample times in ms */
-  void *master = ecatm_master_open(argv[1], atoi(argv[4]), 0.001 * first, 2, 0.1, 1, 1, 0, 0, 0,
+  double time;
+  int waits, first, second, cycle = 0;
+  void *master = ecatm_master_open(argv[1], atoi(argv[2]), atof(argv[3]), 2, 0.1, 1, 1, 0, 0, 0,
                                    "");
   if (ecat_open(&bus, argv[1]) != 0) return 11;
   input = ecat_lookup(bus, "4/0x6070:11", ECAT_INPUT);
   if (input < 0) return 12;
   Plant_EL3008_open(&one, master, 1);
   Plant_EL3008_open(&two, master, 2);
-  for (tick = 0; tick < 400; tick++) {
-    double time = 0.001 * tick;
-    if (tick % first == 0) {
-      cycle = ecatm_wait(master, time);
-      Plant_EL3008_read(&one, time, cycle);
-      new_value();
-    }
-    if (tick % second == 0) {
-      Plant_EL3008_read(&two, time, cycle);
-      changes += two.aiStandardChannel8Value != last;
-      last = two.aiStandardChannel8Value;
-      if (tick % first != 0) new_value();
-    }
-    if (tick % first == 0 && tick % second == 0) {
-      together++;
-      if (one.aiStandardChannel8Value != two.aiStandardChannel8Value) return 10;
-    }
+  while (scanf("%lf %d %d %d", &time, &waits, &first, &second) == 4) {
+    if (waits) cycle = ecatm_wait(master, time);
+    if (first) Plant_EL3008_read(&one, time, cycle);
+    if (first && second) new_value();
+    if (second) Plant_EL3008_read(&two, time, cycle);
+    printf("%d %.9g %.9g\\n", ((ecatm_master *)master)->session.cycle, one.aiStandardChannel8Value,
+           two.aiStandardChannel8Value);
   }
-  printf("%d %d\\n", together, changes);
   Plant_EL3008_close(&one);
   Plant_EL3008_close(&two);
   ecatm_master_close(master);
   ecat_close(bus);
-  return argc != 5;
+  return argc != 4;
 }
 """
+
+LIBRARY = Path(ecatgen.__file__).parent / "modelica" / "EtherCAT"
+FUNCTIONS, MASTER = LIBRARY / "Functions", (LIBRARY / "EtherCATMaster.mo").read_text("utf-8")
+
+EACH_FOR_ITSELF = """
+block Master "Domains with a sample() each"
+  parameter Real sampleTime[:];
+equation
+  for d in 1:size(sampleTime, 1) loop
+    sampled[d] = sample(0, sampleTime[d]);
+  end for;
+  when sampled[1] then
+    cycle = EtherCAT.Functions.waitCycle(master, time);
+  end when;
+end Master;
+"""
+
+WINDOWS = ((0.0, 0.0205), (5.0, 5.0605))
+"""Parts of the simulation that are made with the bus; what is between them only takes its time."""
 
 
 @pytest.fixture(scope="module")
@@ -91,17 +115,88 @@ def two_domains(tmp_path_factory: pytest.TempPathFactory, compiler: str, troll: 
     return compile_program(compiler, TWO_DOMAINS, folder / "out", folder)
 
 
-@pytest.mark.bus
-@pytest.mark.parametrize("wait_for_bus", [0, 1])
-@pytest.mark.parametrize(("first", "second", "together"), [(1, 4, 100), (2, 3, 67), (4, 1, 100)])
-def test_reads_of_a_time_see_one_cycle_in_all_domains_of_the_model(
-    two_domains: Path, troll: Daemon, first: int, second: int, together: int, wait_for_bus: int
-) -> None:
-    result = run(two_domains, troll.bus, *map(str, (first, second, wait_for_bus)))
+def replay(program: Path, bus: str, block: str, times: list[float], wait: bool) -> list[Sampled]:
+    """What the domains of a master read, in the order in which OpenModelica samples them."""
+    clock = Clock(FUNCTIONS, block, {"sampleTime": times})
+    until = takewhile(lambda event: event.time < WINDOWS[-1][1], clock.events())
+    events = [e for e in until if any(low - 1e-9 < e.time < high for low, high in WINDOWS)]
+    result = run(
+        program,
+        *(bus, f"{wait:d}", f"{clock.values.get('baseTime', times[0])}"),
+        lines=[
+            f"{e.time!r} {'waitCycle' in e.calls:d} {e.sampled[0]:d} {e.sampled[1]:d}"
+            for e in events
+        ],
+    )
     assert (result.returncode, result.stderr) == (0, "")
-    common, changes = map(int, result.stdout.split())
-    assert common == together
-    assert changes > 0.5 * 400 / second  # also where there is no sample of the other domain
+    answers = [line.split() for line in result.stdout.splitlines()]
+    return [
+        Sampled(event, int(cycle), float(first), float(second))
+        for event, (cycle, first, second) in zip(events, answers, strict=True)
+    ]
+
+
+@pytest.mark.bus
+@pytest.mark.parametrize(
+    ("times", "base", "wait"),
+    [([1, 4], 1, True), ([4, 1], 1, True), ([4, 6], 2, True), ([1, 4], 1, False)],
+    ids=str,
+)
+def test_domains_stay_together_however_long_the_model_runs(
+    two_domains: Path, troll: Daemon, times: list[int], base: int, wait: bool
+) -> None:
+    samples = replay(two_domains, troll.bus, MASTER, [0.001 * t for t in times], wait)
+    assert all(sample.event.calls == ["waitCycle", "masterState"] for sample in samples)
+    assert all(before.cycle <= sample.cycle for before, sample in pairwise(samples))
+    ticks = [round(sample.event.time / 0.001) for sample in samples]
+    assert ticks == [n for n in (*range(21), *range(5000, 5061)) if n % base == 0]
+    for tick, sample in zip(ticks, samples, strict=True):
+        assert sample.event.sampled == tuple(tick % t == 0 for t in times)
+        if all(sample.event.sampled):
+            assert sample.first == sample.second
+    together = [sample for sample in samples if all(sample.event.sampled)]
+    assert len({sample.second for sample in together}) > 0.7 * len(together)  # a sine
+
+
+@pytest.mark.parametrize(
+    ("times", "base"),
+    [
+        ([0.001], 0.001),
+        ([0.01, 0.001, 3600.0], 0.001),
+        ([0.001, 0.003 * (1 + 1e-10)], 0.001),
+        ([0.002, 0.003], 0.001),
+        ([0.001, 0.0011], 0.0001),
+        ([1 / 3000, 0.001, 1 / 500], 1 / 3000),
+        ([0.001, 0.00101], "no multiples of one time of at least a tenth of the shortest"),
+        ([0.001, 0.004 * (1 + 1e-9)], "no multiples of one time"),
+        ([0.001, math.pi], "no multiples of one time"),
+        ([0.001, 0.0], "must be positive; change sampleTime"),
+        ([], "needs a sample time"),
+    ],
+    ids=str,
+)
+def test_the_base_of_sample_times(times: list[float], base: float | str) -> None:
+    if isinstance(base, str):
+        with pytest.raises(RefusedError, match=f"^EtherCAT: .*{base}"):
+            Clock(FUNCTIONS, MASTER, {"sampleTime": times})
+    else:
+        clock = Clock(FUNCTIONS, MASTER, {"sampleTime": times})
+        assert clock.values["baseTime"] == pytest.approx(base)
+
+
+@pytest.mark.bus
+def test_the_replay_sees_domains_that_drift_apart(two_domains: Path, troll: Daemon) -> None:
+    """With a `sample()` for each domain, the slow one sees an earlier cycle after some seconds."""
+    samples = replay(two_domains, troll.bus, EACH_FOR_ITSELF, [0.001, 0.004], True)
+    early = [sample for sample in samples if sample.event.time < 1]
+    assert len(early) == 21  # together at first
+    late = [
+        (sample, after)
+        for sample, after in pairwise(samples)
+        if sample.event.sampled == (False, True) and after.event.time - sample.event.time < 1e-9
+    ]
+    assert len(late) == 16  # all instants of both
+    assert any(slow.cycle < fast.cycle and slow.second != fast.first for slow, fast in late)
 
 
 TOGETHER = """

@@ -80,6 +80,73 @@ def test_two_domains(omc: OpenModelica, troll: Daemon) -> None:
     assert any(abs(time / 0.004 - round(time / 0.004)) > 0.1 for time in fast)
 
 
+TOGETHER = """
+package Own
+  model Together "One slave in both domains"
+    extends EtherCAT.Examples.TwoDomains;
+    EtherCAT.Examples.Utilities.EL3008 again(domainID = 2);
+    Integer shared(start = 0, fixed = true) "Instants of both domains";
+    Integer different(start = 0, fixed = true) "Of these, with two values of the slave";
+  equation
+    when etherCATMaster.sampled[2] then
+      shared = pre(shared) + 1;
+      different = pre(different) + (if fast.y[8] == again.y[8] then 0 else 1);
+    end when;
+  end Together;
+  model Never
+    extends EtherCAT.Examples.TwoDomains(etherCATMaster(sampleTime = {0.001, 0.00101}));
+  end Never;
+  model Backwards
+    extends EtherCAT.Examples.TwoDomains(etherCATMaster(sampleTime = {0.001, -0.004}));
+  end Backwards;
+end Own;
+"""
+
+
+@pytest.fixture(scope="module")
+def together(omc: OpenModelica) -> Path:
+    (omc.folder / "Own.mo").write_text(TOGETHER)
+    answer = omc.run('loadFile("Own.mo");', 'buildModel(Own.Together, outputFormat = "csv");')
+    assert not re.search(r"Error:|Warning:", answer), answer
+    return omc.folder / "Own.Together"
+
+
+@pytest.mark.parametrize(
+    ("stop_time", "wait", "flags"),
+    [
+        (60, True, []),
+        (12, True, ["-s=cvode"]),
+        (3600, False, ["-noEventEmit"]),
+    ],
+    ids=["a minute", "cvode", "an hour that does not wait"],
+)
+def test_domains_stay_together(
+    together: Path, troll: Daemon, stop_time: int, wait: bool, flags: list[str]
+) -> None:
+    rows = simulate(
+        together,
+        stop_time,
+        flags=flags,
+        bus=troll.bus,
+        stepSize=f"{stop_time / 60}",
+        etherCATMaster__waitForBus=f"{wait}".lower(),
+    )
+    assert rows[-1]["shared"] >= stop_time * 250 - 1
+    assert rows[-1]["different"] == 0
+
+
+@pytest.mark.parametrize(
+    ("model", "problem"), [("Never", "no multiples of one time"), ("Backwards", "positive")]
+)
+def test_sample_times_without_a_base_are_refused_at_translation(
+    omc: OpenModelica, model: str, problem: str
+) -> None:
+    (omc.folder / "Own.mo").write_text(TOGETHER)
+    answer = omc.run('loadFile("Own.mo");', f"buildModel(Own.{model});")
+    names(answer, "EtherCAT: ", "sample times", problem)
+    assert not (omc.folder / f"Own.{model}").exists()
+
+
 def test_an_object_is_read(omc: OpenModelica, troll: Daemon) -> None:
     rows = simulate(omc.build("EtherCAT.Examples.ReadObject"), 1, bus=troll.bus)
     assert rows[-1]["deviceType.y"] == 0x20192
@@ -162,7 +229,9 @@ def test_all_slaves(omc: OpenModelica, troll: Daemon) -> None:
 
 
 def test_a_simulation_that_is_killed_leaves_safe_outputs(omc: OpenModelica, troll: Daemon) -> None:
-    process = start(omc.build("EtherCAT.Examples.DigitalIO"), 60, bus=troll.bus)
+    process = start(
+        omc.build("EtherCAT.Examples.DigitalIO"), 60, bus=troll.bus, etherCATMaster__lease="2"
+    )
     with troll.client() as client:
         output = client.signal(DIGITAL_OUTPUTS, 0x7000, 1)
 
@@ -179,7 +248,7 @@ def test_a_simulation_that_is_killed_leaves_safe_outputs(omc: OpenModelica, trol
         while client.slaves()[DIGITAL_OUTPUTS].outputs != Outputs.SAFE:
             client.wait()
             cycles += 1
-            assert cycles < 5000, "the outputs are not safe"
+            assert cycles < 5000, "the outputs are not safe long after the lease"
         client.sample()
         assert output.raw == 0
         assert client.output(f"{DIGITAL_OUTPUTS}/0x7000:01").reason in (
@@ -188,19 +257,13 @@ def test_a_simulation_that_is_killed_leaves_safe_outputs(omc: OpenModelica, trol
         )
 
 
-def test_times_that_are_none_end_the_simulation(omc: OpenModelica, troll: Daemon) -> None:
+def test_a_lease_that_is_none_ends_the_simulation(omc: OpenModelica, troll: Daemon) -> None:
     program = omc.build("EtherCAT.Examples.TwoDomains")
-    for parameter, value, problem in (
-        ("sampleTime[1]", "0", "positive"),
-        ("sampleTime[2]", "-0.001", "positive"),
-        ("lease", "-1", "negative"),
-    ):
-        changed = {"etherCATMaster.waitForBus": "false", f"etherCATMaster.{parameter}": value}
-        with start(program, 0.1, bus=troll.bus, **changed) as process:
-            log, _ = process.communicate()
-        assert process.returncode != 0, log
-        kind = "lease" if parameter == "lease" else "sample times"
-        names(log, "EtherCAT: ", kind, problem)
+    changed = {"etherCATMaster.waitForBus": "false", "etherCATMaster.lease": "-1"}
+    with start(program, 0.1, bus=troll.bus, **changed) as process:
+        log, _ = process.communicate()
+    assert process.returncode != 0, log
+    names(log, "EtherCAT: ", "lease", "negative")
 
 
 def test_a_model_of_another_bus_fails_with_one_sentence(

@@ -9,7 +9,7 @@ import pytest
 
 from conftest import names, one_line_error, run_module
 from ecatgen.static_library import VERSION
-from openmodelica import OpenModelica, needs_omc
+from openmodelica import OpenModelica, at_home, needs_omc
 
 FOLDER = f"EtherCAT {VERSION}"
 
@@ -53,8 +53,7 @@ def test_one_place_must_be_said(tmp_path: Path, arguments: tuple[str, ...]) -> N
 
 
 def test_for_openmodelica(tmp_path: Path) -> None:
-    env = {**os.environ, "HOME": str(tmp_path)}
-    result = run_module("ecatd.cli", "library", "--openmodelica", env=env)
+    result = run_module("ecatd.cli", "library", "--openmodelica", env=at_home(tmp_path))
     assert result.returncode == 0, result.stderr
     assert (tmp_path / ".openmodelica" / "libraries" / FOLDER / "package.mo").is_file()
 
@@ -96,7 +95,7 @@ def test_openmodelica_finds_it(tmp_path: Path) -> None:
     for library in (item for path in where.split(":") for item in Path(path).glob("*")):
         if not library.name.startswith("EtherCAT") and not (folder / library.name).exists():
             (folder / library.name).symlink_to(library)
-    env = {**os.environ, "HOME": str(tmp_path / "home")}
+    env = at_home(tmp_path / "home")
     assert run_module("ecatd.cli", "library", "--openmodelica", env=env).returncode == 0
     user = tmp_path / "User.mo"
     user.write_text(

@@ -6,7 +6,7 @@ block EtherCATMaster "Connection of the model to one EtherCAT bus"
   parameter Modelica.Units.SI.Period sampleTime[:] = {0.001} "Sample time of each domain"
     annotation (Dialog(group = "Pace"));
   parameter Boolean waitForBus = false
-    "= true, if every sample of domain 1 waits for the bus, so that the bus paces the simulation"
+    "= true, if every sample waits for the bus, so that the bus paces the simulation"
     annotation (choices(checkBox = true), Dialog(group = "Pace"));
   parameter Modelica.Units.SI.Time lease(min = 0) = 0.1
     "Time without samples after which outputs fall to their safe values"
@@ -27,8 +27,11 @@ block EtherCATMaster "Connection of the model to one EtherCAT bus"
   parameter Boolean requireOperational = false
     "= true, if the simulation ends when a slave of the model is not in OP"
     annotation (choices(checkBox = true), Dialog(group = "Without a bus"));
+  final parameter Modelica.Units.SI.Period baseTime = EtherCAT.Functions.baseTime(sampleTime)
+    "Time between two samples of the bus, which all sample times are multiples of"
+    annotation (Evaluate = true);
   parameter EtherCAT.Objects.Master master = EtherCAT.Objects.Master(
-    bus, waitForBus, sampleTime[1], size(sampleTime, 1), lease, Integer(whenMissing),
+    bus, waitForBus, baseTime, size(sampleTime, 1), lease, Integer(whenMissing),
     Integer(whenFailed), patience, readOnly, requireOperational, getInstanceName()) "Connection"
     annotation (Dialog(enable = false));
 
@@ -47,16 +50,20 @@ block EtherCATMaster "Connection of the model to one EtherCAT bus"
   output Integer workingCounterExpected(start = 0, fixed = true)
     "Working counter when all slaves take part";
 protected
+  Boolean tick "True at the samples of the bus";
+  discrete Real count(start = -1, fixed = true) "Number of such samples, 0 at the first";
   Real keepAlive(start = 0, fixed = true)
     "A co-simulation FMU of some tools needs a continuous state";
 equation
-  assert(min(sampleTime) > 0, "EtherCAT: all sample times of the EtherCATMaster must be positive; change sampleTime");
   assert(lease >= 0, "EtherCAT: the lease of the EtherCATMaster must not be negative; change lease");
   der(keepAlive) = 0;
+  // One sample() for all domains: tools add up the instants of each one, and two sums drift apart by rounding.
+  tick = sample(0, baseTime);
   for d in 1:size(sampleTime, 1) loop
-    sampled[d] = sample(0, sampleTime[d]);
+    sampled[d] = tick and EtherCAT.Functions.isSampled(count, sampleTime[d]/baseTime);
   end for;
-  when sampled[1] then
+  when tick then
+    count = pre(count) + 1;
     cycle = EtherCAT.Functions.waitCycle(master, time);
     (connected, age, missed, state, workingCounter, workingCounterExpected) =
       EtherCAT.Functions.masterState(master, time, cycle);
@@ -78,8 +85,14 @@ by its parameter <code>domainID</code> (1 is the first). All reads at the same s
 same bus cycle, even in different domains.
 </p>
 <p>
-With <code>waitForBus = true</code> each sample of domain 1 waits until as many bus cycles have passed as
-its sample time has; the sample time must be a multiple of the bus cycle. With
+All domains are sampled by one clock. Its period <code>baseTime</code> is the longest time that all sample times are
+whole multiples of (to 1e-9): with 1&nbsp;ms and 4&nbsp;ms it is 1&nbsp;ms, with 2&nbsp;ms and 3&nbsp;ms it is 1&nbsp;ms, too.
+The translation fails if it would be shorter than a tenth of the shortest sample time. For this check,
+<code>sampleTime</code> is fixed when the model is translated.
+</p>
+<p>
+With <code>waitForBus = true</code> each sample of this clock waits until as many bus cycles have passed as
+<code>baseTime</code> has; it must be a multiple of the bus cycle. With
 <code>waitForBus = false</code> the model runs as fast as the tool runs it, and a sample takes the values that
 the bus has at that moment.
 </p>
@@ -95,9 +108,11 @@ to their safe values. Waiting for the bus does not count as a pause, so that wit
 times may be longer.
 </p>
 <p>
-Each sample is an event for the solver. OpenModelica 1.25 may hang with the solver <code>cvode</code> when
-<code>sampleTime</code> has different elements: use <code>dassl</code>, <code>ida</code>, <code>rungekutta</code> or
-<code>euler</code>.
+Each sample of the clock is an event for the solver. Equations of your own that belong to a domain use
+<code>when etherCATMaster.sampled[1] then</code>, with the number of the domain. Do not write a <code>sample()</code> of
+your own for the same instants: after some seconds it is no longer true at the same time, but some 1e-14&nbsp;s
+before or after. Then it sees the values of another bus cycle, and some solvers (such as <code>cvode</code>) end or hang
+because they cannot make so short a step.
 </p>
 <h4>Without a bus</h4>
 <p>
@@ -130,7 +145,7 @@ sentence instead. A single lost frame does not end the simulation.
 </p>
 <h4>Diagnostics</h4>
 <p>
-The outputs are those of the last sample of domain 1. <code>state</code> goes from
+The outputs are those of the last sample of any domain. <code>state</code> goes from
 <code>Missing</code> to <code>Operational</code>, see
 <a href=\"modelica://EtherCAT.Types.BusState\">BusState</a>; <code>connected</code> is true from
 <code>Incomplete</code> on. <code>age</code> goes on growing while there is no bus. <code>missed</code>

@@ -62,6 +62,12 @@ for models without a bus, or with an <a href=\"modelica://EtherCAT.EtherCATMaste
 that does not wait for the bus. A model paced by the bus needs no other pace: leave this block out.
 </p>
 <p>
+This block has a <code>sample()</code> of its own. Beside an EtherCATMaster, give it the same <code>sampleTime</code> as
+<code>baseTime</code> of that block: then both have the same instants. With another one, their instants differ by some 1e-14&nbsp;s
+after some seconds. Values do not suffer, because this block has none of the bus, but each of them is an event of its own,
+and a solver such as <code>cvode</code> may end because it cannot make so short a step.
+</p>
+<p>
 The first sample is the origin. Each later one waits until as much time has passed on the clock as
 in the simulation, times <code>scaling</code>. A sample that comes later than that does not wait at
 all: <code>lateness</code> says by how much, <code>missed</code> counts. The following samples make up

@@ -33,7 +33,7 @@ equation
     annotation (Line(points = {{-59, -30}, {-42, -30}}, color = {255, 0, 255}));
 
   annotation (
-    experiment(StopTime = 1, Interval = 0.001),
+    experiment(StopTime = 6, Interval = 0.001),
     Documentation(info = "<html>
 <p>
 In the testbed of the paper on the DLR EtherCAT library the drive is controlled at 1000&nbsp;Hz, while the robot
@@ -48,8 +48,7 @@ blocks see the same bus cycle.
 </p>
 <p>
 These are domains of the model: the bus exchanges everything in each of its cycles. Domains of the bus,
-which save frames, are configured in the daemon. With <code>waitForBus</code> it is domain 1 that waits,
-so make it the fastest one.
+which save frames, are configured in the daemon.
 </p>
 </html>"));
 end TwoDomains;

@@ -14,7 +14,7 @@ impure function waitCycle "Take a sample, after waiting for the bus if the maste
   annotation (Documentation(info = "<html>
 <p>
 Waits for the bus if <code>waitForBus</code> of the master is true, then takes one image of all inputs. The <a
-href=\"modelica://EtherCAT.EtherCATMaster\">EtherCATMaster</a> calls it at each sample of domain 1. A second
+href=\"modelica://EtherCAT.EtherCATMaster\">EtherCATMaster</a> calls it whenever a domain is sampled. A second
 call at the same time returns the same cycle.
 </p>
 </html>"));

@@ -5,7 +5,7 @@ class Master "Connection to a bus"
   function constructor "Connect to a bus"
     input String bus "Name of the bus";
     input Boolean waitForBus "= true, if samples wait for bus cycles";
-    input Real sampleTime "Sample time of domain 1 in s";
+    input Real baseTime "Time between two samples of the bus in s";
     input Integer domains "Number of domains";
     input Real lease "Time without samples after which outputs become safe, in s";
     input Integer whenMissing "Number of the EtherCAT.Types.BusFailure: before there was a bus";
@@ -16,7 +16,7 @@ class Master "Connection to a bus"
       "= true, if the simulation ends when a slave of the model is not in OP";
     input String instance = "" "Name of the instance of the block, for messages";
     output Master master "Connection";
-    external "C" master = ecatm_master_open(bus, waitForBus, sampleTime, domains, lease, whenMissing, whenFailed, patience, readOnly, requireOperational, instance)
+    external "C" master = ecatm_master_open(bus, waitForBus, baseTime, domains, lease, whenMissing, whenFailed, patience, readOnly, requireOperational, instance)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

@@ -55,7 +55,13 @@ outputs become safe within that time, and the bus goes on.
 <p>
 <code>sampleTime</code> of the master has one element for each domain of the model, and a block
 chooses one by <code>domainID</code>. <a href=\"modelica://EtherCAT.Examples.TwoDomains\">TwoDomains</a> shows
-slaves at 1000&nbsp;Hz and at 250&nbsp;Hz.
+slaves at 1000&nbsp;Hz and at 250&nbsp;Hz. One clock samples all domains, and each domain counts its samples. So they
+stay together however long the model runs. Its period, <code>baseTime</code> of the master, is the longest time that all
+sample times are whole multiples of.
+</p>
+<p>
+Your own sampled equations use <code>when etherCATMaster.sampled[1] then</code>. A <code>sample()</code> of your own with the
+same period does not stay at the same instants: the rounding of the two sums differs.
 </p>
 </html>"));
 end Concept;

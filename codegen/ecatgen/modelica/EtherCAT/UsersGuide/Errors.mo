@@ -35,8 +35,11 @@ EtherCATMaster is true; else this is a note. Look at the AL status code and at
 <code>lease</code> of the EtherCATMaster, or paused. The outputs are safe. Start again; make the model
 faster, or the lease longer.</td></tr>
 <tr><td>... is out of range for ...</td><td>Limit the signal before it reaches the block.</td></tr>
-<tr><td>its sample time of ... is no multiple of the bus cycle</td><td>Change <code>sampleTime[1]</code>,
-or do not wait for the bus.</td></tr>
+<tr><td>its sample time of ... is no multiple of the bus cycle</td><td>Change
+<code>sampleTime</code> of the EtherCATMaster so that all its elements are multiples of one time that is a multiple of the
+bus cycle; or do not wait for the bus.</td></tr>
+<tr><td>the sample times ... are no multiples of one time ...</td><td>The same, for a model that does not wait, too: one
+clock samples all domains, at most ten times as often as the fastest of them.</td></tr>
 <tr><td>all sample times ... must be positive, the lease ... must not be negative</td><td>Change
 <code>sampleTime</code> or <code>lease</code> of the EtherCATMaster.</td></tr>
 <tr><td>entry ... is ..., which no Modelica Integer can hold</td><td>Read it by

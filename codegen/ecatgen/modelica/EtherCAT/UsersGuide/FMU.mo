@@ -11,7 +11,7 @@ needs the daemon on the machine where it runs, but no library of ecatd.
 <li>Choose co-simulation, and a communication step that is not longer than the sample time: within a step some
 tools leave out calls whose results nothing uses.</li>
 <li><code>bus</code>, <code>waitForBus</code> and <code>lease</code> of the master can be set before the
-initialization; the number of sample times and <code>domainID</code> are fixed by the export.</li>
+initialization; <code>sampleTime</code> and <code>domainID</code> are fixed by the export.</li>
 <li>With <code>waitForBus</code> the FMU paces the program that runs it. Switch the real-time option of that
 program off.</li>
 <li>Co-simulation FMUs of OpenModelica 1.25 report a step as successful even if it has ended with an error: watch

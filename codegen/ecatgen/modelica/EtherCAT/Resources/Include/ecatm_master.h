@@ -13,7 +13,7 @@
 
 #define ECATM_TEXT ECAT_SESSION_TEXT
 #define ECATM_HEADING 160
-#define ECATM_SAME_TIME 1e-9     /* seconds; periodic events drift by rounding */
+#define ECATM_SAME_TIME 1e-9     /* seconds; for a tool that evaluates an instant again */
 
 /* The slaves of one domain of the model, whose outputs are committed together. */
 typedef struct ecatm_group {
@@ -41,7 +41,7 @@ typedef struct ecatm_master {
   int domains;                   /* number of sample times of the model */
   ecatm_group *groups;           /* one for each of them */
   int wait_for_bus;
-  double period;                 /* sample time of domain 1 */
+  double period;                 /* time between two samples of the bus: of the base of all domains */
   unsigned stride;               /* bus cycles from wait to wait */
   double wait_time, sample_time; /* simulation time of the last wait, and of the last sample */
   int waited, sampled;           /* whether there was a wait, and a sample */
@@ -156,16 +156,17 @@ ECATM_FUNCTION int ecatm_check_more(void *context) {
   master->stride = ecatm_stride(master->period, cycle_time);
   if (master->wait_for_bus && master->stride == 0)
     return ecat_session_fail(&master->session, ECAT_EARG, "%sthe model is to wait for bus '%s', but its "
-                             "sample time of %g s is no multiple of the bus cycle of %g s; change "
-                             "sampleTime[1] of the EtherCATMaster", master->heading, master->name,
-                             master->period, cycle_time);
+                             "sample time of %g s%s is no multiple of the bus cycle of %g s; change "
+                             "sampleTime of the EtherCATMaster", master->heading, master->name,
+                             master->period, master->domains > 1 ? " (the base of its domains)" : "",
+                             cycle_time);
   for (node = master->objects; node != NULL && code == 0; node = node->next)
     if (!node->closed && node->check != NULL) code = node->check(node);
   return code;
 }
 
-/* Connects to a bus. `sample_time` is the sample time of domain 1, `domains` the number of domains of the
- * model, `block` the name of the block's instance. For the others see ecat_session_settings. */
+/* Connects to a bus. `sample_time` is the time between two calls of ecatm_wait(), which all
+ * sample times of the model are multiples of, `domains` the number of its domains, `block` the name of the block's instance. For the others see ecat_session_settings. */
 ECATM_FUNCTION void *ecatm_master_open(const char *name, int wait_for_bus, double sample_time,
                                        int domains, double lease, int when_missing, int when_failed,
                                        double patience, int read_only, int require_op,
