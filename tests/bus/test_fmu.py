@@ -161,6 +161,25 @@ def test_a_simulation_by_fmpy(model: Model, troll: Daemon) -> None:
     wait_for(lambda: outputs(troll) == [0] * 8, troll)
 
 
+@pytest.mark.parametrize(("interval", "cycles"), [(0.001, 1), (0.004, 4)])
+def test_steps_do_not_lose_cycles_by_rounding(
+    model: Model, troll: Daemon, interval: float, cycles: int
+) -> None:
+    """The importer adds up times, whose rounding grows with them; steps count cycles."""
+    for start in (5.0, 86_400.0):
+        result = fmpy.simulate_fmu(
+            str(model.path),
+            start_time=start,
+            stop_time=start + 0.1,
+            output_interval=interval,
+            start_values={"bus": troll.bus, **BEAR},
+            output=["cycle", "missed"],
+        )
+        steps = round(0.1 / interval)
+        assert len(result) == steps + 1
+        assert result["cycle"][-1] - result["cycle"][0] >= steps * cycles
+
+
 def test_what_was_set_is_written_and_nothing_else(model: Model, troll: Daemon) -> None:
     with model.play(bus=troll.bus, **BEAR) as player:
         for _ in range(3):
