@@ -76,7 +76,7 @@ def test_the_log_says_what_is_wrong_and_what_is_done(damaged: Daemon) -> None:
 
 def test_the_slaves_are_shown_with_what_is_wrong(damaged: Daemon) -> None:
     rows = damaged.slave_rows("slaves")
-    assert [len(row["problems"]) for row in rows] == [0, 2, 1, 1, 2, 1, 1, 0]
+    assert [len(row["problems"]) for row in rows] == [0, 2, 1, 1, 3, 1, 1, 0]
     wait_for(lambda: " PREOP, damaged " in damaged.ctl("slaves").stdout, damaged)
     shown = damaged.ctl("slaves").stdout
     assert " OP, damaged " in shown

@@ -16,6 +16,7 @@ from ecatd.bus.mailbox.line import Line
 from ecatd.bus.mailbox.talks import Talk, converse
 from ecatd.bus.start.assignment import Assignment
 from ecatd.model.bus import Slave
+from ecatd.model.config import SlaveConfig
 from ecatd.model.errors import SdoAbortError, StateError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import Sii
@@ -72,10 +73,16 @@ class Counting(Coe):
         self.descriptions = 0
 
     def upload(
-        self, index: int, subindex: int, *, complete: bool = False, tries: int = 3
+        self,
+        index: int,
+        subindex: int,
+        *,
+        complete: bool = False,
+        tries: int = 3,
+        size: int = 0,
     ) -> Talk[bytes]:
         self.uploads += 1
-        return super().upload(index, subindex, complete=complete, tries=tries)
+        return super().upload(index, subindex, complete=complete, tries=tries, size=size)
 
     def ask(
         self,
@@ -105,7 +112,7 @@ def read(
         converse(
             registers,
             [
-                Assignment(slave, item, coe).read()
+                Assignment(slave, item, coe, SlaveConfig(slave.position)).read()
                 for (slave, coe), item in zip(found, siis, strict=True)
             ],
         )
@@ -193,7 +200,10 @@ def lists(objects: dict[tuple[int, int], bytes]) -> Slave:
     slave = Correspondent(answers)
     with corresponding(slave) as (registers, _wire):
         found = Slave(0, "Odd", 1, 2, 3)
-        converse(registers, [Assignment(found, Sii(), Coe(0, FIRST_STATION, Line())).read()])
+        converse(
+            registers,
+            [Assignment(found, Sii(), Coe(0, FIRST_STATION, Line()), SlaveConfig(0)).read()],
+        )
     return found
 
 

@@ -75,6 +75,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         mailbox_timeout_ms = 5000
         mailbox_tries = 2
         mailbox_poll_ms = 0
+        pdo_source = "sii"
         pdos = ["0x1605", 0x1A02]
         [[slave.module]]
         slot = 2
@@ -204,6 +205,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
             [ModuleConfig(2, 0x11, "DI8")],
             [0x1605, 0x1A02],
             [PdoConfig(0x1605, [PdoEntryConfig(16, "0x6040:00"), PdoEntryConfig(8)])],
+            "sii",
             [
                 StartupConfig(
                     "0x6065:00", "uint32", "1234", None, None, False, "IP", True, "window"

@@ -20,7 +20,7 @@ from ecatd.model.applied.pdos import (
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, SlaveConfig, StartupConfig, load_config
 from ecatd.model.config.placed import Placed
-from ecatd.model.doubts import REMEDIES, SILENT
+from ecatd.model.doubts import CONTRADICTED, REMEDIES, SILENT
 from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.expected_bus import Difference, compare
 from ecatd.model.health import silent_slaves
@@ -33,6 +33,7 @@ from ecatd.paths import profile_folders
 from .bus_source import check_options, get_bus, warn_of_silent
 from .named_objects import Told, ask_slaves, esi_objects, refresh_modules
 from .output import print_json
+from .witness_check import contradictions
 
 if TYPE_CHECKING:
     from ecatd.esi import EsiDevice
@@ -79,10 +80,13 @@ def check(options: argparse.Namespace) -> int:
     warnings += [
         f"{bus.slaves[n].label}: {_doubt(row, moved.settings_of(n), bus.slaves[n])}"
         for n, row in doubtful.items()
-        if n not in unexpected
+        if n not in unexpected and row["recovery"] != CONTRADICTED
     ]
     in_esi = {} if options.esi is None else described(bus, options.esi)
     differences += _forbidden(moved, bus, in_esi)
+    contradicting, decided = contradictions(moved, bus, in_esi, gone | unexpected.keys())
+    differences += contradicting
+    notes += decided
     warnings += _unknown_pdos(moved, bus, changed.keys() - in_esi.keys(), told)
     objects = dict(told.objects)
     for n, named in esi_objects(moved, in_esi).items():

@@ -13,6 +13,8 @@ from ecatd.model.datatypes import type_name
 from ecatd.model.errors import StateError, UsageError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import places
+from ecatd.model.plain import plain
+from ecatd.model.witnesses import contradiction_text, witness_name
 
 from .answering import check_slaves
 from .arguments import add_slave
@@ -67,6 +69,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> int:
                 "coe": slave.coe,
                 "modules": [asdict(module) for module in slave.modules],
                 "problems": slave.problems,
+                "contradictions": plain(slave.contradictions),
                 "domain": slave.domain,
                 "domain_name": bus.domain_name(slave.domain),
                 "output_bytes": slave.output_bytes,
@@ -130,6 +133,9 @@ def _print_slaves(bus: Bus, states: dict[int, dict[str, Any]]) -> None:
     for slave in bus.slaves:
         if slave.modules:
             print(f"{slave.label}: {_modules(slave)}")
+        for item in slave.contradictions:
+            chosen = f"; {witness_name(item.believed)} is believed" if item.believed else ""
+            print(f"{slave.label}: {contradiction_text(item)}{chosen}")
         for problem in slave.problems[:_PROBLEMS_SHOWN]:
             print(f"{slave.label}: EEPROM, {problem}")
         if (more := len(slave.problems) - _PROBLEMS_SHOWN) > 0:
@@ -183,7 +189,9 @@ def pdos(remote: Remote, options: argparse.Namespace) -> None:
 def _print_pdos(kind: str, group: list[Pdo]) -> None:
     bits = {id(entry): bit for _, entry, bit in places(group)}
     for pdo in group:
-        print(f"    {kind} 0x{pdo.index:04X}  {pdo.name}".rstrip() + f"  (SM{pdo.sync_manager})")
+        said = f", as {witness_name(pdo.witness)} says" if pdo.witness else ""
+        name = f"    {kind} 0x{pdo.index:04X}  {pdo.name}".rstrip()
+        print(f"{name}  (SM{pdo.sync_manager}{said})")
         for entry in pdo.entries:
             byte, bit = divmod(bits[id(entry)], 8)
             place = f"{byte:4d}.{bit}"

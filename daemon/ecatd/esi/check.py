@@ -1,13 +1,36 @@
-"""Compares the PDOs of a configuration with what an ESI file allows (ETG.2000)."""
+"""Compares the PDOs of a slave and of a configuration with what an ESI file says (ETG.2000)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ecatd.model.bus import Slave
 from ecatd.model.config.slave_settings import SlaveConfig
+from ecatd.model.pdo import Pdo
 
 from .device import EsiDevice, EsiPdo
 from .modules import plug
+
+_MAPS = 0x08  # bit of the CoE details: a master can map other entries
+
+
+def described_pdos(device: EsiDevice, slave: Slave) -> dict[int, tuple[Pdo, bool]]:
+    """Returns the PDOs of a slave as its ESI file describes them, for `applied.remaining`.
+
+    PDOs without entries, and those that a start-up command of the file maps, are left out.
+
+    Returns:
+        By index: the PDO, and whether a master can map other entries.
+    """
+    if device.slots:
+        device = plug(device, [module.ident for module in slave.modules])
+    mapped = {command.index for command in device.commands}
+    maps = bool(device.coe_details & _MAPS) and slave.coe
+    return {
+        pdo.index: (pdo, maps and not pdo.fixed)
+        for pdo in (*device.outputs, *device.inputs)
+        if pdo.entries and pdo.index not in mapped
+    }
 
 
 def pdo_problems(settings: SlaveConfig, device: EsiDevice) -> Iterator[str]:
@@ -19,7 +42,7 @@ def pdo_problems(settings: SlaveConfig, device: EsiDevice) -> Iterator[str]:
     if device.slots:  # modules bring PDOs of their own
         device = plug(device, [module.ident for module in settings.modules])
     offered: dict[int, EsiPdo] = {pdo.index: pdo for pdo in (*device.outputs, *device.inputs)}
-    for own in settings.pdo:
+    for own in settings.mapped:
         pdo = offered.get(own.index)
         if pdo is None or not pdo.fixed:
             continue

@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
+from ecatd.model.applied.believed import remaining
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, DcSlaveConfig, SignalConfig
 from ecatd.model.config.clocks import SYNC_MAX_US
 from ecatd.model.config.init_commands import startup_parameter
-from ecatd.model.config.pdos import INPUT_PDOS, OUTPUT_PDOS
+from ecatd.model.config.pdos import INPUT_PDOS, OUTPUT_PDOS, PdoConfig, PdoEntryConfig
 from ecatd.model.config.signals import UNIT_BYTES
 from ecatd.model.config.slave_settings import (
     ALIAS,
@@ -23,9 +24,19 @@ from ecatd.model.config.writer import Notes
 from ecatd.model.datatypes import decode, is_real, value_range
 from ecatd.model.errors import UsageError
 from ecatd.model.object_types import ObjectType, ObjectTypes
-from ecatd.model.pdo import Entry
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.unit_codes import meaning
+from ecatd.model.witnesses import (
+    COE,
+    CONFIGURATION,
+    ESI,
+    SII,
+    Contradiction,
+    clash,
+    contradictions_text,
+)
 
+from .check import described_pdos
 from .device import EsiCommand, EsiDcMode, EsiDevice, EsiPdo
 from .dictionary import EsiEntry
 from .modules import plug
@@ -93,6 +104,7 @@ class _Adder:
                     configured.add(address)
                     self._add_signal(entry, known, outputs=outputs)
         self._describe_pdos()
+        self._choose_witness()
         if slave.coe:
             for command in device.commands:
                 self._add_command(command)
@@ -140,6 +152,26 @@ class _Adder:
             texts = [_offer(pdo) for pdo in pdos]
             if texts:
                 self._beside.append(f"{title} that it offers: {'; '.join(texts)}")
+
+    def _choose_witness(self) -> None:
+        """Where witnesses contradict each other, believes the one that agrees with the file."""
+        settings = self._settings
+        esi = described_pdos(self._device, self._slave)
+        found = remaining(self._slave, settings, esi)
+        asked = [item for item in found if item.pdo in esi]
+        if not asked or settings.pdo_source is not None or settings.pdo:
+            return
+        for source in (COE, SII):
+            if all(_agrees(item, source) for item in asked):
+                settings.pdo_source = source
+                break
+        else:
+            settings.pdo_source = CONFIGURATION
+            settings.pdo = [_table(esi[item.pdo][0]) for item in asked]
+        self._about.append(
+            f"{contradictions_text(asked)}. With this pdo_source, ecatd believes what the ESI file "
+            "says: check that on the machine."
+        )
 
     def _add_signal(self, entry: Entry, known: EsiEntry, *, outputs: bool) -> None:
         if entry.bit_length > _SIGNAL_BITS:
@@ -278,6 +310,20 @@ class _Adder:
         if max(times) > SYNC_MAX_US or rule.sync1_us < 0 or ns < 1 or (ns % frames and frames % ns):
             return f"this does not fit the cycle, {cycle} µs"
         return ""
+
+
+def _agrees(item: Contradiction, witness: str) -> bool:
+    """Whether a witness says of a PDO what the ESI file says."""
+    by_witness = {pdo.witness: pdo for pdo in item.accounts}
+    return witness in by_witness and clash(by_witness[witness], by_witness[ESI]) is None
+
+
+def _table(pdo: Pdo) -> PdoConfig:
+    entries = [
+        PdoEntryConfig(entry.bit_length, None if entry.is_gap else entry.address)
+        for entry in pdo.entries
+    ]
+    return PdoConfig(pdo.index, entries)
 
 
 def _scaled(cycle_ns: float, factor: int) -> float:

@@ -19,6 +19,7 @@ from .pdo import Entry, Pdo
 from .pdo_layout import byte_length, places
 from .plain import plain
 from .quoting import printable
+from .witnesses import Contradiction
 
 SCHEMA = 1
 
@@ -69,6 +70,7 @@ class Slave:
             for a device without slots.
         outputs: RxPDOs; `pdo_layout` computes where they lie.
         inputs: TxPDOs.
+        contradictions: The PDOs of which witnesses say different things.
         domain: Number of the domain, 0 first.
         output_offset: First byte of its outputs in the output part of the domain's image.
         input_offset: First byte of its inputs in the domain's image.
@@ -99,6 +101,7 @@ class Slave:
     modules: list[Module] = field(default_factory=list)
     outputs: list[Pdo] = field(default_factory=list)
     inputs: list[Pdo] = field(default_factory=list)
+    contradictions: list[Contradiction] = field(default_factory=list)
     domain: int = 0
     output_offset: int = 0
     input_offset: int = 0

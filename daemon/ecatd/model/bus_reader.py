@@ -17,6 +17,7 @@ from .datatypes import bit_length, is_real, type_name
 from .errors import UsageError
 from .pdo import Entry, Pdo, Value
 from .units import is_unit
+from .witnesses import WITNESSES, Contradiction
 
 _U8, _U16, _U32, _I64 = 0xFF, 0xFFFF, 0xFFFF_FFFF, (1 << 63) - 1
 _TEXT_MAX = 4096
@@ -172,6 +173,12 @@ def _safe(value: Any) -> int | float | str | None:
     )
 
 
+def _witness(value: Any) -> str:
+    if value in ("", *WITNESSES):
+        return str(value)
+    raise _WrongError(f"is {_shown(value)}, but must be one of {', '.join(WITNESSES)}, or empty")
+
+
 def _dc_bits(value: Any) -> int:
     if type(value) is int and value in (0, 32, 64):
         return value
@@ -235,6 +242,12 @@ class _Reader:
             "name": _text,
             "sync_manager": _integer(0, _U8),
             "entries": lambda value: _list(value, _ENTRIES_MAX, self._entry),
+            "witness": _witness,
+        }
+        self._contradiction_keys: dict[str, Check] = {
+            "pdo": _integer(0, _U16),
+            "accounts": self._accounts,
+            "believed": _witness,
         }
         self._slave_keys: dict[str, Check] = {
             "position": _integer(0, POSITION_MAX),
@@ -249,6 +262,7 @@ class _Reader:
             "modules": lambda value: _list(value, _MODULES_MAX, self._module),
             "outputs": self._pdos,
             "inputs": self._pdos,
+            "contradictions": lambda value: _list(value, _PDOS_MAX, self._contradiction),
             "domain": _integer(0, DOMAINS_MAX - 1),
             **dict.fromkeys(("output_offset", "input_offset"), _integer(0, _U32)),
             "dc_bits": _dc_bits,
@@ -330,6 +344,16 @@ class _Reader:
 
     def _pdo(self, number: int, data: Any) -> Pdo:
         return Pdo(**self._keys(data, self._pdo_keys, ("index", "name", "sync_manager")))
+
+    def _accounts(self, value: Any) -> list[Pdo]:
+        accounts = self._pdos(value)
+        if not accounts or not all(pdo.witness for pdo in accounts):
+            raise _WrongError("must be accounts of the PDO, each with its witness")
+        return accounts
+
+    def _contradiction(self, number: int, data: Any) -> Contradiction:
+        found = self._keys(data, self._contradiction_keys, ("pdo", "accounts"))
+        return Contradiction(**found)
 
     def _module(self, number: int, data: Any) -> Module:
         return Module(**self._keys(data, _MODULE, ("ident",)))

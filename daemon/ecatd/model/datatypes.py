@@ -144,6 +144,11 @@ def bit_length(data_type: int) -> int:
     return 0
 
 
+def type_by_size(bits: int) -> int:
+    """Guesses a type from a size: unsigned, BOOLEAN for one bit, 0 for other sizes."""
+    return {1: 0x0001, 8: 0x0005, 16: 0x0006, 32: 0x0007, 64: 0x001B}.get(bits, 0x0000)
+
+
 def type_of_bits(bits: int) -> DataType:
     """The type to assume for `bits` bits of unknown type.
 

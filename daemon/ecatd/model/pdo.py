@@ -119,12 +119,15 @@ class Pdo:
         name: Name from SII or object dictionary; may be empty.
         sync_manager: Number of the sync manager that carries it.
         entries: Entries in the order of the process image.
+        witness: Who says so (`witnesses`), if it is not as usual. Usual are CoE, and the EEPROM of
+            a slave without CoE or without an answer.
     """
 
     index: int
     name: str
     sync_manager: int
     entries: list[Entry] = field(default_factory=list)
+    witness: str = ""
 
     @property
     def bit_length(self) -> int:

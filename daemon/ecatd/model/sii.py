@@ -6,7 +6,7 @@ whole image.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from .pdo import Pdo
 
@@ -113,9 +113,33 @@ class SiiMailbox:
     send_size: int = 0
 
     @property
+    def text(self) -> str:
+        """`128 bytes from 0x1000 on and 96 from 0x1080 on`; the master writes the first one."""
+        return (
+            f"{self.receive_size} bytes from 0x{self.receive:04X} on and {self.send_size} from "
+            f"0x{self.send:04X} on"
+        )
+
+    @property
+    def written(self) -> bool:
+        """Whether somebody has written its words."""
+        return self.receive_size not in (0, UNPROGRAMMED)
+
+    def fits(self, other: SiiMailbox) -> bool:
+        """Whether it is the same. One without a size of the second area has that of the first."""
+        size = self.send_size or self.receive_size
+        return replace(self, send_size=size) == other
+
+    @property
     def exists(self) -> bool:
         """Whether there is a mailbox: sizes that were never written are 0 or 0xFFFF."""
         return all(0 < size < UNPROGRAMMED for size in (self.receive_size, self.send_size))
+
+
+def mailbox_managers(managers: list[SiiSyncManager]) -> list[SiiSyncManager]:
+    """Sync managers 0 and 1, if they are a mailbox; else none."""
+    first = managers[:2]
+    return first if [item.usage for item in first if item.length] == [1, 2] else []
 
 
 @dataclass(slots=True)

@@ -74,7 +74,7 @@ class _ImageReader(SiiReader):
             self.note(len(image), f"the image ends within its first {2 * FIRST_CATEGORY} bytes")
 
     def header(self) -> None:
-        """Decodes the fixed words, and checks their checksum and the mailbox."""
+        """Decodes the fixed words, and checks their checksum."""
         super().header()
         sii, head = self.sii, self._image[: 2 * FIRST_CATEGORY].ljust(2 * FIRST_CATEGORY, b"\xff")
         found, right = head[_CHECKED_BYTES], sii_checksum(head[:_CHECKED_BYTES])
@@ -85,8 +85,13 @@ class _ImageReader(SiiReader):
                 f"give 0x{right:02X}",
             )
         sii.pdi_control, sii.pdi_config = struct.unpack_from("<HH", head)
-        if sii.mailbox_protocols:
-            self._check_mailbox(sii.mailbox)
+
+    def compare_mailboxes(self) -> None:
+        """Compares words and sync managers, and checks the size and the place of the mailbox."""
+        words = self.sii.mailbox
+        super().compare_mailboxes()
+        if self.sii.mailbox_protocols:
+            self._check_mailbox(words if words.written else self.sii.mailbox)
 
     def _check_mailbox(self, box: SiiMailbox) -> None:
         low, high = MAILBOX_SIZES

@@ -27,6 +27,7 @@ from .sii import (
     SiiDc,
     SiiMailbox,
     SiiSyncManager,
+    mailbox_managers,
 )
 from .sii_categories import FIRST_CATEGORY, CategoryReader, Stop, Words
 from .sii_placement import Placement
@@ -34,7 +35,8 @@ from .sii_placement import Placement
 PDO_INDICES = (0x1600, 0x1BFF)
 """First and last index that a PDO of either direction can have (ETG.1000.6)."""
 
-_PROTOCOLS = 0x1C  # word
+_MAILBOX, _PROTOCOLS = 0x18, 0x1C  # words
+_PROTOCOL_COE = 0x04
 _SYNC_MANAGER_BYTES, _PDO_BYTES, _DC_BYTES = 8, 8, 24
 _BLANK_VENDOR = 0xFFFF_FFFF
 _PADDING = 0xFF
@@ -95,9 +97,46 @@ class SiiReader(CategoryReader):
             if kind in categories:
                 with suppress(Stop):
                     decode(*categories[kind])
+        self.compare_mailboxes()
         if CATEGORY_SYNC_MANAGER in categories and not self.sii.mailbox_protocols:
             self._check_use(categories[CATEGORY_SYNC_MANAGER][0])
         return self.sii
+
+    def compare_mailboxes(self) -> None:
+        """Compares the words about the mailbox with the sync managers, which count."""
+        sii, words = self.sii, self.sii.mailbox
+        managers = mailbox_managers(sii.sync_managers)
+        if not managers:
+            if sii.mailbox_protocols and not words.written:
+                self.note(
+                    2 * _PROTOCOLS,
+                    f"the mailbox protocols 0x{sii.mailbox_protocols:04X} are announced, but the "
+                    "words 0x18 to 0x1B describe no mailbox",
+                    "its mailbox is not used",
+                )
+                sii.mailbox_protocols = 0
+            return
+        out, back = managers
+        described = SiiMailbox(out.start, out.length, back.start, back.length)
+        if not words.written or (sii.mailbox_protocols and not words.fits(described)):
+            what = words.text if words.written else "no mailbox"
+            self.note(
+                2 * _MAILBOX,
+                f"the words 0x18 to 0x1B describe {what}, but sync managers 0 and 1 are "
+                f"{described.text}",
+                "the sync managers count",
+                damage=False,
+            )
+            sii.mailbox = described
+        if not sii.mailbox_protocols and sii.coe:
+            self.note(
+                2 * _PROTOCOLS,
+                "no mailbox protocols are announced, but there are a mailbox and details of CoE "
+                f"(0x{sii.coe:02X})",
+                "it counts as a slave with CoE",
+                damage=False,
+            )
+            sii.mailbox_protocols = _PROTOCOL_COE
 
     def _check_use(self, at: int) -> None:
         """Notes process-data sync managers without PDOs, for a slave without a mailbox.
@@ -124,14 +163,6 @@ class SiiReader(CategoryReader):
         *boxes, sii.mailbox_protocols = struct.unpack("<9H", self._words(0x14, 9))
         sii.bootstrap, sii.mailbox = SiiMailbox(*boxes[:4]), SiiMailbox(*boxes[4:])
         if sii.mailbox_protocols == UNPROGRAMMED:
-            sii.mailbox_protocols = 0
-        if sii.mailbox_protocols and sii.mailbox.receive_size in (0, UNPROGRAMMED):
-            self.note(
-                2 * _PROTOCOLS,
-                f"the mailbox protocols 0x{sii.mailbox_protocols:04X} are announced, but the words "
-                "0x18 to 0x1B describe no mailbox",
-                "its mailbox is not used",
-            )
             sii.mailbox_protocols = 0
 
     # --- the chain of categories ---------------------------------------------------------------

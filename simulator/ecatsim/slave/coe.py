@@ -35,6 +35,7 @@ class CoeServer:
         state: Returns the AL state, on which read and write access depend.
         reply_size: Bytes of the mailbox that the master reads.
         complete_access: Whether whole objects may be transferred at once.
+        sized_uploads: See `DeviceType`.
     """
 
     def __init__(
@@ -44,9 +45,14 @@ class CoeServer:
         reply_size: int,
         *,
         complete_access: bool = True,
+        sized_uploads: bool = True,
     ) -> None:
         room = reply_size - HEADER_SIZE - _HEADER_SIZE
-        self._sdo = SdoServer(dictionary, state, room, complete_access=complete_access)
+        self._sdo = SdoServer(
+            *(dictionary, state, room),
+            complete_access=complete_access,
+            sized_uploads=sized_uploads,
+        )
         self._information = InformationServer(dictionary, room)
 
     def reset(self) -> None:

@@ -32,6 +32,7 @@ from .ethernet import EchoHost, TapHost
 from .mailbox import MailboxFault
 from .modules import ModuleSlots
 from .objects import Dictionary, Variable
+from .pdo_objects import mapping_value, tell_instead
 from .process_data import ProcessData
 from .services import Services
 from .state_checks import StateChecks
@@ -87,12 +88,18 @@ class Device(DeviceType):
         )
         self.describe()
         self._process_data.rebuild()
+        for index, entries in self.told_mappings.items():
+            values = None if entries is None else [mapping_value(entry) for entry in entries]
+            tell_instead(self.dictionary, index, values)
+        for index, values in self.told_assignments.items():
+            tell_instead(self.dictionary, index, values)
         standard_objects.add_sync_managers(self.dictionary, self._process_data.settings)
         self.dictionary.remember()
         self._services = (
             Services(
                 *(self.mailbox, self.bootstrap, self.dictionary, lambda: self.machine.state),
                 *(self, self.idns, self.ethernet),
+                sized_uploads=self.sized_uploads,
             )
             if self.mailbox
             else None

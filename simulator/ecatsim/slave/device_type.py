@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-from ecatd.model.pdo import Pdo
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import byte_length
 
 from ..esc import Chip
@@ -52,6 +52,12 @@ class DeviceType:
         variable_mapping: Whether a master may write the PDO mapping 0x1600… and 0x1A00…: of all
             PDOs, or of those with the given indices.
         mapping_limits: Largest sizes of outputs and inputs in bytes with a variable mapping.
+        told_mappings: What the mapping objects of PDOs tell a master instead of what the device
+            does: by index of the PDO, the entries; None: there is no such object. For devices that
+            contradict themselves.
+        told_assignments: The same of the PDO assignments: by index, such as 0x1C13, the values.
+        sized_uploads: Whether expedited uploads say how many of their four bytes are meant. If not,
+            the others are 0xA5.
         dc_modes: The ways in which the device uses SYNC0 and SYNC1 (distributed clocks); without
             any, it ignores them.
         minimum_cycle_ns: Shortest cycle time of SYNC0 in ns that it accepts.
@@ -112,6 +118,9 @@ class DeviceType:
     variable_assignment: bool = False
     variable_mapping: bool | Collection[int] = False
     mapping_limits: tuple[int, int] = (64, 64)
+    told_mappings: Mapping[int, Sequence[Entry] | None] = {}
+    told_assignments: Mapping[int, Sequence[int]] = {}
+    sized_uploads: bool = True
     dc_modes: Sequence[DcMode] = ()
     minimum_cycle_ns: int = 0
     modules: Sequence[int] = ()

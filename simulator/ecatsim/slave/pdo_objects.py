@@ -80,7 +80,7 @@ class ProcessDataObjects:
             if not entry.is_gap:
                 self._add_entry(entry)
         variable = pdo.index in self._variable
-        values = [e.index << 16 | e.subindex << 8 | e.bit_length for e in pdo.entries]
+        values = [mapping_value(entry) for entry in pdo.entries]
         room = max(len(values), _MAPPING_ENTRIES) if variable else len(values)
         item = self._objects.array(
             pdo.index,
@@ -186,6 +186,30 @@ class ProcessDataObjects:
     def _check_length(self, bits: int) -> None:
         if bits > 8 * self.room:
             raise SdoAbortError(abort_codes.PDO_LENGTH)
+
+
+def mapping_value(entry: Entry) -> int:
+    """An entry as a mapping object has it."""
+    return entry.index << 16 | entry.subindex << 8 | entry.bit_length
+
+
+def tell_instead(objects: Dictionary, index: int, values: Sequence[int] | None) -> None:
+    """Makes a mapping or an assignment tell a master other values than those that count.
+
+    Args:
+        objects: The dictionary.
+        index: Index of the object.
+        values: The values; None removes the object.
+    """
+    if values is None:
+        objects.remove(index)
+        return
+    entries = objects.object(index).entries
+    kind = DataType.UNSIGNED16 if index >= ASSIGNMENTS else DataType.UNSIGNED32
+    for subindex, value in enumerate([len(values), *values]):
+        if subindex not in entries:
+            entries[subindex] = Variable(index, subindex, f"SubIndex {subindex:03d}", kind)
+        entries[subindex].on_read = partial(int, value)
 
 
 def _type_of(entry: Entry) -> DataType:

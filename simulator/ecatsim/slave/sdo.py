@@ -20,6 +20,7 @@ _SEGMENT_HEADER_SIZE = 1
 _MIN_SEGMENT = 7
 _READ_IN = {AlState.PREOP: 0x01, AlState.SAFEOP: 0x02, AlState.OP: 0x04}
 ABORT = b"\x80"
+_JUNK = b"\xa5"  # where only the type of an object says which bytes are meant
 
 
 class _Command(IntEnum):
@@ -63,6 +64,7 @@ class SdoServer:
         state: Returns the AL state, on which read and write access depend.
         room: Largest size of a reply in bytes, without mailbox and CoE headers.
         complete_access: Whether whole objects may be transferred at once.
+        sized_uploads: See `DeviceType`.
     """
 
     def __init__(
@@ -72,11 +74,13 @@ class SdoServer:
         room: int,
         *,
         complete_access: bool,
+        sized_uploads: bool = True,
     ) -> None:
         self._dictionary = dictionary
         self._state = state
         self._room = room
         self._complete_access = complete_access
+        self._sized_uploads = sized_uploads
         self._transfer: _Transfer | None = None
 
     def reset(self) -> None:
@@ -111,6 +115,8 @@ class SdoServer:
         data = self._read(index, subindex, complete)
         self._transfer = None
         header_bits = 0x40 | (0x10 if complete else 0)
+        if 0 < len(data) <= 4 and not self._sized_uploads:
+            return _SDO.pack(header_bits | 0x02, index, subindex) + data.ljust(4, _JUNK)
         if 0 < len(data) <= 4:
             bits = header_bits | 0x03 | (4 - len(data)) << 2
             return _SDO.pack(bits, index, subindex) + data.ljust(4, b"\0")

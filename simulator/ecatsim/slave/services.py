@@ -31,6 +31,7 @@ class Services:
         host: The device whose files FoE serves.
         drives: The IDNs of each of its drives, for SoE.
         ethernet: What is behind its EoE.
+        sized_uploads: See `DeviceType`.
 
     Attributes:
         server: The server for the mailbox protocol.
@@ -45,6 +46,8 @@ class Services:
         host: FileHost,
         drives: Sequence[dict[int, Idn]],
         ethernet: EthernetHost,
+        *,
+        sized_uploads: bool = True,
     ) -> None:
         self._mailbox = mailbox
         self._bootstrap = bootstrap
@@ -53,6 +56,7 @@ class Services:
             state,
             mailbox.send_size,
             complete_access=bool(mailbox.coe_details & _COMPLETE_ACCESS),
+            sized_uploads=sized_uploads,
         )
         self._foe = FoeServer(host)
         self._soe = SoeServer(drives, state)

@@ -51,6 +51,14 @@ _COMPLETE, _EXPEDITED, _SIZED, _TOGGLE, _LAST = 0x10, 0x02, 0x01, 0x10, 0x01
 _EXPEDITED_BYTES = 4
 
 
+class UnsizedBytes(bytes):
+    """The four bytes of an answer that does not say how many of them are meant."""
+
+    def cut(self, size: int) -> bytes:
+        """Returns the bytes of a type, if it has at most four."""
+        return bytes(self[:size]) if 0 < size <= _EXPEDITED_BYTES else bytes(self)
+
+
 class Coe:
     """CoE of one slave.
 
@@ -126,7 +134,13 @@ class Coe:
     # --- SDO transfers -------------------------------------------------------------------------
 
     def upload(
-        self, index: int, subindex: int, *, complete: bool = False, tries: int = TRIES_OF_LINE
+        self,
+        index: int,
+        subindex: int,
+        *,
+        complete: bool = False,
+        tries: int = TRIES_OF_LINE,
+        size: int = 0,
     ) -> Talk[bytes]:
         """Reads an object. Asks again if no answer comes, or a malformed one.
 
@@ -135,6 +149,9 @@ class Coe:
             subindex: The subindex, or the first one of a complete access.
             complete: Whether to read the whole object (complete access).
             tries: Number of tries; 0 for `Line.tries`.
+            size: Bytes of its type. They count if the slave does not say how many of the four bytes
+                of an expedited answer are meant. 0: the type is not known; then all four bytes are
+                returned, as `UnsizedBytes`.
 
         Raises:
             SdoAbortError: The slave refused the request.
@@ -142,7 +159,9 @@ class Coe:
             StateError: Its answer was malformed.
         """
         where = self._object(index, subindex)
-        return self.insist(where, tries, lambda: self._logged_upload(index, subindex, complete))
+        return self.insist(
+            where, tries, lambda: self._logged_upload(index, subindex, complete, size)
+        )
 
     def download(
         self, index: int, subindex: int, data: bytes, *, complete: bool = False
@@ -212,8 +231,10 @@ class Coe:
         yield from self.ask(_SDO_REQUEST, request, take, _SYNCHRONIZE_S)
         self.line.unanswered = False
 
-    def _logged_upload(self, index: int, subindex: int, complete: bool) -> Talk[bytes]:
+    def _logged_upload(self, index: int, subindex: int, complete: bool, size: int) -> Talk[bytes]:
         data = yield from self._upload(index, subindex, complete)
+        if size and isinstance(data, UnsizedBytes):
+            data = data.cut(size)
         self._log(f"{self._object(index, subindex)}: upload of {_bytes(data)}")
         return data
 
@@ -231,6 +252,8 @@ class Coe:
 
         first = yield from self._ask_sdo(head, is_answer)
         if first[0] & _EXPEDITED:
+            if not first[0] & _SIZED:  # then its bits for unused bytes mean nothing (ETG.1000.6)
+                return UnsizedBytes(first[4:8])
             return first[4 : 8 - (first[0] >> 2 & 3)]
         (size,) = struct.unpack_from("<I", first, 4)
         if size > OBJECT_MAX:

@@ -13,6 +13,7 @@ from ecatd.model.object_types import ObjectType, ObjectTypes
 from ecatd.model.pdo import Entry
 from ecatd.model.requests.objects import SdoRead, SdoWrite, check_data
 
+from ..mailbox.coe import UnsizedBytes
 from .changes import SHOWN, ZENOH, Changes, shown
 from .conversations import Conversations
 from .dictionaries import Dictionaries
@@ -56,6 +57,7 @@ class Objects:
             known = ObjectType(self._type(slave, request.index, request.subindex).name)
         else:
             known = await self._asked_type(slave, request.index, request.subindex)
+            data = _sized(data, known)
         return {"data": data, **known.of(data).to_map()}
 
     async def write(self, request: SdoWrite, slot: int = ZENOH) -> dict[str, Any]:
@@ -94,11 +96,12 @@ class Objects:
         """The value before a change, for the log; None if the slave does not return it."""
         index, subindex, complete = request.index, request.subindex, request.complete
         with suppress(EcatError):
-            return await self._conversations.coe(
+            data = await self._conversations.coe(
                 slave,
                 lambda coe: coe.upload(index, subindex, complete=complete, tries=1),
                 changes=True,
             )
+            return _sized(data, self._type(slave, index, subindex))
         return None
 
     async def _upload(self, slave: Slave, index: int, subindex: int, complete: bool) -> bytes:
@@ -148,6 +151,11 @@ class Objects:
             EcatError: The slave does not return the object.
         """
         now = await self._upload(slave, index, subindex, False)
+        if isinstance(now, UnsizedBytes):
+            raise UsageError(
+                f"the type of 0x{index:04X}:{subindex:02X} is not known, and {slave.label} does "
+                "not say how many bytes it has; give it with --type"
+            )
         found = self._type(slave, index, subindex).of(now)
         if not bit_length(found.data_type):
             raise UsageError(
@@ -155,6 +163,13 @@ class Objects:
                 "bytes; give it with --type"
             )
         return found
+
+
+def _sized(data: bytes, known: ObjectType) -> bytes:
+    """The bytes that belong to a value, if the slave has not said how many that are."""
+    if not isinstance(data, UnsizedBytes):
+        return data
+    return data.cut((bit_length(known.data_type) + 7) // 8)
 
 
 def _shown(data: bytes, known: ObjectType | None) -> str:

@@ -10,21 +10,30 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TypeVar
 
+from ecatd.model.applied.believed import Believed, Told, believe
 from ecatd.model.applied.pdos import ASSIGNMENT
 from ecatd.model.bus import Slave
+from ecatd.model.config import SlaveConfig
+from ecatd.model.config.pdos import INPUT_PDOS, OUTPUT_PDOS
+from ecatd.model.datatypes import type_by_size
+from ecatd.model.dictionary import Access
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS, Sii
+from ecatd.model.sii_reader import PDO_INDICES
+from ecatd.model.witnesses import clash
 
 from ..mailbox.coe import Coe
 from ..mailbox.sdo_information import describe_entry, describe_object
 from ..mailbox.talks import Talk
+from .refused import reason
 from .value_lists import ValueLists
 
 T = TypeVar("T")
 
 INFORMATION = 0x02
 """Bit of the CoE details in the SII: the slave has the SDO information service."""
+_MAPS = 0x08  # the same: a master can map other entries
 _PDOS_MAX, _ENTRIES_MAX = 64, 254
 
 
@@ -35,48 +44,95 @@ class Assignment:
         slave: The slave; `read` stores the PDOs in it.
         sii: Its SII.
         coe: CoE of the slave.
+        settings: Its table in the configuration.
     """
 
-    def __init__(self, slave: Slave, sii: Sii, coe: Coe) -> None:
+    def __init__(self, slave: Slave, sii: Sii, coe: Coe, settings: SlaveConfig) -> None:
         self._slave = slave
         self._sii = sii
         self._coe = coe
+        self._settings = settings
         self._lists = ValueLists(coe, slave.label, sii)
         self._describes = True  # until the SDO information service has failed once
         self._tries = 3 if sii.coe & INFORMATION else 1
 
-    def read(self) -> Talk[None]:
-        """Reads PDOs and names into the slave.
+    def read(self) -> Talk[Believed]:
+        """Reads PDOs and names into the slave, as far as no witness contradicts another.
 
         Raises:
             NoAnswerError: The slave does not answer.
             StateError: Its answers are malformed.
+            SdoAbortError: It refuses to tell which PDOs it has.
         """
         return self._coe.talk(self._read)
 
-    def _read(self) -> Talk[None]:
-        self._slave.outputs, self._slave.inputs = yield from self.pdos()
-        yield from self._add_names()
+    def _read(self) -> Talk[Believed]:
+        believed = yield from self._believe()
+        slave = self._slave
+        slave.outputs, slave.inputs = believed.outputs, believed.inputs
+        slave.contradictions = believed.contradictions
+        if not believed.doubt:
+            yield from self._add_names()
+        return believed
 
-    def read_pdos(self) -> Talk[tuple[list[Pdo], list[Pdo]]]:
-        """Reads the assigned PDOs without names; returns outputs and inputs; raises as `read`."""
-        return self._coe.talk(self.pdos)
+    def read_pdos(self) -> Talk[Believed]:
+        """Reads the PDOs without names, and leaves the slave as it is; raises as `read`."""
+        return self._coe.talk(self._believe)
+
+    def _believe(self) -> Talk[Believed]:
+        told = yield from self.told()
+        in_sii = {pdo.index: pdo for pdo in (*self._sii.outputs, *self._sii.inputs)}
+        for pdo in (*told.outputs, *told.inputs):
+            known = in_sii.get(pdo.index)
+            if known is None or not known.entries or pdo.index in told.unreadable:
+                continue
+            if clash(pdo, known) and (yield from self._is_changeable(pdo.index)):
+                told.changeable.add(pdo.index)
+        return believe(self._slave, self._sii, self._settings, told)
+
+    def _is_changeable(self, index: int) -> Talk[bool]:
+        """Whether a master can map other entries into a PDO, by the dictionary or the EEPROM."""
+        if index in self._sii.fixed:
+            return False
+        if self._slave.modules:  # they decide, and the EEPROM does not know them
+            return True
+        count = yield from self._ask(describe_entry(self._coe, index, 0, self._tries))
+        if count is None:
+            return bool(self._sii.coe & _MAPS)
+        return bool(count.access & Access.WRITE_PREOP)
 
     def pdos(self) -> Talk[tuple[list[Pdo], list[Pdo]]]:
-        """Reads as `read_pdos`, as a part of a conversation."""
-        outputs = yield from self._pdos(USAGE_OUTPUTS)
-        return outputs, (yield from self._pdos(USAGE_INPUTS))
+        """Reads outputs and inputs as the slave tells them, as a part of a conversation."""
+        told = yield from self.told()
+        return told.outputs, told.inputs
 
-    def _pdos(self, usage: int) -> Talk[list[Pdo]]:
-        pdos = []
-        for number in self._sii.channels(usage):
-            for index in (yield from self._lists.read(ASSIGNMENT + number, 2, _PDOS_MAX)):
-                pdos.append((yield from self.pdo(index, number)))
-        return pdos
+    def told(self) -> Talk[Told]:
+        """Reads what the slave tells of its process data, as a part of a conversation."""
+        told = Told()
+        for usage, pdos in ((USAGE_OUTPUTS, told.outputs), (USAGE_INPUTS, told.inputs)):
+            for number in self._sii.channels(usage):
+                list_ = ASSIGNMENT + number
+                for at, value in enumerate((yield from self._lists.read(list_, 2, _PDOS_MAX)), 1):
+                    index = _as_index(value, usage)
+                    if index != value:
+                        told.notes.append(
+                            f"0x{list_:04X}:{at:02X} is 0x{value:04X}, which is no PDO, so it is "
+                            f"taken for 0x{index:04X} with its bytes exchanged"
+                        )
+                    try:
+                        pdos.append((yield from self.pdo(index, number)))
+                    except SdoAbortError as abort:
+                        told.unreadable[index] = reason(abort)
+                        pdos.append(Pdo(index, "", number, []))
+        return told
 
     def pdo(self, index: int, sync_manager: int) -> Talk[Pdo]:
-        """Reads the mapping of one PDO, as a part of a conversation."""
-        values = yield from self._lists.read(index, 4, _ENTRIES_MAX)
+        """Reads the mapping of one PDO, as a part of a conversation.
+
+        Raises:
+            SdoAbortError: There is no such mapping, or the slave does not tell all of it.
+        """
+        values = yield from self._lists.read_existing(index, 4, _ENTRIES_MAX)
         entries = [Entry(value >> 16, value >> 8 & 0xFF, "", 0, value & 0xFF) for value in values]
         return Pdo(index, "", sync_manager, entries)
 
@@ -104,7 +160,7 @@ class Assignment:
             pdo_names |= yield from self._object_names(nameless)
         for entry in entries:
             entry.name, entry.data_type = known.get(
-                (entry.index, entry.subindex), ("", _type_by_size(entry.bit_length))
+                (entry.index, entry.subindex), ("", type_by_size(entry.bit_length))
             )
         for pdo in pdos:
             pdo.name = pdo_names.get(pdo.index, "")
@@ -155,6 +211,9 @@ class Assignment:
             return None
 
 
-def _type_by_size(bits: int) -> int:
-    """Guesses a CoE data type from a size: unsigned, BOOLEAN for one bit, 0 for other sizes."""
-    return {1: 0x0001, 8: 0x0005, 16: 0x0006, 32: 0x0007, 64: 0x001B}.get(bits, 0x0000)
+def _as_index(value: int, usage: int) -> int:
+    """The index of a PDO; one that is none is taken with its bytes exchanged if that makes one."""
+    exchanged = value >> 8 | (value & 0xFF) << 8
+    possible = INPUT_PDOS if usage == USAGE_INPUTS else OUTPUT_PDOS
+    low, high = PDO_INDICES
+    return exchanged if not low <= value <= high and exchanged in possible else value

@@ -1,10 +1,11 @@
 """Decides how to use slaves whose process data are in doubt.
 
 These are slaves with CoE whose mailbox does not answer or answers with nonsense, slaves with a
-damaged EEPROM, which may describe only a part of the process data, and slaves other than the
-expected ones. A doubtful slave must not keep the others from OP. If some of its process data are
-known, and it reaches SAFEOP with them, it is used. Otherwise it stays in PREOP and takes no part in
-the exchange: in OP it would look like a slave without process data.
+damaged EEPROM, which may describe only a part of the process data, slaves whose CoE and EEPROM
+contradict each other, slaves that do not reach PREOP, and slaves other than the expected ones. A
+doubtful slave must not keep the others from OP. If some of its process data are known, and it
+reaches SAFEOP with them, it is used. Otherwise it stays in PREOP and takes no part in the exchange:
+in OP it would look like a slave without process data.
 """
 
 from __future__ import annotations
@@ -15,7 +16,15 @@ from dataclasses import dataclass
 from ecatd.coroutine_steps import Steps, finish
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.doubts import DAMAGED, REMEDIES, SILENT, UNEXPECTED
+from ecatd.model.doubts import (
+    CONTRADICTED,
+    DAMAGED,
+    REMEDIES,
+    SILENT,
+    STUCK,
+    UNEXPECTED,
+    UNREADABLE,
+)
 from ecatd.model.errors import StateError
 
 from ..engine.layout import lay_out
@@ -23,6 +32,11 @@ from ..master.master import Master
 from .mapping import Scanned, configure
 
 _STAYS = "stays in PREOP and takes no part"
+_REASONS = {
+    CONTRADICTED: f"what describes its process data is contradictory, so it {_STAYS}",
+    UNREADABLE: f"its process data are not known, so it {_STAYS}",
+    STUCK: "it does not reach PREOP, so it takes no part",
+}
 _NAMED = 3  # most problems of an EEPROM in one message
 
 
@@ -31,7 +45,7 @@ class Doubt:
     """The reason why the process data of a slave are in doubt.
 
     Attributes:
-        word: `SILENT`, `DAMAGED` or `UNEXPECTED`.
+        word: One of `model.doubts`.
         text: The reason and the consequence, for messages.
     """
 
@@ -63,11 +77,13 @@ def settle(
         item
         for item in scanned
         if item.known
-        and (item.silence or item.sii.damaged or item.unplaced)
+        and (item.silence or item.sii.damaged or item.doubt or item.unplaced)
         and item.slave.position not in unexpected
     ]
     described = [
-        item for item in doubtful if (item.slave.outputs or item.slave.inputs) and not item.unplaced
+        item
+        for item in doubtful
+        if (item.slave.outputs or item.slave.inputs) and not item.doubt and not item.unplaced
     ]
     refused = finish(_try(master, described, timeout_s))
     doubts = {}
@@ -77,17 +93,21 @@ def settle(
             text = f"it is not the expected slave, so it {_STAYS}: {unexpected[slave.position]}"
             doubts[slave.position] = Doubt(UNEXPECTED, text)
             continue
+        for note in item.notes:
+            tell(note)
         if item not in doubtful:
             if slave.problems:
                 tell(f"{slave.label}: there are mistakes in its EEPROM: {_problems(slave)}")
             continue
         used = item in described and slave.position not in refused
         unplaced = item.unplaced
-        why = refused.get(slave.position) or unplaced
+        why = item.why or refused.get(slave.position) or unplaced
         if not used:
             slave.outputs, slave.inputs = [], []
         doubts[slave.position] = doubt = _doubt(item, used=used, why=why)
-        if unplaced:
+        if slave.problems and item.doubt and not item.sii.damaged:
+            tell(f"{slave.label}: there are mistakes in its EEPROM: {_problems(slave)}")
+        if unplaced and not item.doubt:
             slave.problems.append(unplaced)
         told = f"{_name(slave)}: {doubt.text}"
         if doubt.word == SILENT:
@@ -97,6 +117,8 @@ def settle(
 
 
 def _doubt(item: Scanned, *, used: bool, why: str) -> Doubt:
+    if item.doubt and not item.silence:
+        return Doubt(item.doubt, f"{_REASONS[item.doubt]}: {item.why}")
     if item.silence and not item.sii.damaged:
         text = "is used with the process data of its EEPROM, and its objects cannot be reached"
         if not used:

@@ -76,6 +76,7 @@ class FoundBus:
         master: The master.
         config: The configuration. Once the slaves have been compared, it has the positions at which
             they were found.
+        stuck: Slaves that do not reach PREOP, by their place on the wire, and their AL states.
         scanned: All slaves by position, including optional slaves that are absent.
         expectation: The expected bus, and the differences; set when the slaves are compared.
         doubtful: Slaves whose process data are in doubt, by position, and the reasons.
@@ -89,6 +90,7 @@ class FoundBus:
     bus: Bus
     master: Master
     config: Config
+    stuck: dict[int, str] = field(default_factory=dict)
     scanned: list[Scanned] = field(default_factory=list)
     expectation: Expectation = field(init=False)
     doubtful: dict[int, Doubt] = field(default_factory=dict)

@@ -12,9 +12,12 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 from ecatd.coroutine_steps import Steps
+from ecatd.model.applied.believed import Believed, Told, believe
 from ecatd.model.bus import Slave
 from ecatd.model.config import Config, SlaveConfig
-from ecatd.model.errors import NoAnswerError, StateError
+from ecatd.model.doubts import STUCK
+from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
+from ecatd.model.pdo import Pdo
 from ecatd.model.pdo_layout import sync_manager_bytes
 from ecatd.model.sii import (
     UNASSIGNED,
@@ -57,6 +60,10 @@ class Scanned:
         silence: The request that failed and the reason, if the mailbox did not answer, or answered
             with malformed messages; else empty. The process data are then those of the SII.
         nonsense: Whether it has answered with malformed messages.
+        doubt: `CONTRADICTED` or `UNREADABLE`, if its witnesses do not say what its process data
+            are; `STUCK` if it does not reach PREOP; else empty.
+        why: The reason for `doubt`.
+        notes: Sentences about witnesses that differ, and which one is believed.
         known: Whether its SII is known; false for a slave that has been absent since the start.
     """
 
@@ -67,6 +74,9 @@ class Scanned:
     emergencies: list[tuple[int, int]] = field(default_factory=list)
     silence: str = ""
     nonsense: bool = False
+    doubt: str = ""
+    why: str = ""
+    notes: list[str] = field(default_factory=list)
     known: bool = True
 
     @property
@@ -125,7 +135,7 @@ def _ask_modules(item: Scanned, coe: Coe) -> Talk[None]:
     try:
         modules = Modules(item.slave, item.sii, coe)
         item.slave.modules = yield from coe.talk(modules.detected)
-    except (NoAnswerError, StateError):
+    except (NoAnswerError, StateError, SdoAbortError):
         return
 
 
@@ -160,11 +170,13 @@ def configure_slaves(
         if item.settings.mailbox_timeout_ms is not None:
             master.set_mailbox_timeout(item.slave.position, item.settings.mailbox_timeout_ms / 1000)
         item.slave.group = item.settings.group_at(item.slave.position)
-        if not item.known:
-            continue
-        if not item.slave.coe:
+        if item.known and not item.slave.coe and not item.doubt:
             take_pdos_from_sii(item)
-    asked = [item for item in expected if item.known and (item.slave.coe or item.gets_ip)]
+    asked = [
+        item
+        for item in expected
+        if item.known and item.doubt != STUCK and (item.slave.coe or item.gets_ip)
+    ]
     coe = [master.coe(item.slave.position) for item in asked]
     converse(master.registers, list(map(_configure_and_read, asked, coe)), cancelled)
     for item, way in zip(asked, coe, strict=True):
@@ -178,26 +190,38 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
             item.refused = yield from talk
         if not item.slave.coe:
             return
-        yield from Assignment(item.slave, item.sii, coe).read()
+        found = yield from Assignment(item.slave, item.sii, coe, item.settings).read()
+        take_believed(item, found)
         item.refused = [*item.refused, *warn_of_none(item.slave, item.sii, item.settings)]
     except RefusedError:
         raise
-    except (NoAnswerError, StateError) as error:
+    except (NoAnswerError, StateError, SdoAbortError) as error:
         item.silence = str(error)
-        item.nonsense = isinstance(error, StateError)
+        item.nonsense = not isinstance(error, NoAnswerError)
         if not item.settings.is_told:  # else its PDOs may differ from those of its EEPROM
-            _take_from_sii(item.slave, item.sii)
+            told = Told(_default(item.sii.outputs), _default(item.sii.inputs), silent=True)
+            take_believed(item, believe(item.slave, item.sii, item.settings, told))
 
 
 def take_pdos_from_sii(item: Scanned) -> None:
     """Sets the PDOs of a slave without CoE: those of its SII, or the configured ones of them."""
-    _take_from_sii(item.slave, item.sii)
-    choose_from_sii(item.slave, item.sii, item.settings)
+    slave, sii = item.slave, item.sii
+    slave.outputs, slave.inputs = _default(sii.outputs), _default(sii.inputs)
+    choose_from_sii(slave, sii, item.settings)
+    take_believed(item, believe(slave, sii, item.settings, Told(slave.outputs, slave.inputs)))
 
 
-def _take_from_sii(slave: Slave, sii: Sii) -> None:
-    slave.outputs = [pdo for pdo in sii.outputs if pdo.sync_manager != UNASSIGNED]
-    slave.inputs = [pdo for pdo in sii.inputs if pdo.sync_manager != UNASSIGNED]
+def take_believed(item: Scanned, found: Believed) -> None:
+    """Notes what the process data of a slave are, or why that is not certain."""
+    slave = item.slave
+    slave.outputs, slave.inputs = found.outputs, found.inputs
+    slave.contradictions = found.contradictions
+    item.doubt, item.why = found.doubt, found.why
+    item.notes = [f"{slave.label}: {note}" for note in found.notes]
+
+
+def _default(pdos: list[Pdo]) -> list[Pdo]:
+    return [pdo for pdo in pdos if pdo.sync_manager != UNASSIGNED]
 
 
 def _identify_slave(master: Master, position: int, sii: Sii) -> Scanned:

@@ -65,7 +65,7 @@ class PdoWriter:
         self._coe = coe
         self._settings = settings
         self._log_detail = log_detail
-        self._assignment = Assignment(slave, sii, coe)
+        self._assignment = Assignment(slave, sii, coe, settings)
         self._written: set[int] = set()  # objects that the slave has changed
 
     def write(self) -> Talk[None]:
@@ -80,7 +80,7 @@ class PdoWriter:
         before = {pdo.index: pdo for pdo in (*outputs, *inputs)}
         wanted = self._wanted(before)
         old = yield from self._changed_mappings(before)
-        new = {pdo.index: _configured(pdo) for pdo in self._settings.pdo if pdo.index in old}
+        new = {pdo.index: _configured(pdo) for pdo in self._settings.mapped if pdo.index in old}
         for index, mapping in new.items():
             yield from self._check_entries(index, mapping)
         had = {
@@ -142,11 +142,14 @@ class PdoWriter:
             RefusedError: The slave cannot change such a mapping.
         """
         changed = {}
-        for pdo in self._settings.pdo:
+        for pdo in self._settings.mapped:
             if pdo.index in before:
                 now = before[pdo.index]
             else:
-                now = yield from self._assignment.pdo(pdo.index, UNASSIGNED)
+                try:
+                    now = yield from self._assignment.pdo(pdo.index, UNASSIGNED)
+                except SdoAbortError:  # perhaps it can be written
+                    now = Pdo(pdo.index, "", UNASSIGNED, [])
             if _configured(pdo) == _mapping(now):
                 continue
             if pdo.index in self._sii.fixed:
@@ -256,7 +259,7 @@ class PdoWriter:
             RefusedError: The slave has other PDOs, or other mappings.
         """
         outputs, inputs = yield from self._assignment.pdos()
-        own = {pdo.index: pdo for pdo in self._settings.pdo}
+        own = {pdo.index: pdo for pdo in self._settings.mapped}
         for number, indices in wanted.items():
             now = [pdo for pdo in (*outputs, *inputs) if pdo.sync_manager == number]
             if [pdo.index for pdo in now] != indices:
@@ -294,7 +297,7 @@ def warn_of_none(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
 
     This happens when a program has begun to write its PDO assignment, and has not finished.
     """
-    if settings.pdos is not None or settings.pdo:
+    if settings.pdos is not None or settings.mapped:
         return []
     return [
         f"{slave.label} has no {what} now, though its EEPROM assigns {indices_text(offered)}: "

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from ecatd.coroutine_steps import finish
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.applied import check_slaves, load_description
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
+from ecatd.model.doubts import STUCK
 from ecatd.model.errors import StateError, UnreachableError
 from ecatd.model.meanings import raw_parameters
 from ecatd.model.profiles import Profiles, load_profiles
@@ -68,7 +70,10 @@ def scan(found: FoundBus, interface: str, files: Files, log: Log) -> None:
     count = len(master.stations)
     text = f"{count} slave{'s' * (count != 1)} found on {interface}"
     log.info(f"{text} (numbered by ecatd: {why})" if why else text)
-    master.al_states.wait_for(AlState.PREOP, config.state_timeout_s)
+    for item in finish(master.al_states.request(AlState.PREOP, config.state_timeout_s)):
+        if not item.al_state:  # it has lost its power or its cable
+            raise StateError(f"slave {item.position} does not answer any more")
+        found.stuck[item.position] = item.describe()
 
 
 def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log) -> None:
@@ -81,6 +86,9 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
     master = found.master
     scanned = identify_slaves(master)
     for item in scanned:
+        if why := found.stuck.get(item.slave.position):
+            item.doubt, item.why = STUCK, why
+    for item in scanned:
         slave = item.slave
         log.debug(
             f"{slave.label}: vendor 0x{slave.vendor:08X}, product 0x{slave.product:08X}, "
@@ -88,9 +96,11 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
             f"{slave.alias}",
             slaves=[slave.position],
         )
-    _identify(found, scanned)
-    read_modules(master, scanned, cancelled)
+    in_preop = [item for item in scanned if not item.doubt]
+    _identify(found, in_preop)
+    read_modules(master, in_preop, cancelled)
     unexpected = follow_expectation(found, scanned, files.description, log)
+    _leave_out_stuck(found)
     check_slaves(found.config, replace(found.bus, slaves=[item.slave for item in found.scanned]))
     for wanted in found.config.slave:
         if wanted.mailbox_tries is not None:
@@ -111,6 +121,25 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
     found.bus.slaves = [item.slave for item in found.scanned]
     found.mailboxes = read_mailboxes(master)
     found.ends = _branch_ends(master, ring=bool(found.config.second_interface))
+
+
+def _leave_out_stuck(found: FoundBus) -> None:
+    """Goes on without the slaves that do not reach PREOP.
+
+    Raises:
+        StateError: The bus must not start without one of them.
+    """
+    stuck = [item for item in found.scanned if item.doubt == STUCK]
+    if must := [item for item in stuck if found.must_be_there(item.slave.position)]:
+        texts = [
+            f"{item.slave.label} does not reach PREOP: {item.why}"
+            + "".join(f"; its EEPROM: {problem}" for problem in item.slave.problems)
+            for item in must
+        ]
+        raise StateError(
+            f'{"; ".join(texts)} (policy = "tolerant" in [expected] or in a [[slave]] table '
+            "starts the others)"
+        )
 
 
 def _identify(found: FoundBus, scanned: Sequence[Scanned]) -> None:

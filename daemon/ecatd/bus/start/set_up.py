@@ -308,7 +308,7 @@ class SetUp:
         items = [item for item in items if item.slave.coe]
         slaves = [item.slave for item in items]
         talks = [
-            Assignment(slave, item.sii, self._master.coe(slave.position)).read_pdos()
+            Assignment(slave, item.sii, self._master.coe(slave.position), item.settings).read_pdos()
             for slave, item in zip(slaves, items, strict=True)
         ]
         found, failed = yield from talk_all(self._master.registers, talks)
@@ -317,10 +317,13 @@ class SetUp:
             position = items[number].slave.position
             if not items[number].silence:
                 missed[position] = Missed(f"its PDO assignment cannot be read: {error}")
-        for number, (outputs, inputs) in found.items():
+        for number, now in found.items():
             item = items[number]
             position = item.slave.position
-            if text := _difference(item.slave, outputs, inputs, described=not item.known):
+            text = now.why or _difference(
+                item.slave, now.outputs, now.inputs, described=not item.known
+            )
+            if text:
                 missed[position] = Missed(text, changed=True)
                 continue
             item.silence = ""

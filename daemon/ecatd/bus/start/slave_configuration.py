@@ -63,7 +63,7 @@ class SlaveConfiguration:
         if self._settings.module:
             modules = Modules(self._slave, self._sii, self._coe)
             yield from self._placed("module", modules.tell(self._settings.modules))
-        if self._slave.coe and (self._settings.pdos is not None or self._settings.pdo):
+        if self._slave.coe and (self._settings.pdos is not None or self._settings.mapped):
             key = "pdo" if self._settings.pdos is None else "pdos"
             pdos = PdoWriter(self._slave, self._sii, self._coe, self._settings, self._log_detail)
             yield from self._placed(key, pdos.write())

@@ -52,6 +52,9 @@ class Condition(StrEnum):
     SILENT = doubts.SILENT
     DAMAGED = doubts.DAMAGED
     UNEXPECTED = doubts.UNEXPECTED
+    CONTRADICTED = doubts.CONTRADICTED
+    UNREADABLE = doubts.UNREADABLE
+    STUCK = doubts.STUCK
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ Objects = Mapping[int, DictionaryObject | None]
 def object_indices(settings: SlaveConfig, *, optional: bool = True) -> list[int]:
     """The objects that a table names; those of optional parameters only if `optional` is true."""
     named = {item.address[0] for item in settings.startup if optional or not item.optional}
-    named |= {entry.address[0] for pdo in settings.pdo for entry in pdo.entries}
+    named |= {entry.address[0] for pdo in settings.mapped for entry in pdo.entries}
     return sorted(named - {_GAP})
 
 
@@ -70,7 +70,7 @@ def object_problems(
         else:
             for text in _parameter_problems(what, parameter, entry):
                 yield parameter, text
-    for pdo in settings.pdo:
+    for pdo in settings.mapped:
         inputs = pdo.index in INPUT_PDOS
         for item in pdo.entries:
             index, subindex = item.address

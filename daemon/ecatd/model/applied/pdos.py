@@ -133,7 +133,7 @@ def _mapped_anew(settings: SlaveConfig, now: dict[int, Pdo]) -> list[PdoConfig]:
     """The PDOs into which the slave maps other entries now."""
     return [
         pdo
-        for pdo in settings.pdo
+        for pdo in settings.mapped
         if pdo.index in now
         and [(*entry.address, entry.bits) for entry in pdo.entries]
         != [(entry.index, entry.subindex, entry.bit_length) for entry in now[pdo.index].entries]

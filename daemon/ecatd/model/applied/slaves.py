@@ -9,6 +9,7 @@ from ..config import Config, SlaveConfig
 from ..errors import StateError
 from ..problems import AT_ONCE, Problems
 from ..toml_file import Table
+from ..witnesses import COE
 
 
 def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None:
@@ -56,7 +57,12 @@ def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None
 
 
 def _check_without_coe(settings: SlaveConfig, slave: Slave) -> None:
-    tables = (("startup", settings.startup), ("pdo", settings.pdo), ("module", settings.module))
+    if settings.pdo_source == COE:
+        settings.table.fail(
+            "pdo_source",
+            f'{slave.label} has no CoE: write "sii" or "configuration", or remove this',
+        )
+    tables = (("startup", settings.startup), ("pdo", settings.mapped), ("module", settings.module))
     for key, told in tables:
         if told:
             told[0].table.fail(

@@ -82,6 +82,9 @@ class PdoEntryConfig(Placed):
 class PdoConfig(Placed):
     """`[[slave.pdo]]`: one table for each PDO into which the slave shall map other entries.
 
+    With `pdo_source = "configuration"`, the tables say which entries the PDOs have, and nothing is
+    written to the slave.
+
     Attributes:
         index: Index of the PDO, such as `"0x1600"`; up to 0x17FF for outputs, from 0x1A00 for
             inputs.

@@ -19,6 +19,7 @@ from ..toml_file import (
     show,
     zero_or,
 )
+from ..witnesses import COE, CONFIGURATION, SII
 from .eoe import SlaveEoeConfig, read_slave_eoe
 from .pdos import PdoConfig, check_pdos, read_assigned
 from .placed import Placed, each, rules_of
@@ -188,6 +189,10 @@ class SlaveConfig(Placed):
         pdos: Indices of the PDOs that the slave shall exchange, such as `["0x1605", "0x1A02"]`.
             Default: those that the slave has assigned.
         pdo: PDOs with other entries than those of the slave.
+        pdo_source: Which [witness](configuration.md#which-witness-is-believed) is believed of what
+            is in the PDOs: `"coe"`: the objects of the slave; `"sii"`: its EEPROM;
+            `"configuration"`: the `[[slave.pdo]]` tables, which are then not written to the slave.
+            Default: the objects of the slave, if no other witness contradicts them.
         startup: Start-up parameters in the order in which they are written.
         eoe: Its IP parameters. None: it keeps those that it has.
     """
@@ -215,6 +220,7 @@ class SlaveConfig(Placed):
     module: Annotated[list[ModuleConfig], each(ModuleConfig)] = field(default_factory=list)
     pdos: Annotated[list[int] | None, read_assigned] = None
     pdo: Annotated[list[PdoConfig], each(PdoConfig)] = field(default_factory=list)
+    pdo_source: Annotated[str | None, one_of((COE, SII, CONFIGURATION))] = None
     startup: Annotated[list[StartupConfig], array(read_parameter)] = field(default_factory=list)
     eoe: Annotated[SlaveEoeConfig | None, read_slave_eoe] = None
 
@@ -236,7 +242,22 @@ class SlaveConfig(Placed):
     @property
     def is_told(self) -> bool:
         """Whether anything is written to objects of the slave before SAFEOP."""
-        return self.pdos is not None or bool(self.module or self.pdo or self.startup)
+        return self.pdos is not None or bool(self.module or self.mapped or self.startup)
+
+    @property
+    def mapped(self) -> list[PdoConfig]:
+        """The PDOs into which the slave shall map other entries."""
+        return [] if self.pdo_source == CONFIGURATION else self.pdo
+
+    @property
+    def described(self) -> dict[int, PdoConfig]:
+        """The PDOs whose entries the configuration describes as they are, by index."""
+        return {pdo.index: pdo for pdo in self.pdo} if self.pdo_source == CONFIGURATION else {}
+
+    @property
+    def remapped(self) -> set[int]:
+        """Indices of the PDOs that get other entries when the slave starts."""
+        return {pdo.index for pdo in self.mapped} | {item.address[0] for item in self.startup}
 
     @property
     def modules(self) -> list[Module]:
@@ -304,6 +325,11 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
             names[slave.name] = slave.position
         _check_modules(row, slave)
         check_pdos(row, slave.pdos, slave.pdo)
+        if slave.pdo_source == CONFIGURATION and not slave.pdo:
+            row.fail(
+                "pdo_source",
+                "the configuration describes no PDO: write its entries in [[slave.pdo]]",
+            )
         slaves.append(slave)
     return slaves
 

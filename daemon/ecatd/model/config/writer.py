@@ -15,6 +15,7 @@ from ..log_levels import DEFAULTS
 from ..modules import module_differences
 from ..pdo import Entry
 from ..quoting import printable, toml_string
+from ..witnesses import contradiction_text
 from .config import Config
 from .copies import ABSENT
 from .pdos import INPUT_PDOS, OUTPUT_PDOS
@@ -138,6 +139,9 @@ def _about(slave: Slave) -> Iterator[str]:
             entries = [_entry(entry) for entry in pdo.entries if not entry.is_gap]
             text = f"{title}, PDO 0x{pdo.index:04X} {printable(pdo.name)}".rstrip()
             yield from _comment([f"{text}: {'; '.join(entries) or 'no entries'}"])
+    for item in slave.contradictions:
+        if not item.believed:
+            yield from _comment([f"{contradiction_text(item)}: choose with pdo_source"])
 
 
 def _comment(texts: Iterable[str]) -> Iterator[str]:
