@@ -331,6 +331,7 @@ class BusServer:
             "recovery": str(condition),
             "recovery_text": more,
             "since": self._running.down_since(item.position),
+            **self._running.present(item.position),
         }
 
     async def _set_state(self, request: SetState, slot: int) -> dict[str, Any]:
@@ -347,6 +348,7 @@ class BusServer:
         with self._changes.telling(f"{whom}, AL state", state.name, request.by, slot) as change:
             change.before = states_text(self._running.states[n] for n in chosen)
             await self._running.change(chosen, state)
+            await self._running.look()
         return self._state_rows()
 
     def _log_levels(self) -> dict[str, Any]:

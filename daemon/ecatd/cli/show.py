@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import time
 from contextlib import suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text
-from ecatd.model.bus import Bus, Slave, display_name
+from ecatd.model.bus import Bus, Slave, display_name, positions_text
 from ecatd.model.datatypes import type_name
 from ecatd.model.errors import StateError, UsageError
 from ecatd.model.pdo import Entry, Pdo
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 
 _PROBLEMS_SHOWN = 10
+_START_S = 60.0
+"""Seconds after the first EEPROM in which those of a start have been read."""
 _NAMED_MAX = 4
 """Most slaves that a question names."""
 
@@ -54,7 +57,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> int:
         rows = [
             {
                 "position": slave.position,
-                "alias": slave.alias,
+                "alias": states[slave.position]["alias"],
                 "identification": slave.identification,
                 "state": al_state_text(states[slave.position]["al_state"]),
                 "recovery": states[slave.position]["recovery"],
@@ -63,8 +66,9 @@ def slaves(remote: Remote, options: argparse.Namespace) -> int:
                 "given_name": slave.given_name,
                 "vendor": slave.vendor,
                 "product": slave.product,
-                "revision": slave.revision,
+                "revision": states[slave.position]["revision"],
                 "serial": slave.serial,
+                "read_at": states[slave.position]["read_at"],
                 "address": slave.address,
                 "coe": slave.coe,
                 "modules": [asdict(module) for module in slave.modules],
@@ -115,13 +119,13 @@ def _print_slaves(bus: Bus, states: dict[int, dict[str, Any]]) -> None:
         (
             (
                 slave.position,
-                slave.alias,
+                "-" if states[slave.position]["alias"] is None else states[slave.position]["alias"],
                 slave.identification,
                 _state(states[slave.position]),
                 slave.display_name,
                 f"0x{slave.vendor:08X}",
                 f"0x{slave.product:08X}",
-                f"0x{slave.revision:08X}",
+                f"0x{states[slave.position]['revision']:08X}",
                 f"{slave.domain} {bus.domain_name(slave.domain)}".rstrip(),
                 f"{slave.output_bytes} B",
                 f"{slave.input_bytes} B",
@@ -140,6 +144,16 @@ def _print_slaves(bus: Bus, states: dict[int, dict[str, Any]]) -> None:
             print(f"{slave.label}: EEPROM, {problem}")
         if (more := len(slave.problems) - _PROBLEMS_SHOWN) > 0:
             print(f"{slave.label}: EEPROM, and {more} more (--json lists all)")
+    print(_of_when([row["read_at"] for row in states.values()]))
+
+
+def _of_when(moments: list[float | None]) -> str:
+    """Says of when the columns are."""
+    first = min((moment for moment in moments if moment), default=0.0)
+    later = [n for n, moment in enumerate(moments) if moment and moment - first > _START_S]
+    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(first))
+    text = f"STATE and ALIAS are of now, the rest is what ecatd read at {when}"
+    return f"{text} (of slaves {positions_text(later)}: later)" if later else text
 
 
 def _print_differences(differences: list[str]) -> None:

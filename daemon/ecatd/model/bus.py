@@ -46,7 +46,7 @@ class Module:
 
 @dataclass(slots=True)
 class Slave:
-    """One slave.
+    """One slave, as ecatd found it at the start. `ecatctl state` has what it is now.
 
     Attributes:
         position: 0-based position on the wire.
@@ -55,7 +55,7 @@ class Slave:
         product: Product code.
         revision: Revision number.
         serial: Serial number, 0 if the vendor has not written one.
-        alias: Configured station alias.
+        alias: Configured station alias at the start.
         address: Configured station address that the master assigned.
         coe: Whether the slave answers CoE requests.
         eoe: Whether it takes Ethernet frames (EoE).

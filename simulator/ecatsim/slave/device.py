@@ -91,8 +91,8 @@ class Device(DeviceType):
         for index, entries in self.told_mappings.items():
             values = None if entries is None else [mapping_value(entry) for entry in entries]
             tell_instead(self.dictionary, index, values)
-        for index, values in self.told_assignments.items():
-            tell_instead(self.dictionary, index, values)
+        for index, assigned in self.told_assignments.items():
+            tell_instead(self.dictionary, index, assigned)
         standard_objects.add_sync_managers(self.dictionary, self._process_data.settings)
         self.dictionary.remember()
         self._services = (

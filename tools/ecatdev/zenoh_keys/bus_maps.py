@@ -123,10 +123,15 @@ class AlState(TypedDict):
         al_code: AL status code (register 0x0134).
         text: State and error in words.
         recovery: Empty, or why it is not in OP, or what is wrong with its data: `absent`,
-            `missing`, `exchanged`, `recovering`, `waiting`, `refused`, `left`, `silent`, `damaged`
-            or `unexpected`.
+            `missing`, `exchanged`, `recovering`, `waiting`, `refused`, `left`, `silent`, `damaged`,
+            `contradicted`, `unreadable`, `stuck` or `unexpected`.
         recovery_text: More about that; may be empty.
         since: Unix time since which it is not in OP, in seconds; None if it is.
+        alias: The station alias that it uses now (register 0x0012); None if it does not answer.
+        revision: Revision number of the device that was there last. It differs from that of the
+            description if another revision that is accepted has taken its place.
+        read_at: Unix time at which ecatd read its EEPROM. All that the description says of it, but
+            for the configuration, is of that time. None if it has never been there.
     """
 
     position: int
@@ -139,6 +144,9 @@ class AlState(TypedDict):
     recovery: str
     recovery_text: str
     since: float | None
+    alias: int | None
+    revision: int
+    read_at: float | None
 
 
 class Wire(TypedDict):

@@ -8,6 +8,7 @@ that do not answer, or whose EEPROM is damaged.
 from __future__ import annotations
 
 import struct
+import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -64,6 +65,7 @@ class Scanned:
             are; `STUCK` if it does not reach PREOP; else empty.
         why: The reason for `doubt`.
         notes: Sentences about witnesses that differ, and which one is believed.
+        read_at: When its SII was read, in Unix seconds; None if it has never been there.
         known: Whether its SII is known; false for a slave that has been absent since the start.
     """
 
@@ -77,6 +79,7 @@ class Scanned:
     doubt: str = ""
     why: str = ""
     notes: list[str] = field(default_factory=list)
+    read_at: float | None = None
     known: bool = True
 
     @property
@@ -238,7 +241,7 @@ def _identify_slave(master: Master, position: int, sii: Sii) -> Scanned:
         eoe=bool(sii.mailbox_protocols & _PROTOCOL_EOE),
         problems=[str(problem) for problem in sii.problems],
     )
-    return Scanned(slave, sii, SlaveConfig(position))
+    return Scanned(slave, sii, SlaveConfig(position), read_at=time.time())
 
 
 def without_lrw(master: Master, scanned: Sequence[Scanned]) -> set[int]:

@@ -15,6 +15,7 @@ from ecatd.coroutine_steps import Steps
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
+from ecatd.model.doubts import REMEDIES
 from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.pdo import Pdo
 from ecatd.model.sii import SiiMailbox
@@ -148,7 +149,7 @@ class SetUp:
         for position, sii, mailbox in zip(new, siis, mailboxes, strict=True):
             item = self._scanned[position]
             was = copy(item.slave)
-            item.sii = sii
+            item.sii, item.read_at = sii, time.time()
             self._mailboxes[position] = mailbox
             if not item.slave.coe:
                 try:
@@ -163,6 +164,15 @@ class SetUp:
             if item.unplaced:
                 missed.setdefault(position, Missed(item.unplaced, changed=True))
         return missed
+
+    def read_at(self, position: int) -> float | None:
+        """When the EEPROM of a slave was read, in Unix seconds; None if it was never there."""
+        return self._scanned[position].read_at
+
+    def revision(self, position: int) -> int:
+        """Revision number of the device that was there last; an accepted one may be another one."""
+        item = self._scanned[position]
+        return item.sii.revision if item.read_at else item.slave.revision
 
     def has_boot(self, position: int) -> bool:
         """Whether the EEPROM of a slave describes a mailbox for BOOT (ETG.1000.6)."""
@@ -320,9 +330,10 @@ class SetUp:
         for number, now in found.items():
             item = items[number]
             position = item.slave.position
-            text = now.why or _difference(
-                item.slave, now.outputs, now.inputs, described=not item.known
-            )
+            if now.doubt:
+                text = f"{now.why}; {REMEDIES[now.doubt]}"
+            else:
+                text = _difference(item.slave, now.outputs, now.inputs, described=not item.known)
             if text:
                 missed[position] = Missed(text, changed=True)
                 continue

@@ -150,8 +150,13 @@ class Monitor:
         self._slaves.set_recovery(config)
 
     async def look(self) -> None:
-        """Reads the AL states, and reports every change."""
+        """Reads the AL states and the station aliases, and reports every change of a state."""
         await self._slaves.look()
+        await self._slaves.read_aliases()
+
+    def present(self, position: int) -> dict[str, Any]:
+        """What is known of a slave now and may differ from its description; see `AlState`."""
+        return self._slaves.present(position)
 
     def describe(self) -> dict[str, Any]:
         """What `ecatctl info` shows of links and slaves, in addition to the shared memory."""

@@ -10,6 +10,7 @@ import asyncio
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from itertools import groupby
+from typing import Any
 
 from ecatd.log import Log
 from ecatd.model.al import AL_ERROR_FLAG, AlState
@@ -33,6 +34,7 @@ the change of another one."""
 _PAUSE, _LONGEST_PAUSE = 0.02, 1.0
 """Shortest time between two looks, which grows while each of them finds something to tell."""
 _STATION_ADDRESS = 0x0010
+_ALIAS = 0x0012
 _TRIES = 3
 _NAMES_MAX = 3
 """Slaves that change alike and are named in lines of their own; more share one."""
@@ -89,6 +91,8 @@ class SlaveWatch:
             restart=self._restart_without(awaited),
         )
         self.states: list[SlaveState] = []
+        self._set_up = running.set_up
+        self._aliases: list[int | None] = [None] * len(running.bus.slaves)
 
     async def change(self, positions: Sequence[int], state: AlState) -> None:
         """Brings slaves to a state because somebody wants it; see `Repair.change`."""
@@ -136,6 +140,24 @@ class SlaveWatch:
             self._counted = found
             self._expectation.note()
         self._changed.set()
+
+    async def read_aliases(self) -> None:
+        """Reads which station alias each slave uses: that of its EEPROM when it was switched on."""
+        stations = self._master.stations
+        answers = await self._worker.run(
+            lambda: self._master.registers.read_all(stations, _ALIAS, 2)
+        )
+        self._aliases = [
+            int.from_bytes(answer.data, "little") if answer.wkc else None for answer in answers
+        ]
+
+    def present(self, position: int) -> dict[str, Any]:
+        """What is known of a slave now and may differ from its description."""
+        return {
+            "alias": self._aliases[position],
+            "revision": self._set_up.revision(position),
+            "read_at": self._set_up.read_at(position),
+        }
 
     def read(self) -> list[SlaveState]:
         """Reads the AL states into shared memory; returns those that have changed.

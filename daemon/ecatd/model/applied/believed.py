@@ -160,6 +160,7 @@ class _Judge:
         undecided = [item for item in found.contradictions if not item.believed]
         if self._unknown:
             found.doubt, found.why = UNREADABLE, "; ".join(self._unknown)
+            found.notes = list(told.notes)  # nobody is believed
         elif undecided:
             found.doubt, found.why = CONTRADICTED, contradictions_text(undecided)
         return found
