@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -18,6 +18,17 @@ _CAP_LAST = 63
 
 CAP_NET_ADMIN = 12
 """The capability to set up network interfaces (capabilities(7))."""
+
+_CAP_NET_RAW, _CAP_IPC_LOCK, _CAP_SYS_NICE = 13, 14, 23
+OF_A_SEGMENT = (_CAP_NET_RAW, CAP_NET_ADMIN, _CAP_SYS_NICE, _CAP_IPC_LOCK)
+"""What the bus server needs, and a simulated segment: raw frames, setting up the interface,
+real-time scheduling, locked memory. The service has no more."""
+
+_CAP_CHOWN, _CAP_DAC_OVERRIDE, _CAP_FOWNER, _CAP_SYS_PTRACE = 0, 1, 3, 19
+OF_ROOT = (*OF_A_SEGMENT, _CAP_CHOWN, _CAP_DAC_OVERRIDE, _CAP_FOWNER, _CAP_SYS_PTRACE)
+"""What a bus server uses besides if root has started it by hand: it gives shared memory and sockets
+to the group of the service, takes over files of the service, and sees which program has damaged
+shared memory."""
 
 OF_THE_SERVICE = (signal.SIGINT, signal.SIGHUP)
 """Signals that only the service handles. It starts its children with these signals blocked, since
@@ -122,10 +133,22 @@ def _put_into_effect(capability: int, wanted: bool) -> bool:
     return done == 0
 
 
-def drop_rights() -> None:
-    """Drops all capabilities for good: neither this process nor its children can regain one."""
+def drop_rights(but: Collection[int] = ()) -> None:
+    """Drops capabilities for good: neither this process nor its children can regain one.
+
+    Call it before the process has other threads: each thread has its own capabilities.
+
+    Args:
+        but: Capabilities that it keeps, if it has them.
+    """
     _LIBC.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
-    for capability in range(_CAP_LAST + 1):
+    for capability in set(range(_CAP_LAST + 1)) - set(but):
         _LIBC.prctl(_PR_CAPBSET_DROP, capability, 0, 0, 0)  # may fail: needs CAP_SETPCAP
     _LIBC.prctl(_PR_CAP_AMBIENT, _PR_CAP_AMBIENT_CLEAR_ALL, 0, 0, 0)
-    _LIBC.capset(_OF_THIS_THREAD, ctypes.byref((_CapData * 2)()))
+    data = (_CapData * 2)()
+    _LIBC.capget(_OF_THIS_THREAD, ctypes.byref(data))
+    for number, part in enumerate(data):
+        kept = sum(1 << capability % 32 for capability in but if capability // 32 == number)
+        part.effective, part.permitted = part.effective & kept, part.permitted & kept
+        part.inheritable = 0
+    _LIBC.capset(_OF_THIS_THREAD, ctypes.byref(data))

@@ -26,6 +26,7 @@ from ecatd.encoding import unpack
 from ecatd.model.al import AlState
 from ecatd.model.errors import UnreachableError
 from ecatd.paths import zenoh_socket
+from ecatd.process import OF_ROOT
 from ecatd.zenoh_keys import bus_key, session_config
 from ecatsim.control import Simulator
 
@@ -124,12 +125,19 @@ class Bench:
         return shm.struct("ecat_shm_health").from_buffer_copy(data, header.health_offset)
 
     def check_rights(self) -> None:
-        """Checks that no thread has CAP_NET_ADMIN in effect, though it can have it."""
+        """Checks that no thread has CAP_NET_ADMIN in effect, though it can have it.
+
+        It has given up for good what the bus does not need.
+        """
         for thread in Path(f"/proc/{self.server}/task").iterdir():
             lines = (thread / "status").read_text().splitlines()
             status = dict(line.split(":\t", 1) for line in lines)
             found = [int(status[key], 16) >> CAP_NET_ADMIN & 1 for key in ("CapEff", "CapPrm")]
             assert found == [0, 1], status["Name"]
+            kept = sum(1 << capability for capability in OF_ROOT)
+            assert not int(status["CapPrm"], 16) & ~kept, status["Name"]
+            assert not int(status["CapBnd"], 16) & ~kept, status["Name"]
+            assert status["NoNewPrivs"] == "1", status["Name"]
 
     def busy(self, seconds: float = 1.0) -> float:
         """Share of a CPU that the bus server takes for a while."""

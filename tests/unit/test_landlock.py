@@ -57,3 +57,21 @@ def test_a_folder_that_is_not_there() -> None:
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.strip() in ("False", "No such file or directory")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root has rights to drop")
+def test_rights_are_dropped_but_some() -> None:
+    program = (
+        "from pathlib import Path\nfrom ecatd.process import OF_A_SEGMENT, drop_rights\n"
+        "import subprocess\ndrop_rights(OF_A_SEGMENT)\n"
+        "print(subprocess.run(['cat', '/proc/self/status'], capture_output=True).stdout.decode())\n"
+        "print(Path('/proc/self/status').read_text())"
+    )
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    lines = [line.split(":\t") for line in done.stdout.splitlines() if ":\t" in line]
+    segment = 1 << 12 | 1 << 13 | 1 << 14 | 1 << 23
+    for name in ("CapPrm", "CapEff", "CapBnd"):
+        found = [int(value, 16) for key, value in lines if key == name]
+        assert found == [segment, segment], name
+    assert [value for key, value in lines if key == "NoNewPrivs"] == ["1", "1"]

@@ -32,7 +32,14 @@ from ecatd.log import Log
 from ecatd.model.config import read_config
 from ecatd.model.errors import EcatError
 from ecatd.paths import control_socket
-from ecatd.process import CAP_NET_ADMIN, die_with_parent, leave_signals_to_the_service, lower
+from ecatd.process import (
+    CAP_NET_ADMIN,
+    OF_ROOT,
+    die_with_parent,
+    drop_rights,
+    leave_signals_to_the_service,
+    lower,
+)
 from ecatd.service_link import answer_pings, read_settings, tell, tell_starting
 
 if TYPE_CHECKING:
@@ -133,6 +140,7 @@ def main() -> int:
 
             join(settings["namespace_of"])
         die_with_parent(settings["parent"])
+        drop_rights(OF_ROOT)
         lower(CAP_NET_ADMIN)
         if settings["describe"]:
             _describe(settings, log)

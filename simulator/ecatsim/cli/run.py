@@ -14,7 +14,7 @@ from types import FrameType
 
 from ecatd import network_namespace as namespace
 from ecatd.model.errors import NotPermittedError, UsageError
-from ecatd.process import die_with_parent
+from ecatd.process import OF_A_SEGMENT, die_with_parent, drop_rights
 
 from ..control.server import Server
 from ..control.sockets import FOLDER_VARIABLE, NAME_VARIABLE, folder
@@ -103,6 +103,8 @@ class _Runner:
             )
         if arguments.interface is None and arguments.second is None:
             self._enter_namespace()
+        if not arguments.child:  # a command may need them
+            drop_rights(OF_A_SEGMENT)  # before the files of the rig are read: they may be programs
         rig = rigs.make(arguments.rig)
         rig.ring = rig.ring or arguments.ring or arguments.second is not None
         if arguments.replay is not None:
