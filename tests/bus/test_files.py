@@ -172,7 +172,16 @@ def test_a_read_ends_with_its_command(bus: Daemon, tmp_path: Path) -> None:
     big = tmp_path / "big.bin"
     big.write_bytes(bytes(400_000))
     bus.ctl("foe-write", "0", str(big), "--yes")
-    command = [sys.executable, "-m", "ecatd.cli", "foe-read", "0", "big.bin", "-o", str(big)]
+    command = [
+        sys.executable,
+        "-m",
+        "ecatd.cli",
+        "foe-read",
+        "0",
+        "big.bin",
+        "-o",
+        str(tmp_path / "read.bin"),
+    ]
     with subprocess.Popen(command, env=bus.env) as process:
         wait_for(lambda: "reading file 'big.bin' begins" in bus.log, bus)
         process.send_signal(signal.SIGINT)
