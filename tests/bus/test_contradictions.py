@@ -95,15 +95,16 @@ def test_the_log_says_who_says_what(daemon: Daemon) -> None:
         "PDO 0x1A00: CoE places 0x6016:00 at bit 2, the EEPROM at bit 8",
         "pdo_source",
     )
-    names(warning(daemon, CHOSEN), "0x7016:00 at bit 2", "the EEPROM is believed")
-    names(warning(daemon, DESCRIBED), "0x6016:00 at bit 2", "the configuration is believed")
+    for slave, who in ((CHOSEN, "the EEPROM"), (DESCRIBED, "the configuration")):
+        told = [line for line in daemon.log.splitlines() if f"ecatd: slave {slave} (" in line]
+        names("\n".join(told), "0x7016:00 at bit 2", f"{who} is believed")
     names(warning(daemon, HOLE), "0x1A01", "0x06020000", "taken from the EEPROM")
     names(warning(daemon, UNKNOWN), "PDO 0x1A01", "0x06020000", "EEPROM does not describe it")
-    names(warning(daemon, SHORT), "sync manager 3", "6 bytes", "has 4")
+    names(warning(daemon, SHORT), "sync manager 3", "6 bytes", "has 4 by its EEPROM")
     names(warning(daemon, WORDLESS), "words 0x18 to 0x1B", "sync managers count", "with CoE")
     names(warning(daemon, EXCHANGED), "0x1C13:01 is 0x001A", "0x1A00")
     names(warning(daemon, STUCK), "PREOP", "0x0051")
-    assert not any(warning(daemon, n) for n in (OUT, UNSIZED, IN))
+    assert not any(warning(daemon, n) for n in (OUT, CHOSEN, DESCRIBED, UNSIZED, IN))
 
 
 def test_the_numbers_are_right(daemon: Daemon) -> None:

@@ -50,6 +50,11 @@ def test_every_case_is_shown(row: list[str]) -> None:
         assert row[0].lower() in test.split("_"), f"{test} does not name its case, {row[0]}"
 
 
+@pytest.mark.parametrize("row", rows("reliability.md", "Contradicting witnesses"))
+def test_every_contradiction_is_shown(row: list[str]) -> None:
+    check(row[-1], {})
+
+
 @pytest.mark.parametrize("row", rows("features.md", "Master classes", "Faults"))
 def test_every_feature_of_the_master_is_shown(row: list[str]) -> None:
     tests = row[-1]

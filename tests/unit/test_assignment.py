@@ -228,3 +228,17 @@ def test_a_slave_without_assigned_pdos_has_none() -> None:
     found = lists({(0x1C12, 0): b"\0", (0x1C13, 0): b"\x01", (0x1C13, 1): b"\0\x1a"})
     assert found.outputs == []
     assert found.inputs == [Pdo(0x1A00, "", 3, [])]
+
+
+def test_an_index_with_exchanged_bytes() -> None:
+    objects = {
+        (0x1C13, 0): b"\x02",
+        (0x1C13, 1): b"\x1a\x00",
+        (0x1C13, 2): b"\x00\x60",  # with its bytes exchanged it is none, either
+        (0x1A00, 0): b"\x01",
+        (0x1A00, 1): bytes.fromhex("10 01 00 60"),
+        (0x6000, 0): b"\x00",
+    }
+    found = lists(objects)
+    assert [pdo.index for pdo in found.inputs] == [0x1A00, 0x6000]
+    assert [pdo.bit_length for pdo in found.inputs] == [16, 0]

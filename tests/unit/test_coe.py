@@ -17,7 +17,7 @@ from ecatd.bus.frames.datagrams import Datagrams, fpwr
 from ecatd.bus.mailbox import coe as coe_module
 from ecatd.bus.mailbox import line as line_module
 from ecatd.bus.mailbox import mailbox as mailbox_module
-from ecatd.bus.mailbox.coe import Coe
+from ecatd.bus.mailbox.coe import Coe, UnsizedBytes
 from ecatd.bus.mailbox.dictionary import read_dictionary, read_object
 from ecatd.bus.mailbox.line import Line
 from ecatd.bus.mailbox.sdo_information import (
@@ -113,6 +113,28 @@ def test_objects_of_all_sizes_are_read_from_all_slaves() -> None:
         coe, found = ask(registers, 3, *UPLOADS)
         assert found == [CONTENTS] * 3
         assert [item.mailbox.skipped for item in coe] == [0, 0, 0]
+
+
+class Vague(Archive):
+    """Its answers do not say how many of their four bytes are meant; the others are not 0."""
+
+    sized_uploads = False
+
+
+def test_an_answer_without_a_size_has_that_of_its_type() -> None:
+    def part(coe: Coe) -> Talk[list[bytes]]:
+        yield from coe.open()
+        found = []
+        for index, size in ((0x2000, 2), (0x2010, 1), (0x2001, 1), (0x2000, 0), (0x2000, 8)):
+            found.append((yield from coe.upload(index, 0, size=size)))
+        return found
+
+    with in_preop(Vague(), Archive()) as (registers, _wire):
+        vague, plain = converse(registers, [part(coe) for coe in slaves(2)])
+    four = b"\xfe\xff\xa5\xa5"
+    assert vague == [b"\xfe\xff", b"\x03", b"hello world", four, four]
+    assert [isinstance(data, UnsizedBytes) for data in vague] == [False, False, False, True, False]
+    assert plain == [b"\xfe\xff", b"\x03", b"hello world", b"\xfe\xff", b"\xfe\xff"]
 
 
 def test_whole_objects_and_descriptions() -> None:

@@ -144,6 +144,20 @@ def test_the_sii_tells_a_master_the_process_data(item):
         assert all(entry.name for pdo in pdos for entry in pdo.entries if not entry.is_gap)
 
 
+@pytest.mark.parametrize("item", library(), ids=lambda item: item.name)
+def test_its_dictionary_and_its_sii_do_not_contradict_each_other(item):
+    device = make(item.name)
+    image = device.sii_image()
+    found = sii_reader.read_sii(lambda word, count: image[2 * word : 2 * (word + count)])
+    for pdo in (*found.outputs, *found.inputs):
+        if not device.mailbox:
+            continue
+        entries = device.dictionary.object(pdo.index).entries
+        values = [entries[n].value for n in range(1, entries[0].value + 1)]
+        told = [Entry(value >> 16, value >> 8 & 0xFF, "", 0, value & 0xFF) for value in values]
+        assert clash(Pdo(pdo.index, "", pdo.sync_manager, told), pdo) is None
+
+
 # --- terminals -------------------------------------------------------------------------------
 
 

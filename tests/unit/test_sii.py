@@ -233,3 +233,36 @@ def test_the_memory_of_a_sync_manager_holds_its_first_pdos() -> None:
 @given(st.binary(min_size=0, max_size=600))
 def test_any_content_is_read(content: bytes) -> None:
     read(image()[:128] + content)
+
+
+MAILBOXES = 41, struct.pack("<HHBBBBHHBBBB", 0x1000, 128, 0x26, 0, 1, 1, 0x1080, 96, 0x22, 0, 1, 2)
+
+
+@pytest.mark.parametrize(
+    ("words", "protocols", "problem"),
+    [
+        (STANDARD, 4, ""),
+        ((*STANDARD[:3], 0), 4, "word 0x0018 | 0x1080 | 96"),
+        ((0, 0, 0, 0), 4, "word 0x0018 | no mailbox | 128 bytes from 0x1000 | sync managers count"),
+        ((0x1000, 64, 0x1080, 96), 4, "word 0x0018 | 64 bytes | 128 bytes | sync managers count"),
+        (
+            STANDARD,
+            0,
+            "word 0x001C | no mailbox protocols | CoE (0x23) | counts as a slave with CoE",
+        ),
+    ],
+)
+def test_the_words_about_the_mailbox_and_the_sync_managers(
+    words: tuple[int, ...], protocols: int, problem: str
+) -> None:
+    data = image(STRINGS, general(), MAILBOXES)
+    data = data[:0x30] + struct.pack("<5H", *words, protocols) + data[0x3A:]
+    found = read(data)
+    assert found.mailbox_protocols == 4
+    assert not found.damaged
+    assert [(m.start, m.length) for m in mailbox(data, *words)] == [(0x1000, 128), (0x1080, 96)]
+    if not problem:
+        assert not found.problems
+        return
+    (told,) = map(str, found.problems)
+    names(told, *problem.split(" | "))

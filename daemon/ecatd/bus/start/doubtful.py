@@ -105,7 +105,7 @@ def settle(
         if not used:
             slave.outputs, slave.inputs = [], []
         doubts[slave.position] = doubt = _doubt(item, used=used, why=why)
-        if slave.problems and item.doubt and not item.sii.damaged:
+        if slave.problems and doubt.word in _REASONS:
             tell(f"{slave.label}: there are mistakes in its EEPROM: {_problems(slave)}")
         if unplaced and not item.doubt:
             slave.problems.append(unplaced)

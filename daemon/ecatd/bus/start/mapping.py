@@ -64,7 +64,8 @@ class Scanned:
         doubt: `CONTRADICTED` or `UNREADABLE`, if its witnesses do not say what its process data
             are; `STUCK` if it does not reach PREOP; else empty.
         why: The reason for `doubt`.
-        notes: Sentences about witnesses that differ, and which one is believed.
+        notes: Sentences about what is wrong with its process data, and how it is taken.
+        settled: Sentences about witnesses that differ, where it is clear which one is right.
         read_at: When its SII was read, in Unix seconds; None if it has never been there.
         known: Whether its SII is known; false for a slave that has been absent since the start.
     """
@@ -79,6 +80,7 @@ class Scanned:
     doubt: str = ""
     why: str = ""
     notes: list[str] = field(default_factory=list)
+    settled: list[str] = field(default_factory=list)
     read_at: float | None = None
     known: bool = True
 
@@ -221,6 +223,7 @@ def take_believed(item: Scanned, found: Believed) -> None:
     slave.contradictions = found.contradictions
     item.doubt, item.why = found.doubt, found.why
     item.notes = [f"{slave.label}: {note}" for note in found.notes]
+    item.settled = [f"{slave.label}: {note}" for note in found.settled]
 
 
 def _default(pdos: list[Pdo]) -> list[Pdo]:

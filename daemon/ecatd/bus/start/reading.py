@@ -113,6 +113,8 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
     for item in found.scanned:
         for text in item.refused:
             log.warning(text)
+        for text in item.settled:
+            log.info(text)
         tell_emergencies(mailbox_log, [(item.slave, *emergency) for emergency in item.emergencies])
     timeout_s = found.config.state_timeout_s
     found.doubtful = settle(master, found.scanned, unexpected, timeout_s, log.warning)

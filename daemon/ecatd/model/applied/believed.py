@@ -60,7 +60,9 @@ class Believed:
         outputs: Its RxPDOs.
         inputs: Its TxPDOs.
         contradictions: The PDOs of which witnesses say different things.
-        notes: Sentences without a subject about witnesses that differ, and which one is believed.
+        notes: Sentences without a subject about what is wrong, and how it is taken.
+        settled: Sentences without a subject about witnesses that differ, where it is clear which
+            one is right.
         doubt: `CONTRADICTED` or `UNREADABLE`, if the process data are not certain; else empty.
         why: The reason, as a sentence without a beginning.
     """
@@ -69,6 +71,7 @@ class Believed:
     inputs: list[Pdo] = field(default_factory=list)
     contradictions: list[Contradiction] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    settled: list[str] = field(default_factory=list)
     doubt: str = ""
     why: str = ""
 
@@ -154,9 +157,11 @@ class _Judge:
         if not self._unknown:
             pdos = (*found.outputs, *found.inputs)
             guessed = any(pdo.index in told.unreadable and pdo.witness == SII for pdo in pdos)
-            if guessed or (told.silent and not self._settings.pdo_source):
-                problems = (_length_problem(self._sii, p) for p in (found.outputs, found.inputs))
-                self._unknown += filter(None, problems)
+            lengths = (_length_problem(self._sii, p) for p in (found.outputs, found.inputs))
+            if guessed:
+                self._unknown += filter(None, lengths)
+            elif not self._settings.remapped:  # the slave itself checks its lengths before SAFEOP
+                found.settled += (f"{text}; the PDOs count" for text in lengths if text)
         undecided = [item for item in found.contradictions if not item.believed]
         if self._unknown:
             found.doubt, found.why = UNREADABLE, "; ".join(self._unknown)
@@ -198,9 +203,11 @@ class _Judge:
             self._found.contradictions.append(Contradiction(index, said, sure or ""))
             if sure:
                 text = contradictions_text(self._found.contradictions[-1:])
-                self._found.notes.append(f"{text}; as configured, {witness_name(sure)} is believed")
+                self._found.settled.append(
+                    f"{text}; as configured, {witness_name(sure)} is believed"
+                )
         elif changeable and len(said) > 1 and clash(*said[:2]) and believed is said[0]:
-            self._found.notes.append(
+            self._found.settled.append(
                 f"PDO 0x{index:04X} has other entries than in its EEPROM, because they can be "
                 "mapped: its objects are believed"
             )
@@ -261,7 +268,7 @@ def _length_problem(sii: Sii, pdos: list[Pdo]) -> str:
         length = sii.sync_managers[area.number].length
         if length not in (0, area.size) and usual == here:
             return (
-                f"its PDOs in sync manager {area.number} have {area.size} bytes by its EEPROM, but "
-                f"the sync manager has {length} there"
+                f"its PDOs in sync manager {area.number} have {area.size} bytes, but the sync "
+                f"manager has {length} by its EEPROM"
             )
     return ""
