@@ -120,7 +120,9 @@ class Daemon:
         self.bus = f"t{uuid.uuid4().hex[:8]}"
         self.env = {**os.environ, "ECATD_RUNTIME_DIR": str(folder / "r"), "ECATD_BUS": self.bus}
         self.config_file = file = folder / "ecat.toml"
-        file.write_text(_with_long_leases("[gateway]\nlisten = []\n" if config is None else config))
+        file.write_text(
+            _for_a_busy_machine("[gateway]\nlisten = []\n" if config is None else config)
+        )
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         address = str(folder / "notify")
         Path(address).unlink(missing_ok=True)
@@ -260,9 +262,14 @@ class Daemon:
                 leftover.unlink()
 
 
-def _with_long_leases(config: str) -> str:
-    """Lets clients ask for leases that a busy machine does not end; half a second is too short."""
-    return config if "[outputs]" in config else f"{config}\n[outputs]\nlease_max_ms = 60000\n"
+def _for_a_busy_machine(config: str) -> str:
+    """Lets clients ask for leases that a busy machine does not end; half a second is too short.
+
+    A simulator that gets no processor for a moment makes no bus unwell.
+    """
+    if "[outputs]" not in config:
+        config += "\n[outputs]\nlease_max_ms = 60000\n"
+    return config if "[health]" in config else f"{config}\n[health]\nlost = 1.0\nlate = 1.0\n"
 
 
 def wait_for(condition: Callable[[], bool], daemon: Daemon, seconds: float = PATIENCE) -> None:

@@ -19,7 +19,7 @@ static void take_part(cyclic_t *c, uint32_t number) {
   domain->next_cycle += (left_out + 1) * domain->divider;
   if (left_out > 0) counter_add(&domain->status->overruns, left_out);
   domain->wkc = 0;
-  domain->complete = 1;
+  domain->complete = domain->whole = 1;
   domain->absent = 0;
   memcpy(domain->image, c->outputs + domain->output_base, domain->output_bytes);
 }
@@ -53,6 +53,7 @@ static void conclude_domain(cyclic_t *c, uint32_t number, uint64_t received) {
   domain->bad = domain->wkc_state == ECAT_WKC_COMPLETE ? 0 : domain->bad + 1;
   if (domain->bad > 0) {
     counter_add(&domain->status->wkc_bad, 1);
+    if (domain->whole) counter_add(&domain->status->wkc_wrong, 1);
     counter_add(&c->health->wkc_bad, 1);
   }
   if (limit > 0 && domain->bad >= (uint32_t)limit) cyclic_slots_lapse_domain(c, number);

@@ -88,6 +88,7 @@ struct domain {
   uint32_t wkc, wkc_state, told_state;
   uint32_t bad;            /* exchanges in a row without a complete working counter */
   int32_t complete;        /* all datagrams of this cycle so far had their expected counter */
+  int32_t whole;           /* all frames of this cycle with its data were sent and came back */
   uint64_t absent;         /* bit per group of optional slaves that did not take part */
 };
 

@@ -273,14 +273,17 @@ static void take_piece(cyclic_t *c, const struct datagram *d, const uint8_t *dat
 static void take_domain(cyclic_t *c, const struct datagram *d, const uint8_t *data, uint32_t wkc) {
   struct domain *domain = &c->domain[d->domain];
   domain->wkc += wkc;
-  if (wkc == d->wkc_expected && d->split > 0)
+  if (wkc == d->wkc_expected && d->split > 0) {
     take_piece(c, d, data);
-  else if (wkc == d->wkc_expected)
+  } else if (wkc == d->wkc_expected) {
     memcpy(domain->image + d->offset + d->outputs, data + d->outputs, d->length - d->outputs);
-  else if (d->group != 0)
+  } else if (d->group != 0) {
     domain->absent |= d->group;
-  else
+  } else {
     domain->complete = 0;
+    __atomic_store_n(&domain->status->wrong_offset, d->offset, __ATOMIC_RELAXED);
+    __atomic_store_n(&domain->status->wrong_by, (int32_t)(wkc - d->wkc_expected), __ATOMIC_RELAXED);
+  }
 }
 
 void cyclic_frame_take(cyclic_t *c, const struct frame *frame, const uint8_t *bytes) {

@@ -202,7 +202,7 @@ static void give_up(cyclic_t *c, struct frame *frame) {
     counter_add(&c->health->lost, 1);
     for (i = 0; i < c->domains; i++)
       if (frame->domains >> i & 1) {
-        c->domain[i].complete = 0;
+        c->domain[i].complete = c->domain[i].whole = 0;
         counter_add(&c->domain[i].status->lost, 1);
       }
     c->lost[index] = frame->domains | 1u << 31; /* to recognize the frame if it comes late */
@@ -215,7 +215,10 @@ static void give_up(cyclic_t *c, struct frame *frame) {
 static void leave_out(cyclic_t *c, const struct frame *frame) {
   uint32_t i;
   for (i = 0; i < c->domains; i++)
-    if (frame->domains >> i & 1) c->domain[i].complete = 0;
+    if (frame->domains >> i & 1) {
+      c->domain[i].complete = c->domain[i].whole = 0;
+      counter_add(&c->domain[i].status->unsent, 1);
+    }
   if (frame == &c->frame[0]) c->silent++;
 }
 

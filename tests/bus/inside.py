@@ -27,6 +27,15 @@ def switch(interface, state):
         fcntl.ioctl(control, 0x8914, struct.pack("16sH14x", interface.encode(), flags))
 
 
+def mtu(interface, size=""):
+    """Sets the MTU of an interface, or prints it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
+        request = struct.pack("16si12x", interface.encode(), int(size or 0))
+        answer = fcntl.ioctl(control, 0x8922 if size else 0x8921, request)
+        if not size:
+            print(struct.unpack("16xi12x", answer)[0])
+
+
 def is_on(interface):
     """Whether it is switched on."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
@@ -183,5 +192,5 @@ HTTPServer(("{address}", 80), Handler).handle_request()
 
 if __name__ == "__main__":
     namespace.join(int(sys.argv[1]))
-    commands = (switch, delete, make, send, replay, echo, fetch, soem, soem_scan, kickcat_scan)
+    commands = (switch, mtu, delete, make, send, replay, echo, fetch, soem, soem_scan, kickcat_scan)
     {command.__name__: command for command in commands}[sys.argv[2]](*sys.argv[3:])

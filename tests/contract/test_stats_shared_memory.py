@@ -100,7 +100,7 @@ def test_everything_is_read(shared: SharedMemory) -> None:
     (domain,) = found.domains
     assert (domain.wkc, domain.wkc_expected, domain.cycle) == (2, 3, 33)
     assert domain.wkc_state == shm.WkcState.INCOMPLETE
-    assert [getattr(domain, name) for name in DOMAIN_COUNTERS] == [1, 2, 3, 4, 5]
+    assert [getattr(domain, name) for name in DOMAIN_COUNTERS] == [1, 2, 3, 4, 5, 6, 7]
     assert (domain.divider, domain.output_bytes, domain.input_bytes) == (1, 2, 30)
     first, *others = found.grants
     assert (first.wanted, first.granted, first.value, first.error) == (True, False, 80, 1)

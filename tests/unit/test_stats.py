@@ -75,7 +75,7 @@ def snapshot(scale: int = 1, **changes: Any) -> Snapshot:
             Domain(
                 *(number, name, divider, divider - 1, 10, 20, 12, 12),
                 *(shm.WkcState.COMPLETE, 1000 * scale),
-                *(1000 // divider * scale, scale, 2 * scale, scale, 3 * scale),
+                *(1000 // divider * scale, scale, 2 * scale, scale, 0, 3 * scale, scale),
             )
             for number, (name, divider) in enumerate((("fast", 1), ("a" * 31, 1000)))
         ),

@@ -77,7 +77,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         if starting.done():
             starting.result()
             await control.open(server)
-            tell("ready", server.summary)
+            tell("ready", server.begin)
             await _run_until(
                 stopping, server.monitor(), server.attend(), _answer_service(server, log)
             )

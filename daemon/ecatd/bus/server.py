@@ -122,9 +122,9 @@ class BusServer:
         return self._up.bus
 
     @property
-    def summary(self) -> str:
-        """The bus in one line, when it is in OP."""
-        return self._up.summary
+    def begin(self) -> str:
+        """The bus in one line, at the end of the start."""
+        return self._up.begin
 
     async def start(self) -> None:
         """Brings the bus to OP and publishes its shared memory.
@@ -165,6 +165,7 @@ class BusServer:
         monitor = Monitor(
             running,
             self._up.config.outputs,
+            self._config.health,
             self.answer,
             self._worker,
             self._log,
@@ -197,6 +198,7 @@ class BusServer:
         up.engine.set_wkc_limit(config.outputs.wkc_limit)
         self._config, self._in_force = config, in_force
         self._running.set_recovery(config.recovery)
+        self._running.set_health(config.health)
         up.shared.set_leases(*leases(config))
         if self._fault_files is not None:
             self._fault_files.set_config(config.capture)
@@ -251,7 +253,7 @@ class BusServer:
         assert self._up.shared is not None, "asked before the bus was brought up"
         return {
             "cycle": self._up.shared.header.cycle,
-            "status": health.sentence(_SHOWN) if health.problems else "",
+            "status": health.sentence(_SHOWN) if health.problems else self._up.summary,
         }
 
     @property
@@ -315,6 +317,7 @@ class BusServer:
             "slaves": [self._state_row(item) for item in self._running.states],
             "missing": self._missing,
             "others": self._running.others,
+            "faults": [fault.to_map() for fault in self._running.faults],
             "service_silent_s": time.monotonic() - self._asked_at,
         }
 

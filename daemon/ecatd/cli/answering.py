@@ -7,37 +7,34 @@ of this module go to stderr.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
-from typing import Any
 
 from ecatd.model.errors import EcatError, NoAnswerError, UnreachableError
+from ecatd.model.health import Health, required
 from ecatd.plain_output import error_text
 from ecatd.stats import Snapshot
 
 from .source import Source
 
-_ABSENT = "absent"
+_NO_SLAVE = (
+    "check cable and power of the first slave; `ecatctl info` shows whether the interface is up"
+)
 
 
-def check_slaves(rows: Iterable[Mapping[str, Any]]) -> int:
+def check_slaves(health: Health) -> int:
     """Says on stderr if no slave answers. Absent optional slaves do not count.
 
     Args:
-        rows: AL states, as `Remote.states` returns them.
+        health: The health of the bus.
 
     Returns:
         The exit status of the command.
     """
-    expected = [row for row in rows if row.get("recovery") != _ABSENT]
+    expected = required(health.rows)
     if not expected or any(row["al_state"] for row in expected):
         return 0
-    return _say(
-        UnreachableError(
-            "no slave answers: check cable and power of the first slave; `ecatctl info` shows "
-            "whether the interface is up"
-        )
-    )
+    dead = "; ".join(fault.text for fault in health.faults if fault.blinds)
+    why = f", since no frame comes back: {dead}" if dead else f": {_NO_SLAVE}"
+    return _say(UnreachableError(f"no slave answers{why}"))
 
 
 def check_cycle(snapshot: Snapshot, source: Source) -> int:
@@ -50,10 +47,10 @@ def check_cycle(snapshot: Snapshot, source: Source) -> int:
             )
         )
     if snapshot.slaves_expected and not snapshot.slaves_found:
-        rows: list[dict[str, Any]] = [{"al_state": 0}]
-        with suppress(EcatError):  # then it is not known that they are optional
-            rows = source.remote().states()
-        return check_slaves(rows)
+        try:
+            return check_slaves(source.remote().health())
+        except EcatError:  # then it is not known that they are optional
+            return _say(UnreachableError(f"no slave answers: {_NO_SLAVE}"))
     return 0
 
 

@@ -70,6 +70,6 @@ def _look(source: Source) -> tuple[int, list[str], Health | None]:
     except (UnreachableError, NoAnswerError) as error:
         return _DEGRADED, find_problems(snapshot, error), None
     problems = find_problems(snapshot, slaves)
-    if slaves.expected and not slaves.in_op:
+    if slaves.is_down:
         return _DOWN, problems, slaves
     return (_DEGRADED if problems else _WELL), problems, slaves

@@ -98,7 +98,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> int:
     else:
         _print_slaves(bus, states)
         _print_differences(health.differences)
-    return check_slaves(states.values())
+    return check_slaves(health)
 
 
 def _print_slaves(bus: Bus, states: dict[int, dict[str, Any]]) -> None:
@@ -274,7 +274,7 @@ def state(remote: Remote, options: argparse.Namespace) -> int:
             ">",
         )
         _print_differences(differences)
-    return check_slaves(rows)
+    return check_slaves(health)
 
 
 def _ask(remote: Remote, options: argparse.Namespace, chosen: int | None) -> None:

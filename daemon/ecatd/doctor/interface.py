@@ -10,7 +10,8 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-from . import ethtool
+from ecatd import ethtool
+
 from .findings import Change, Finding, Level
 from .values import ROOT, read, text_change
 

@@ -11,11 +11,11 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
+from ecatd import ethtool
 from ecatd.model.atomic_write import write_whole
 from ecatd.model.errors import NotPermittedError, StateError
 from ecatd.paths import DOCTOR_CHANGES, user_dir
 
-from . import ethtool
 from .findings import Change
 from .values import text_change
 

@@ -1,14 +1,19 @@
-"""Describes the health of the slaves of a bus, for `ecatctl check` and the service."""
+"""Says what is wrong with a bus: for `ecatctl check`, the status of the service, and the metrics.
+
+The bus server knows it: what interfaces and exchange do, and how the slaves are. No single witness
+is believed: slaves in OP are no proof that the exchange succeeds, nor the reverse.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from .al import AlState
 from .bus import display_name
+from .faults import Fault
 
 _ABSENT = "absent"
 _DAY = 86400.0
@@ -18,7 +23,7 @@ _SILENT_S = 12.0
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The health of the slaves of a bus.
+    """The health of a bus.
 
     Attributes:
         rows: AL states of all slaves, as `Remote.states` returns them.
@@ -29,8 +34,12 @@ class Health:
         absent: Number of optional slaves that are absent.
         differences: A text for each slave that was missing at the start, and for devices that are
             no slaves of the bus.
-        problems: A text for each slave with a problem, for each group of optional slaves of which
-            only some are there, `differences`, and a main process that hangs.
+        faults: What is wrong with interfaces, exchange and clocks, causes before consequences.
+        problems: A text for each fault, for each slave with a problem, for each group of optional
+            slaves of which only some are there, `differences`, and a main process that hangs.
+            What a fault of an interface or of a slave explains is no problem of its own.
+        is_down: Whether nothing can be done with the bus: no slave is in OP, or no exchange
+            succeeds although the slaves are there.
     """
 
     rows: list[dict[str, Any]]
@@ -39,7 +48,9 @@ class Health:
     missing: int
     absent: int
     differences: list[str]
+    faults: list[Fault]
     problems: list[str]
+    is_down: bool
 
     @property
     def counts(self) -> str:
@@ -59,7 +70,7 @@ class Health:
 
 
 def look_at(reply: Mapping[str, Any]) -> Health:
-    """Finds the problems of slaves.
+    """Finds the problems of a bus.
 
     Args:
         reply: The answer of the bus server to `ReadStates`.
@@ -67,7 +78,14 @@ def look_at(reply: Mapping[str, Any]) -> Health:
     rows, missing = list(reply["slaves"]), list(reply.get("missing", ()))
     expected = required(rows)
     in_op = [row for row in expected if row["al_state"] == AlState.OP]
-    problems = [_told(row) for row in expected if row not in in_op or row.get("recovery")]
+    unwell = [row for row in expected if row not in in_op or row.get("recovery")]
+    faults = [Fault.of(row) for row in reply.get("faults", ())]
+    causes, consequences = _order(faults, {row["position"] for row in unwell})
+    if any(fault.blinds for fault in faults):
+        # Nobody knows how these slaves are, and the fault of the interface is none of theirs.
+        unwell = [row for row in unwell if row["al_state"]]
+    problems = [fault.text for fault in causes]
+    problems += [_told(row, consequences) for row in unwell]
     problems += _incomplete(rows, {row["group"] for row in expected if row.get("group")})
     differences = [item["text"] for item in missing]
     differences += filter(None, [reply.get("others")])
@@ -80,7 +98,19 @@ def look_at(reply: Mapping[str, Any]) -> Health:
     left_out = sum(len(item["expected"]) for item in missing)
     absent = len(rows) - len(expected)
     count = len(expected) + left_out
-    return Health(rows, count, len(in_op), left_out, absent, differences, problems)
+    is_down = bool(expected and not in_op) or any(fault.stops for fault in causes)
+    return Health(
+        *(rows, count, len(in_op), left_out, absent),
+        *(differences, faults, problems, is_down),
+    )
+
+
+def _order(faults: Sequence[Fault], unwell: Collection[int]) -> tuple[list[Fault], list[Fault]]:
+    """Faults that need an explanation, and those that a slave explains that is not well itself."""
+    if any(fault.blinds for fault in faults):  # then the exchange cannot succeed
+        return [fault for fault in faults if fault.domain is None], []
+    explained = [fault for fault in faults if fault.slaves and {*fault.slaves} <= {*unwell}]
+    return [fault for fault in faults if fault not in explained], explained
 
 
 def _incomplete(rows: list[Mapping[str, Any]], there: set[str]) -> Iterator[str]:
@@ -102,10 +132,15 @@ def silent_slaves(rows: Iterable[dict[str, Any]]) -> list[int]:
     return [row["position"] for row in required(rows) if not row["al_state"]]
 
 
-def _told(row: Mapping[str, Any]) -> str:
-    """Describes a slave with a problem, and what is known about its recovery."""
+def _told(row: Mapping[str, Any], consequences: Iterable[Fault] = ()) -> str:
+    """Describes a slave with a problem, what is known about its recovery, and what follows."""
     known = (row["text"], row.get("recovery"), row.get("recovery_text"), _since(row.get("since")))
-    return f"{_name(row)}: {', '.join(text for text in known if text)}"
+    spoilt = sorted(
+        {fault.domain or 0 for fault in consequences if row["position"] in fault.slaves}
+    )
+    domains = " and ".join(f"domain {number}" for number in spoilt)
+    so = f"; so {domains} has a wrong working counter" if spoilt else ""
+    return f"{_name(row)}: {', '.join(text for text in known if text)}{so}"
 
 
 def _name(row: Mapping[str, Any]) -> str:

@@ -189,7 +189,7 @@ class Supervisor:
         fatal.append(server)
         # The gateway loads while the bus comes up, and begins when the bus is there.
         gateway = await self._start_gateway() if self._with_gateway else None
-        in_op = await self._ready(server)
+        begin = await self._ready(server)
         if gateway is not None:
             gateway.give({"parent": os.getpid()})
             while not await self._gets_ready(gateway):
@@ -198,9 +198,9 @@ class Supervisor:
         # Not earlier: a program that reads that the bus is in OP may ask the gateway about it.
         self._is_ready = True
         self._failed_starts.forget()
-        self._log.info(in_op, "in_op")
-        notify("READY=1", f"STATUS={in_op}")
-        await self._watch(fatal, gateway, in_op)
+        self._log.info(begin, "in_op")
+        notify("READY=1", f"STATUS={begin}")
+        await self._watch(fatal, gateway, begin)
 
     async def _start(self, name: str, *command: str, fd: int | None = None) -> Child:
         child = await Child.start(name, *command, pass_fds=() if fd is None else (fd,))
@@ -264,11 +264,11 @@ class Supervisor:
         stop.cancel()
         return result.result()
 
-    async def _watch(self, fatal: list[Child], gateway: Child | None, in_op: str) -> None:
+    async def _watch(self, fatal: list[Child], gateway: Child | None, begin: str) -> None:
         server = fatal[-1]
         stop = asyncio.create_task(self._stop.wait())
         tasks = [
-            asyncio.create_task(self._watch_server(server, in_op)),
+            asyncio.create_task(self._watch_server(server, begin)),
             asyncio.create_task(self._reload_on_request(server)),
         ]
         if gateway is not None:
@@ -290,7 +290,7 @@ class Supervisor:
         self._log.error(f"{text}; {_again()}", "ended")
         raise _EndedError(_status(status) or StateError.exit_code)
 
-    async def _watch_server(self, server: Child, in_op: str) -> None:
+    async def _watch_server(self, server: Child, begin: str) -> None:
         """Asks the bus server every second, and reports the bus to the service manager.
 
         Raises:
@@ -305,7 +305,7 @@ class Supervisor:
                 cycle, moved_at = server.report.get("cycle", -1), now
             elif now - moved_at > patience:
                 self._fail(f"the engine has stood still for {patience:g} s, in cycle {cycle}")
-            _feed(server.report.get("status") or in_op)
+            _feed(server.report.get("status") or begin)
         text = f"{server} has not answered for {HANG_S:g} s"
         end = time.monotonic() + self._config.outputs.stop_patience + _STOP_MARGIN
         self._log.error(

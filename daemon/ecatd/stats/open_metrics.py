@@ -11,6 +11,7 @@ from ecatd import shm
 from ecatd.model.al import AlState
 from ecatd.model.bus import display_name
 from ecatd.model.errors import EcatError
+from ecatd.model.faults import EXCHANGE
 from ecatd.model.health import Health, required
 from ecatd.model.quoting import printable
 
@@ -41,7 +42,9 @@ _DOMAIN_COUNTERS = {
     "overruns": "Exchanges of a domain that were left out because their cycle was missed.",
     "lost": "Frames with data of a domain that did not come back in time.",
     "late": "Frames with data of a domain that came back after their cycle.",
-    "wkc_bad": "Exchanges of a domain with a wrong working counter.",
+    "unsent": "Frames with data of a domain that could not be sent.",
+    "wkc_bad": "Exchanges of a domain with an incomplete working counter.",
+    "wkc_wrong": "Those of them whose frames all came back.",
 }
 _TIMES = {
     "wakeup": "How late the cycle begins.",
@@ -95,6 +98,7 @@ def _lines(snapshot: Snapshot, slaves: Health | EcatError) -> Iterator[str]:
     )
     if isinstance(slaves, Health):
         yield from _slaves(bus, slaves)
+        yield from _faults(bus, snapshot, slaves)
     yield from _gauge(
         "ecat_link_up",
         "Whether an interface has a carrier.",
@@ -158,6 +162,38 @@ def _slaves(bus: Mapping[str, str], slaves: Health) -> Iterator[str]:
             "ecat_slave_al_status",
             "AL status register of a slave, 0 if it does not answer.",
             [(label, row["al_state"]) for label, row in zip(labels, rows, strict=True)],
+        )
+
+
+def _faults(bus: Mapping[str, str], snapshot: Snapshot, health: Health) -> Iterator[str]:
+    spoilt = {fault.domain for fault in health.faults}
+    yield from _gauge(
+        "ecat_domain_well",
+        "Whether the exchanges of a domain succeed, by the limits of [health].",
+        [
+            (
+                {**bus, "domain": str(domain.number), "name": domain.name},
+                int(domain.number not in spoilt),
+            )
+            for domain in snapshot.domains
+        ],
+    )
+    if health.faults:
+        yield from _gauge(
+            "ecat_fault",
+            "Share of the exchanges that a fault spoils; 1 for faults of interfaces and clocks.",
+            [
+                (
+                    {
+                        **bus,
+                        "kind": fault.kind,
+                        "domain": "" if fault.domain is None else str(fault.domain),
+                        "interface": fault.interface,
+                    },
+                    fault.share if fault.kind in EXCHANGE else 1,
+                )
+                for fault in health.faults
+            ],
         )
 
 

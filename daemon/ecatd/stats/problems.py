@@ -1,4 +1,7 @@
-"""Finds what is wrong with a bus, for `ecatctl check` and the metrics."""
+"""What is wrong with a bus, for `ecatctl check` and the metrics.
+
+The bus server knows it (`model/health.py`). If it does not answer, the shared memory says less.
+"""
 
 from __future__ import annotations
 
@@ -22,16 +25,15 @@ def find_problems(snapshot: Snapshot, slaves: Health | EcatError | None = None) 
 
     Args:
         snapshot: Statistics since the start.
-        slaves: The health of the slaves, or why it is unknown; None if nobody has asked.
+        slaves: The health of the bus, or why it is unknown; None if nobody has asked.
     """
     if snapshot.state != shm.BusState.RUNNING:
         return [f"the daemon is {word(snapshot.state)}"]
     if snapshot.silence:
         return [f"no cycle for {snapshot.silence:.1f} s: the exchange stands still"]
-    problems = list(_wire_problems(snapshot))
     if isinstance(slaves, Health):
-        return problems + slaves.problems
-    problems += _seen_from_here(snapshot)
+        return slaves.problems
+    problems = [*_wire_problems(snapshot), *_seen_from_here(snapshot)]
     return problems if slaves is None else [*problems, str(slaves)]
 
 
@@ -49,7 +51,13 @@ def _wire_problems(snapshot: Snapshot) -> Iterator[str]:
 
 
 def _seen_from_here(snapshot: Snapshot) -> Iterator[str]:
-    """What the shared memory says of the slaves, if no gateway answers for each of them."""
+    """What the shared memory says of exchange and slaves, if no gateway answers for them."""
+    for domain in snapshot.domains:
+        if domain.exchanges and domain.wkc_state != shm.WkcState.COMPLETE:
+            yield (
+                f"the last exchange of domain {domain.number} was not complete (working counter "
+                f"{domain.wkc} of {domain.wkc_expected})"
+            )
     if snapshot.slaves_found < snapshot.slaves_expected:
         yield f"{snapshot.slaves_found} of {snapshot.slaves_expected} slaves answer"
     if snapshot.slaves_found and snapshot.al_status != AlState.OP:

@@ -134,7 +134,7 @@ class Counters:
 
 
 COUNTERS = tuple(field.name for field in fields(Counters))
-DOMAIN_COUNTERS = ("exchanges", "overruns", "lost", "late", "wkc_bad")
+DOMAIN_COUNTERS = ("exchanges", "overruns", "lost", "late", "unsent", "wkc_bad", "wkc_wrong")
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +156,9 @@ class Domain:
         overruns: Exchanges left out because their cycle was missed.
         lost: Frames with its data that did not come back in time.
         late: Frames with its data that came back after their cycle.
+        unsent: Frames with its data that could not be sent.
         wkc_bad: Exchanges with an incomplete working counter.
+        wkc_wrong: Those of them whose frames all came back.
     """
 
     number: int
@@ -173,7 +175,9 @@ class Domain:
     overruns: int
     lost: int
     late: int
+    unsent: int
     wkc_bad: int
+    wkc_wrong: int
 
     def __sub__(self, earlier: Domain) -> Domain:
         return replace(self, **_difference(self, earlier, DOMAIN_COUNTERS))

@@ -186,7 +186,9 @@ class DomainStatistics(TypedDict):
         overruns: Exchanges left out because their cycle was missed.
         lost: Frames with its data that did not come back in time.
         late: Frames with its data that came back after their cycle.
+        unsent: Frames with its data that could not be sent.
         wkc_bad: Exchanges with an incomplete working counter.
+        wkc_wrong: Those of them whose frames all came back.
     """
 
     number: int
@@ -203,7 +205,9 @@ class DomainStatistics(TypedDict):
     overruns: int
     lost: int
     late: int
+    unsent: int
     wkc_bad: int
+    wkc_wrong: int
 
 
 class Distribution(TypedDict):

@@ -35,7 +35,7 @@ WINDOW = 0x0010_0000
 
 LRD, LWR, LRW = 10, 11, 12
 
-_COUNTS = {LWR: (1, 0), LRW: (2, 1), LRD: (0, 1)}
+COUNTS = {LWR: (1, 0), LRW: (2, 1), LRD: (0, 1)}
 """What one slave adds to the working counter: for outputs, and for inputs (ETG.1000.4)."""
 
 
@@ -199,7 +199,7 @@ def _add_datagrams(
     domain: DomainImage, command: int, parts: Iterable[_Part], group: int = -1
 ) -> None:
     """Adds datagrams of `parts`, each as long as possible; one slave's bytes stay together."""
-    written, read = _COUNTS[command]
+    written, read = COUNTS[command]
     datagram: Datagram | None = None
     for part in parts:
         wkc = written if part.output else read

@@ -178,6 +178,8 @@ class SharedMemory:
             row.output_base = domain.output_base
             row.divider, row.phase = domain.divider, domain.phase
             row.wkc_expected = domain.wkc_expected
+        status = shm.struct("ecat_shm_domain_status") * len(self._image.domains)
+        self.domain_status = status.from_buffer(self._map, plan.offsets["domain_status"])
 
     def _fill_out(self, instance: int) -> None:
         header = shm.struct("ecat_out_header")()

@@ -9,6 +9,8 @@ import struct
 import time
 from collections.abc import Callable, Iterator, Sequence
 
+from ecatd.interface_state import LEAST_MTU
+from ecatd.log import Log
 from ecatd.model.errors import NotPermittedError, StateError, UnreachableError
 from ecatd.process import CAP_NET_ADMIN, raised
 
@@ -16,10 +18,12 @@ from ..engine.engine import Index, open_socket
 from .datagrams import Answer, Datagrams, brd, source_address
 
 _SIOCGIFFLAGS, _SIOCSIFFLAGS = 0x8913, 0x8914
+_SIOCGIFMTU, _SIOCSIFMTU = 0x8921, 0x8922
 _IFF_UP, _IFF_RUNNING, _IFF_PROMISC = 0x1, 0x40, 0x100
 _IN_USE = _IFF_UP | _IFF_PROMISC
 """Promiscuous, since another master may send its frames to any address."""
 _FLAGS = struct.Struct("16sH14x")  # ifreq
+_MTU = struct.Struct("16si12x")  # ifreq
 _AL_STATUS = 0x0130
 
 _CARRIER_TIMEOUT = 5.0
@@ -93,22 +97,73 @@ def look(interface: str) -> Answer:
 
 
 @contextlib.contextmanager
-def own(interface: str) -> Iterator[None]:
-    """Reserves an interface and sets it up; at the end of the block restores its flags.
+def own(interface: str, log: Log) -> Iterator[None]:
+    """Reserves an interface and sets it up; at the end of the block restores flags and MTU.
+
+    Args:
+        interface: Its name.
+        log: Where it is told if frames of the bus had no room in the MTU.
 
     Raises:
-        UnreachableError: There is no such interface.
+        UnreachableError: There is no such interface, or it cannot carry the frames of the bus.
         NotPermittedError: The process may not configure it.
         StateError: Another ecatd uses it.
     """
     with _reserve(interface):
-        flags = _flags(interface)
+        flags, mtu = _flags(interface), _mtu(interface)
+        _make_room(interface, mtu, log)
         _set_flags(interface, flags | _IN_USE)
         try:
             yield
         finally:  # the interface may be gone by now
             with contextlib.suppress(NotPermittedError, UnreachableError):
                 _set_flags(interface, flags)
+                if mtu < LEAST_MTU:
+                    _set_mtu(interface, mtu)
+
+
+def _make_room(interface: str, mtu: int, log: Log) -> None:
+    """Raises an MTU that is too small for the frames of the bus, as `own` also switches it on.
+
+    Raises:
+        UnreachableError: The interface refuses.
+        NotPermittedError: The process may not do that.
+    """
+    if mtu >= LEAST_MTU:
+        return
+    try:
+        _set_mtu(interface, LEAST_MTU)
+    except UnreachableError as error:
+        raise UnreachableError(
+            f"{interface} has an MTU of {mtu} bytes, but frames of the bus have up to {LEAST_MTU}, "
+            f"and it cannot be raised ({error}): use another interface, or the one below it"
+        ) from error
+    log.warning(
+        f"{interface} had an MTU of {mtu} bytes, but frames of the bus have up to {LEAST_MTU}: "
+        f"ecatd has raised it, until it ends"
+    )
+
+
+def _mtu(interface: str) -> int:
+    """Returns the MTU of an interface: most bytes of a frame after its Ethernet header."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
+        try:
+            answer = fcntl.ioctl(control, _SIOCGIFMTU, _MTU.pack(interface.encode(), 0))
+        except OSError as error:
+            raise UnreachableError(f"no MTU of '{interface}': {error.strerror}") from error
+        mtu: int = _MTU.unpack(answer)[1]
+        return mtu
+
+
+def _set_mtu(interface: str, mtu: int) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
+        try:
+            with raised(CAP_NET_ADMIN):
+                fcntl.ioctl(control, _SIOCSIFMTU, _MTU.pack(interface.encode(), mtu))
+        except PermissionError as error:
+            raise NotPermittedError(needs_rights(interface)) from error
+        except OSError as error:
+            raise UnreachableError(error.strerror or str(error)) from error
 
 
 def switch_on(interface: str) -> None:

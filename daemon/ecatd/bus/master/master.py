@@ -10,6 +10,7 @@ from typing import TypeVar
 
 from ecatd import shm
 from ecatd.coroutine_steps import Steps, finish
+from ecatd.interface_state import read_interfaces, remarks
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.errors import StateError, UnreachableError
@@ -21,6 +22,7 @@ from ..frames.datagrams import Datagram, Datagrams, Station, fprd, fpwr, source_
 from ..frames.eeprom import reading_eeproms, writing_eeprom
 from ..frames.frame_ring import FrameRing
 from ..frames.interface import open_for_control, own, wait_for_carriers
+from ..frames.other_end import find_other_end
 from ..frames.relay import Relay
 from ..frames.scan import count_slaves, has_stations, number_slaves, stations
 from ..mailbox.coe import Coe
@@ -105,7 +107,7 @@ class Master:
         self._lines: list[Line] = []
         with contextlib.ExitStack() as stack:
             for name in interfaces:
-                stack.enter_context(own(name))
+                stack.enter_context(own(name, log.of("interfaces")))
             self._opened = stack.pop_all()
 
     def reopen(self, port: int) -> None:
@@ -137,7 +139,7 @@ class Master:
             UnreachableError: No interface has a carrier, or no slave answers.
             NotPermittedError: The process may not use raw sockets.
             StateError: There are too many slaves, slaves come or go meanwhile, an EEPROM cannot be
-                read, or a slave does not reach INIT.
+                read, a slave does not reach INIT, or the interfaces of a ring are exchanged.
         """
         try:
             wait_for_carriers(self._interfaces, self._cancelled)
@@ -148,15 +150,13 @@ class Master:
         self._open_relay()
         count = count_slaves(self.registers)
         if count == 0 and not may_be_empty:
-            raise UnreachableError(
-                f"no EtherCAT slave answers on '{self._interfaces[0]}': check cable and power of "
-                f"the first slave, and that this is the right interface"
-            )
+            raise UnreachableError(_why_none(self._interfaces))
         if count > shm.MAX_SLAVES:
             raise StateError(
                 f"there are {count} slaves on '{self._interfaces[0]}', but a bus can have "
                 f"{shm.MAX_SLAVES} at most"
             )
+        _check_direction(self._interfaces)
         why = self._why_not_as_soem(count)
         if why:
             number_slaves(self.registers, count)
@@ -391,3 +391,48 @@ class Master:
     def close(self) -> None:
         """Closes all sockets, and restores and releases the interfaces."""
         self._opened.close()
+
+
+def _why_none(interfaces: Sequence[str]) -> str:
+    """Why no slave answers, as far as the interfaces can tell."""
+    first = interfaces[0]
+    where = " and ".join(f"'{name}'" for name in interfaces)
+    none = f"no EtherCAT slave answers on {where}"
+    end = find_other_end(first) if len(interfaces) == 1 else None
+    if end is not None and end.slaves:
+        return (
+            f"{none}, because the slaves form a ring: frames that are sent on {first} pass "
+            f"{end.slaves} slaves and come out at {end.interface}: write second_interface = "
+            f'"{end.interface}", or unplug one end'
+        )
+    if end is not None:
+        return (
+            f"{none}: frames that are sent on {first} come out at {end.interface}, and no slave "
+            f"has processed them: either both are connected without a slave, or {first} is the far "
+            f'end of a ring: then write interface = "{end.interface}" and second_interface = '
+            f'"{first}"'
+        )
+    said = "; ".join(str(item) for state in read_interfaces(interfaces) for item in remarks(state))
+    more = f" ({said})" if said else ""
+    return (
+        f"{none}: check cable and power of the first slave, and that this is the right interface"
+        f"{more}"
+    )
+
+
+def _check_direction(interfaces: Sequence[str]) -> None:
+    """Checks that frames of the first interface of a closed ring pass the slaves in their order.
+
+    Raises:
+        StateError: The interfaces are exchanged.
+    """
+    if len(interfaces) == 1:
+        return
+    first, second = interfaces
+    end = find_other_end(first)
+    if end is not None and end.interface == second and not end.slaves:
+        raise StateError(
+            f"the interfaces of the ring are exchanged: slaves process frames on their way from "
+            f'{second} to {first}: write interface = "{second}" and second_interface = "{first}", '
+            f"or exchange the plugs"
+        )

@@ -26,7 +26,7 @@ from ..engine.shared_memory import SharedMemory
 from ..frames.frame_ring import FrameRing
 from ..master.master import Master
 from .clocks import Clocks
-from .exchange import leases, start_exchange
+from .exchange import find_failing, leases, start_exchange
 from .found import FoundBus
 from .gone import find_gone
 from .limits import Limits
@@ -66,6 +66,7 @@ class BringUp:
         frame_rings: The last frames: those of the engine are in `cycle`, all others in `control`;
             empty if the configuration gives no memory for them.
         summary: The bus in one line, once it is in OP.
+        begin: The same at the end of the start, which also says if no exchange has succeeded.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class BringUp:
         self.limits: Limits | None = None
         self.profiles = Profiles((), 0)
         self.frame_rings: dict[str, FrameRing] = {}
-        self.summary = ""
+        self.summary = self.begin = ""
 
     def run(self) -> RunningBus:
         """Brings the bus to OP. It blocks, so call it on the worker.
@@ -108,6 +109,7 @@ class BringUp:
         ToOp(found, shared, data.clocks, self._cancelled, self._log).run()
         engine.restart_counting()  # working counters were not complete before OP
         self.summary = self._summarise(found, data)
+        self.begin = self._say_how(finish(find_failing(shared, self.bus), MAILBOX_PAUSE_S))
         return RunningBus(
             self.bus,
             self.interfaces,
@@ -214,6 +216,16 @@ class BringUp:
         start_exchange(engine, shared, data, self.config, self._log)
         found.master.relay.follow(engine)
         return engine
+
+    def _say_how(self, failing: list[str]) -> str:
+        """What the start says at its end. Slaves in OP are no proof that the exchange succeeds."""
+        if not failing:
+            return self.summary
+        which = ", ".join(failing)
+        return (
+            f"bus '{self.bus.name}' has begun, but no exchange of {which} has succeeded: "
+            f"`ecatctl check` says why"
+        )
 
     def _summarise(self, found: FoundBus, data: ProcessData) -> str:
         absent, missing = len(found.absent), len(found.missing)

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import os
+import time
 
+from ecatd.coroutine_steps import Steps
 from ecatd.log import Log
 from ecatd.model.applied import Applied
+from ecatd.model.bus import Bus
 from ecatd.model.config import Config
 from ecatd.real_time import SETTINGS
 
 from ..engine.engine import Engine, Grant, RealTime
 from ..engine.shared_memory import SharedMemory
 from .process_data import ProcessData
+
+_PROOFS, _PROOF_S = 5, 0.5
+"""Exchanges, and seconds, in which one must succeed for a start to say that the bus works."""
 
 
 def leases(config: Config) -> tuple[int, int]:
@@ -51,6 +57,26 @@ def start_exchange(
     )
     shared.set_grants(grants)
     _warn_of_refusals(grants, log)
+
+
+def find_failing(shared: SharedMemory, bus: Bus) -> Steps[list[str]]:
+    """Waits for the first exchanges since the engine has begun to count, half a second at most.
+
+    Returns:
+        A text for each domain of which no exchange has succeeded; a domain that has not been
+        exchanged yet is not among them.
+    """
+    divider = max((domain.divider for domain in bus.domains), default=1)
+    # Counting begins with the next cycle.
+    enough = shared.header.cycle + 2 + _PROOFS * divider
+    deadline = time.monotonic() + _PROOF_S
+    while shared.header.cycle < enough and time.monotonic() < deadline:
+        yield
+    return [
+        f"{bus.domain_label(number)} ({row.wkc_bad} of {row.exchanges} failed)"
+        for number, row in enumerate(shared.domain_status)
+        if row.exchanges and row.wkc_bad >= row.exchanges
+    ]
 
 
 def _guard(engine: Engine, shared: SharedMemory, applied: Applied) -> None:

@@ -41,8 +41,8 @@ from .watchdog_registers import WATCHED, watchdog_writes
 
 _PROTOCOL_EOE, _PROTOCOL_COE = 0x02, 0x04
 _FEATURES, _NO_LRW = 0x0008, 0x0200
-_SYNC_MANAGER = 0x0800
-_FMMU = 0x0600
+SYNC_MANAGER = 0x0800
+FMMU = 0x0600
 _FMMU_COUNT = 0x0004
 _FMMUS_MAX = 16
 _FMMU_READ, _FMMU_WRITE = 1, 2
@@ -271,31 +271,44 @@ def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> Steps
         slave, available = item.slave, count[0]
         if item.unplaced:
             raise StateError(f"{slave.label}: {item.unplaced}")
-        start = image.domains[slave.domain].address
-        fmmus: list[_Fmmu] = []
-        for pdos, kind, offset in (
-            (slave.outputs, _FMMU_WRITE, slave.output_offset),
-            (slave.inputs, _FMMU_READ, slave.input_offset),
-        ):
-            for area in sync_manager_bytes(pdos):
-                manager = item.sii.sync_managers[area.number]
-                if not manager.virtual:
-                    watched = kind == _FMMU_WRITE and item.settings.watchdog_ms
-                    control = manager.control | (WATCHED if watched else 0)
-                    content = _sync_manager(manager.start, area.size, control)
-                    writes.append((slave.position, _SYNC_MANAGER + 8 * area.number, content))
-                _map(fmmus, _Fmmu(start + offset + area.offset, area.size, manager.start, kind))
+        managers, fmmus = process_data_registers(item, image)
+        writes += [(slave.position, *write) for write in managers]
         writes += _unused(slave, item.sii)
         writes += [(slave.position, *write) for write in watchdog_writes(item.settings)]
         if len(fmmus) > available:
             raise StateError(
                 f"{slave.label} needs {len(fmmus)} FMMUs for its process data, but has {available}"
             )
+        writes += [(slave.position, *write) for write in fmmus]
         # All FMMUs are written, so that none from an earlier master answers at these addresses.
-        for number in range(min(available, _FMMUS_MAX)):
-            content = fmmus[number].registers() if number < len(fmmus) else bytes(16)
-            writes.append((slave.position, _FMMU + 16 * number, content))
+        for number in range(len(fmmus), min(available, _FMMUS_MAX)):
+            writes.append((slave.position, FMMU + 16 * number, bytes(16)))
     yield from master.writing(writes)
+
+
+def process_data_registers(
+    item: Scanned, image: Image
+) -> tuple[list[tuple[int, bytes]], list[tuple[int, bytes]]]:
+    """Returns the sync managers and the FMMUs that exchange the process data of a slave.
+
+    Each with its register and the content.
+    """
+    slave, start = item.slave, image.domains[item.slave.domain].address
+    managers: list[tuple[int, bytes]] = []
+    fmmus: list[_Fmmu] = []
+    for pdos, kind, offset in (
+        (slave.outputs, _FMMU_WRITE, slave.output_offset),
+        (slave.inputs, _FMMU_READ, slave.input_offset),
+    ):
+        for area in sync_manager_bytes(pdos):
+            manager = item.sii.sync_managers[area.number]
+            if not manager.virtual:
+                watched = kind == _FMMU_WRITE and item.settings.watchdog_ms
+                control = manager.control | (WATCHED if watched else 0)
+                content = _sync_manager(manager.start, area.size, control)
+                managers.append((SYNC_MANAGER + 8 * area.number, content))
+            _map(fmmus, _Fmmu(start + offset + area.offset, area.size, manager.start, kind))
+    return managers, [(FMMU + 16 * n, fmmu.registers()) for n, fmmu in enumerate(fmmus)]
 
 
 @dataclass(slots=True)
@@ -336,7 +349,7 @@ def _unused(slave: Slave, sii: Sii) -> list[tuple[int, int, bytes]]:
     return [
         (
             slave.position,
-            _SYNC_MANAGER + 8 * number,
+            SYNC_MANAGER + 8 * number,
             struct.pack("<HHBBBB", manager.start, 0, manager.control, 0, 0, 0),
         )
         for number, manager in enumerate(sii.sync_managers)

@@ -29,7 +29,7 @@ from .assignment import Assignment
 from .clock_registers import SYNC_CONTROL
 from .clocks import Clocks
 from .doubtful import Doubt
-from .mapping import Scanned, configure, take_pdos_from_sii
+from .mapping import Scanned, configure, process_data_registers, take_pdos_from_sii
 from .slave_configuration import SlaveConfiguration
 from .telling import Missed, leave, tell, write_parameters
 from .watchdogs import check_watchdogs
@@ -173,6 +173,19 @@ class SetUp:
         """Revision number of the device that was there last; an accepted one may be another one."""
         item = self._scanned[position]
         return item.sii.revision if item.read_at else item.slave.revision
+
+    def registers(self, position: int) -> list[tuple[int, bytes]]:
+        """Sync managers and FMMUs for process data as a slave got them: registers and contents."""
+        item = self._scanned[position]
+        if item.unplaced:
+            return []
+        managers, fmmus = process_data_registers(item, self._image)
+        return [*managers, *fmmus]
+
+    @property
+    def image(self) -> Image:
+        """The process image."""
+        return self._image
 
     def has_boot(self, position: int) -> bool:
         """Whether the EEPROM of a slave describes a mailbox for BOOT (ETG.1000.6)."""

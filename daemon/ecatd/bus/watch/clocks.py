@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
 
 from ecatd.log import Log
 from ecatd.model.bus import Slave
+from ecatd.model.faults import Fault
 from ecatd.shm import DcState
 
 from ..engine.engine import Event
@@ -45,14 +47,29 @@ class ClockWatch:
         self._log = log
         self._tell = tell
         self._lost = False  # at least once
+        self._lost_at = 0.0  # Unix time of the last loss
         self._astray: set[int] = set()
         self._states = Throttle(self._tell_state, _PERIOD)
 
     def handle(self, event: Event) -> None:
         """Takes an event: the cycle has lost the reference clock, or is locked to it again."""
+        if event.value != DcState.LOCKED:
+            self._lost_at = time.time()
         if self._lost or event.value != DcState.LOCKED:  # the first lock is not reported
             self._lost = True
             self._states.note(event)
+
+    @property
+    def faults(self) -> list[Fault]:
+        """What is wrong now."""
+        if self._shared.health.dc_state != DcState.LOCKING:
+            return []
+        text = f"the cycle is not in step with the reference clock, that of {self._reference}"
+        return [Fault("clock", text, self._lost_at)]
+
+    @property
+    def _reference(self) -> str:
+        return self._clocks.reference.label
 
     def close(self) -> None:
         """Ends all reports. Call it on the event loop's thread."""
@@ -60,7 +77,7 @@ class ClockWatch:
 
     def _tell_state(self, event: Event) -> None:
         state, health = DcState(event.value), self._shared.health
-        reference = self._clocks.reference.label
+        reference = self._reference
         if state == DcState.LOCKED:
             self._log.info(f"the cycle follows the clock of {reference} again", "clock")
         else:

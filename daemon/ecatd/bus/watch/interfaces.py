@@ -6,13 +6,15 @@ import asyncio
 import os
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from contextlib import suppress
+from dataclasses import asdict, replace
 from typing import Any
 
 from ecatd import shm
 from ecatd.log import Log
 from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError
+from ecatd.model.faults import UNSENT, Fault
 
 from ..engine.engine import Event, Index, open_socket
 from ..frames.interface import switch_on
@@ -20,12 +22,15 @@ from ..start.running import RunningBus
 from .counters import Disturbance, Report
 from .deeds import Deed, facts, sentence
 from .foreign import ForeignWatch
+from .interface_states import StateWatch
 from .link import LinkState, LinkWatch
 from .rate_limiter import Throttle
 
 _PERIOD = 1.0
 _FOREIGN_GONE = 3.0
 """Seconds without a frame of another master after which it is taken to be gone."""
+_FOREIGN_TOLD = 10.0
+"""Seconds after the last frame of another master for which the bus is not well."""
 _SETTLED = 0.1
 """Seconds to wait before a change is reported: an interface that is removed goes down first."""
 
@@ -70,15 +75,22 @@ class InterfaceWatch:
         self._sending = [Throttle(self._tell_sending, _PERIOD) for _ in running.interfaces]
         self._link_changes = [Throttle(self._tell_link, _PERIOD) for _ in running.interfaces]
         self._ring: Event | None = None
+        self._ring_since = 0.0  # Unix time since which it is open
         self._untold_break: Event | None = None
         self._ring_told = ""
         self._ring_timer: asyncio.TimerHandle | None = None
-        self._links = LinkWatch(running.interfaces, self._on_link)
+        self._states = StateWatch(running.interfaces, log, tell)
+        self._links = LinkWatch(running.interfaces, self._on_link, self._states.note)
+        self._link_since = [0.0] * len(running.interfaces)
+        self._send_errors = [0] * len(running.interfaces)
+        self._send_since = [0.0] * len(running.interfaces)
         self._indices = [state.index for state in self._links.states]  # that sockets belong to
         self._publish_links()
         self._foreign = ForeignWatch(running.interfaces, running.run)
         self._foreign_frames = [0 for _ in running.interfaces]
         self._foreign_at = -_FOREIGN_GONE  # when frames of another master were last seen
+        self._foreign_since = [0.0] * len(running.interfaces)  # Unix time; 0: there is none
+        self._foreign_seen = [-_FOREIGN_TOLD] * len(running.interfaces)
         self._foreign_masters = [Disturbance({"frames": 0}) for _ in running.interfaces]
         self._sources = [""] * len(running.interfaces)
         self._deeds: list[set[Deed]] = [set() for _ in running.interfaces]  # not reported yet
@@ -109,6 +121,70 @@ class InterfaceWatch:
             }
         }
 
+    async def find_blinding(self) -> str:
+        """Why no frame can come back, as the interfaces know it; empty if they do not."""
+        await self._states.look()
+        return "; ".join(fault.text for fault in self.faults if fault.blinds)
+
+    async def settle(self) -> None:
+        """Waits until the kernel has told of a change that stops frames at once."""
+        await asyncio.sleep(_SETTLED)
+        self._states.note()
+
+    def _dead_text(self) -> str:
+        """The interfaces that have no link."""
+        return "; ".join(
+            self._link_text(number, state.link)
+            for number, state in enumerate(self._links.states)
+            if state.link != shm.Link.UP
+        )
+
+    @property
+    def faults(self) -> list[Fault]:
+        """What is wrong with the interfaces now, what explains most first."""
+        found = []
+        dead = [state.link != shm.Link.UP for state in self._links.states]
+        for number, name in enumerate(self._interfaces):
+            if dead[number]:
+                text = self._link_text(number, self._links.states[number].link)
+                since = self._link_since[number]
+                found.append(Fault("link", text, since, interface=name, blinds=all(dead)))
+        # If no slave answers, the fault of the interface explains it, and not one of the slaves.
+        silent = not self._health.slaves_found
+        found += [replace(fault, blinds=silent) for fault in self._states.faults]
+        for number, name in enumerate(self._interfaces):
+            # An interface that is dead takes no frames, and an MTU is told with its remedy.
+            if self._send_errors[number] and not dead[number] and not self._states.explain("mtu"):
+                text = f"frames cannot be sent on {name}: {os.strerror(self._send_errors[number])}"
+                since = self._send_since[number]
+                found.append(Fault("sending", text, since, interface=name, blinds=silent))
+            if self._foreign_since[number]:
+                text = (
+                    f"another EtherCAT master sends frames on {name} (source "
+                    f"{self._sources[number]}): stop it, or give it slaves of its own"
+                )
+                since = self._foreign_since[number]
+                found.append(Fault("foreign_master", text, since, interface=name))
+        if self._health.ring == shm.Ring.OPEN and not all(dead):
+            before = int(self._health.ring_break)
+            text = describe_ring(self._bus, self._interfaces, shm.Ring.OPEN, before)
+            found.append(Fault("ring", text, self._ring_since))
+        return found
+
+    async def explain(self, kind: str) -> str:
+        """Why frames are not sent or get lost, as far as the interfaces know; else empty."""
+        await self._states.look()
+        if dead := self._dead_text():
+            return dead
+        if kind == UNSENT:
+            errors = "; ".join(
+                f"{name}: {os.strerror(error)}"
+                for name, error in zip(self._interfaces, self._send_errors, strict=True)
+                if error
+            )
+            return errors + ", because of its MTU" * bool(self._states.explain("mtu"))
+        return self._states.explain()
+
     def is_foreign(self) -> bool:
         """Whether another master is at work now."""
         for number in range(len(self._interfaces)):
@@ -117,7 +193,10 @@ class InterfaceWatch:
 
     async def watch(self) -> None:
         """Waits for a while, and checks the counters."""
-        await asyncio.sleep(_PERIOD)
+        with suppress(TimeoutError):
+            await asyncio.wait_for(self._states.changed.wait(), _PERIOD)
+        await self._states.look()
+        await asyncio.sleep(_SETTLED)
         self.look()
 
     def look(self) -> None:
@@ -149,7 +228,10 @@ class InterfaceWatch:
         self._health.foreign = sum(self._foreign_frames)
         self._deeds[number] |= foreign.deeds
         if foreign.count:
-            self._foreign_at = now
+            self._foreign_at = self._foreign_seen[number] = now
+            self._foreign_since[number] = self._foreign_since[number] or time.time()
+        elif now - self._foreign_seen[number] > _FOREIGN_TOLD:
+            self._foreign_since[number] = 0.0
         if foreign.sources:
             self._sources[number] = "; ".join(foreign.sources)
         report = self._foreign_masters[number].look({"frames": self._foreign_frames[number]}, now)
@@ -178,6 +260,9 @@ class InterfaceWatch:
 
     def on_send(self, event: Event) -> None:
         """Sending on an interface has begun to fail, or works again."""
+        if not self._send_errors[event.slot]:
+            self._send_since[event.slot] = time.time()
+        self._send_errors[event.slot] = event.value
         self._sending[event.slot].note(event)
 
     def _tell_sending(self, event: Event) -> None:
@@ -192,6 +277,10 @@ class InterfaceWatch:
     def on_ring(self, event: Event) -> None:
         """The ring has opened, closed, or is open at another place."""
         self._ring = event
+        if event.value == shm.Ring.OPEN and not self._ring_since:
+            self._ring_since = time.time()
+        elif event.value == shm.Ring.CLOSED:
+            self._ring_since = 0.0
         self._log.debug(f"ring: {shm.Ring(event.value).name}, {event.slave} slaves before a break")
         if event.value == shm.Ring.OPEN:
             self._untold_break = event
@@ -231,6 +320,7 @@ class InterfaceWatch:
         self._health.link_second = states[1].link if len(states) > 1 else shm.Link.UNUSED
 
     def _on_link(self, number: int, before: LinkState, now: LinkState) -> None:
+        self._link_since[number] = time.time()
         self._publish_links()
         self._log.debug(
             f"{self._interfaces[number]}: link {before.link.name} (index {before.index}), now "
@@ -253,10 +343,14 @@ class InterfaceWatch:
     def _tell_link(self, event: Event) -> None:
         """Reports a link's state; at most once a second, since a loose plug changes it often."""
         interface, link = self._interfaces[event.slot], shm.Link(event.value)
-        slave = self._bus.slaves[-1 if event.slot else 0].label  # at the other end of the cable
-        text = f"{interface}: {_LINKS[link].format(interface=interface, slave=slave)}"
+        text = self._link_text(event.slot, link)
         (self._log.info if link == shm.Link.UP else self._log.error)(text, "link")
         self._tell("link", interface=interface, state=link.name.lower(), text=text)
+
+    def _link_text(self, number: int, link: shm.Link) -> str:
+        interface = self._interfaces[number]
+        slave = self._bus.slaves[-1 if number else 0].label  # at the other end of the cable
+        return f"{interface}: {_LINKS[link].format(interface=interface, slave=slave)}"
 
     def _take_new(self, number: int, now: LinkState) -> None:
         """Uses an interface that was removed and came back, and sets it up if it is down."""

@@ -18,8 +18,9 @@ from ecatd import shm
 from ecatd.batch import Batch
 from ecatd.log import Log
 from ecatd.model.al import AlState
-from ecatd.model.config import OutputsConfig, RecoveryConfig
+from ecatd.model.config import HealthConfig, OutputsConfig, RecoveryConfig
 from ecatd.model.errors import StateError
+from ecatd.model.faults import Fault
 
 from ..engine.engine import Event, EventType
 from ..master.al_states import SlaveState
@@ -27,6 +28,7 @@ from ..master.emergencies import Emergency
 from ..master.worker import Worker
 from ..start.running import RunningBus
 from .clocks import ClockWatch
+from .exchange import ExchangeWatch
 from .fault_files import FaultFiles
 from .files import FileWatch
 from .interfaces import InterfaceWatch
@@ -61,6 +63,7 @@ class Monitor:
     Args:
         running: The bus.
         outputs: What is configured about outputs.
+        health: When the exchange is not well.
         answer: Carries out requests of clients.
         worker: The worker on which slaves are asked.
         log: The log for events.
@@ -72,6 +75,7 @@ class Monitor:
         self,
         running: RunningBus,
         outputs: OutputsConfig,
+        health: HealthConfig,
         answer: Answer,
         worker: Worker,
         log: Log,
@@ -90,7 +94,10 @@ class Monitor:
         outputs_log = log.of("outputs")
         self._outputs = OutputWatch(running.bus, running.shared, outputs, outputs_log, self._tell)
         self._interfaces = InterfaceWatch(running, log.of("interfaces"), self._tell)
-        self._slaves = SlaveWatch(running, worker, log, self._tell, self._interfaces.is_foreign)
+        self._slaves = SlaveWatch(running, worker, log, self._tell, self._interfaces)
+        self._exchange = ExchangeWatch(
+            running, health, worker, log.of("interfaces"), self._tell, self._interfaces.explain
+        )
         self._clocks = (
             None
             if running.clocks is None
@@ -144,6 +151,16 @@ class Monitor:
     def others(self) -> str:
         """What devices are there beside the slaves of the bus, in words; empty: none."""
         return self._slaves.others
+
+    @property
+    def faults(self) -> list[Fault]:
+        """What is wrong with interfaces, exchange and clocks now, causes before consequences."""
+        clocks = [] if self._clocks is None else self._clocks.faults
+        return [*self._interfaces.faults, *self._exchange.faults, *clocks]
+
+    def set_health(self, config: HealthConfig) -> None:
+        """Changes when the exchange is not well."""
+        self._exchange.set_config(config)
 
     def set_recovery(self, config: RecoveryConfig) -> None:
         """Changes which slaves are recovered, and how often it is tried."""
@@ -261,6 +278,7 @@ class Monitor:
         watches = [
             self._slaves.watch,
             self._interfaces.watch,
+            self._exchange.watch,
             self._mailboxes.watch,
             self._files.watch,
         ]

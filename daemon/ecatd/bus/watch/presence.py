@@ -23,6 +23,7 @@ def describe_presence(
     *,
     absent: int = 0,
     by_hand: bool = False,
+    blinding: str = "",
     restart: str = "",
 ) -> str:
     """What is wrong with the number of slaves, in words; empty if nothing is.
@@ -35,6 +36,7 @@ def describe_presence(
         twice: Positions of those at whose address another device answers, too.
         absent: Number of optional slaves that do not answer at their address.
         by_hand: Whether slaves that were without power do not come back by themselves.
+        blinding: Why no frame can come back, as the interfaces know it: it is no fault of slaves.
         restart: What a restart would do without those that are lost, for the end of the sentence.
 
     What a restart would do with others is told by `expectation.py`, when it knows who they are.
@@ -61,6 +63,8 @@ def describe_presence(
                 f"no slave answers at its address, though {found} are there: they were switched "
                 f"off and on, or exchanged{ask}"
             )
+        if blinding:
+            return f"no slave answers, since no frame comes back: {blinding}"
         return (
             f"no slave answers: check the cable to {bus.slaves[0].label} and the power; the bus "
             f"goes on by itself when the slaves answer again"

@@ -21,6 +21,7 @@ from ..master.al_states import SlaveState
 from ..master.worker import Worker
 from ..start.running import RunningBus
 from .expectation import ExpectationWatch
+from .interfaces import InterfaceWatch
 from .presence import describe_presence, name_slaves
 from .recovery import Condition
 from .repair import Repair
@@ -48,7 +49,8 @@ class SlaveWatch:
         worker: The worker on which slaves are asked.
         log: Where changes are told.
         tell: Publishes an event: its kind, and facts.
-        foreign: Whether another master is at work.
+        interfaces: The watch over the interfaces: whether another master is at work, or no frame
+            can come back.
 
     Attributes:
         states: AL status of every slave when it was last read.
@@ -60,7 +62,7 @@ class SlaveWatch:
         worker: Worker,
         log: Log,
         tell: Callable[..., None],
-        foreign: Callable[[], bool],
+        interfaces: InterfaceWatch,
     ) -> None:
         self._bus = running.bus
         self._master = running.master
@@ -72,7 +74,9 @@ class SlaveWatch:
         self._repair = Repair(running, worker, log.of("recovery"), tell, self._look_again)
         self._expectation = ExpectationWatch(running, worker, self._log, tell)
         self._by_hand = running.recovery.slaves != "all"
-        self._foreign = foreign
+        self._interfaces = interfaces
+        self._foreign = interfaces.is_foreign
+        self._silent = False  # no slave answers, and no interface says why
         self._changed = asyncio.Event()
         self._pause = _PAUSE
         self._optional = running.optional
@@ -238,7 +242,14 @@ class SlaveWatch:
     async def look(self) -> bool:
         """Reads the AL states, and tells of every change; returns whether there was one."""
         changed = await self._worker.run(self.read)
-        self._tell_presence()
+        blinding = "" if self._found else await self._interfaces.find_blinding()
+        if not self._found and not blinding and not self._silent:
+            # Before the cable is blamed: the kernel may tell in a moment what has happened.
+            await self._interfaces.settle()
+            self._found = int(self._health.slaves_found)
+            blinding = await self._interfaces.find_blinding()
+        self._silent = not self._found and not blinding
+        self._tell_presence(blinding)
         present = [item for item in changed if item.al_state & 0x0F]
         for item in changed:
             self._tell(
@@ -258,8 +269,12 @@ class SlaveWatch:
             tell(text, "al_state", positions)
         return bool(changed)
 
-    def _tell_presence(self) -> None:
-        """Tells, once, that slaves are missing or that there are more, and when that is over."""
+    def _tell_presence(self, blinding: str) -> None:
+        """Tells, once, that slaves are missing or that there are more, and when that is over.
+
+        Args:
+            blinding: Why no frame can come back; empty if nothing is known of that.
+        """
         found = self._found
         gone = [item.position for item in self.states if not item.al_state & 0x0F]
         slaves = self._bus.slaves
@@ -274,6 +289,7 @@ class SlaveWatch:
             self._twice,
             absent=len(absent),
             by_hand=self._by_hand,
+            blinding=blinding,
             restart=self._restart_without(lost),
         )
         if text == self._told:

@@ -8,7 +8,14 @@ file and line.
 """
 
 from .clocks import DcConfig, DcSlaveConfig
-from .config import CaptureConfig, Config, MailboxConfig, RealTimeConfig, RecoveryConfig
+from .config import (
+    CaptureConfig,
+    Config,
+    HealthConfig,
+    MailboxConfig,
+    RealTimeConfig,
+    RecoveryConfig,
+)
 from .copies import ABSENT, CopyConfig
 from .domains import DOMAINS_MAX, DomainConfig
 from .file import load_config, read_config
@@ -37,6 +44,7 @@ __all__ = [
     "DomainConfig",
     "ExpectedConfig",
     "GatewayConfig",
+    "HealthConfig",
     "MailboxConfig",
     "Mark",
     "ModuleConfig",

@@ -114,6 +114,28 @@ class MailboxConfig(Placed):
 
 
 @dataclass(slots=True)
+class HealthConfig(Placed):
+    """`[health]`: when ecatd says that the [exchange](troubleshooting.md#exchange) is not well.
+
+    The limits are shares of the exchanges of a domain within the window. What is said ends when the
+    share is below half of the limit. 1: only if no exchange succeeds.
+
+    Attributes:
+        window_s: Time over which ecatd counts; for a slow domain, at least ten exchanges.
+        wrong_counters: Exchanges whose frames come back with a wrong working counter.
+        lost: Exchanges with a frame that does not come back.
+        unsent: Exchanges with a frame that the interface does not take.
+        late: Exchanges with a frame that comes back after its cycle.
+    """
+
+    window_s: Annotated[float, number(1, 600)] = 5.0
+    wrong_counters: Annotated[float, number(0.0001, 1)] = 0.01
+    lost: Annotated[float, number(0.0001, 1)] = 0.01
+    unsent: Annotated[float, number(0.0001, 1)] = 0.01
+    late: Annotated[float, number(0.0001, 1)] = 0.01
+
+
+@dataclass(slots=True)
 class CaptureConfig(Placed):
     """`[capture]`: the [last frames](command-line.md#frames), and files with them after faults.
 
@@ -157,6 +179,7 @@ class Config(Placed):
         dc: Distributed clocks.
         mailbox: Share of mailbox and register traffic.
         recovery: Which slaves are brought back to OP.
+        health: When the exchange is not well.
         realtime: Real-time settings of the engine.
         outputs: Leases and safe values.
         signal: Names, units, scales and limits of entries of the process data.
@@ -181,6 +204,7 @@ class Config(Placed):
     dc: Annotated[DcConfig, read_clocks] = field(default_factory=DcConfig)
     mailbox: Annotated[MailboxConfig, one(MailboxConfig)] = field(default_factory=MailboxConfig)
     recovery: Annotated[RecoveryConfig, one(RecoveryConfig)] = field(default_factory=RecoveryConfig)
+    health: Annotated[HealthConfig, one(HealthConfig)] = field(default_factory=HealthConfig)
     realtime: Annotated[RealTimeConfig, one(RealTimeConfig)] = field(default_factory=RealTimeConfig)
     outputs: Annotated[OutputsConfig, one(OutputsConfig)] = field(default_factory=OutputsConfig)
     signal: Annotated[list[SignalConfig], read_signals] = field(default_factory=list)

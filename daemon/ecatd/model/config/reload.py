@@ -78,6 +78,7 @@ def reload(before: Config, wanted: Config) -> Reload:
         gateway=wanted.gateway,
         mailbox=wanted.mailbox,
         recovery=wanted.recovery,
+        health=wanted.health,
         outputs=replace(
             before.outputs,
             lease_cycles=wanted.outputs.lease_cycles,

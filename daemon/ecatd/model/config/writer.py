@@ -34,7 +34,18 @@ _COPY_EXAMPLE = [
     '# from_slave = "switches"',
     '# from_entry = "0x6000:01"',
 ]
-_TABLES = ("log", "dc", "mailbox", "recovery", "realtime", "outputs", "capture", "eoe", "gateway")
+_TABLES = (
+    "log",
+    "dc",
+    "mailbox",
+    "recovery",
+    "health",
+    "realtime",
+    "outputs",
+    "capture",
+    "eoe",
+    "gateway",
+)
 
 
 @dataclass(slots=True)

@@ -15,11 +15,25 @@ _RX_USECS, _TX_USECS, _ADAPTIVE_RX, _ADAPTIVE_TX = 1, 5, 10, 11
 _EEE = struct.Struct("10I")  # ethtool_eee
 _GET_EEE, _SET_EEE, _EEE_ENABLED = 0x44, 0x45, 5
 _VALUE = struct.Struct("2I")  # ethtool_value
+_SETTINGS = struct.Struct("3IH6B2IH2B3I")  # ethtool_cmd
+_GET_SETTINGS, _SPEED, _DUPLEX, _SPEED_HIGH = 0x01, 3, 4, 12
+_DUPLEX_WORDS = {0: "half", 1: "full"}
 _GET_FLAGS, _SET_FLAGS, _LRO = 0x25, 0x26, 1 << 15
 _GET_GRO, _SET_GRO = 0x2B, 0x2C
 
 OFFLOADS = ("gro", "lro")
 """Offloads for received frames, with the names of `ethtool -K`."""
+
+
+def speed(interface: str) -> tuple[int, str]:
+    """Speed in Mbit/s, 0 if unknown, and `full`, `half` or empty, if unknown.
+
+    Raises:
+        OSError: The driver does not report it.
+    """
+    values = _ask(interface, _SETTINGS, _GET_SETTINGS)
+    mbit = values[_SPEED] | values[_SPEED_HIGH] << 16
+    return (0 if mbit >= 0xFFFFFFFF else mbit), _DUPLEX_WORDS.get(values[_DUPLEX], "")
 
 
 def coalescing(interface: str) -> str:

@@ -1,0 +1,52 @@
+"""What is wrong with the exchange of a bus, or with one of its interfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+WORKING_COUNTER, LOST, LATE, UNSENT = "working_counter", "lost", "late", "unsent"
+EXCHANGE = (UNSENT, LOST, LATE, WORKING_COUNTER)
+"""Kinds of faults of the exchange, causes before consequences."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Something that is wrong now.
+
+    Attributes:
+        kind: One of `EXCHANGE`; or what is wrong with an interface: `link`, `sending`, `mtu`,
+            `duplex`, `speed`, `bridge`, `vlan`, `ring`, `foreign_master`; or `clock`.
+        text: What is wrong, why, and what to do.
+        since: Unix time in seconds since which it is so.
+        domain: Number of the domain; None if it is not about one.
+        interface: Name of the interface; empty if it is not about one.
+        share: Share of the exchanges that it spoils, 0 to 1.
+        slaves: Positions of the slaves that explain it.
+        blinds: Whether no frame can come back because of it, so that nothing is known of slaves.
+    """
+
+    kind: str
+    text: str
+    since: float = 0.0
+    domain: int | None = None
+    interface: str = ""
+    share: float = 0.0
+    slaves: tuple[int, ...] = ()
+    blinds: bool = False
+
+    @property
+    def stops(self) -> bool:
+        """Whether no exchange succeeds because of it."""
+        return self.blinds or self.share >= 1.0
+
+    def to_map(self) -> dict[str, Any]:
+        """The fault as the bus server tells it."""
+        found = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {**found, "slaves": list(self.slaves)}
+
+    @staticmethod
+    def of(row: Mapping[str, Any]) -> Fault:
+        """The fault that `to_map` has made a map of."""
+        return Fault(**{**row, "slaves": tuple(row["slaves"])})
