@@ -135,24 +135,36 @@ def _alike(one: Slave, other: Slave) -> bool:
 def _pairs(old: Sequence[Slave], new: Sequence[Slave]) -> list[tuple[int, int]]:
     """Pairs the old and new positions of the same slaves.
 
-    Two slaves match if they have the same vendor and product. First the equal beginning of both
-    buses is paired, then the longest equal runs, and finally the remaining slaves that match.
+    Two slaves match if they have the same vendor and product. First slaves with the same name in
+    the configuration are paired, wherever they are. Of the others, first the equal beginning of
+    both buses is paired, then the longest equal runs, and finally the remaining slaves that match.
     """
-    one, other = ([(slave.vendor, slave.product) for slave in slaves] for slaves in (old, new))
+    named = {(s.given_name, s.vendor, s.product): n for n, s in enumerate(old) if s.given_name}
+    pairs = [
+        (m, n)
+        for n, slave in enumerate(new)
+        if (m := named.get((slave.given_name, slave.vendor, slave.product))) is not None
+    ]
+    left = [n for n in range(len(old)) if n not in {m for m, _ in pairs}]
+    right = [n for n in range(len(new)) if n not in {n for _, n in pairs}]
+    one, other = (
+        [(slaves[n].vendor, slaves[n].product) for n in numbers]
+        for slaves, numbers in ((old, left), (new, right))
+    )
     start = 0
     while start < min(len(one), len(other)) and one[start] == other[start]:
         start += 1
+    found = [(n, n) for n in range(start)]
     matcher = difflib.SequenceMatcher(None, one[start:], other[start:], autojunk=False)
-    pairs = [(n, n) for n in range(start)]
     for block in matcher.get_matching_blocks():
-        pairs += [(start + block.a + n, start + block.b + n) for n in range(block.size)]
-    left = [n for n in range(len(one)) if n not in {a for a, _ in pairs}]
-    for n in sorted(set(range(len(other))) - {b for _, b in pairs}):
-        m = next((m for m in left if one[m] == other[n]), None)
+        found += [(start + block.a + n, start + block.b + n) for n in range(block.size)]
+    rest = [n for n in range(len(one)) if n not in {a for a, _ in found}]
+    for n in sorted(set(range(len(other))) - {b for _, b in found}):
+        m = next((m for m in rest if one[m] == other[n]), None)
         if m is not None:
-            left.remove(m)
-            pairs.append((m, n))
-    return pairs
+            rest.remove(m)
+            found.append((m, n))
+    return pairs + [(left[m], right[n]) for m, n in found]
 
 
 # --- differences ---------------------------------------------------------------------------------

@@ -158,6 +158,35 @@ def test_configurations_that_do_not_say_it_all(
     names(one_line_error(refused.stderr, "ecatctl"), config, *wanted)
 
 
+def test_a_configuration_names_the_bus_unless_the_user_does(tmp_path: Path) -> None:
+    config = tmp_path / "ecat.toml"
+    config.write_text('bus = "plant"\n')
+    given = ("--from", "line:2", "--config", str(config))
+    env = {key: value for key, value in os.environ.items() if key != "ECATD_BUS"}
+
+    def said(*arguments: str) -> str:
+        result = run_module("ecatd.cli", *arguments, env=env)
+        assert result.returncode == 0, result.stderr
+        return result.stdout
+
+    assert json.loads(said("scan", *given))["name"] == "plant"
+    assert json.loads(said("scan", *given, "--bus", "desk"))["name"] == "desk"
+    assert json.loads(said("scan", *given[:2]))["name"] == "ecat0"
+    other = run_module("ecatd.cli", "scan", *given, env={**env, "ECATD_BUS": "other"})
+    assert json.loads(other.stdout)["name"] == "other"
+    assert 'bus = "plant"' in said("config", "init", *given)
+    said("generate", "Plant", str(tmp_path), *given)
+    assert "EtherCAT bus plant" in (tmp_path / "Plant" / "package.mo").read_text()
+    assert "bus plant with 2 slaves" in said("config", "check", str(config), *given[:2])
+    # Commands that ask a daemon ask that of the file.
+    for command in ("config check", "config diff", "startup verify --config"):
+        refused = run_module("ecatd.cli", *command.split(), str(config), env=env)
+        assert refused.returncode != 0
+        names(one_line_error(refused.stderr, "ecatctl"), "'plant'")
+    report = run_module("ecatd.cli", "doctor", "--config", str(config), env=env).stdout
+    assert "plant" in report
+
+
 def test_a_rig_is_read_beside_a_daemon_that_serves_the_name(troll: Daemon) -> None:
     before = troll.ctl_json("stats")["cycles"]
     scan = json.loads(troll.ctl("scan", "--from", "line:3").stdout)

@@ -42,6 +42,7 @@ class State(IntEnum):
 
 
 RELATIVE, ABSOLUTE = 1, 2
+AUTOMATIC, NEEDS_EDGE = 1, 2  # EtherCAT.Types.DriveRestart
 WAIT, CONTINUE = 2, 3  # whenFailed of the EtherCATMaster
 
 
@@ -61,6 +62,8 @@ class Settings(ctypes.Structure):
     _fields_ = (
         ("mode", ctypes.c_int),
         ("reference", ctypes.c_int),
+        ("restart", ctypes.c_int),
+        ("axis", ctypes.c_int),
         ("entries", ctypes.c_int),
         ("mode_object", ctypes.c_int),
         ("encoder", ctypes.c_double),
@@ -80,6 +83,8 @@ def settings(mode: Mode, **values: float) -> Settings:
     result = Settings(
         mode=mode,
         reference=RELATIVE,
+        restart=NEEDS_EDGE,
+        axis=1,
         entries=31,
         mode_object=0,
         encoder=65536,

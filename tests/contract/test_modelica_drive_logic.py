@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from drive_calls import ABSOLUTE, Has, Mode, Settings, State, build, settings
+from drive_calls import ABSOLUTE, AUTOMATIC, Has, Mode, Settings, State, build, settings
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -234,6 +234,58 @@ def test_a_short_quick_stop_is_not_lost(calls: ctypes.CDLL) -> None:
     drive.go_into_operation(5.0)
 
 
+def fails(drive: Logic, loss: str) -> None:
+    """What takes a drive in operation away from the model."""
+    if loss == "lost":
+        drive.step(State.OPERATION_ENABLED, 20.0, valid=0)
+    elif loss == "fault":
+        drive.step(State.FAULT_REACTION_ACTIVE, 20.0)
+        drive.step(State.FAULT, 20.0)
+    else:
+        drive.step(State.SWITCH_ON_DISABLED, 20.0)
+
+
+@pytest.mark.parametrize("loss", ["lost", "fault", "left its operation by itself"])
+def test_after_a_loss_or_a_fault_the_drive_waits_for_an_edge_of_enable(
+    calls: ctypes.CDLL, loss: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    drive = Logic(calls, settings(Mode.CYCLIC_VELOCITY, max_dropout=0))
+    drive.go_into_operation(20.0)
+    fails(drive, loss)
+    for state in (State.SWITCH_ON_DISABLED, *[State.READY_TO_SWITCH_ON] * 3, State.SWITCHED_ON):
+        drive.step(state, 20.0)
+        assert (drive.word, drive.enabled, drive.out[3]) == (0x06, 0, 0)
+    names(said := capfd.readouterr().err, "slave 0", "off", "enable", loss, "restart", "Automatic")
+    assert said.count("\n") == 1
+    drive.step(State.READY_TO_SWITCH_ON, 20.0, enable=0)
+    drive.evaluate(State.READY_TO_SWITCH_ON, 20.0)  # a tool that has been wrong about enable
+    drive.evaluate(State.READY_TO_SWITCH_ON, 20.0, enable=0)
+    drive.go_into_operation(20.0)
+    assert drive.word == 0x0F
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("loss", ["lost", "fault", "left its operation by itself"])
+def test_a_drive_restarts_by_itself_only_if_it_is_to(calls: ctypes.CDLL, loss: str) -> None:
+    drive = Logic(calls, settings(Mode.CYCLIC_VELOCITY, max_dropout=0, restart=AUTOMATIC))
+    drive.go_into_operation(20.0)
+    fails(drive, loss)
+    drive.go_into_operation(20.0)
+    assert drive.word == 0x0F
+
+
+def test_the_edge_that_resets_a_fault_enables_the_drive(calls: ctypes.CDLL) -> None:
+    """As without an input of its own for the reset; also at the start."""
+    drive = Logic(calls, settings(Mode.CYCLIC_VELOCITY))
+    for enable in (1, 0, 1):  # the first one is true from the start on
+        drive.step(State.FAULT, enable=enable, fault_reset=enable)
+        assert drive.word == (0x80 if enable else 0)
+        if enable:
+            drive.go_into_operation()
+            drive.step(State.FAULT)
+            assert drive.word == 0
+
+
 def test_the_absolute_reference_is_followed_without_limit_once_it_is_reached(
     calls: ctypes.CDLL,
 ) -> None:
@@ -262,6 +314,8 @@ REFUSED = {
     "approachSpeed must be positive": "s.approach_speed = 0",
     "standstillSpeed must not be negative": "s.standstill_speed = -1",
     "maxDropout must not be negative": "s.max_dropout = s.encoder / 0.0 - s.encoder / 0.0",
+    "restart must be Automatic or NeedsEdgeOfEnable": "s.restart = 0",
+    "axis must be 1 to 8": "s.axis = 9",
     "needs the actual position 0x6064": "s.mode = 8, s.entries = 1",
 }
 

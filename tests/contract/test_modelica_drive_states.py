@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import pytest
 from drive_calls import (
+    AUTOMATIC,
     CONTINUE,
     ELMO,
     GENERIC,
@@ -21,7 +22,7 @@ from drive_calls import (
     settings,
 )
 
-from conftest import Daemon, wait_for
+from conftest import Daemon, names, wait_for
 from ecatsim.control.client import Simulator
 
 pytest_plugins = ["drive_fixtures"]
@@ -99,7 +100,8 @@ def test_the_start_up_list_is_written_before_the_drive_is_enabled(
 
 def test_the_list_is_written_again_when_the_drive_comes_back(play: Play, drives: Daemon) -> None:
     rows = [(0x6083, 0, UNSIGNED32, 80_000)]
-    with play(generic(Mode.CYCLIC_VELOCITY, max_dropout=0.01), GENERIC, rows) as player:
+    drive = generic(Mode.CYCLIC_VELOCITY, max_dropout=0.01, restart=AUTOMATIC)
+    with play(drive, GENERIC, rows) as player:
         player.enable()
         in_the_meantime(
             player, lambda: drives.ctl("sdo-write", str(GENERIC), "0x6083", "0", "90000")
@@ -205,7 +207,8 @@ def test_a_quick_stop_that_holds_the_drive(play: Play, drives: Daemon) -> None:
 
 
 def test_a_fault_is_reset_by_an_edge_once_its_cause_is_gone(play: Play, drives: Daemon) -> None:
-    with play(settings(Mode.CYCLIC_POSITION)) as player, Encoder(drives, ELMO, player) as encoder:
+    drive = settings(Mode.CYCLIC_POSITION, restart=AUTOMATIC)
+    with play(drive) as player, Encoder(drives, ELMO, player) as encoder:
         player.enable()
         encoder.breaks()
         player.until(lambda: player.a.state == State.FAULT)
@@ -249,7 +252,8 @@ def test_the_reaction_to_a_fault(play: Play) -> None:
 
 
 def test_short_dropouts_are_bridged_and_long_ones_switch_off(play: Play, record: Record) -> None:
-    with play(settings(Mode.CYCLIC_POSITION, max_dropout=0.01)) as player:
+    drive = settings(Mode.CYCLIC_POSITION, max_dropout=0.01, restart=AUTOMATIC)
+    with play(drive) as player:
         player.enable()
         player.set(valid=False)
         player.run(0.008)
@@ -268,6 +272,64 @@ def test_short_dropouts_are_bridged_and_long_ones_switch_off(play: Play, record:
     assert any(row["control"] == 0 for row in rows)
 
 
+def is_back(player: Player) -> None:
+    """The drive is there again; it stays off, and needs an edge of `enable`."""
+    player.until(lambda: player.a.state == State.READY_TO_SWITCH_ON)
+    player.run(0.3)
+    assert (player.a.state, player.a.enabled) == (State.READY_TO_SWITCH_ON, 0)
+    player.set(enable=False)
+    player.step()
+
+
+def test_a_drive_stays_off_when_another_slave_comes_back(
+    play: Play, drives: Daemon, capfd: pytest.CaptureFixture[str]
+) -> None:
+    drive = settings(Mode.CYCLIC_VELOCITY, max_dropout=0.01)
+    with play(drive) as player, Simulator(str(drives.child_pid("ecatsim"))) as simulator:
+        player.reference = lambda time: 20.0
+        player.enable()
+        player.until(lambda: player.a.w > 15)
+        simulator.faults.power_off(GENERIC)
+        player.until(lambda: player.a.state == State.NOT_READY_TO_SWITCH_ON)
+        simulator.faults.power_on(GENERIC)
+        is_back(player)
+        assert abs(player.a.w) < 0.1
+        names(capfd.readouterr().err, "slave 0", "stays off", "enable", "was lost")
+        player.enable()
+        player.until(lambda: player.a.w > 15)
+        player.disable()
+
+
+def test_parameters_that_differ_from_the_drive_are_told(
+    play: Play, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with play(settings(Mode.CYCLIC_VELOCITY)) as player:
+        player.enable()
+        player.run(0.5)
+        player.disable()
+    assert "0x608F" not in capfd.readouterr().err
+    wrong = settings(Mode.CYCLIC_VELOCITY, encoder=131072, rated_torque=0.401, rated_current=8)
+    said = ""
+
+    def told() -> bool:
+        nonlocal said
+        said += capfd.readouterr().err
+        return said.count("one of both is wrong") == 3
+
+    with play(wrong) as player:
+        player.until(told)
+    torque, current = "0.401 N.m | 0.4 N.m | 0x6076", "8 A | 5 A | 0x6075"
+    lines = [line for line in said.splitlines() if "one of both" in line]
+    for line, tokens in zip(
+        lines, ("encoderResolution | 131072 | 65536 | 0x608F | 0.5", torque, current), strict=True
+    ):
+        names(line, "slave 0", *tokens.split(" | "))
+    with play(generic(Mode.CYCLIC_VELOCITY, encoder=131072), GENERIC) as player:
+        player.until(
+            lambda: "is 131072, but the drive of slave 1 says 10000" in capfd.readouterr().err
+        )
+
+
 def test_a_drive_that_lost_its_power_comes_back_without_a_jump(
     play: Play, drives: Daemon, record: Record
 ) -> None:
@@ -283,7 +345,8 @@ def test_a_drive_that_lost_its_power_comes_back_without_a_jump(
         player.until(lambda: player.a.state == State.NOT_READY_TO_SWITCH_ON)
         assert (player.a.enabled, player.a.command[0]) == (0, 0)
         simulator.faults.power_on(GENERIC)
-        player.until(lambda: player.a.enabled, 60)
+        is_back(player)
+        player.enable()
         player.run(0.2)
         assert player.a.phi == pytest.approx(before, abs=0.1)
         player.disable()
@@ -307,7 +370,8 @@ def test_a_bus_that_dies_and_comes_back(
         assert player.a.state == State.NOT_READY_TO_SWITCH_ON
         player.reference = lambda time: -300.0
         in_the_meantime(player, lambda: start_daemon(str(RIG), "--bus", name))
-        player.until(lambda: player.a.enabled)
+        is_back(player)
+        player.enable()
         begin = player.a.phi
         player.run(0.3)
         assert player.a.phi == pytest.approx(begin, abs=0.01)

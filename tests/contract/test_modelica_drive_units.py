@@ -112,6 +112,18 @@ def test_the_angle_of_the_drive_is_that_of_its_slave(
     assert 5 < w < 15
 
 
+def test_the_documentation_of_a_drive_names_what_follows_from_units() -> None:
+    def documented(*rules: SignalConfig) -> str:
+        return render(library(*rules))["Drives/GoldGCONDrive.mo"].decode()
+
+    position = rule(POSITION, "rad", TURN)
+    assert re.search(r"</code> = [\d.]+\nfollows from the units", documented(position))
+    assert re.search(
+        r"= [\d.]+, <code>velocityScale</code> = [\d.]+\nfollow from the units",
+        documented(position, rule(TARGET_VELOCITY, "rad/s", TURN)),
+    )
+
+
 def test_parameters_follow_from_units() -> None:
     assert parameters() == {}
     assert parameters(rule(POSITION, "deg", 360 / 4096)) == {

@@ -478,6 +478,8 @@ def test_what_is_in_force_is_shown_with_its_origin(machine: Callable[..., Daemon
         ("show x.toml", "no FILE"),
         ("show -o x.toml", "config init"),
         ("diff x.toml --from troll", "--from"),
+        ("show --config x.toml", "--config"),
+        ("init --config x.toml", "--config"),
         ("check missing.toml --from troll", "missing.toml"),
     ],
 )

@@ -132,6 +132,30 @@ def test_slaves_come_go_and_move() -> None:
     )
 
 
+def test_a_slave_with_a_name_is_the_same_wherever_it_is() -> None:
+    slaves = sample_buses.troll().slaves
+    left, right = (
+        replace(sample_buses.troll().slaves[4], given_name=name) for name in ("left", "right")
+    )
+    left.inputs[0].entries[-1].unit = "V"
+    old = in_order([*slaves[:4], left, right])
+    say(
+        lines(compared(old, in_order([*slaves[:4], right, left]))),
+        "slave 4 | Right | moved | slave 5",
+        "slave 5 | Left | moved | slave 4",
+    )
+    say(
+        lines(compared(old, in_order([*slaves[:4], right]))),
+        "slave 4 | Left | gone",
+        "slave 4 | Right | moved | slave 5",
+    )
+    port = replace(left, given_name="port")
+    say(
+        lines(compared(old, in_order([*slaves[:4], port, right]))),
+        "slave 4 | class | Left -> Port | models",
+    )
+
+
 def test_classes_that_other_slaves_have_now_are_told() -> None:
     slaves = sample_buses.troll().slaves
     say(

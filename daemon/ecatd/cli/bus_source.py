@@ -18,6 +18,8 @@ from typing import Literal
 from ecatd.model import bus_file
 from ecatd.model.bus import Bus
 from ecatd.model.bus_name import check_bus_name
+from ecatd.model.config import Config, load_config
+from ecatd.model.config.origins import find_origins
 from ecatd.model.errors import EcatError, UsageError, error_class
 
 Kind = Literal["scan", "rig", "esi"]
@@ -52,6 +54,12 @@ def add_options(command: argparse.ArgumentParser) -> None:
         type=Path,
         help="with a rig or ESI files: configuration of the daemon (cycle time, domains, units)",
     )
+
+
+def use_bus_of(options: argparse.Namespace, config: Config) -> None:
+    """Has a command use the bus of a configuration file, unless `--bus` or $ECATD_BUS names one."""
+    if not options.chosen_bus and "bus" in find_origins(config):
+        options.bus = config.bus
 
 
 def get_bus(options: argparse.Namespace) -> Bus:
@@ -165,6 +173,8 @@ def _described(rig: str, options: argparse.Namespace) -> Bus:
     Raises:
         EcatError: The daemon has failed; it has the message of the daemon or of the simulator.
     """
+    if options.config is not None:
+        use_bus_of(options, load_config(options.config))
     command = [sys.executable, "-P", "-m", "ecatd.service", "--describe", "--quiet"]
     command += ["--simulate", rig, "--bus", options.bus]
     command += ["--config", str(options.config)] if options.config is not None else []

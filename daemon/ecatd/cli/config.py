@@ -21,7 +21,7 @@ from ecatd.model.expected_bus import compare
 from ecatd.model.health import silent_slaves
 from ecatd.version import VERSION
 
-from .bus_source import add_options, get_bus, warn_of_silent
+from .bus_source import add_options, check_options, get_bus, use_bus_of, warn_of_silent
 from .config_check import check, described
 from .named_objects import refresh_modules
 from .output import print_json, print_table, shortened
@@ -91,8 +91,12 @@ def config(options: argparse.Namespace) -> int:
         raise UsageError("config from-eni reads only FILE: leave other sources out")
     if options.esi is not None and options.action not in ("init", "check"):
         raise UsageError("--esi goes with config init and config check")
-    if options.action in ("diff", "show") and options.sources:
-        raise UsageError(f"config {options.action} asks the daemon: leave --from out")
+    if options.action in ("diff", "show") and (
+        options.sources or options.devices or options.config
+    ):
+        raise UsageError(
+            f"config {options.action} asks the daemon: leave --from, --devices and --config out"
+        )
     return _RUN[options.action](options)
 
 
@@ -114,6 +118,7 @@ def _init(options: argparse.Namespace) -> int:
         known.cycle_time_us = bus.cycle_time_us
         silent: list[int] = []
     else:
+        check_options(options)
         from ecatd.client.remote import Remote  # loading Zenoh is slow
 
         with Remote(options.bus, options.connect, options.timeout) as remote:
@@ -215,6 +220,7 @@ def _from_eni(options: argparse.Namespace) -> int:
 
 def _diff(options: argparse.Namespace) -> int:
     wanted = load_config(options.file)
+    use_bus_of(options, wanted)
     bus, used, origins = _remote(options)
     given = [
         key for key in ("bus", "interface", "cycle_time_us") if origins.get(key) == COMMAND_LINE

@@ -30,7 +30,7 @@ from ecatd.model.sii import Sii
 from ecatd.model.wire import found_slaves, known_slaves
 from ecatd.paths import profile_folders
 
-from .bus_source import check_options, get_bus, warn_of_silent
+from .bus_source import check_options, get_bus, use_bus_of, warn_of_silent
 from .named_objects import Told, ask_slaves, esi_objects, refresh_modules
 from .output import print_json
 from .witness_check import contradictions
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 def check(options: argparse.Namespace) -> int:
     """Lists the differences between slaves, and what of the file does not fit the bus."""
     wanted = load_config(options.file)
+    use_bus_of(options, wanted)
     bus, devices, idle, states, told = _bus(options, wanted)
     wire = bus.slaves if devices is None else found_slaves(bus, devices)
     # The slaves of the bus have process data with which tables are compared. What is about slaves

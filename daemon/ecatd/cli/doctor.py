@@ -29,6 +29,7 @@ from ecatd.paths import MACHINE
 from ecatd.stats import Snapshot
 
 from .arguments import seconds
+from .bus_source import use_bus_of
 from .output import print_json, table_lines
 from .saving import save
 from .source import Source
@@ -83,6 +84,8 @@ def doctor(options: argparse.Namespace) -> int:
     about, config = look_at_configuration(file)
     if options.config is not None and not file.exists():
         raise UsageError(f"there is no file {file}")
+    if options.config is not None and config is not None:
+        use_bus_of(options, config)
     report = _Report([])
     if options.undo:
         report.done = list(_measured(options, undo()))

@@ -214,7 +214,8 @@ def _main() -> int:
     options = make_parser().parse_args()
     # A saved scan keeps the name of its bus unless --bus gives another one.
     options.given_bus = getattr(options, "bus", None)
-    options.bus = options.given_bus or os.environ.get("ECATD_BUS") or "ecat0"
+    options.chosen_bus = options.given_bus or os.environ.get("ECATD_BUS")
+    options.bus = options.chosen_bus or "ecat0"
     if options.identity:  # it holds for all connections of this process
         os.environ["ECATD_IDENTITY"] = options.identity
     try:

@@ -34,6 +34,7 @@ from ecatd.model.quoting import printable
 from ecatd.paths import profile_folders
 
 from .arguments import slave
+from .bus_source import use_bus_of
 from .dictionary import objects_of, read_objects
 from .esi_devices import device_of
 from .output import print_json, print_table
@@ -103,6 +104,8 @@ def startup(options: argparse.Namespace) -> int:
             f"{options.out} exists, and would be overwritten: write the tables to a new file, and "
             "copy them from there into your configuration, below the [[slave]] table of this slave"
         )
+    if options.config is not None:
+        use_bus_of(options, load_config(options.config))
     with Remote(options.bus, options.connect, options.timeout) as remote:
         return _RUN[options.action](remote, options)
 

@@ -119,7 +119,7 @@ protected
   Boolean sampled = etherCATMaster.sampled[EtherCAT.Functions.domainIndex(
     domainID, size(etherCATMaster.sampled, 1))] "True at the sample instants of the domain";
   parameter EtherCAT.Objects.Drive drive = EtherCAT.Objects.Drive(
-    etherCATMaster.master, position, slaveName, mode, reference,
+    etherCATMaster.master, position, slaveName, axis, mode, reference, restart,
     (if useModeDisplay then 1 else 0) + (if usePosition then 2 else 0) + (if useVelocity then 4 else 0) + (if useTorque then 8 else 0) + (if useCurrent then 16 else 0),
     if modeInProcessData then 0 else 24672 + 2048*(axis - 1), encoderResolution, gearRatio,
     velocityScale, ratedTorque, ratedCurrent, tau_max, approachSpeed, standstillSpeed, maxDropout, startUp,
@@ -210,6 +210,21 @@ approaches it with <code>approachSpeed</code> (<code>Absolute</code>): see
 <a href=\"modelica://EtherCAT.Types.DriveReference\">DriveReference</a>. After a quick stop, a fault, a
 loss of the bus, or when <code>enable</code> was false, the targets follow the actual values again, and
 the next enabling is like the first one.
+</p>
+<h4>Restart</h4>
+<p>
+A speed or a torque reference acts at full size as soon as the drive is enabled. So after a loss (no valid data for
+<code>maxDropout</code>, or another daemon), after a fault, and when the drive has left its operation by itself, the drive
+stays off until <code>enable</code> is switched off and on: <code>restart = NeedsEdgeOfEnable</code>, the default. A message
+says so once. With <code>restart = Automatic</code> the drive is enabled again as soon as that is possible. When the drive
+appears for the first time, an <code>enable</code> that is true already is enough. See
+<a href=\"modelica://EtherCAT.Types.DriveRestart\">DriveRestart</a>.
+</p>
+<h4>Parameters and the drive</h4>
+<p>
+Whenever the drive appears, the block reads its objects 0x608F, 0x6076 and 0x6075. A message names each of
+<code>encoderResolution</code>, <code>ratedTorque</code> and <code>ratedCurrent</code> that differs from them. Objects that the
+drive does not have, or that are 0, are passed over.
 </p>
 <h4>States</h4>
 <table border=\"1\" cellspacing=\"0\" cellpadding=\"2\">

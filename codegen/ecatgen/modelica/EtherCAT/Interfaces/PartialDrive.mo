@@ -71,6 +71,7 @@ partial block PartialDrive "Base of drives: SI units outside, state machine and 
   EtherCAT.Drives.CiA402 cia402(
     final mode = mode,
     final reference = reference,
+    final restart = restart,
     final approachSpeed = approachSpeed,
     final useQuickStop = useQuickStop,
     final useFaultReset = useFaultReset,

@@ -6,8 +6,10 @@ class Drive "State machine, conversions and memory of a drive with the device pr
     input EtherCAT.Objects.Master master "Connection";
     input Integer position "Position of the slave on the bus, 0 first";
     input String slaveName "Name of the slave in the configuration of ecatd, empty: by position";
+    input Integer axis "Axis of the drive, 1 first";
     input EtherCAT.Types.DriveMode mode "Mode of operation";
     input EtherCAT.Types.DriveReference reference "Meaning of the reference of a position";
+    input EtherCAT.Types.DriveRestart restart "What starts the drive again after a loss or a fault";
     input Integer entries
       "Mapped objects: 1 mode display + 2 position + 4 velocity + 8 torque + 16 current";
     input Integer modeObject "Index of the object to write the mode by SDO, 0 if it is in the process data";
@@ -24,7 +26,7 @@ class Drive "State machine, conversions and memory of a drive with the device pr
       "Objects to write before the drive is enabled: index, subindex, data type, value";
     input String instance = "" "Name of the instance of the block, for messages";
     output Drive drive "Drive";
-    external "C" drive = ecatm_drive_open(master, position, slaveName, mode, reference, entries, modeObject, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent, maxTorque, approachSpeed, standstillSpeed, maxDropout, startUp, size(startUp, 1), size(startUp, 2), instance)
+    external "C" drive = ecatm_drive_open(master, position, slaveName, axis, mode, reference, restart, entries, modeObject, encoderResolution, gearRatio, velocityScale, ratedTorque, ratedCurrent, maxTorque, approachSpeed, standstillSpeed, maxDropout, startUp, size(startUp, 1), size(startUp, 2), instance)
       annotation (
         Include = "#include \"ecat_modelica.h\"",
         IncludeDirectory = "modelica://EtherCAT/Resources/Include",

@@ -26,13 +26,15 @@ approached with a limited speed; see <a href=\"modelica://EtherCAT.Types.DriveRe
 <li>Safe outputs are not an emergency stop: have an emergency stop that needs no software.</li>
 <li>Set the data that the library cannot know: increments of the encoder for one revolution, gear ratio, rated
 torque and rated current. Most drives have them in the objects 0x608F, 0x6076 and 0x6075, which
-<code>ecatctl sdo-read</code> shows.</li>
+<code>ecatctl sdo-read</code> shows. A message in the log of the simulation names each one that differs.</li>
 <li>Limit the torque by <code>tau_max</code>. If the process data have no 0x6072 and the mode is not a torque mode,
 limit it in the drive. Begin with a speed that cannot do harm.</li>
 <li>Hold integrators of controllers in the model until <code>enabled</code> is true.</li>
 <li>A fault that exists at the start is reset when <code>enable</code> is true, unless <code>useFaultReset</code>
 adds a separate input for the reset. After a quick stop the drive is enabled again as long as <code>enable</code>
 is true.</li>
+<li>After a loss or a later fault the drive stays off until <code>enable</code> is switched off and on. With <code>restart =
+Automatic</code> it starts by itself: see <a href=\"modelica://EtherCAT.Types.DriveRestart\">DriveRestart</a>.</li>
 <li>Watch <code>valid</code> and the state of the drive in the first simulation, with <code>enable</code>
 false.</li>
 </ol>

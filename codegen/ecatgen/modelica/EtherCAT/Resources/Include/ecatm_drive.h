@@ -2,6 +2,7 @@
 #ifndef ECATM_DRIVE_H
 #define ECATM_DRIVE_H
 
+#include "ecatm_drive_data.h"
 #include "ecatm_sdo_list.h"
 
 /* Numbers of EtherCAT.Types.DriveState. */
@@ -29,6 +30,9 @@ enum ecatm_drive_mode {
 /* Numbers of EtherCAT.Types.DriveReference. */
 enum ecatm_drive_reference { ECATM_RELATIVE = 1, ECATM_ABSOLUTE };
 
+/* Numbers of EtherCAT.Types.DriveRestart. */
+enum ecatm_drive_restart { ECATM_AUTOMATIC = 1, ECATM_NEEDS_EDGE_OF_ENABLE };
+
 /* Objects in the process data, in addition to control word and status word. */
 enum ecatm_drive_entries {
   ECATM_HAS_MODE_DISPLAY = 1,
@@ -42,6 +46,8 @@ enum ecatm_drive_entries {
 typedef struct ecatm_drive_settings {
   int mode;                      /* enum ecatm_drive_mode */
   int reference;                 /* enum ecatm_drive_reference, of positions */
+  int restart;                   /* enum ecatm_drive_restart: after a loss or a fault */
+  int axis;                      /* 1 first: 0x800 * (axis - 1) is added to the indices of its objects */
   int entries;                   /* enum ecatm_drive_entries, added up */
   int mode_object;               /* index of the object to write the mode by SDO, 0: in the process data */
   double encoder;                /* increments per revolution of the motor */
@@ -64,6 +70,7 @@ typedef struct ecatm_drive_view {
   double torque, current;        /* raw */
   int status, display;           /* 0x6041, 0x6061 */
   int connected;                 /* valid data within the last max_dropout seconds */
+  unsigned connection;           /* of the session with the bus */
   int state;                     /* enum ecatm_drive_state */
   int enabled;                   /* the drive follows the targets of command() */
 } ecatm_drive_view;
@@ -71,6 +78,9 @@ typedef struct ecatm_drive_view {
 /* The memory of command(). */
 typedef struct ecatm_drive_order {
   int word;                      /* 0x6040 */
+  int enable;                    /* input of the model */
+  int armed;                     /* there was an edge of `enable` since the last loss or fault */
+  const char *lost;              /* why a new edge is needed, for a message; NULL: it is not */
   int stopping;                  /* quick stop requested, or the drive has not reacted to a request yet */
   int reset_input;               /* input of the fault reset */
   int reset_pending;             /* a fault may be reset */
@@ -88,11 +98,13 @@ typedef struct ecatm_drive {
   ecatm_node node;
   ecatm_drive_settings settings;
   ecatm_sdo_list *list;                  /* objects to write before the drive is enabled */
+  ecatm_drive_data *data;                /* what the drive says of its motor */
   int stepped;                   /* `time` is valid */
   double time, elapsed;          /* simulation time of this sample, and since the sample before */
   ecatm_drive_view view, view_before;
   ecatm_drive_order order, order_before;
   int told;                      /* a message has said that the drive does not change to the mode */
+  int told_lost;                 /* a message has said that a new edge of `enable` is needed */
 } ecatm_drive;
 
 /* --- Life ---------------------------------------------------------------------------------- */
@@ -101,6 +113,8 @@ typedef struct ecatm_drive {
 ECATM_FUNCTION void ecatm_drive_defaults(ecatm_drive_settings *settings, int mode, double encoder) {
   settings->mode = mode;
   settings->reference = ECATM_RELATIVE;
+  settings->restart = ECATM_NEEDS_EDGE_OF_ENABLE;
+  settings->axis = 1;
   settings->entries = ECATM_HAS_MODE_DISPLAY | ECATM_HAS_POSITION | ECATM_HAS_VELOCITY |
                       ECATM_HAS_TORQUE | ECATM_HAS_CURRENT;
   settings->mode_object = 0;
@@ -129,6 +143,9 @@ ECATM_FUNCTION const char *ecatm_drive_wrong(const ecatm_drive_settings *s) {
   if (!ecatm_drive_positions(s->mode) && !ecatm_drive_velocities(s->mode) &&
       !ecatm_drive_torques(s->mode))
     return "mode must be profile or cyclic position, velocity or torque";
+  if (s->restart != ECATM_AUTOMATIC && s->restart != ECATM_NEEDS_EDGE_OF_ENABLE)
+    return "restart must be Automatic or NeedsEdgeOfEnable";
+  if (s->axis < 1 || s->axis > 8) return "axis must be 1 to 8";
   if (ecatm_drive_positions(s->mode) && !(s->entries & ECATM_HAS_POSITION))
     return "a position mode needs the actual position 0x6064 in the process data";
   if (!(s->encoder > 0) || !ecatm_finite(s->encoder)) return "encoderResolution must be positive";
@@ -179,15 +196,17 @@ ECATM_FUNCTION void *ecatm_drive_new(void *object, int position, const char *nam
   const char *wrong = ecatm_drive_wrong(settings);
   ecatm_drive *drive;
   char heading[ECATM_HEADING];
-  void *list;
+  void *list, *data;
   ecatm_head(heading, block);
   if (wrong != NULL) {
     ModelicaFormatError("EtherCAT: %sthe drive of slave %d cannot work: %s", heading, position, wrong);
     return NULL;
   }
   list = ecatm_drive_list(object, position, name, settings, table, rows, block);
+  data = ecatm_drive_data_open(object, position, name, block);
   drive = (ecatm_drive *)ecatm_new((ecatm_master *)object, sizeof *drive);
   if (drive == NULL) return NULL;
+  drive->data = (ecatm_drive_data *)data;
   strcpy(drive->node.heading, heading);
   drive->list = (ecatm_sdo_list *)list;
   drive->settings = *settings;
@@ -197,8 +216,8 @@ ECATM_FUNCTION void *ecatm_drive_new(void *object, int position, const char *nam
 
 /* The constructor in Modelica; see ecatm_drive_settings. `mode` is the number of an
  * EtherCAT.Types.DriveMode. */
-ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, const char *name, int mode,
-                                      int reference, int entries, int mode_object, double encoder, double gear,
+ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, const char *name, int axis, int mode,
+                                      int reference, int restart, int entries, int mode_object, double encoder, double gear,
                                       double velocity_scale, double rated_torque,
                                       double rated_current, double max_torque,
                                       double approach_speed, double standstill_speed,
@@ -209,6 +228,8 @@ ECATM_FUNCTION void *ecatm_drive_open(void *master, int position, const char *na
   ecatm_drive_settings settings;
   settings.mode = mode >= 1 && mode <= 6 ? modes[mode - 1] : 0;
   settings.reference = reference;
+  settings.restart = restart;
+  settings.axis = axis;
   settings.entries = entries;
   settings.mode_object = mode_object;
   settings.encoder = encoder;
@@ -228,6 +249,7 @@ ECATM_FUNCTION void ecatm_drive_close(void *object) {
   ecatm_drive *drive = (ecatm_drive *)object;
   if (drive == NULL || drive->node.closed) return;
   ecatm_close(drive->list);
+  ecatm_close(drive->data);
   ecatm_close(drive);
 }
 

@@ -14,6 +14,24 @@
 
 /* --- Measure ------------------------------------------------------------------------------- */
 
+/* Reads what the drive says of its motor whenever the drive appears, and compares the parameters with it. */
+ECATM_FUNCTION void ecatm_drive_compare(ecatm_drive *drive) {
+  const ecatm_drive_settings *s = &drive->settings;
+  ecatm_drive_data *data = drive->data;
+  const double *values = data->values;
+  double turns = values[ECATM_REVOLUTIONS] > 0 ? values[ECATM_REVOLUTIONS] : 1;
+  if (!drive->view.connected && data->transfer.handle < 0) {
+    data->next = 0;
+  } else if (ecatm_drive_data_read(data, 0x800 * (s->axis - 1))) {
+    ecatm_drive_data_compare(data, ECATM_INCREMENTS, values[ECATM_INCREMENTS] / turns,
+                             1e-6 * s->encoder, "0x608F", "encoderResolution", s->encoder, "");
+    ecatm_drive_data_compare(data, ECATM_RATED_TORQUE, values[ECATM_RATED_TORQUE] / 1000, 0.5001e-3,
+                             "0x6076", "ratedTorque", s->rated_torque, " N.m");
+    ecatm_drive_data_compare(data, ECATM_RATED_CURRENT, values[ECATM_RATED_CURRENT] / 1000, 0.5001e-3,
+                             "0x6075", "ratedCurrent", s->rated_current, " A");
+  }
+}
+
 /* The first call at a new time keeps the results of the sample before. */
 ECATM_FUNCTION void ecatm_drive_step(ecatm_drive *drive, double time) {
   if (drive->stepped && ecatm_same_time(time, drive->time)) return;
@@ -22,6 +40,7 @@ ECATM_FUNCTION void ecatm_drive_step(ecatm_drive *drive, double time) {
   drive->time = time;
   drive->view_before = drive->view;
   drive->order_before = drive->order;
+  ecatm_drive_compare(drive);
 }
 
 /* The state in a status word; the bits are those of CiA 402-2, "statusword". */
@@ -89,6 +108,7 @@ ECATM_FUNCTION int ecatm_drive_measure(void *object, double time, int order, int
     view->status = status;
     view->display = s->entries & ECATM_HAS_MODE_DISPLAY ? display : s->mode;
   }
+  view->connection = drive->node.master->session.connections;
   view->connected = view->seen && time - view->seen_at <= s->max_dropout + ECATM_SAME_TIME;
   view->state = view->connected ? ecatm_drive_state_of(view->status) : ECATM_NOT_READY_TO_SWITCH_ON;
   view->enabled = view->state == ECATM_OPERATION_ENABLED && view->display == s->mode &&
@@ -198,6 +218,44 @@ ECATM_FUNCTION int ecatm_drive_torque(const ecatm_drive_settings *s, double refe
   return ecatm_drive_hold(reference / s->gear / s->rated_torque * 1000, -most, most);
 }
 
+/* What has ended the operation of the drive at this sample without a command of the model, or would have; NULL:
+ * nothing. */
+ECATM_FUNCTION const char *ecatm_drive_loss(const ecatm_drive *drive) {
+  const ecatm_drive_view *before = &drive->view_before, *view = &drive->view;
+  if (!before->connected) return NULL;
+  if (!view->connected || view->connection != before->connection) return "it was lost";
+  if (view->state >= ECATM_FAULT_REACTION_ACTIVE && before->state < ECATM_FAULT_REACTION_ACTIVE)
+    return "it had a fault";
+  if (before->state == ECATM_OPERATION_ENABLED && view->state != ECATM_OPERATION_ENABLED &&
+      (drive->order_before.word & 0x8F) == 0x0F)
+    return "it left its operation by itself";
+  return NULL;
+}
+
+/* Whether the model wants the drive in operation. After a loss or a fault, only a new edge of `enable` says so,
+ * unless the drive is to restart by itself. An `enable` that is true when the model begins is an edge. */
+ECATM_FUNCTION int ecatm_drive_wanted(ecatm_drive *drive, int enable) {
+  const char *loss = ecatm_drive_loss(drive);
+  ecatm_drive_order *now = &drive->order;
+  if (loss != NULL || !enable) now->armed = 0;
+  if (loss != NULL) now->lost = loss;
+  now->enable = enable;
+  if (enable && !drive->order_before.enable) now->armed = 1;
+  if (now->armed) now->lost = NULL;
+  return enable && (now->armed || drive->settings.restart == ECATM_AUTOMATIC);
+}
+
+/* Logs once that the drive waits for an edge of `enable`. */
+ECATM_FUNCTION void ecatm_drive_watch_edge(ecatm_drive *drive) {
+  const ecatm_drive_order *before = &drive->order_before;
+  int waits = drive->settings.restart != ECATM_AUTOMATIC && before->enable && before->lost != NULL;
+  if (waits && !drive->told_lost)
+    ModelicaFormatMessage("EtherCAT: %sthe drive of slave %d stays off until enable is switched off and on "
+                          "again, because %s; with restart = Automatic it starts by itself\n",
+                          drive->node.heading, drive->list->transfer.slave.position, before->lost);
+  drive->told_lost = waits;
+}
+
 /* The trigger of the start-up list, which is written at a rising edge: when the drive is connected
  * (again), and after a refusal when the model enables the drive again. */
 ECATM_FUNCTION int ecatm_drive_asks(const ecatm_drive *drive, int enable) {
@@ -216,6 +274,7 @@ ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int
   const ecatm_drive_settings *s = &drive->settings;
   ecatm_drive_order *now = &drive->order;
   double speed;
+  int wanted;
   ecatm_drive_step(drive, time);
   *now = drive->order_before;
   now->reset_input = fault_reset;
@@ -226,7 +285,9 @@ ECATM_FUNCTION int ecatm_drive_command(void *object, double time, int order, int
   /* Even a short request lasts until the drive leaves its operation. */
   now->stopping = quick_stop || (drive->order_before.stopping &&
                                  drive->view.state == ECATM_OPERATION_ENABLED);
-  now->word = ecatm_drive_word(drive, enable && now->start_up == ECATM_SDO_DONE, now->stopping);
+  wanted = ecatm_drive_wanted(drive, enable);
+  ecatm_drive_watch_edge(drive);
+  now->word = ecatm_drive_word(drive, wanted && now->start_up == ECATM_SDO_DONE, now->stopping);
   now->following = drive->view.enabled && now->word == 0x0F;
   if (now->following && !ecatm_finite(reference)) {
     ModelicaFormatError("EtherCAT: %sthe reference of the drive of slave %d is not a finite number",

@@ -43,6 +43,7 @@ typedef struct ecatm_transfer {
   int abort_code;                /* negative: enum ecat_errno */
   char text[ECATM_TEXT];         /* why the last transfer has failed */
   int told;                      /* `text` is in the log of the simulation */
+  int quiet;                     /* a failure is not logged */
 } ecatm_transfer;
 
 /* The condition for the start of a transfer. The state before the present time is kept, so that the last
@@ -132,7 +133,7 @@ ECATM_FUNCTION void ecatm_check_object(ecatm_master *master, const char *heading
 ECATM_FUNCTION int ecatm_transfer_fail(ecatm_transfer *transfer, int code, const char *why) {
   char text[ECATM_TEXT];
   sprintf(text, "%.*s", ECATM_TEXT - 1, why);
-  if (ecatm_sdo_connected(transfer->node.master) &&
+  if (!transfer->quiet && ecatm_sdo_connected(transfer->node.master) &&
       (!transfer->told || strcmp(text, transfer->text) != 0))
     ModelicaFormatMessage("EtherCAT: %s%s object 0x%04X:%02X of slave %d failed: %s\n",
                           transfer->node.heading, transfer->download ? "writing" : "reading",
