@@ -142,7 +142,7 @@ class Replay:
             for track in tracks:
                 value = track.values[row]
                 if value is not None:
-                    device.dictionary[track.key].value = value
+                    device.dictionary.mapped(*track.key).value = value
             return give()
 
         vars(device)["give"] = recorded

@@ -90,6 +90,16 @@ class Rig:
         """The number of slaves, in words."""
         return "1 slave" if len(self.devices) == 1 else f"{len(self.devices)} slaves"
 
+    @property
+    def remarks(self) -> list[str]:
+        """What is wrong in the files of vendors that describe devices, and how it is simulated."""
+        return [
+            f"slave {position} ({device.order or device.name}): {text}"
+            for position, device in enumerate(self.devices)
+            if isinstance(device, Device)
+            for text in device.remarks
+        ]
+
     def wiring(self) -> Wiring:
         """Returns the links of the devices.
 

@@ -370,17 +370,45 @@ def test_mistakes_in_images(tmp_path: Path, text: str, message: str) -> None:
     names_at(str(error.value).replace(f"{tmp_path}/", ""), message)
 
 
-def test_an_image_with_mistakes_only_if_that_is_wanted(tmp_path: Path) -> None:
+def test_an_image_with_mistakes_unless_that_is_not_wanted(tmp_path: Path) -> None:
     wrong = bytearray(image())
     wrong[14] ^= 1
-    with pytest.raises(
-        ConfigError,
-        match=naming("device.toml:1: sii:", "checksum", "strict = false"),
-    ):
-        load(tmp_path, inline(bytes(wrong)))
-    device = load(tmp_path, "strict = false\n" + inline(bytes(wrong)))
+    with pytest.raises(ConfigError, match=naming("device.toml:2: sii:", "checksum")):
+        load(tmp_path, "strict = true\n" + inline(bytes(wrong)))
+    device = load(tmp_path, inline(bytes(wrong)))
     assert device.sii_image() == bytes(wrong)
+    (remark,) = device.remarks
+    names_at(remark.replace(f"{tmp_path}/", ""), "device.toml:1: sii: byte 0x000E | checksum")
     assert load(tmp_path, "strict = false\n" + inline(b"")).sii_image() == b""
+
+
+@pytest.mark.parametrize("upper", [":020000040000FA\n", ":020000020000FC\r\n", "\n"])
+def test_an_image_in_intel_hex(tmp_path: Path, upper: str) -> None:
+    data = image()
+    (tmp_path / "eeprom.hex").write_text(upper + intel_hex(data))
+    assert load(tmp_path, 'sii = "eeprom.hex"').sii_image() == data
+    for old, new, tokens in (
+        (":10", ":11", "eeprom.hex:| damaged | checksum"),
+        (":00000001FF", "", "eeprom.hex | no end | cut off"),
+        (":00000001FF", ":0000000AF6\n", "eeprom.hex:| type 10"),
+        (":00000001FF", "x", "eeprom.hex:| colon"),
+    ):
+        (tmp_path / "eeprom.hex").write_text(intel_hex(data).replace(old, new, 1))
+        with pytest.raises(ConfigError) as error:
+            load(tmp_path, 'sii = "eeprom.hex"')
+        for token in tokens.split("| "):
+            assert token.strip() in str(error.value)
+
+
+def intel_hex(data: bytes) -> str:
+    """The lines of 16 bytes that have been written, as a programmer of EEPROMs saves them."""
+    lines = []
+    for at in range(0, len(data), 16):
+        part = data[at : at + 16]
+        if part.strip(b"\xff") or at + 16 >= len(data):
+            record = bytes([len(part), at >> 8, at & 0xFF, 0]) + part
+            lines.append(f":{(record + bytes([-sum(record) & 0xFF])).hex().upper()}")
+    return "\n".join([*lines, ":00000001FF", ""])
 
 
 def test_dc_modes(tmp_path: Path) -> None:
@@ -454,8 +482,8 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
         ('"Doubler"', "7", "device.toml:3: name: text | 7"),
         (
             '"Doubler"',
-            '"日本"',
-            "device.toml:3: name: '日' | Latin-1",
+            f'"{"日" * 86}"',
+            "device.toml:3: name: 258 bytes | 255",
         ),
         (
             '"Doubler"',

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from esi_sample import SAMPLE
 
-from conftest import names
+from conftest import names, naming
 from ecatd.model import abort_codes
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError, SdoAbortError
@@ -187,29 +187,34 @@ def test_a_device_attaches(tmp_path: Path) -> None:
             '"#x0800"',
             "sync manager 2 | 6 bytes | 0x0800 | 0x1000 | 0xFFFF | 0x0F00 | 0x0F03",
         ),
-        (">MBoxIn<", "><", "AX2 | <Mailbox> | <Sm> | MBoxOut | MBoxIn"),
+        (
+            '"#x22" Enable="1">MBoxIn<',
+            '"#x20" Enable="1"><',
+            "AX2 | <Mailbox> | <Sm> | MBoxOut | MBoxIn",
+        ),
         (
             '"128" StartAddress="#x1080"',
             '"8" StartAddress="#x1080"',
-            "SII image | AX2 | mailbox | 8 bytes | 24 | 1486 | word 0x1C",
+            "EEPROM | AX2 | mailbox | 8 bytes | 24 | 1486 | word 0x1C",
         ),
         (
             'DefaultSize="6" StartAddress="#x1100"',
             'StartAddress="#x0F00"',
-            "SII image | AX2 | RxPDO 0x1601 | sync manager 2 | 6 bytes | 0x0F00 | "
+            "EEPROM | AX2 | RxPDO 0x1601 | sync manager 2 | 6 bytes | 0x0F00 | "
             "0x1000 | 0xFFFF | 0x0F03",
         ),
         (
             '<RxPdo Sm="2">',
             '<RxPdo Sm="3">',
-            "SII image | AX2 | RxPDO 0x1601 | sync manager 3 | 4 (inputs) | 3 (outputs)",
+            "EEPROM | AX2 | RxPDO 0x1601 | sync manager 3 | 4 (inputs) | 3 (outputs)",
         ),
     ],
 )
 def test_contradictions_are_named(tmp_path: Path, old: str, new: str, message: str) -> None:
-    with pytest.raises(ConfigError) as error:
-        axis(tmp_path, (old, new))
-    path, line, said = str(error.value).split(":", 2)
+    device = axis(tmp_path, (old, new))
+    path, line, said = device.remarks[0].split(":", 2)
     assert path == str(tmp_path / "x.xml")
     names(said, *message.split(" | "))
     assert int(line) > 0
+    with pytest.raises(ConfigError, match=naming(*message.split(" | "))):
+        device_from_esi(tmp_path / "x.xml", "AX2", revision=0x00020001, strict=True)

@@ -8,6 +8,8 @@ from conftest import naming
 from ecatd.model import sii_reader
 from ecatd.model.al import AlState
 from ecatd.model.errors import UsageError
+from ecatd.model.pdo import Entry, Pdo
+from ecatd.model.witnesses import clash
 from ecatsim.cli.main import main
 from ecatsim.devices.library import library, make
 from ecatsim.devices.parameters import Parameter

@@ -2,10 +2,11 @@ import struct
 
 import pytest
 
-from conftest import naming
+from conftest import names, naming
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import UsageError
 from ecatd.model.pdo import Entry, Pdo
+from ecatd.model.sii_check import check_sii
 from ecatsim.rigs import library as rigs
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
@@ -147,10 +148,20 @@ def test_long_image_grows_and_too_long_texts_are_cut():
     assert len(found[50][0][3]) == 39
 
 
-@pytest.mark.parametrize("name", ["", '"quoted"', "naïve", "Ω", "end"])
-def test_weird_names_are_kept_or_replaced(name):
-    found = parse(sii.build(Description(1, 2, 3, order=name)))
-    assert found["strings"][1] == name.encode("latin-1", "replace").decode("latin-1")
+@pytest.mark.parametrize("name", ["", '"quoted"', "naïve", "Ω", "伺服驱动器", "Ã©", "end"])
+def test_weird_names_are_kept(name):
+    assert check_sii(sii.build(Description(1, 2, 3, order=name))).order == name
+
+
+def test_names_without_room_are_told():
+    told = []
+    entries = [Entry(0x6000, i, f"{i}号", DataType.UNSIGNED8, 8) for i in range(1, 255)]
+    more = [Entry(0x6001, i, f"{i}番", DataType.UNSIGNED8, 8) for i in range(1, 9)]
+    pdos = [Pdo(0x1A00, "伺" * 100, 3, entries), Pdo(0x1A01, "", 3, more)]
+    image = sii.build(Description(1, 2, 3, order="x", tx_pdos=pdos), told.append)
+    names(told[0], "255 bytes", "its end is left out")
+    names(told[1], "names", 255, "left out")
+    assert check_sii(image).inputs[0].name == "伺" * 85, "cut between two letters"
 
 
 TROLL = [

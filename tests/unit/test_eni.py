@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from conftest import names, naming
 from ecatd.eni import Converted, convert, read_network
 from ecatd.eni.report import Report
+from ecatd.esi import Findings
 from ecatd.model.config import read_config
 from ecatd.model.config.clocks import DcSlaveConfig
 from ecatd.model.config.config import Config
@@ -376,21 +377,39 @@ def test_large_numbers_may_be_negative(tmp_path: Path) -> None:
         ("<Network/>", ["<EtherCATConfig>", "<Network>"]),
         ("<EtherCATConfig/>", ["<Config>"]),
         ("<EtherCATConfig><Config/></EtherCATConfig>", ["<Slave>"]),
-        ("<!DOCTYPE x><EtherCATConfig/>", ["<!DOCTYPE>"]),
+        ("<!DOCTYPE x [<!ENTITY a 'b'>]><EtherCATConfig/>", ["<!DOCTYPE>"]),
         ("<EtherCATConfig>", ["no XML"]),
         (eni(slave("Axis", "<VendorId>2</VendorId>")), ["<ProductCode>", "'Axis'"]),
-        (
-            eni(slave("Axis", ids(2, 3), objects=coe(1, 0, "0"))),
-            ["<Data>", "'Axis'", "hexadecimal"],
-        ),
-        (eni(slave("Axis", ids(2, 3), objects=coe(1, 0, "00", ccs=7))), ["<Ccs>", 7]),
-        (eni(slave("x", ids(2, 3), registers="<InitCmd/>")), ["<Cmd>"]),
+        (eni(slave("Axis", "<VendorId>x</VendorId>")), ["<VendorId>", "'x'", "'Axis'"]),
     ],
 )
 def test_files_that_are_refused(tmp_path: Path, text: str, tokens: list[object]) -> None:
     with pytest.raises(ConfigError, match=naming(*tokens)) as error:
         converted(tmp_path, text)
     assert str(error.value).startswith(f"{tmp_path / 'machine.xml'}:")
+
+
+@pytest.mark.parametrize(
+    ("text", "tokens"),
+    [
+        (
+            eni(slave("Axis", ids(2, 3), objects=coe(1, 0, "0"))),
+            ["<Data>", "'Axis'", "hexadecimal", "this command is left out"],
+        ),
+        (eni(slave("Axis", ids(2, 3), objects=coe(1, 0, "00", ccs=7))), ["<Ccs>", 7, "'Axis'"]),
+        (eni(slave("x", ids(2, 3), registers="<InitCmd/>")), ["<Cmd>", "'x'"]),
+        (eni(slave("x", ids(2, 3)), "<Cyclic><CycleTime>a</CycleTime></Cyclic>"), ["<CycleTime>"]),
+    ],
+)
+def test_what_is_wrong_is_reported_and_left_out(
+    tmp_path: Path, text: str, tokens: list[object]
+) -> None:
+    found = converted(tmp_path, text)
+    (left,) = found.report.unsupported
+    names(left.text, *tokens)
+    names(written(found), *tokens)
+    with pytest.raises(ConfigError, match=naming(*tokens[:2])):
+        read_network(tmp_path / "machine.xml", Findings(strict=True))
 
 
 words = st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"]), max_size=40).map(

@@ -6,7 +6,7 @@ import pytest
 from esi_sample import SAMPLE
 
 from conftest import names, naming
-from ecatd.esi import EsiDevice, EsiEntry, choose, list_devices, read_device
+from ecatd.esi import EsiDevice, EsiEntry, Findings, choose, list_devices, read_device
 from ecatd.model.datatypes import DataType
 from ecatd.model.dictionary import ObjectCode
 from ecatd.model.errors import ConfigError
@@ -238,11 +238,19 @@ WRONG = [
     ("<Index>#x1600</Index>", "<Index>#x16000</Index>", "<Index> | #x16000 | 0 | 65535"),
     ("<Index>#x1601</Index>", "<Index>#x1600</Index>", "<RxPdo> | 0x1600 | second"),
     ('<RxPdo Sm="2">', '<RxPdo Sm="4">', "Sm | <RxPdo> | 4 sync managers"),
-    ('Mandatory="true"', 'Mandatory="yes"', "Mandatory | <RxPdo> | 'yes'"),
-    ("<BitLen>32</BitLen>", "<BitLen>0</BitLen>", "<BitLen> | 0 | 1 | 255"),
+    ('Mandatory="true"', 'Mandatory="maybe"', "Mandatory | <RxPdo> | 'maybe'"),
+    ("<BitLen>32</BitLen>", "<BitLen>0</BitLen>", "<BitLen> | 0"),
+    ("<BitLen>32</BitLen>", "<BitLen>256</BitLen>", "<BitLen> | 256 | 255"),
+    ("<BitLen>32</BitLen>", "<BitLen>x</BitLen>", "<BitLen> | 'x'"),
+    ("<DataType>DINT<", "<DataType>DT6<", "<DataType> | 'DT6' | unknown"),
+    (">MBoxState<", ">State<", "<Fmmu> | 'State' | unknown"),
+    (">MBoxIn<", ">Mail<", "<Sm> | 'Mail' | unknown"),
+    ("<CatNo>#x0801<", "<CatNo>30<", "category 30 | itself"),
+    ("<AssignActivate>#x0700<", "<AssignActivate>#x70000<", "<AssignActivate> | #x70000"),
     ("<BitLen>32</BitLen>", "", "<Entry> | <BitLen>"),
+    ("<Index>#x1601</Index>", "", "<RxPdo> | <Index>"),
     ("080C0000", "080C000", "<ConfigData> | '080C0000A000000'"),
-    ("0010000100120001", "00" * 11, "<BootStrap> | 11 bytes | 10"),
+    ("0010000100120001", "00" * 11, "<BootStrap> | 11 bytes"),
     ("0102030405", "x", "<Data> | 'x' | hexadecimal"),
     ("<Access>wo</Access>", "<Access>w</Access>", "<Access> | 'w' | ro | rw | wo"),
     ("PreOP_SafeOP", "Boot", "WriteRestrictions | 'Boot' | PreOP | SafeOP"),
@@ -255,32 +263,50 @@ WRONG = [
     ("<LBound>1</LBound><Elements>3<", "<LBound>9</LBound><Elements>255<", "255"),
     ("<Type>UINT</Type>\n                <BitSize>16</BitSize><Info>", "<Type>DT9</Type><Info>",
      "data type | 'DT9' | <BitSize>"),
+    ('"utf-8"', '"utf-99"', "encoding | 'utf-99' | unknown"),
+]  # fmt: skip
+NO_XML = [
     ("<EtherCATInfo ", "<EtherCATInfo><EtherCATInfo ", "XML | no element found"),
     ("</Descriptions>", "</Description>", "XML | mismatched tag"),
     ("Axis, first", "A & B", "XML | not well-formed"),
-    ('"utf-8"', '"utf-99"', "XML | unknown encoding"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("old", "new", "message"), WRONG)
-def test_r33_wrong_files_are_named_with_their_lines(
+def test_r33_what_is_wrong_is_named_with_its_line_and_left_out(
     tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     assert old in SAMPLE
     text = SAMPLE.replace(old, new, 1)
-    with pytest.raises(ConfigError) as error:
-        axis(tmp_path, text)
-    path, line, said = str(error.value).split(":", 2)
-    assert path == str(tmp_path / "x.xml")
+    path = file(tmp_path, text)
+    findings = Findings()
+    for choice in list_devices(path, findings):
+        read_device(path, choice, findings)
+    where, line, said = findings.texts[0].split(":", 2)
+    assert where == str(tmp_path / "x.xml")
     names(said, *message.split(" | "))
+    assert ";" in said, "the effect is told"
     assert 1 <= int(line) <= text.count("\n") + 1
+    with pytest.raises(ConfigError, match=naming(*message.split(" | "))):
+        for choice in list_devices(path, Findings(strict=True)):
+            read_device(path, choice, Findings(strict=True))
+
+
+@pytest.mark.parametrize(("old", "new", "message"), NO_XML)
+def test_files_that_are_no_xml_are_refused(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    assert old in SAMPLE
+    with pytest.raises(ConfigError) as error:
+        axis(tmp_path, SAMPLE.replace(old, new, 1))
+    names(error.value, f"{tmp_path / 'x.xml'}:", *message.split(" | "))
 
 
 def test_the_line_is_that_of_the_element(tmp_path: Path) -> None:
     text = SAMPLE.replace("<BitLen>32</BitLen>", "<BitLen>\n-1\n</BitLen>")
     line = 1 + text[: text.index("<BitLen>\n")].count("\n")
-    with pytest.raises(ConfigError, match=naming(f"x.xml:{line}: ", "<BitLen>", -1, 1, 255)):
-        axis(tmp_path, text)
+    (said,) = axis(tmp_path, text).findings.texts
+    names(said, f"x.xml:{line}: ", "<BitLen>", -1, "this PDO is left out")
 
 
 LAUGHS = (

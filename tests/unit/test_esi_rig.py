@@ -78,10 +78,15 @@ def test_wrong_lists(sample: Path, devices: str, message: str) -> None:
     names(caught.value, *message.split(" | "))
 
 
-def test_the_same_device_in_two_files(sample: Path, tmp_path: Path) -> None:
+def test_the_same_device_in_two_files(
+    sample: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     twin = tmp_path / "twin.xml"
     twin.write_text(SAMPLE, "utf-8")
-    with pytest.raises(UsageError, match=naming("'DI4'", "2 devices", "revision")):
+    assert [row["esi"] for row in slaves("DI4", sample, twin)] == [str(sample)]
+    names(capsys.readouterr().err, twin, "DI4", "is left out", sample)
+    twin.write_text(SAMPLE.replace("<BitLen>1<", "<BitLen>8<"), "utf-8")
+    with pytest.raises(UsageError, match=naming("'DI4'", "2 devices", "revision", twin)):
         slaves("DI4", sample, twin)
     with pytest.raises(UsageError, match=naming("no device", "'DI5'")):
         slaves("DI5", sample, twin)

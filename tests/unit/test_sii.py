@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names, naming
-from ecatd.model.sii import Sii, SiiMailbox, SiiSyncManager
+from ecatd.model.sii import USAGE_OUTPUTS, Sii, SiiMailbox, SiiSyncManager
 from ecatd.model.sii_parts import read_mailbox
 from ecatd.model.sii_reader import read_sii
 
@@ -147,7 +147,6 @@ BROKEN = [
     (image(general())[:0x30] + b"\0" * 8 + image(general())[0x38:], "describe no mailbox"),
     (image(STRINGS), "category 30 (general) | missing"),
     (image((30, b"\0" * 8)), "category 30 | 8 bytes"),
-    (image(general(), general()), "category 30 | second"),
     (image(general(), (50, pdo(0x1A00, 3))), "category 41 | none"),
     (image(general(), (50, pdo(0x6000, 3))), "index | 0x1600 | 0x1BFF"),
     (image(general(), (50, 2 * pdo(0x1A00, 255))), "TxPDO 0x1A00 | second"),
@@ -163,6 +162,42 @@ def test_damage_is_named_with_its_effect(data: bytes, what: str) -> None:
     assert problem.effect
     assert sii.damaged
     assert str(problem).startswith(f"byte 0x{problem.byte:04X} (word 0x{problem.byte // 2:04X}): ")
+
+
+def test_a_second_category_does_no_harm() -> None:
+    """Elmo Gold drives have category 30 twice."""
+    managers = sync_managers((0x1000, 0x26, 1, 1), (0x1080, 0x22, 1, 2))
+    short = image(STRINGS, (30, b"\0" * 8), general(), managers)
+    for data in (image(STRINGS, general(), (30, b"\0" * 8), managers), short):
+        sii = read(data)
+        (problem,) = sii.problems
+        names(problem, "category 30", "second", "this one is left out")
+        assert (sii.order, sii.damaged) == ("EL", False)
+
+
+def test_pdos_of_all_categories_count() -> None:
+    """Some tools write a category for each PDO."""
+    managers = sync_managers((0x1000, 0x20, 1, 4))
+    two = (50, pdo(0x1A00, 0)), (50, pdo(0x1A01, 0))
+    sii = read(image(STRINGS, general(), managers, *two))
+    assert ([item.index for item in sii.inputs], sii.problems) == ([0x1A00, 0x1A01], [])
+
+
+def test_a_sync_manager_without_pdo_does_no_harm() -> None:
+    """EL1252 terminals have one; a slave that has none with PDOs is damaged."""
+    managers = sync_managers((0x1000, 0x20, 1, 4), (0x1200, 0x20, 1, 4))
+    sii = read(without_mailbox(STRINGS, general(), managers, (50, pdo(0x1A00, 0))))
+    (problem,) = sii.problems
+    names(problem, "sync manager 1", "no PDO", "it is not used")
+    assert not sii.damaged
+    assert read(without_mailbox(STRINGS, general(), managers)).damaged
+
+
+def test_a_disabled_sync_manager_keeps_only_its_number() -> None:
+    """EK1960 controllers have one at address 0."""
+    managers = sync_managers((0x1000, 0x64, 1, 3), (0, 0x04, 0, 3))
+    sii = read(image(STRINGS, general(), managers, (51, pdo(0x1600, 0))))
+    assert (sii.problems, sii.channels(USAGE_OUTPUTS)) == ([], [0])
 
 
 def test_what_is_not_damaged_is_read_all_the_same() -> None:

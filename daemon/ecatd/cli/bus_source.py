@@ -27,6 +27,7 @@ Kind = Literal["scan", "rig", "esi"]
 _FILES = (".json", ".toml", ".py", ".xml")
 _PEEK = 4096
 _TOLD = 8  # slaves in one message
+_WARNING = "ecatsim: warning: "
 _BOMS = (b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")
 
 
@@ -53,6 +54,11 @@ def add_options(command: argparse.ArgumentParser) -> None:
         metavar="FILE",
         type=Path,
         help="with a rig or ESI files: configuration of the daemon (cycle time, domains, units)",
+    )
+    command.add_argument(
+        "--strict",
+        action="store_true",
+        help="refuse ESI files with mistakes; else a warning says what is wrong and left out",
     )
 
 
@@ -87,7 +93,7 @@ def get_bus(options: argparse.Namespace) -> Bus:
         source, wanted = "--devices", esi_rig.listed(options.devices)
     else:
         source, wanted = str(options.config), esi_rig.expected(options.config)
-    text = esi_rig.rig(sources, wanted)
+    text = esi_rig.rig(sources, wanted, strict=options.strict)
     with tempfile.TemporaryDirectory(prefix="ecatctl-") as folder:
         rig = Path(folder) / "rig.toml"
         rig.write_text(text, "utf-8")
@@ -183,7 +189,18 @@ def _described(rig: str, options: argparse.Namespace) -> Bus:
     )
     if ended.returncode != 0:
         raise _complaint(ended)
+    _warn(ended.stderr, rig)
     return bus_file.parse(ended.stdout, f"the description of {rig}")
+
+
+def _warn(said: str, rig: str) -> None:
+    """Passes on the warnings of the simulator about files of vendors."""
+    for line in said.splitlines():
+        if line.startswith(_WARNING):
+            text = line.removeprefix(_WARNING).replace(
+                f": `ecatsim check --json {rig}` lists all", ""
+            )
+            print(f"ecatctl: warning: {text}", file=sys.stderr)
 
 
 def _complaint(ended: subprocess.CompletedProcess[str]) -> EcatError:
@@ -191,6 +208,6 @@ def _complaint(ended: subprocess.CompletedProcess[str]) -> EcatError:
     text = f"ecatd has ended with status {ended.returncode} and said nothing"
     for line in ended.stderr.splitlines():
         for begin in ("ecatd: error: ", "ecatsim: "):
-            if line.startswith(begin):
+            if line.startswith(begin) and not line.startswith(_WARNING):
                 text = line.removeprefix(begin)
     return error_class(ended.returncode)(text)

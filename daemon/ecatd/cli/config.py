@@ -126,14 +126,19 @@ def _init(options: argparse.Namespace) -> int:
             refresh_modules(remote, bus, rows)
         silent = silent_slaves(rows)
     known = known.moved(compare(known, bus.slaves).places)
-    notes, more = None, {"silent": silent}
+    notes, more = None, dict[str, Any](silent=silent)
     warn_of_silent(bus, silent)
     if options.esi is not None:
+        from ecatd.esi import Findings
         from ecatd.esi.configure import add_esi
 
-        devices = described(bus, options.esi)
+        from .esi_devices import warn
+
+        findings = Findings(strict=options.strict)
+        devices = described(bus, options.esi, findings)
+        warn(findings)
         notes = add_esi(known, bus, devices)
-        more["described"] = sorted(devices)
+        more |= {"described": sorted(devices), "warnings": findings.texts}
     _write(options, bus, write_config(known, bus, VERSION, notes), "give them names, then", more)
     return 0
 
@@ -205,8 +210,10 @@ def _keep(file: Path, text: str) -> str:
 
 def _from_eni(options: argparse.Namespace) -> int:
     from ecatd.eni import convert, read_network
+    from ecatd.esi import Findings
 
-    found = convert(read_network(options.file), check_bus_name(options.bus))
+    network = read_network(options.file, Findings(strict=options.strict))
+    found = convert(network, check_bus_name(options.bus))
     text = write_config(found.config, found.bus, VERSION, found.notes)
     if not options.json:
         labels = {slave.position: slave.label for slave in found.bus.slaves}

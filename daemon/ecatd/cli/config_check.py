@@ -36,7 +36,7 @@ from .output import print_json
 from .witness_check import contradictions
 
 if TYPE_CHECKING:
-    from ecatd.esi import EsiDevice
+    from ecatd.esi import EsiDevice, Findings
 
 
 def check(options: argparse.Namespace) -> int:
@@ -83,7 +83,11 @@ def check(options: argparse.Namespace) -> int:
         for n, row in doubtful.items()
         if n not in unexpected and row["recovery"] != CONTRADICTED
     ]
-    in_esi = {} if options.esi is None else described(bus, options.esi)
+    from ecatd.esi import Findings
+
+    findings = Findings(strict=options.strict)
+    in_esi = {} if options.esi is None else described(bus, options.esi, findings)
+    warnings += findings.texts
     differences += _forbidden(moved, bus, in_esi)
     contradicting, decided = contradictions(moved, bus, in_esi, gone | unexpected.keys())
     differences += contradicting
@@ -209,11 +213,17 @@ def _wrong(
     return problems.texts
 
 
-def described(bus: Bus, source: str) -> dict[int, EsiDevice]:
-    """The ESI descriptions of the slaves; warns about those without one."""
+def described(bus: Bus, source: str, findings: Findings) -> dict[int, EsiDevice]:
+    """The ESI descriptions of the slaves; warns about those without one.
+
+    Args:
+        bus: The bus.
+        source: An ESI file, or a folder of them.
+        findings: Takes what is wrong in the files.
+    """
     from .esi_devices import describe
 
-    devices = describe(bus.slaves, source)
+    devices = describe(bus.slaves, source, findings)
     missing = [slave.label for slave in bus.slaves if slave.position not in devices]
     if missing:
         print(f"ecatctl: {source} does not describe {', '.join(missing)}", file=sys.stderr)

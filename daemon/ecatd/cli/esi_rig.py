@@ -10,25 +10,26 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ecatd.esi import EsiChoice, choose, list_devices
+from ecatd.esi import EsiDevice, Findings, read_device
 from ecatd.model.config import POSITION_MAX, load_config
 from ecatd.model.config.writer import value_text
 from ecatd.model.errors import ConfigError, UsageError
 from ecatd.model.quoting import toml_string
 from ecatd.model.text_file import read_text
 
-from .esi_devices import esi_files
+from .esi_devices import Described, esi_devices, warn
 
 _ITEM = re.compile(
     r"(?:(\d{1,4})\s*\*\s*)?"  # how many
     r"([^[\]]+?)"  # type or product code
-    r"(?:\s*:\s*(0x[0-9A-Fa-f]{1,8}|\d{1,10}))?"  # revision
+    r"(?:\s*:\s*([0#]x[0-9A-Fa-f]{1,8}|\d{1,10}))?"  # revision
     r"(?:\s*\[([^[\]]*)\])?"  # modules
 )
 _COMMA = re.compile(r",(?![^[]*\])")
 """A comma that is not between the modules of a device."""
-_PRODUCT = re.compile(r"0x[0-9A-Fa-f]{1,8}")
+_PRODUCT = re.compile(r"[0#]x[0-9A-Fa-f]{1,8}")
 _SLAVES_MAX = 1024
+_NAMED = 12  # devices in one message
 _U32 = 0xFFFF_FFFF
 
 
@@ -45,6 +46,7 @@ class Wanted:
         revision: Revision, or None: then the files must have only one.
         modules: Type or ident of the module in each slot; empty for an empty slot.
         revision_min: In place of `revision`: the newest one counts, if it is not below this.
+        vendor: Vendor ID, or None for any.
         place: Further keys of the slave in a rig file.
     """
 
@@ -56,6 +58,7 @@ class Wanted:
     revision: int | None
     modules: list[str | int]
     revision_min: int | None = None
+    vendor: int | None = None
     place: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -72,12 +75,13 @@ class Wanted:
         return text
 
 
-def rig(sources: Sequence[str], wanted: Sequence[Wanted]) -> str:
+def rig(sources: Sequence[str], wanted: Sequence[Wanted], *, strict: bool = False) -> str:
     """Returns the content of a rig file (TOML) for devices in the order of the wire.
 
     Args:
         sources: ESI files, or folders with ESI files.
         wanted: The devices: `listed` or `expected`.
+        strict: Whether to refuse files with mistakes; else a warning says what is wrong.
 
     Raises:
         UsageError: They are too many, or a folder has no ESI files.
@@ -85,10 +89,11 @@ def rig(sources: Sequence[str], wanted: Sequence[Wanted]) -> str:
     """
     if sum(item.count for item in wanted) > _SLAVES_MAX:
         raise UsageError(f"{wanted[0].source} has more than {_SLAVES_MAX} devices")
-    files = {path: list_devices(path) for path in esi_files(sources)}
+    findings = Findings(strict=strict)
+    devices = esi_devices(sources, findings)
     lines = ['name = "esi"']
     for item in wanted:
-        path, choice = _find(item, files)
+        path, choice = _find(item, devices, findings)
         lines += item.count * [
             "[[slave]]",
             f"esi = {toml_string(str(path.absolute()))}",
@@ -96,8 +101,10 @@ def rig(sources: Sequence[str], wanted: Sequence[Wanted]) -> str:
             f"product = {choice.product}",
             f"revision = {choice.revision}",
             f"modules = {value_text('modules', item.modules)}",
+            f"strict = {value_text('strict', strict)}",
             *(f"{key} = {number}" for key, number in item.place.items()),
         ]
+    warn(findings)
     return "\n".join(lines) + "\n"
 
 
@@ -136,6 +143,7 @@ def expected(config: Path) -> list[Wanted]:
                 slave.revision,
                 [item.ident or "" for item in slave.modules],
                 revision_min=slave.revision_min or 0,
+                vendor=slave.vendor,
                 place={key: value for key, value in place.items() if value is not None},
             )
         )
@@ -166,7 +174,7 @@ def _listed(devices: str) -> Iterator[Wanted]:
     for where, text in places:
         match = _ITEM.fullmatch(text)
         count = int(match[1] or 1) if match else 0
-        revision = int(match[3], 0) if match and match[3] else None
+        revision = _number(match[3]) if match and match[3] else None
         if match is None or not count or (revision or 0) > _U32:
             raise UsageError(
                 f"{where}: '{text}' is no device: write EL1018, 3*EL1018, EL1018:0x00110000 (with "
@@ -174,7 +182,7 @@ def _listed(devices: str) -> Iterator[Wanted]:
                 "modules in its slots follow in brackets, as in Island[DI8, -, AI2]"
             )
         name = match[2]
-        product = int(name, 16) if _PRODUCT.fullmatch(name) else None
+        product = _number(name) if _PRODUCT.fullmatch(name) else None
         modules = [_module(item.strip()) for item in match[4].split(",")] if match[4] else []
         kind = None if product is not None else name
         yield Wanted("--devices", text, count, kind, product, revision, modules)
@@ -182,7 +190,12 @@ def _listed(devices: str) -> Iterator[Wanted]:
 
 def _module(text: str) -> str | int:
     """The type or the ident of a module; `-` for an empty slot."""
-    return int(text, 16) if _PRODUCT.fullmatch(text) else text.removeprefix("-")
+    return _number(text) if _PRODUCT.fullmatch(text) else text.removeprefix("-")
+
+
+def _number(text: str) -> int:
+    """A number; hexadecimal after 0x, or after #x as in ESI files."""
+    return int(text.replace("#", "0", 1), 0)
 
 
 def _is_file(path: Path) -> bool:
@@ -192,7 +205,7 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _find(wanted: Wanted, files: dict[Path, list[EsiChoice]]) -> tuple[Path, EsiChoice]:
+def _find(wanted: Wanted, devices: Sequence[Described], findings: Findings) -> Described:
     """Finds the only device in all files that fits.
 
     Raises:
@@ -200,31 +213,47 @@ def _find(wanted: Wanted, files: dict[Path, list[EsiChoice]]) -> tuple[Path, Esi
     """
     fitting = [
         (path, choice)
-        for path, choices in files.items()
-        for choice in choices
+        for path, choice in devices
         if choice.fits(wanted.type, wanted.product, wanted.revision)
     ]
     if wanted.revision_min is not None:
-        newest = sorted(fitting, key=lambda item: item[1].revision)[-1:]
-        fitting = [item for item in newest if item[1].revision >= wanted.revision_min]
+        newest = max((choice.revision for _, choice in fitting), default=0)
+        fitting = [item for item in fitting if item[1].revision == newest >= wanted.revision_min]
+    if len(fitting) > 1:
+        fitting = _different(fitting, wanted.vendor, findings)
     if len(fitting) == 1:
         return fitting[0]
-    if len(files) == 1 and wanted.revision_min is None:
-        ((path, choices),) = files.items()
-        choose(  # raises an error that lists the devices
-            choices,
-            path,
-            type=wanted.type,
-            product=wanted.product,
-            revision=wanted.revision,
-        )
     if not fitting:
+        files = len({path for path, _ in devices})
+        named = ", ".join(str(choice) for _, choice in devices[:_NAMED])
+        more = f" and {len(devices) - _NAMED} more" if len(devices) > _NAMED else ""
         raise ConfigError(
-            f"{wanted.source}: no device {wanted.description} in the ESI files ({len(files)})"
+            f"{wanted.source}: no device {wanted.description} in the ESI files ({files}); there "
+            f"are {named or 'none'}{more}"
         )
     listed = "; ".join(f"{path}: {choice}" for path, choice in fitting[:4])
     more = f"; and {len(fitting) - 4} more" if len(fitting) > 4 else ""
+    path, choice = fitting[-1]
+    name = choice.type if wanted.product is None else f"0x{choice.product:08X}"
     raise ConfigError(
         f"{wanted.source}: '{wanted.text}' is {len(fitting)} devices: choose one by its revision, "
-        f"as {wanted.text}:0x{fitting[-1][1].revision:08X}, or give fewer files: {listed}{more}"
+        f"as {name}:0x{choice.revision:08X}, or by its product code, as 0x{choice.product:08X}, or "
+        f"give only its file, {path}: {listed}{more}"
     )
+
+
+def _different(
+    fitting: Sequence[Described], vendor: int | None, findings: Findings
+) -> list[Described]:
+    """Leaves out devices of other vendors, and the same device in further files."""
+    kept: list[tuple[Described, EsiDevice]] = []
+    for path, choice in fitting:
+        device = read_device(path, choice)
+        if vendor not in (None, device.vendor):
+            continue
+        same = [at for (at, _), other in kept if other.is_like(device)]
+        if same:
+            findings.say(f"{path}: {choice} is left out: it is in {same[0]}, too")
+        else:
+            kept.append(((path, choice), device))
+    return [item for item, _ in kept]

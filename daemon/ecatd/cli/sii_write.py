@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from ecatd.model.bus import Slave
 from ecatd.model.errors import BusyError, EcatError, NotPermittedError, StateError, UsageError
 from ecatd.model.expected_bus import compare
+from ecatd.model.intel_hex import image_bytes
 from ecatd.model.requests.eeproms import SII_WORDS_MAX
 from ecatd.model.sii import Sii
 from ecatd.model.sii_categories import FIRST_CATEGORY
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 _ALIAS, _CHECKSUM = 4, 7  # words of the configuration area (ETG.1000.6, table "SII")
 _PART = 2 * SII_WORDS_MAX
+_MAX_FILE = 4 * MAX_IMAGE  # in Intel HEX, a byte takes about three
 _LATER = "the slave uses it from its next power-on"
 
 
@@ -105,7 +107,7 @@ def _read(path: Path) -> bytes:
     Raises:
         UsageError: The file cannot be read, or cannot be an EEPROM.
     """
-    image = read_bytes(path, MAX_IMAGE)
+    image = image_bytes(read_bytes(path, _MAX_FILE), str(path))
     least = 2 * FIRST_CATEGORY
     if len(image) % 2 or not least <= len(image) <= MAX_IMAGE:
         raise UsageError(
@@ -116,12 +118,14 @@ def _read(path: Path) -> bytes:
 
 
 def _check(options: argparse.Namespace, new: Sii) -> None:
-    if new.problems and not options.force:
-        more = f" (and {len(new.problems) - 1} more)" if len(new.problems) > 1 else ""
+    damage = [problem for problem in new.problems if problem.damage]
+    if damage and not options.force:
+        more = f" (and {len(damage) - 1} more)" if len(damage) > 1 else ""
         raise UsageError(
-            f"{options.file}: {new.problems[0]}{more}; nothing was written. --force writes it as "
-            "it is"
+            f"{options.file}: {damage[0]}{more}; nothing was written. --force writes it as it is"
         )
+    for problem in new.problems:
+        print(f"ecatctl: warning: {options.file}: {problem}", file=sys.stderr)
 
 
 def _changed_parts(before: bytes, image: bytes) -> list[int]:

@@ -91,6 +91,8 @@ class _Converter:
             self._report.ours[_MASTER] += self._network.commands
         for line, tag in self._network.others:
             self._report.leave(line, None, f"<{tag}> is not known")
+        for line, text in self._network.findings.by_line:
+            self._report.leave(line, None, text)
         for task in self._network.tasks:
             for line, tag in task.others:
                 self._report.leave(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from ecatd.esi.findings import Findings
 from ecatd.model.pdo import Pdo
 
 
@@ -176,6 +177,7 @@ class EniNetwork:
         name: Name of the master.
         commands: Number of the commands of the master for all slaves.
         slaves: Slaves in the order of the file.
+        findings: What is wrong in the file, and left out.
         tasks: Cyclic tasks.
         others: Line and name of elements that the converter has no place for.
     """
@@ -184,5 +186,6 @@ class EniNetwork:
     name: str
     commands: int = 0
     slaves: list[EniSlave] = field(default_factory=list)
+    findings: Findings = field(default_factory=Findings)
     tasks: list[EniTask] = field(default_factory=list)
     others: list[tuple[int, str]] = field(default_factory=list)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
-from ecatd.esi.reader import read_entry
+from ecatd.esi.findings import Findings
+from ecatd.esi.reader import read_entries
 from ecatd.esi.xml import Element, read_xml
 from ecatd.model.errors import ConfigError
 from ecatd.model.pdo import Pdo
@@ -33,14 +35,23 @@ _KNOWN_IN_SLAVE = {"Info", "ProcessData", "Mailbox", "InitCmds", "PreviousPort",
 _KNOWN_IN_CONFIG = {"Master", "Slave", "Cyclic"}
 
 
-def read_network(path: Path) -> EniNetwork:
-    """Reads an ENI file.
+def read_network(path: Path, findings: Findings | None = None) -> EniNetwork:
+    """Reads an ENI file. Malformed parts are left out, unless slaves would have other positions.
+
+    Args:
+        path: The file.
+        findings: Takes what is wrong in it; `EniNetwork.findings` of the result.
 
     Raises:
-        ConfigError: The file cannot be read, is not an ENI file, or is malformed. The message
-            begins with the file and, if known, the line.
+        ConfigError: The file cannot be read, is not an ENI file, or does not say which slaves there
+            are. The message begins with the file and, if known, the line.
     """
-    root = read_xml(path, lambda element, depth: depth == 0 or element.tag not in _UNUSED)
+    findings = Findings() if findings is None else findings
+
+    def wanted(element: Element, depth: int) -> bool:
+        return depth == 0 or element.tag not in _UNUSED
+
+    root = read_xml(path, wanted, findings)
     if root.tag != "EtherCATConfig":
         esi = ": this is an ESI file" if root.tag == "EtherCATInfo" else ""
         root.fail(f"an ENI file begins with <EtherCATConfig>, not with <{root.tag}>{esi}")
@@ -57,6 +68,7 @@ def read_network(path: Path) -> EniNetwork:
         master.text_of("Info", "Name") if master else "",
         len(list(commands.all("InitCmd"))) if commands else 0,
         _slaves(slaves),
+        findings,
         [_task(element) for element in config.all("Cyclic")],
         [(item.line, item.tag) for item in config.children if item.tag not in _KNOWN_IN_CONFIG],
     )
@@ -67,25 +79,26 @@ def _slaves(elements: list[Element]) -> list[EniSlave]:
     slaves: list[EniSlave] = []
     group = members = 0
     for number, element in enumerate(elements):
-        slave = _named(number, element)
+        element.findings.part = f"<Slave> {number}, '{element.text_of('Info', 'Name')}'"
+        slave = _named(element)
         begin = element.find("HotConnect")
         if begin is not None:
             group += 1
-            members = max(1, begin.number_of("GroupMemberCnt", 1, high=_SLAVES_MAX))
+            members = max(1, begin.number_or("GroupMemberCnt", 1, high=_SLAVES_MAX))
             slave.group_name = begin.text_of("GroupName")
         slave.group = group if members else 0
         members -= members > 0
         slaves.append(slave)
+        element.findings.part = ""
     return slaves
 
 
-def _named(number: int, element: Element) -> EniSlave:
+def _named(element: Element) -> EniSlave:
     """Reads a slave; names it in errors, since many files have everything on one line."""
     try:
         return _slave(element)
     except ConfigError as error:
-        name = element.text_of("Info", "Name")
-        raise ConfigError(f"{error} (in <Slave> {number}, '{name}')") from None
+        raise ConfigError(f"{error} (in {element.findings.part})") from None
 
 
 def _slave(element: Element) -> EniSlave:
@@ -96,10 +109,10 @@ def _slave(element: Element) -> EniSlave:
         info.text_of("Name"),
         info.number_of("PhysAddr", 0, high=0xFFFF),
         info.number_of("AutoIncAddr", low=-0xFFFF, high=0xFFFF) & 0xFFFF if automatic else None,
-        _unsigned(info.need("VendorId")),
-        _unsigned(info.need("ProductCode")),
-        _unsigned(info.find("RevisionNo")),
-        _unsigned(info.find("SerialNo")),
+        info.number_of("VendorId"),
+        info.number_of("ProductCode"),
+        info.number_of("RevisionNo", 0),
+        info.number_or("SerialNo", 0),
         _identification(info, element.find("HotConnect")),
     )
     data = element.find("ProcessData")
@@ -108,62 +121,73 @@ def _slave(element: Element) -> EniSlave:
     mailbox = element.find("Mailbox")
     if mailbox is not None:
         _read_mailbox(mailbox, slave)
-    commands = element.find("InitCmds")
-    slave.registers = [_register(item) for item in commands.all("InitCmd")] if commands else []
+    slave.registers = _commands(element, _register)
     clock = element.find("DC")
     if clock is not None:
         slave.clock = EniClock(
             clock.line,
             clock.flag_of("ReferenceClock"),
-            clock.number_of("CycleTime0", 0),
-            clock.number_of("ShiftTime", 0, -(1 << 31)),
+            clock.number_or("CycleTime0", 0),
+            clock.number_or("ShiftTime", 0, -(1 << 31)),
         )
     known = _KNOWN_IN_SLAVE
     slave.others += [(item.line, item.tag) for item in element.children if item.tag not in known]
     return slave
 
 
-def _unsigned(element: Element | None) -> int:
-    """A number of 32 bits; TwinCAT writes large ones as negative ones. 0 if it is missing."""
-    if element is None or not element.text:
-        return 0
-    return element.number(-(1 << 31)) & 0xFFFFFFFF
+Command = TypeVar("Command")
+
+
+def _commands(parent: Element, read: Callable[[Element], Command]) -> list[Command]:
+    """The commands in the <InitCmds> of an element, without malformed ones."""
+    together = parent.find("InitCmds")
+    commands = []
+    for item in together.all("InitCmd") if together else ():
+        with item.instead("this command is left out"):
+            commands.append(read(item))
+    return commands
 
 
 def _identification(info: Element, group: Element | None) -> tuple[int, int] | None:
     """Register and value by which the master finds a slave wherever it stands."""
     named = info.find("Identification")
     if named is not None:
-        return named.number_of("Ado", high=0xFFFF), named.attribute("Value", high=0xFFFF)
+        with named.instead():
+            return named.number_of("Ado", high=0xFFFF), named.attribute("Value", high=0xFFFF)
     for item in group.all("IdentifyCmd") if group else ():
         expected = item.find("Validate", "Data")
         if expected is not None:
-            value = int.from_bytes(expected.octets(8)[:2], "little")
-            return item.number_of("Ado", high=0xFFFF), value
+            with item.instead():
+                value = int.from_bytes(expected.octets(8)[:2], "little")
+                return item.number_of("Ado", high=0xFFFF), value
     return None
 
 
 def _read_process_data(element: Element, slave: EniSlave) -> None:
     for tag in ("Send", "Recv"):
-        # A slave with several areas has several such elements.
-        bits = sum(item.number_of("BitLength", 0) for item in element.all(tag))
-        if tag == "Send":
-            slave.output_bits = bits
-        else:
-            slave.input_bits = bits
+        with element.instead("the size of these process data is not known"):
+            # A slave with several areas has several such elements.
+            bits = sum(item.number_of("BitLength", 0) for item in element.all(tag))
+            if tag == "Send":
+                slave.output_bits = bits
+            else:
+                slave.input_bits = bits
     managers = [item for item in element.children if _SYNC_MANAGER.fullmatch(item.tag)]
     for item in sorted(managers, key=lambda item: int(item.tag[2:])):
         if item.text_of("Type") in ("Outputs", "Inputs"):
-            slave.sync_managers.append(
-                EniSyncManager(
-                    int(item.tag[2:]),
-                    item.text_of("Type") == "Outputs",
-                    item.number_of("ControlByte", 0, high=0xFF),
-                    tuple(pdo.number(high=0xFFFF) for pdo in item.all("Pdo")),
+            with item.instead("this sync manager is left out"):
+                slave.sync_managers.append(
+                    EniSyncManager(
+                        int(item.tag[2:]),
+                        item.text_of("Type") == "Outputs",
+                        item.number_of("ControlByte", 0, high=0xFF),
+                        tuple(pdo.number(high=0xFFFF) for pdo in item.all("Pdo")),
+                    )
                 )
-            )
-    slave.outputs = [_pdo(item) for item in element.all("RxPdo")]
-    slave.inputs = [_pdo(item) for item in element.all("TxPdo")]
+    for tag, pdos in (("RxPdo", slave.outputs), ("TxPdo", slave.inputs)):
+        for item in element.all(tag):
+            with item.instead("the entries of this PDO are not known"):
+                pdos.append(_pdo(item))
 
 
 def _pdo(element: Element) -> Pdo:
@@ -171,7 +195,7 @@ def _pdo(element: Element) -> Pdo:
         element.number_of("Index", high=0xFFFF),
         element.name(),
         element.attribute("Sm", UNASSIGNED, high=0xFF),
-        [read_entry(item) for item in element.all("Entry")],
+        read_entries(element),
     )
 
 
@@ -179,8 +203,7 @@ def _read_mailbox(element: Element, slave: EniSlave) -> None:
     coe = element.find("CoE")
     protocols = {item.text for item in element.all("Protocol")}
     slave.coe = coe is not None or "CoE" in protocols
-    commands = coe.find("InitCmds") if coe else None
-    slave.objects = [_object(item) for item in commands.all("InitCmd")] if commands else []
+    slave.objects = _commands(coe, _object) if coe else []
     for item in element.children:
         inside = item.find("InitCmds")
         if item.tag != "CoE" and inside is not None and inside.find("InitCmd") is not None:
@@ -225,19 +248,24 @@ def _transitions(element: Element) -> tuple[str, ...]:
 
 
 def _task(element: Element) -> EniTask:
-    task = EniTask(element.line, element.number_of("CycleTime", 0), element.text_of("Comment"))
+    task = EniTask(element.line, element.number_or("CycleTime", 0), element.text_of("Comment"))
     for item in _datagrams(element):
-        command = item.number_of("Cmd", high=0xFF)
-        if command in _LOGICAL:
-            data = item.find("Data")
-            length = len(data.octets()) if data else item.number_of("DataLength", 0)
-            task.areas.append((_unsigned(item.need("Addr")), length))
-        elif command in _HANDS_TIME_ON and item.number_of("Ado", 0) == _SYSTEM_TIME:
-            task.clock = item.number_of("Adp", high=0xFFFF)
+        with item.instead("this datagram is left out"):
+            _read_datagram(item, task)
         copies = item.find("CopyInfos")
         if copies is not None and copies.children:
             task.others.append((copies.line, "CopyInfos"))
     return task
+
+
+def _read_datagram(item: Element, task: EniTask) -> None:
+    command = item.number_of("Cmd", high=0xFF)
+    if command in _LOGICAL:
+        data = item.find("Data")
+        length = len(data.octets()) if data else item.number_of("DataLength", 0)
+        task.areas.append((item.number_of("Addr"), length))
+    elif command in _HANDS_TIME_ON and item.number_of("Ado", 0) == _SYSTEM_TIME:
+        task.clock = item.number_of("Adp", high=0xFFFF)
 
 
 def _datagrams(task: Element) -> Iterator[Element]:

@@ -9,7 +9,10 @@ A file may describe hundreds of devices. Only the chosen one is read completely,
 that its slots may have. `plug` puts modules into the slots. A dictionary in another file is not
 read; `EsiDevice.dictionary_file` says whether a device has one.
 
-`reader` reads files, `dictionary` reads object dictionaries, and both use `xml`. `device` has the
+Vendors' files are untidy. `Findings` takes what is wrong in them; what can be understood is used.
+
+`reader` reads files, `dictionary` reads object dictionaries, and both use `xml`, with
+`xml_text` for the encoding. `device` has the
 classes of the result. `modules` puts modules into slots, and `shift` moves the indices that depend
 on the slot. `configure` adds the facts of a file to a configuration, and `check` compares the PDOs
 of a configuration with a file. The daemon itself reads no ESI files.
@@ -26,6 +29,7 @@ from .device import (
     EsiSyncManager,
 )
 from .dictionary import EsiEntry, EsiObject
+from .findings import Findings
 from .modules import module_problems, plug
 from .reader import choose, list_devices, read_device
 
@@ -40,6 +44,7 @@ __all__ = [
     "EsiPdo",
     "EsiSlot",
     "EsiSyncManager",
+    "Findings",
     "choose",
     "list_devices",
     "module_problems",

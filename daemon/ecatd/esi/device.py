@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ecatd.model.pdo import Pdo
 
 from .dictionary import EsiObject
+from .findings import Findings
 from .xml import Element
 
 
@@ -193,6 +194,9 @@ class EsiDevice:
         diagnosis_texts: Texts of its diagnosis messages (ETG.1020), by their numbers.
         slots: Its slots for modules, slot 1 first.
         modules: The modules that its slots may have.
+        findings: What is wrong in its description, and left out.
+        misplaced: Why PDOs that it has by default would lie in another place than in the device. A
+            simulated device like that would have wrong values.
     """
 
     path: str
@@ -226,3 +230,17 @@ class EsiDevice:
     diagnosis_texts: dict[int, str] = field(default_factory=dict)
     slots: list[EsiSlot] = field(default_factory=list)
     modules: list[EsiModule] = field(default_factory=list)
+    findings: Findings = field(default_factory=Findings)
+    misplaced: list[str] = field(default_factory=list)
+
+    def is_like(self, other: EsiDevice) -> bool:
+        """Whether another description is of the same device, with the same process data."""
+        mine, theirs = (
+            (
+                (item.vendor, item.product, item.revision, item.type),
+                [replace(manager, line=0) for manager in item.sync_managers],
+                (item.outputs, item.inputs, item.protocols, len(item.slots)),
+            )
+            for item in (self, other)
+        )
+        return mine == theirs

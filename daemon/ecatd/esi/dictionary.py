@@ -11,7 +11,7 @@ from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, type_o
 from ecatd.model.dictionary import Access, ObjectCode
 
 from .shift import UNMOVED, Shift
-from .xml import Element
+from .xml import LEFT_OUT, Element
 
 _TYPES = {
     "BIT": DataType.BOOLEAN,
@@ -43,6 +43,20 @@ _TYPES = {
     "BITARR32": DataType.DWORD,
     **{f"BIT{n}": DataType(DataType.BIT1 + n - 1) for n in range(1, 9)},
 }
+_OTHER_NAMES = {
+    "BOOLEAN": "BOOL",
+    **{f"INTEGER{n}": name for n, name in ((8, "SINT"), (16, "INT"), (32, "DINT"), (64, "LINT"))},
+    **{f"UNSIGNED{n}": f"U{t}" for n, t in ((8, "SINT"), (16, "INT"), (32, "DINT"), (64, "LINT"))},
+    **{f"UINT{n}": f"U{t}" for n, t in ((8, "SINT"), (16, "INT"), (32, "DINT"), (64, "LINT"))},
+    **{f"INT{n}": name for n, name in ((8, "SINT"), (16, "INT"), (32, "DINT"), (64, "LINT"))},
+    **{f"{kind}{n}": kind for kind, n in (("SINT", 8), ("INT", 16), ("DINT", 32), ("LINT", 64))},
+    **{f"U{kind}{n}": f"U{kind}" for kind, n in (("SINT", 8), ("DINT", 32), ("LINT", 64))},
+    "REAL32": "REAL",
+    "REAL64": "LREAL",
+    "FLOAT": "REAL",
+    "DOUBLE": "LREAL",
+}
+"""Names of types from CiA 301 and from C, which some vendors write."""
 _NAMES = [(name, kind) for name, kind in _TYPES.items() if name != "BIT"]
 _STRING = re.compile(r"(STRING|WSTRING|UNICODE_STRING|OCTET_STRING)\s*\(\s*(\d{1,5})\s*\)")
 _BYTES = re.compile(r"ARRAY\s*\[\s*(\d{1,5})\s*\.\.\s*(\d{1,5})\s*\]\s*OF\s*(BYTE|USINT|SINT)")
@@ -118,6 +132,7 @@ def simple_type(name: str, bits: int) -> tuple[DataType, int] | None:
         bits: Size in bits that the file states, 0 if it does not.
     """
     text = " ".join(name.split()).upper()
+    text = _OTHER_NAMES.get(text, text)
     if text in _TYPES:
         kind = _TYPES[text]
         size = bits or bit_length(kind)
@@ -142,26 +157,32 @@ def type_in_esi(data_type: int) -> str:
 def read_dictionary(dictionary: Element, shift: Shift = UNMOVED) -> list[EsiObject]:
     """Reads the objects of a <Dictionary>, in ascending order of their indices.
 
+    Malformed objects are left out, and so are malformed limits, defaults and units.
+
     Args:
         dictionary: The element.
         shift: How far the slot of a module moves its objects.
-
-    Raises:
-        ConfigError: The dictionary is malformed; the message begins with file and line.
     """
     types = dictionary.find("DataTypes")
-    known = {item.text_of("Name"): item for item in types.all("DataType")} if types else {}
+    known: dict[str, Element] = {}
+    for definition in types.all("DataType") if types else ():
+        name = definition.text_of("Name")
+        if not definition.is_like(known.setdefault(name, definition)):
+            definition.note(
+                f"the data type '{name}' is defined a second time", "this one is left out"
+            )
     reader = _Reader(known, shift)
     objects: dict[int, EsiObject] = {}
     parent = dictionary.find("Objects")
     for element in parent.all("Object") if parent else ():
-        item = reader.object(element)
-        if item.index in objects:
-            element.fail(
-                f"object 0x{item.index:04X} is defined a second time, "
-                f"first in line {objects[item.index].line}"
-            )
-        objects[item.index] = item
+        with element.instead("this object is left out"):
+            item = reader.object(element)
+            if item.index in objects:
+                element.fail(
+                    f"object 0x{item.index:04X} is defined a second time, "
+                    f"first in line {objects[item.index].line}"
+                )
+            objects[item.index] = item
     return [objects[index] for index in sorted(objects)]
 
 
@@ -177,12 +198,14 @@ class _Reader:
         self._types = types
         self._shift = shift
         self._count = 0
+        self._whole = True  # whether no entry of the present object was left out
 
     def object(self, element: Element) -> EsiObject:
         index = self._shift.index(element.need("Index"))
         name, type_name = element.name(), element.text_of("Type")
         definition = self._types.get(type_name)
         flags = element.find("Flags")
+        self._whole = True
         if definition is not None and definition.find("SubItem") is not None:
             entries, code = self._members(definition, flags)
         else:
@@ -193,7 +216,7 @@ class _Reader:
             entries[0].line = element.line
         info = element.find("Info")
         if info is not None:
-            _read_info(info, entries, code)
+            _read_info(info, entries, code, by_place=self._whole)
         for entry in entries:  # an entry of STRING(0) is as long as its default
             entry.bits = entry.bits or 8 * max(1, len(entry.default or b""))
         self._count += len(entries)
@@ -207,25 +230,34 @@ class _Reader:
         found: dict[int, EsiEntry] = {}
         code = ObjectCode.RECORD
         for item in definition.all("SubItem"):
-            own = item.find("Flags")
-            template = EsiEntry(0, item.name(), DataType.PADDING, 0, _access(own or flags))
-            template.line = item.line
-            array = self._types.get(item.text_of("Type"))
-            if array is not None and _is_array(item, array):
-                code = ObjectCode.ARRAY
-                entries = self._elements(item, array, template)
-            else:
-                size = item.number_of("BitSize", 0, high=_MAX_BITS)
-                kind, bits = self._resolve(item.text_of("Type"), size, item)
-                subindex = item.number_of("SubIdx", len(found), high=0xFF)
-                values = self._values(item.text_of("Type"))
-                entry = replace(template, subindex=subindex, data_type=kind, bits=bits)
-                entries = iter((replace(entry, values=values),))
-            for entry in entries:
-                if entry.subindex in found:
-                    item.fail(f"subindex {entry.subindex} is defined a second time")
-                found[entry.subindex] = entry
+            before, self._whole = self._whole, False
+            with item.instead("this entry is left out"):
+                own = item.find("Flags")
+                template = EsiEntry(0, item.name(), DataType.PADDING, 0, _access(own or flags))
+                template.line = item.line
+                array = self._types.get(item.text_of("Type"))
+                if array is not None and _is_array(item, array):
+                    code = ObjectCode.ARRAY
+                    entries = list(self._elements(item, array, template))
+                else:
+                    entries = [self._entry(item, template, len(found))]
+                for entry in entries:
+                    if entry.subindex in found:
+                        item.fail(f"subindex {entry.subindex} is defined a second time")
+                    found[entry.subindex] = entry
+                self._whole = before
         return [found[subindex] for subindex in sorted(found)], code
+
+    def _entry(self, item: Element, template: EsiEntry, number: int) -> EsiEntry:
+        type_name = item.text_of("Type")
+        kind, bits = self._resolve(type_name, item.number_of("BitSize", 0, high=_MAX_BITS), item)
+        return replace(
+            template,
+            subindex=item.number_of("SubIdx", number, high=0xFF),
+            data_type=kind,
+            bits=bits,
+            values=self._values(type_name),
+        )
 
     def _elements(self, item: Element, array: Element, template: EsiEntry) -> Iterator[EsiEntry]:
         """Yields an entry for each element of an array, with subindices from the first one on."""
@@ -252,8 +284,10 @@ class _Reader:
         found = {}
         for item in definition.all("EnumInfo") if definition else ():
             text = item.name("Text")
-            if text:
-                found[item.number_of("Enum", low=-(1 << 31))] = text
+            with item.instead():
+                number = item.number_of("Enum", low=-(1 << 31))
+                if text:
+                    found[number] = text
         return found
 
     def _resolve(self, name: str, bits: int, where: Element) -> tuple[DataType, int]:
@@ -288,16 +322,17 @@ def _access(flags: Element | None) -> Access:
     if access is not None:
         text = access.text.lower() or "ro"
         if text not in _READS:
-            access.fail(f"<Access> is '{access.text}': ro, rw and wo are allowed")
+            access.note(f"<Access> is '{access.text}': ro, rw and wo are allowed", "it is ro")
+            text = "ro"
         rights = _states(access, "ReadRestrictions") * _READS[text]
         rights |= _states(access, "WriteRestrictions") * _WRITES[text] << 3
     mapping = flags.find("PdoMapping")
     if mapping is not None:
         if mapping.text.lower() not in _MAPPINGS:
-            mapping.fail(f"<PdoMapping> is '{mapping.text}': R, T and RT are allowed")
-        rights |= _MAPPINGS[mapping.text.lower()]
+            mapping.note(f"<PdoMapping> is '{mapping.text}': R, T and RT are allowed", LEFT_OUT)
+        rights |= _MAPPINGS.get(mapping.text.lower(), 0)
     for tag, bit in (("Backup", Access.BACKUP), ("Setting", Access.SETTING)):
-        rights |= bit * bool(flags.number_of(tag, 0))
+        rights |= bit * bool(flags.number_or(tag, 0))
     return Access(rights)
 
 
@@ -306,17 +341,18 @@ def _states(access: Element, name: str) -> int:
     words = access.attributes.get(name, "").lower().replace("_", " ").split()
     for word in words:
         if word not in _STATES:
-            access.fail(
+            access.note(
                 f"{name} is '{access.attributes[name]}': PreOP, SafeOP and OP are allowed, "
-                "with _ between them"
+                "with _ between them",
+                f"'{word}' is left out",
             )
-    return sum(_STATES[word] for word in set(words)) or _ALL_STATES
+    return sum(_STATES.get(word, 0) for word in set(words)) or _ALL_STATES
 
 
-def _read_info(info: Element, entries: list[EsiEntry], code: ObjectCode) -> None:
+def _read_info(info: Element, entries: list[EsiEntry], code: ObjectCode, *, by_place: bool) -> None:
     """Reads defaults, limits and units of the entries of an object.
 
-    In records and arrays the name of the entry finds them, or else its place.
+    In records and arrays the name of the entry finds them, or else its place, if all are there.
     """
     if code == ObjectCode.VAR:
         _read_values(info, entries[0])
@@ -324,21 +360,28 @@ def _read_info(info: Element, entries: list[EsiEntry], code: ObjectCode) -> None
     by_name = {entry.name: entry for entry in reversed(entries)}
     for i, item in enumerate(info.all("SubItem")):
         named = by_name.get(item.name())
-        entry = named if named else entries[i] if i < len(entries) else None
+        entry = named if named else entries[i] if by_place and i < len(entries) else None
         values = item.find("Info")
-        if entry is not None and values is not None:
+        if values is None:
+            continue
+        if entry is None:
+            item.note(f"the object has no entry '{item.name()}'", "its values are left out")
+        else:
             _read_values(values, entry)
 
 
 def _read_values(info: Element, entry: EsiEntry) -> None:
-    entry.default = _value(info, "Default", entry)
-    entry.minimum = _value(info, "Min", entry)
-    entry.maximum = _value(info, "Max", entry)
+    with info.instead("this default is left out"):
+        entry.default = _value(info, "Default", entry)
+    with info.instead("this limit is left out"):
+        entry.minimum = _value(info, "Min", entry)
+    with info.instead("this limit is left out"):
+        entry.maximum = _value(info, "Max", entry)
     unit = info.find("Unit")
     if unit is not None and _BARE_UNIT.fullmatch(unit.text):
         entry.unit = int(unit.text, 16)
     else:
-        entry.unit = info.number_of("Unit", 0)
+        entry.unit = info.number_or("Unit", 0)
 
 
 def _value(info: Element, kind: str, entry: EsiEntry) -> bytes | None:
@@ -367,7 +410,9 @@ def _value(info: Element, kind: str, entry: EsiEntry) -> bytes | None:
         limit = 1 << entry.bits
         value = number.number(-(limit >> 1), limit - 1)
         return (value % limit).to_bytes(size, "little")
-    if text is not None and entry.data_type in STRINGS:  # it says nothing about a number
+    if text is not None and text.text and entry.data_type not in STRINGS:
+        text.fail(f"<{text.tag}> is a text, but the entry is a number")
+    if text is not None and entry.data_type in STRINGS:
         coding = "utf-16-le" if entry.data_type == DataType.UNICODE_STRING else "utf-8"
         return text.text.encode(coding)[: size or _MAX_BITS // 8]
     return None

@@ -27,6 +27,7 @@ def plug(device: EsiDevice, idents: Sequence[int]) -> EsiDevice:
         outputs=list(device.outputs),
         inputs=list(device.inputs),
         commands=list(device.commands),
+        misplaced=list(device.misplaced),
     )
     objects = {item.index: item for item in device.objects}
     modules = {module.ident: module for module in device.modules}
@@ -34,8 +35,8 @@ def plug(device: EsiDevice, idents: Sequence[int]) -> EsiDevice:
     for ident, slot in zip(idents, device.slots, strict=False):
         if ident in modules:
             element = modules[ident].element
-            plugged.outputs += read_pdos(element.all("RxPdo"), device, shift)
-            plugged.inputs += read_pdos(element.all("TxPdo"), device, shift)
+            plugged.outputs += read_pdos(element.all("RxPdo"), plugged, shift)
+            plugged.inputs += read_pdos(element.all("TxPdo"), plugged, shift)
             coe = element.find("Mailbox", "CoE")
             plugged.commands += read_commands(coe, shift) if coe else []
             dictionary = element.find("Profile", "Dictionary")

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from ecatd.model.datatypes import DataType, type_of_bits
 from ecatd.model.errors import ConfigError
 from ecatd.model.pdo import Entry
-from ecatd.model.sii import UNASSIGNED
+from ecatd.model.sii import (
+    CATEGORY_DC,
+    CATEGORY_FMMU,
+    CATEGORY_GENERAL,
+    CATEGORY_RXPDO,
+    CATEGORY_STRINGS,
+    CATEGORY_SYNC_MANAGER,
+    CATEGORY_TXPDO,
+    UNASSIGNED,
+)
 
 from .device import (
     EsiChoice,
@@ -20,9 +29,10 @@ from .device import (
     EsiSlot,
     EsiSyncManager,
 )
-from .dictionary import read_dictionary, simple_type
+from .dictionary import EsiObject, read_dictionary, simple_type, type_in_esi
+from .findings import Findings, MalformedError
 from .shift import UNMOVED, Shift
-from .xml import Element, read_xml
+from .xml import LEFT_OUT, Element, read_xml
 
 _OUTLINE = (
     {"EtherCATInfo"},
@@ -33,32 +43,62 @@ _OUTLINE = (
 )
 _DEVICE_DEPTH = 3
 _LISTED = 12
-_SM_USAGES = {"MBoxOut": 1, "MBoxIn": 2, "Outputs": 3, "Inputs": 4}
+_SM_USAGES = {"mboxout": 1, "mboxin": 2, "outputs": 3, "inputs": 4}
+_MODE, _MAILBOX = 0x03, 0x02  # in the control byte of a sync manager
 _VIRTUAL, _IN_OP_ONLY = 0x04, 0x08  # bits of the enable byte in the SII
 _FMMU_USAGES = {"Outputs": 1, "Inputs": 2, "MBoxState": 3}
 _PROTOCOLS = {"AoE": 1, "EoE": 2, "CoE": 4, "FoE": 8, "SoE": 16, "VoE": 32}
 _COE_DETAILS = {"SdoInfo": 2, "PdoAssign": 4, "PdoConfig": 8, "PdoUpload": 16, "CompleteAccess": 32}
 _SDO = 1
+_OWN_CATEGORIES = {
+    CATEGORY_STRINGS,
+    CATEGORY_GENERAL,
+    CATEGORY_FMMU,
+    CATEGORY_SYNC_MANAGER,
+    CATEGORY_TXPDO,
+    CATEGORY_RXPDO,
+    CATEGORY_DC,
+}
 _SLOTS_MAX = 254
+_NATURAL_BITS = (16, 32, 64)  # where a guess of the type may be wrong
+_ENTRY_BITS, _GAP_BITS, _MOST_BITS = 0xFF, 0xF8, 0x7FFF
+_LIST = "EtherCATInfoList"
 _UNUSED = {"ImageData16x14", "ImageFile16x14", "VendorSpecific"}
 
 
-def list_devices(path: Path) -> list[EsiChoice]:
+def list_devices(path: Path, findings: Findings | None = None) -> list[EsiChoice]:
     """Lists the devices of a file.
+
+    Args:
+        path: The file.
+        findings: Takes what is wrong in it, such as devices without a product code.
 
     Raises:
         ConfigError: The file cannot be read, or is not an ESI file.
     """
+    lists = 0
 
     def wanted(element: Element, depth: int) -> bool:
-        return depth == 0 or (depth < len(_OUTLINE) and element.tag in _OUTLINE[depth])
+        nonlocal lists
+        if depth == 0:
+            lists = element.tag == _LIST
+            return True
+        depth -= lists
+        return depth < len(_OUTLINE) and element.tag in _OUTLINE[depth]
 
-    root = _root(read_xml(path, wanted))
-    devices = root.find("Descriptions", "Devices")
-    return [
-        _choice(number, element)
-        for number, element in enumerate(devices.all("Device") if devices else ())
-    ]
+    choices: list[EsiChoice] = []
+    number = 0
+    for info in _infos(read_xml(path, wanted, findings)):
+        devices = info.find("Descriptions", "Devices")
+        for element in devices.all("Device") if devices else ():
+            with element.instead("this device is left out"):
+                choice = _choice(number, element)
+                identity = choice.type, choice.product, choice.revision
+                if any(item.fits(*identity) for item in choices):
+                    element.fail(f"{choice} is described a second time")
+                choices.append(choice)
+            number += 1
+    return choices
 
 
 def choose(
@@ -100,17 +140,29 @@ def choose(
     raise ConfigError(f"{path}: no device has {' and '.join(wanted)}; there are {listed}")
 
 
-def read_device(path: Path, choice: EsiChoice) -> EsiDevice:
+def read_device(path: Path, choice: EsiChoice, findings: Findings | None = None) -> EsiDevice:
     """Reads one device of a file completely.
 
+    Args:
+        path: The file.
+        choice: The device.
+        findings: Takes what is wrong in it and is left out; `EsiDevice.findings` of the result.
+
     Raises:
-        ConfigError: The file is malformed; the message begins with file and line.
+        ConfigError: The file is no XML, or does not say which device it describes; the message
+            begins with file and line.
     """
+    findings = Findings() if findings is None else findings
     seen = -1
     has_slots = False
+    lists = 0
 
     def wanted(element: Element, depth: int) -> bool:
-        nonlocal seen, has_slots
+        nonlocal seen, has_slots, lists
+        if depth == 0:
+            lists = element.tag == _LIST
+            return True
+        depth -= lists
         if depth == _DEVICE_DEPTH + 1 and element.tag == "Slots":
             has_slots = True
         if depth == _DEVICE_DEPTH - 1 and element.tag == "Modules":  # they follow the devices
@@ -118,21 +170,28 @@ def read_device(path: Path, choice: EsiChoice) -> EsiDevice:
         if depth == _DEVICE_DEPTH and element.tag == "Device":
             seen += 1
             return seen == choice.number
-        if depth == 1:
-            return element.tag in _OUTLINE[1]
+        if depth <= 1:
+            return element.tag in _OUTLINE[depth]
         return element.tag in _OUTLINE[2] if depth == 2 else element.tag not in _UNUSED
 
-    root = _root(read_xml(path, wanted))
+    for root in _infos(read_xml(path, wanted, findings)):
+        element = root.find("Descriptions", "Devices", "Device")
+        if element is not None:
+            return _device(path, choice, root, element, findings)
+    raise ConfigError(f"{path}: the file changed while it was read")
+
+
+def _device(
+    path: Path, choice: EsiChoice, root: Element, element: Element, findings: Findings
+) -> EsiDevice:
     vendor = root.need("Vendor")
-    element = root.find("Descriptions", "Devices", "Device")
-    if element is None:
-        raise ConfigError(f"{path}: the file changed while it was read")
     groups = root.find("Descriptions", "Groups")
     group = element.text_of("GroupType")
     device = EsiDevice(
         path=str(path),
         line=element.line,
-        vendor=vendor.number_of("Id"),
+        findings=findings,
+        vendor=_vendor(vendor),
         vendor_name=vendor.name(),
         type=choice.type,
         name=choice.name,
@@ -141,35 +200,43 @@ def read_device(path: Path, choice: EsiChoice) -> EsiDevice:
         group=group,
         group_name=_group_name(groups, group),
         physics=element.attributes.get("Physics", ""),
-        fmmus=[_FMMU_USAGES.get(item.text, 0) for item in element.all("Fmmu")],
+        fmmus=[_fmmu(item) for item in element.all("Fmmu")],
         sync_managers=[_sync_manager(item) for item in element.all("Sm")],
     )
     electrical = element.find("Info", "Electrical")
     if electrical is not None:
-        device.ebus_current = electrical.number_of("EBusCurrent", 0, -0x8000, 0x7FFF)
+        device.ebus_current = electrical.number_or("EBusCurrent", 0, -0x8000, 0x7FFF)
     info = element.find("Info")
     if info is not None:
         device.tells_identification = info.flag_of("IdentificationReg134")
-        device.identification_register = info.number_of("IdentificationAdo", 0, high=0xFFFF)
+        device.identification_register = info.number_or("IdentificationAdo", 0, high=0xFFFF)
     device.outputs = read_pdos(element.all("RxPdo"), device)
     device.inputs = read_pdos(element.all("TxPdo"), device)
     _read_mailbox(element, device)
     dc = element.find("Dc")
-    device.dc = [_dc_mode(item) for item in dc.all("OpMode")] if dc else []
+    for item in dc.all("OpMode") if dc else ():
+        with item.instead():
+            device.dc.append(_dc_mode(item))
     _read_eeprom(element, device)
     _read_profile(element, device)
     slots = element.find("Slots")
     device.slots = _slots(slots) if slots else []
     modules = root.find("Descriptions", "Modules") if device.slots else None
-    found = [_module(item) for item in modules.all("Module")] if modules else []
-    device.modules = [item for item in found if any(slot.takes(item) for slot in device.slots)]
+    for item in modules.all("Module") if modules else ():
+        with item.instead("this module is left out"):
+            module = _module(item)
+            if any(slot.takes(module) for slot in device.slots):
+                device.modules.append(module)
     return device
 
 
-def _root(root: Element) -> Element:
+def _infos(root: Element) -> list[Element]:
+    """The <EtherCATInfo> of a file; a list of them is what other programs write for a bus."""
+    if root.tag == _LIST:
+        return list(root.all("EtherCATInfo"))
     if root.tag != "EtherCATInfo":
         root.fail(f"the file begins with <{root.tag}>: an ESI file begins with <EtherCATInfo>")
-    return root
+    return [root]
 
 
 def _choice(number: int, element: Element) -> EsiChoice:
@@ -190,35 +257,75 @@ def _group_name(groups: Element | None, group: str) -> str:
     return ""
 
 
+def _vendor(vendor: Element) -> int:
+    with vendor.instead("its vendor ID is 0"):
+        return vendor.number_of("Id")
+    return 0
+
+
+def _fmmu(element: Element) -> int:
+    if element.text not in _FMMU_USAGES and element.text:
+        element.note(f"<Fmmu> is '{element.text}', which is unknown", "it is for nothing")
+    return _FMMU_USAGES.get(element.text, 0)
+
+
 def _sync_manager(element: Element) -> EsiSyncManager:
+    control = element.attribute("ControlByte", high=0xFF)
     return EsiSyncManager(
-        _SM_USAGES.get(element.text, 0),
+        _usage(element, control),
         element.attribute("StartAddress", high=0xFFFF),
-        element.attribute("DefaultSize", high=0xFFFF),
-        element.attribute("ControlByte", high=0xFF),
-        element.attribute("Enable", high=0xFF)
+        element.attribute_or("DefaultSize", 0, high=0xFFFF),
+        control,
+        element.attribute_or("Enable", 0, high=0xFF)
         | _VIRTUAL * element.flag("Virtual")
         | _IN_OP_ONLY * element.flag("OpOnly"),
         element.line,
     )
 
 
+def _usage(element: Element, control: int) -> int:
+    """What a sync manager is for; if the file does not say, as its control byte says.
+
+    A buffered one without any text may be unused; it is used if PDOs lie in it (`sii_placement`).
+    """
+    usage = _SM_USAGES.get(element.text.lower())
+    if usage is not None:
+        return usage
+    mailbox = control & _MODE == _MAILBOX
+    if not element.text and not mailbox:
+        return 0
+    name = {True: ("MBoxIn", "MBoxOut"), False: ("Inputs", "Outputs")}[mailbox][control >> 2 & 1]
+    if element.text:
+        text = f"<Sm> is '{element.text}', which is unknown"
+        element.note(text, f"{name} is used, as its control byte says")
+    return _SM_USAGES[name.lower()]
+
+
 def _slots(slots: Element) -> list[EsiSlot]:
     """The slots, each as often as the file says that it occurs."""
     index_step = slots.attribute("SlotIndexIncrement", high=0xFFFF)
     pdo_step = slots.attribute("SlotPdoIncrement", high=0xFFFF)
-    most = slots.attribute("MaxSlotCount", _SLOTS_MAX, high=_SLOTS_MAX)
+    most = slots.attribute_or("MaxSlotCount", _SLOTS_MAX, high=_SLOTS_MAX)
     found: list[EsiSlot] = []
     for element in slots.all("Slot"):
         slot = EsiSlot(
             element.name(),
-            tuple(item.number() for item in element.all("ModuleIdent")),
+            tuple(_idents(element)),
             tuple(item.text for item in _all(element, "ModuleClass", "Class")),
             element.attribute("SlotIndexIncrement", index_step, high=0xFFFF),
             element.attribute("SlotPdoIncrement", pdo_step, high=0xFFFF),
         )
-        found += [slot] * element.attribute("MaxInstances", 1, high=_SLOTS_MAX)
+        found += [slot] * element.attribute_or("MaxInstances", 1, high=_SLOTS_MAX)
+    if len(found) > most:
+        slots.note(f"there are {len(found)} slots, but MaxSlotCount is {most}", "the first count")
     return found[:most]
+
+
+def _idents(element: Element) -> Iterator[int]:
+    """The idents of the modules that a slot may have."""
+    for item in element.all("ModuleIdent"):
+        with item.instead():
+            yield item.number()
 
 
 def _all(element: Element, tag: str, inner: str) -> Iterable[Element]:
@@ -243,55 +350,147 @@ def read_pdos(
 ) -> list[EsiPdo]:
     """Reads PDOs of a device, or those of a module in a slot.
 
+    A malformed PDO is left out. If others follow it in its sync manager, these would be read in the
+    wrong place, which goes to `device.misplaced`.
+
     Args:
         elements: `<RxPdo>` or `<TxPdo>`.
-        device: The device.
+        device: The device; its findings take what is left out.
         shift: How far the slot moves their indices.
-
-    Raises:
-        ConfigError: An element is malformed; the message begins with file and line.
     """
     result: dict[int, EsiPdo] = {}
+    lost: dict[int, str] = {}  # by sync manager, why the place of what follows is not known
     for element in elements:
-        index = shift.index(element.need("Index"))
-        manager = element.attribute("Sm", UNASSIGNED, high=0xFF)
-        if manager != UNASSIGNED and manager >= len(device.sync_managers):
-            element.fail(
-                f"Sm of <{element.tag}> is {manager}, but there are "
-                f"{len(device.sync_managers)} sync managers"
+        manager = _place(element, device)
+        try:
+            pdo = _pdo(element, manager, shift)
+        except MalformedError as error:
+            device.findings.add(error.path, error.line, error.text, "this PDO is left out")
+            lost.setdefault(manager, str(error))
+            continue
+        if manager in lost and manager != UNASSIGNED:
+            device.misplaced.append(
+                f"{lost[manager]}; so nobody knows where PDO 0x{pdo.index:04X} lies, which follows "
+                f"in sync manager {manager}"
             )
-        if index in result:
-            element.fail(f"<{element.tag}> 0x{index:04X} is defined a second time")
-        result[index] = EsiPdo(
-            index,
-            element.name(),
-            manager,
-            [read_entry(item, shift) for item in element.all("Entry")],
-            fixed=element.flag("Fixed"),
-            mandatory=element.flag("Mandatory"),
-            excludes=[shift.index(item) for item in element.all("Exclude")],
-        )
+        if _counts(element, pdo, result.get(pdo.index), device):
+            result.pop(pdo.index, None)
+            result[pdo.index] = pdo
     return list(result.values())
 
 
+def _counts(element: Element, pdo: EsiPdo, known: EsiPdo | None, device: EsiDevice) -> bool:
+    """Whether a PDO counts, if there is another one with its index: the one that is assigned."""
+    if known is None:
+        return True
+    label = f"<{element.tag}> 0x{pdo.index:04X} is defined a second time"
+    if known == pdo or pdo.sync_manager == UNASSIGNED:
+        element.note(label, LEFT_OUT)
+        return False
+    if known.sync_manager == UNASSIGNED:
+        element.note(label, "that which has no sync manager is left out")
+        return True
+    device.misplaced.append(f"{element.path}:{element.line}: {label}, with other entries")
+    element.note(f"{label}, with other entries", LEFT_OUT)
+    return False
+
+
+def _place(element: Element, device: EsiDevice) -> int:
+    """The sync manager that has a PDO by default."""
+    count = len(device.sync_managers)
+    effect = "it is not assigned by default"
+    try:
+        manager = element.attribute("Sm", UNASSIGNED, high=0xFF)
+    except MalformedError as error:
+        device.misplaced.append(f"{error}; so nobody knows where this PDO lies")
+        element.note(error.text, effect)
+        return UNASSIGNED
+    if count <= manager != UNASSIGNED:
+        text = f"Sm of <{element.tag}> is {manager}, but there are {count} sync managers"
+        element.note(text, effect)
+        return UNASSIGNED
+    return manager
+
+
+def _pdo(element: Element, manager: int, shift: Shift) -> EsiPdo:
+    template = element.attributes.get("Ref")
+    if template is not None and element.find("Index") is None:
+        element.fail(f"<{element.tag}> refers to '{template}', which is not in this file")
+    index = shift.index(element.need("Index"))
+    excludes = []
+    for item in element.all("Exclude"):
+        with item.instead():
+            excludes.append(shift.index(item))
+    return EsiPdo(
+        index,
+        element.name(),
+        manager,
+        read_entries(element, shift),
+        fixed=element.flag("Fixed"),
+        mandatory=element.flag("Mandatory"),
+        excludes=excludes,
+    )
+
+
+def read_entries(pdo: Element, shift: Shift = UNMOVED) -> list[Entry]:
+    """Reads the entries of a PDO, which ESI and ENI files write alike; arguments as `read_entry`.
+
+    Raises:
+        MalformedError: An entry is malformed; without it, those behind would be elsewhere.
+    """
+    entries = (read_entry(item, shift) for item in pdo.all("Entry"))
+    return [part for entry in entries for part in _parts(entry)]
+
+
+def _parts(entry: Entry) -> list[Entry]:
+    """An entry; nothing if it has no bits, and gaps if it has more than a mapping can say."""
+    if entry.bit_length <= _ENTRY_BITS:
+        return [entry] * (entry.bit_length > 0)
+    whole, rest = divmod(entry.bit_length, _GAP_BITS)
+    sizes = [_GAP_BITS] * whole + [rest] * (rest > 0)
+    return [Entry(0, 0, entry.name, DataType.PADDING, bits) for bits in sizes]
+
+
 def read_entry(element: Element, shift: Shift = UNMOVED) -> Entry:
-    """Reads an <Entry> of a PDO, which ESI and ENI files write alike.
+    """Reads an <Entry> of a PDO.
 
     Args:
         element: The element.
         shift: How far the slot of a module moves it.
 
     Raises:
-        ConfigError: The element is malformed; the message begins with file and line.
+        MalformedError: Its size is not known, or that of a value its address.
     """
     index = shift.index(element.need("Index"))
-    bits = element.number_of("BitLen", low=1, high=0xFF)
+    name, type_name = element.name(), element.text_of("DataType")
+    bits = _bits(element, type_name)
     if index == 0:
-        return Entry(0, 0, element.name(), DataType.PADDING, bits)
-    simple = simple_type(element.text_of("DataType"), bits)
+        return Entry(0, 0, name, DataType.PADDING, bits)
+    if bits == 0:
+        return Entry(index, 0, name, DataType.PADDING, 0)
+    simple = simple_type(type_name, bits)
     kind = simple[0] if simple and simple[1] == bits else type_of_bits(bits)
+    if type_name and simple is None and bits in _NATURAL_BITS:
+        text = f"<DataType> is '{type_name}', which is unknown"
+        element.note(text, f"{type_in_esi(kind)} is used, as it has {bits} bits")
     subindex = element.number_of("SubIndex", 0, high=0xFF)
-    return Entry(index, subindex, element.name(), kind, bits)
+    return Entry(index, subindex, name, kind, bits)
+
+
+def _bits(element: Element, type_name: str) -> int:
+    """The size of an entry; if it is not given, that of its data type."""
+    given = element.find("BitLen")
+    simple = simple_type(type_name, 0)
+    if given is None and simple is not None and simple[1]:
+        element.note("<Entry> has no <BitLen>", f"{simple[1]} bits are used, as {type_name} has")
+        return simple[1]
+    bits = element.number_of("BitLen", high=_MOST_BITS)
+    if bits == 0:
+        element.note("<BitLen> is 0", "this entry is left out")
+    elif bits > _ENTRY_BITS:
+        text = f"<BitLen> is {bits}: an entry has at most {_ENTRY_BITS}"
+        element.note(text, "these bits keep their place, but have no value")
+    return bits
 
 
 def _read_mailbox(element: Element, device: EsiDevice) -> None:
@@ -310,14 +509,17 @@ def _read_mailbox(element: Element, device: EsiDevice) -> None:
 
 
 def read_commands(coe: Element, shift: Shift = UNMOVED) -> list[EsiCommand]:
-    """Reads the start-up commands in a `<CoE>`; arguments and errors as `read_pdos`.
+    """Reads the start-up commands in a `<CoE>`; leaves malformed ones out.
 
     By the schema of ETG.2000, the commands are children of `<CoE>`. Some files have an `<InitCmds>`
     around them, as ENI files do.
     """
     together = coe.find("InitCmds")
-    elements = [*coe.all("InitCmd"), *(together.all("InitCmd") if together else ())]
-    return [_command(element, shift) for element in elements]
+    commands = []
+    for element in (*coe.all("InitCmd"), *(together.all("InitCmd") if together else ())):
+        with element.instead("this start-up command is left out"):
+            commands.append(_command(element, shift))
+    return commands
 
 
 def _command(element: Element, shift: Shift) -> EsiCommand:
@@ -361,28 +563,47 @@ def _read_eeprom(element: Element, device: EsiDevice) -> None:
     eeprom = element.find("Eeprom")
     if eeprom is None:
         return
-    device.eeprom_size = eeprom.number_of("ByteSize", 0, high=0x80000)
-    for tag, most in (("ConfigData", 14), ("BootStrap", 8)):
-        found = eeprom.find(tag)
-        data = found.octets(most + 2)[:most] if found else b""  # some files append the checksum
-        if tag == "ConfigData":
-            device.config_data = data
-        else:
-            device.bootstrap = data
+    device.eeprom_size = eeprom.number_or("ByteSize", 0, high=0x80000)
+    device.config_data = _octets(eeprom, "ConfigData", 14)
+    device.bootstrap = _octets(eeprom, "BootStrap", 8)
     for item in eeprom.all("Category"):
-        octets = item.find("Data")
-        content = octets.octets(0x10000) if octets else item.text_of("DataString").encode()
-        device.categories.append((item.number_of("CatNo", high=0xFFFE), content))
+        with item.instead("this category is left out"):
+            number = item.number_of("CatNo", high=0xFFFE)
+            if number in _OWN_CATEGORIES:
+                item.fail(f"category {number} is one that the device itself describes")
+            octets = item.find("Data")
+            content = octets.octets(0x10000) if octets else item.text_of("DataString").encode()
+            device.categories.append((number, content))
+
+
+def _octets(eeprom: Element, tag: str, most: int) -> bytes:
+    """The bytes in a child; what follows the first `most` ones, such as a checksum, is left out."""
+    found = eeprom.find(tag)
+    if found is None:
+        return b""
+    with found.instead():
+        data = found.octets(0x10000)
+        if len(data) > most + 2:
+            found.note(f"<{tag}> has {len(data)} bytes", f"the first {most} are used")
+        return data[:most]
+    return b""
 
 
 def _read_profile(element: Element, device: EsiDevice) -> None:
+    objects: dict[int, EsiObject] = {}
     for profile in element.all("Profile"):
         messages = profile.find("DiagMessages")
         for message in messages.all("DiagMessage") if messages else ():
-            number = message.number_of("TextId", high=0xFFFF)
-            device.diagnosis_texts[number] = message.name("MessageText")
+            with message.instead():
+                number = message.number_of("TextId", high=0xFFFF)
+                device.diagnosis_texts[number] = message.name("MessageText")
         dictionary = profile.find("Dictionary")
-        if dictionary is not None:
-            device.objects = read_dictionary(dictionary)
-            return
+        for item in read_dictionary(dictionary) if dictionary else ():
+            objects.setdefault(item.index, item)  # that of the first profile counts
         device.dictionary_file = device.dictionary_file or profile.text_of("DictionaryFile")
+    device.objects = [objects[index] for index in sorted(objects)]
+    if device.objects:
+        device.dictionary_file = ""
+    elif device.dictionary_file:
+        text = f"the object dictionary is in another file, '{device.dictionary_file}'"
+        element.note(text, "it is not read")

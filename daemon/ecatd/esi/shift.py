@@ -25,7 +25,7 @@ class Shift:
         """The index in an element, moved if it depends on the slot.
 
         Raises:
-            ConfigError: It is not an index, or beyond 0xFFFF.
+            MalformedError: It is not an index, or beyond 0xFFFF.
         """
         index = element.number(high=0xFFFF)
         if not index or not element.flag("DependOnSlot"):

@@ -1,24 +1,33 @@
 """Reads XML from untrusted sources, and keeps the line of each element.
 
-A document type (<!DOCTYPE>) is refused: ESI and ENI files need none, and it could define entities
-that expand without end or read other files. Size, depth and number of elements are limited.
+What a file has beyond the limits (size, depth, number of elements) is refused, and so is a document
+type with definitions (<!DOCTYPE x [...]>): ESI and ENI files need none, and it could define
+entities that expand without end or read other files. `xml_text` decodes the bytes of a file, and
+`findings` takes what is wrong in it and can be left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
 from xml.parsers import expat
 
 from ecatd.model.errors import ConfigError
+from ecatd.model.text_file import check_regular
+
+from .findings import Findings, MalformedError
+from .xml_text import XmlText
 
 MAX_BYTES = 128 << 20
 _MAX_DEPTH = 64
 _MAX_ELEMENTS = 2_000_000
-_CHUNK = 1 << 16
 _DAMAGED = "the file may be damaged: get it again, or leave it out"
+_YES, _NO = ("1", "true", "yes", "on"), ("", "0", "false", "no", "off")
+_U32 = 0xFFFF_FFFF
+LEFT_OUT = "it is left out"
 
 
 @dataclass(slots=True)
@@ -29,6 +38,7 @@ class Element:
         tag: Name without a namespace prefix.
         path: The file, for messages.
         line: Line of its start tag.
+        findings: Takes what is wrong in the file and does not keep the rest from being used.
         attributes: Attributes.
         text: Text directly in the element, without surrounding white space.
         children: Elements directly in the element.
@@ -37,17 +47,40 @@ class Element:
     tag: str
     path: str
     line: int
+    findings: Findings
     attributes: dict[str, str] = field(default_factory=dict)
     text: str = ""
     children: list[Element] = field(default_factory=list)
 
     def fail(self, text: str) -> NoReturn:
-        """Refuses the file because of this element.
+        """Says that this element is malformed.
 
         Raises:
-            ConfigError: Always; the message begins with file and line.
+            MalformedError: Always; the message begins with file and line.
         """
-        raise ConfigError(f"{self.path}:{self.line}: {text}")
+        raise MalformedError(self.path, self.line, text)
+
+    def note(self, text: str, effect: str) -> None:
+        """Says what is wrong with this element, and how it is used all the same."""
+        self.findings.add(self.path, self.line, text, effect)
+
+    @contextmanager
+    def instead(self, effect: str = LEFT_OUT) -> Iterator[None]:
+        """Ends the body at the first malformed element in it, and notes this with the effect."""
+        try:
+            yield
+        except MalformedError as error:
+            if self.findings.strict:
+                raise
+            self.findings.add(error.path, error.line, error.text, effect)
+
+    def is_like(self, other: Element) -> bool:
+        """Whether another element says the same, in another line."""
+        return self is other or (
+            (self.tag, self.attributes, self.text) == (other.tag, other.attributes, other.text)
+            and len(self.children) == len(other.children)
+            and all(map(Element.is_like, self.children, other.children))
+        )
 
     def all(self, tag: str) -> Iterator[Element]:
         """Returns the children with this name."""
@@ -64,7 +97,7 @@ class Element:
         """Returns the first child with this name.
 
         Raises:
-            ConfigError: There is no such child.
+            MalformedError: There is no such child.
         """
         child = self.find(tag)
         return child if child else self.fail(f"<{self.tag}> has no <{tag}>")
@@ -84,7 +117,7 @@ class Element:
         """The text as a number: decimal, or hexadecimal after #x or 0x.
 
         Raises:
-            ConfigError: The text is no number, or out of range.
+            MalformedError: The text is no number, or out of range.
         """
         return self._number(self.text, f"<{self.tag}>", low, high)
 
@@ -94,7 +127,7 @@ class Element:
         """The number in a child; `default` if there is no such child, or it is empty.
 
         Raises:
-            ConfigError: The text is no number or out of range, or the child is missing and there
+            MalformedError: The text is no number or out of range, or the child is missing and there
                 is no default.
         """
         child = self.need(tag) if default is None else self.find(tag)
@@ -102,31 +135,35 @@ class Element:
             return 0 if default is None else default
         return child.number(low, high)
 
+    def number_or(self, tag: str, default: int, low: int = 0, high: int = 0xFFFFFFFF) -> int:
+        """As `number_of`, but a malformed number is noted, and the default is used."""
+        with self.instead(f"{default} is used"):
+            return self.number_of(tag, default, low, high)
+        return default
+
     def attribute(self, name: str, default: int = 0, low: int = 0, high: int = 0xFFFFFFFF) -> int:
         """The number in an attribute; `default` if there is no such attribute, or it is empty.
 
         Raises:
-            ConfigError: The attribute is no number, or out of range.
+            MalformedError: The attribute is no number, or out of range.
         """
         text = self.attributes.get(name, "").strip()
         if not text:
             return default
         return self._number(text, f"{name} of <{self.tag}>", low, high)
 
-    def flag(self, name: str) -> bool:
-        """A boolean attribute; false if it is missing.
+    def attribute_or(self, name: str, default: int, low: int = 0, high: int = 0xFFFFFFFF) -> int:
+        """As `attribute`, but a malformed number is noted, and the default is used."""
+        with self.instead(f"{default} is used"):
+            return self.attribute(name, default, low, high)
+        return default
 
-        Raises:
-            ConfigError: The attribute is none of true, false, 1 and 0.
-        """
+    def flag(self, name: str) -> bool:
+        """A boolean attribute; false if it is missing, or if it is none, which is noted."""
         return self._flag(self.attributes.get(name, ""), f"{name} of <{self.tag}>")
 
     def flag_of(self, tag: str) -> bool:
-        """The boolean in a child; false if there is no such child, or it is empty.
-
-        Raises:
-            ConfigError: The text is none of true, false, 1 and 0.
-        """
+        """The boolean in a child; false if there is no such child, or it is no boolean."""
         child = self.find(tag)
         return child is not None and child._flag(child.text, f"<{tag}>")
 
@@ -134,10 +171,11 @@ class Element:
         """The text as hexadecimal bytes.
 
         Raises:
-            ConfigError: The text is not hexadecimal, or has more than `most` bytes.
+            MalformedError: The text is not hexadecimal, or has more than `most` bytes.
         """
+        digits = self.text.removeprefix("#x").removeprefix("0x").replace(",", " ")
         try:
-            data = bytes.fromhex(self.text)
+            data = bytes.fromhex(digits)
         except ValueError:
             text = _short(self.text)
             self.fail(f"<{self.tag}> is '{text}': pairs of hexadecimal digits are allowed")
@@ -147,9 +185,11 @@ class Element:
 
     def _flag(self, text: str, what: str) -> bool:
         word = text.strip().lower()
-        if word not in ("", "0", "1", "true", "false"):
-            self.fail(f"{what} is '{_short(word)}': true, false, 1 and 0 are allowed")
-        return word in ("1", "true")
+        if word not in _YES + _NO:
+            self.note(
+                f"{what} is '{_short(word)}': true, false, 1 and 0 are allowed", "it is false"
+            )
+        return word in _YES
 
     def _number(self, text: str, what: str, low: int, high: int) -> int:
         digits = text.strip().lower()
@@ -163,6 +203,8 @@ class Element:
         except ValueError:
             self.fail(f"{what} is '{_short(text)}': a number such as 10 or #x0A is allowed")
         value = -value if negative else value
+        if (low, high) == (0, _U32) and -(1 << 31) <= value < 0:
+            value += 1 << 32  # some tools write large numbers of 32 bits as negative ones
         if not low <= value <= high:
             self.fail(f"{what} is {text}: {low} to {high} are allowed")
         return value
@@ -172,22 +214,25 @@ def _short(text: str) -> str:
     return text if len(text) <= 40 else text[:37] + "..."
 
 
-def read_xml(path: Path, wanted: Callable[[Element, int], bool]) -> Element:
+def read_xml(
+    path: Path, wanted: Callable[[Element, int], bool], findings: Findings | None = None
+) -> Element:
     """Reads an XML file.
 
     Args:
         path: The file.
         wanted: Called with each new element and its depth (0 for the root); returns false if the
             element and everything in it is to be left out.
+        findings: Takes what is wrong with the file as a whole; also those of the elements.
 
     Raises:
         ConfigError: The file cannot be read, is not well-formed or is beyond the limits.
     """
+    findings = Findings() if findings is None else findings
     try:
-        if path.stat().st_size > MAX_BYTES:
+        if check_regular(path) > MAX_BYTES:
             raise ConfigError(f"{path}: the file has more than {MAX_BYTES >> 20} MiB")
-        with path.open("rb") as file:
-            return _Builder(str(path), wanted).read(iter(lambda: file.read(_CHUNK), b""))
+        return _Builder(path, wanted, findings).read()
     except OSError as error:
         raise ConfigError(f"cannot read '{path}': {error.strerror}") from error
 
@@ -195,39 +240,55 @@ def read_xml(path: Path, wanted: Callable[[Element, int], bool]) -> Element:
 class _Builder:
     """Builds the tree of elements while expat parses the file."""
 
-    def __init__(self, path: str, wanted: Callable[[Element, int], bool]) -> None:
-        self._path, self._wanted = path, wanted
+    def __init__(
+        self, path: Path, wanted: Callable[[Element, int], bool], findings: Findings
+    ) -> None:
+        self._path, self._wanted, self._findings = str(path), wanted, findings
+        self._text_of_file = XmlText(path, self._tell)
         self._stack: list[Element] = []
         self._texts: list[list[str]] = []
         self._skipped = 0  # depth within an element that is left out
         self._count = 0
         self._root: Element | None = None
-        self._parser = expat.ParserCreate()
+        self._parser = expat.ParserCreate("utf-8")
         self._parser.buffer_text = True
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = self._end
         self._parser.CharacterDataHandler = self._text
         self._parser.StartDoctypeDeclHandler = self._doctype
+        self._parser.SkippedEntityHandler = self._entity
 
-    def read(self, chunks: Iterator[bytes]) -> Element:
+    def read(self) -> Element:
         try:
-            for chunk in chunks:
+            for chunk in self._text_of_file.chunks():
                 self._parser.Parse(chunk, False)
             self._parser.Parse(b"", True)
         except expat.ExpatError as error:
-            text = f"this is no XML: {expat.ErrorString(error.code)}; {_DAMAGED}"
-            raise ConfigError(f"{self._path}:{error.lineno}: {text}") from None
-        except (LookupError, ValueError) as error:  # errors of the encoding
-            self._fail(f"this is no XML: {error}; {_DAMAGED}")
+            line = error.lineno + self._text_of_file.first_line
+            if self._root is None or self._stack:
+                text = f"this is no XML: {expat.ErrorString(error.code)}; {_DAMAGED}"
+                raise MalformedError(self._path, line, text) from None
+            self._tell(line, f"something follows the end of <{self._root.tag}>", LEFT_OUT)
         assert self._root is not None
         return self._root
 
-    def _fail(self, text: str) -> NoReturn:
-        raise ConfigError(f"{self._path}:{self._parser.CurrentLineNumber}: {text}")
+    @property
+    def _line(self) -> int:
+        return self._parser.CurrentLineNumber + self._text_of_file.first_line
 
-    def _doctype(self, *arguments: object) -> None:
-        del arguments
-        self._fail("a document type (<!DOCTYPE>) is not allowed: ESI and ENI files have none")
+    def _tell(self, line: int, text: str, effect: str) -> None:
+        self._findings.add(self._path, line, text, effect)
+
+    def _fail(self, text: str) -> NoReturn:
+        raise MalformedError(self._path, self._line, text)
+
+    def _doctype(self, _name: str, _system: object, _public: object, definitions: bool) -> None:
+        if definitions:
+            self._fail("definitions in <!DOCTYPE> are not allowed: ESI and ENI files have none")
+
+    def _entity(self, name: str, parameter: bool) -> None:
+        if not parameter:
+            self._tell(self._line, f"&{name}; is not known", LEFT_OUT)
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         self._count += 1
@@ -239,9 +300,8 @@ class _Builder:
         if self._skipped:
             self._skipped += 1
             return
-        element = Element(
-            tag.rpartition(":")[2], self._path, self._parser.CurrentLineNumber, attributes
-        )
+        name = tag.rpartition(":")[2]
+        element = Element(name, self._path, self._line, self._findings, attributes)
         if not self._wanted(element, depth):
             self._skipped = 1
             return

@@ -12,6 +12,7 @@ import struct
 from enum import IntEnum
 
 from .errors import UsageError
+from .wire_text import decode_text, encode_text
 
 _SHOWN = 40
 
@@ -214,7 +215,7 @@ def encode(data_type: DataType, text: str) -> bytes:
         UsageError: The text is not a value of the type, or out of its range.
     """
     if data_type == DataType.VISIBLE_STRING:
-        return text.encode("latin-1", "replace")
+        return encode_text(text)
     if data_type == DataType.UNICODE_STRING:
         return text.encode("utf-16-le")
     if data_type == DataType.OCTET_STRING:
@@ -289,7 +290,7 @@ def decode(data_type: int, data: bytes) -> int | float | bool | str:
         UsageError: The data is too short or too long for the type.
     """
     if data_type == DataType.VISIBLE_STRING:
-        return data.split(b"\0", 1)[0].decode("latin-1")
+        return decode_text(data)
     if data_type == DataType.UNICODE_STRING:
         return data.decode("utf-16-le", "replace").split("\0", 1)[0]
     bits = bit_length(data_type)

@@ -10,6 +10,7 @@ from enum import IntFlag
 from typing import Any
 
 from .errors import StateError, UsageError
+from .wire_text import decode_text, encode_text
 
 _IDN = re.compile(r"([SP])-([0-7])-(\d{1,4})", re.IGNORECASE)
 _OWN, _SET, _BLOCK = 0x8000, 12, 0x0FFF
@@ -121,7 +122,7 @@ class Attribute:
         """The value: a number, a text, or a list. Data that do not fit give their bytes in hex."""
         kind = self.raw >> _KIND & 7
         if kind == _TEXT and self.is_list:
-            return data.split(b"\0", 1)[0].decode("latin-1")
+            return decode_text(data)
         if not self.size or len(data) % self.size or (not self.is_list and len(data) != self.size):
             return data.hex(" ")
         found = [self._number(kind, part) for part in _parts(data, self.size)]
@@ -146,10 +147,7 @@ class Attribute:
         """
         kind = self.raw >> _KIND & 7
         if kind == _TEXT and self.is_list:
-            try:
-                return text.encode("latin-1")
-            except UnicodeEncodeError:
-                raise UsageError(f"'{text}' has letters that are not in Latin-1") from None
+            return encode_text(text)
         if not self.size:
             raise UsageError("the drive does not say what kind of value this IDN has: write hex:…")
         items = [item.strip() for item in text.split(",")] if self.is_list else [text]
@@ -250,5 +248,5 @@ def _parts(data: bytes, size: int) -> Iterator[bytes]:
 
 
 def _plain(text: bytes) -> str:
-    letters = text.split(b"\0", 1)[0].decode("latin-1")
+    letters = decode_text(text)
     return "".join(letter if letter.isprintable() else "?" for letter in letters)

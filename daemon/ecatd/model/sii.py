@@ -28,6 +28,7 @@ UNPROGRAMMED = 0xFFFF
 """A word of an EEPROM that was never written."""
 
 _COMPLETE_ACCESS = 0x20  # bit of the CoE details
+_IN_USE = 0x0D  # enabled, virtual, or enabled in OP: bits of the enable byte of a sync manager
 _VIRTUAL = 0x04  # bit of the enable byte of a sync manager
 _DIGITAL_OUTPUTS = (0x0F00, 0x0F04)
 _RAM = (0x1000, 0x10000)
@@ -90,6 +91,11 @@ class SiiSyncManager:
         The memory may be registers, which a sync manager cannot guard.
         """
         return bool(self.enable & _VIRTUAL)
+
+    @property
+    def is_placeholder(self) -> bool:
+        """Whether it is switched off and nowhere in memory: it only keeps a number."""
+        return not self.enable & _IN_USE and not self.holds(self.length)
 
     def holds(self, size: int) -> bool:
         """Whether `size` bytes from its start address on can be process data."""
@@ -253,7 +259,7 @@ class Sii:
         Args:
             usage: `USAGE_OUTPUTS` or `USAGE_INPUTS`.
         """
-        usages = [item.usage for item in self.sync_managers]
+        usages = [item.usage * (not item.is_placeholder) for item in self.sync_managers]
         found = [number for number, known in enumerate(usages) if known == usage]
         usual = 2 if usage == USAGE_OUTPUTS else 3
         free = usual >= len(usages) or usages[usual] == 0

@@ -83,11 +83,11 @@ class CategoryReader:
         if len(self.sii.problems) < _PROBLEMS_MAX:
             self.sii.problems.append(SiiProblem(byte, text, effect, damage))
 
-    def walk(self, found: dict[int, tuple[int, bytes]], present: set[int]) -> None:
+    def walk(self, found: dict[int, list[tuple[int, bytes]]], present: set[int]) -> None:
         """Walks along the categories, up to their end or to a mistake in their chain.
 
         Args:
-            found: Takes the wanted categories: by type, the byte offset of the data, and the data.
+            found: Takes the wanted categories: by type, byte offset and data of each of this type.
             present: Takes the types of all categories.
 
         Raises:
@@ -125,10 +125,8 @@ class CategoryReader:
                     2 * at, f"category {kind} at word 0x{at:04X} is unknown", "it is left out"
                 )
             self.begin_category(at, kind, length)
-            if kind in found:
-                self.note(2 * at, f"category {kind} occurs a second time", "only the first counts")
-            elif kind in self.wanted:
-                found[kind] = 2 * at + 4, self._words(at + 2, length)
+            if kind in self.wanted:
+                found.setdefault(kind, []).append((2 * at + 4, self._words(at + 2, length)))
             present.add(kind)
             at += 2 + length
         self.stop(2 * at, f"more than {_CATEGORIES_MAX} categories", "the rest is not read")

@@ -64,6 +64,7 @@ class _ImageReader(SiiReader):
             lambda word, count: image[2 * word : 2 * (word + count)].ljust(2 * count, b"\xff")
         )
         self._image = image
+        self._told: set[str] = set()  # PDOs whose entries have been noted
         if len(image) % 2 or len(image) > MAX_IMAGE:
             self.note(
                 len(image),
@@ -145,11 +146,13 @@ class _ImageReader(SiiReader):
                 f"sync manager {number} has the usage {manager.usage}: 0 to 4 are allowed",
                 damage=False,
             )
-        elif manager.usage and not manager.holds(manager.length):
+        elif manager.usage and not manager.is_placeholder and not manager.holds(manager.length):
             self.note(
                 at,
                 f"sync manager {number} takes {manager.length} bytes from 0x{manager.start:04X}: "
                 "memory is from 0x1000 to 0xFFFF, and digital outputs from 0x0F00 to 0x0F03",
+                "no PDO can lie in it",
+                damage=False,  # if one does, this is noted, too
             )
 
     def check_pdo(self, at: int, index: int, usage: int, label: str) -> None:
@@ -162,5 +165,8 @@ class _ImageReader(SiiReader):
     def check_entry(self, at: int, entry: Entry, label: str) -> None:
         """Notes an entry that maps an object that describes process data."""
         if is_description(entry.index):
-            text = f"{label}: entry {entry.address} describes process data"
-            self.note(at, f"{text} and should not be part of it", damage=False)
+            if label in self._told:
+                return
+            self._told.add(label)
+            text = f"{label}: entry {entry.address} has the index of a PDO"
+            self.note(at, text, "it is used as it is, and so are others there", damage=False)

@@ -31,17 +31,19 @@ from .sii import (
 )
 from .sii_categories import FIRST_CATEGORY, CategoryReader, Stop, Words
 from .sii_placement import Placement
+from .wire_text import decode_text
 
 PDO_INDICES = (0x1600, 0x1BFF)
 """First and last index that a PDO of either direction can have (ETG.1000.6)."""
 
 _MAILBOX, _PROTOCOLS = 0x18, 0x1C  # words
 _PROTOCOL_COE = 0x04
-_SYNC_MANAGER_BYTES, _PDO_BYTES, _DC_BYTES = 8, 8, 24
+_GENERAL_BYTES, _SYNC_MANAGER_BYTES, _PDO_BYTES, _DC_BYTES = 12, 8, 8, 24
 _BLANK_VENDOR = 0xFFFF_FFFF
 _PADDING = 0xFF
 _FIXED = 0x10  # flag of a PDO
 _SYNC_MANAGERS_MAX = 16
+_JOINED = {CATEGORY_TXPDO, CATEGORY_RXPDO}
 
 
 def read_sii(words: Words) -> Sii:
@@ -94,12 +96,12 @@ class SiiReader(CategoryReader):
             (CATEGORY_RXPDO, self._outputs),
             (CATEGORY_DC, self._dc),
         ):
-            if kind in categories:
+            for at, data in self._once(kind, categories.get(kind, [])):
                 with suppress(Stop):
-                    decode(*categories[kind])
+                    decode(at, data)
         self.compare_mailboxes()
         if CATEGORY_SYNC_MANAGER in categories and not self.sii.mailbox_protocols:
-            self._check_use(categories[CATEGORY_SYNC_MANAGER][0])
+            self._check_use(categories[CATEGORY_SYNC_MANAGER][0][0])
         return self.sii
 
     def compare_mailboxes(self) -> None:
@@ -138,13 +140,36 @@ class SiiReader(CategoryReader):
             )
             sii.mailbox_protocols = _PROTOCOL_COE
 
+    def _once(self, kind: int, found: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
+        """The categories of a type that count; notes the others.
+
+        PDOs of all categories count, as some tools write one category for each PDO. Of others the
+        first counts. Only in sync managers could another one mean other process data.
+        """
+        if kind in _JOINED:
+            return found
+        if kind == CATEGORY_GENERAL:  # the first that can be read
+            found = sorted(found, key=lambda item: len(item[1]) < _GENERAL_BYTES)
+        for at, data in found[1:]:
+            same = data == found[0][1]
+            self.note(
+                at - 4,
+                f"category {kind} occurs a second time{', as it was' if same else ''}",
+                "this one is left out",
+                damage=kind == CATEGORY_SYNC_MANAGER and not same,
+            )
+        return found[:1]
+
     def _check_use(self, at: int) -> None:
         """Notes process-data sync managers without PDOs, for a slave without a mailbox.
 
         A slave with a mailbox can describe further PDOs over CoE.
         """
         used = {pdo.sync_manager for pdo in (*self.sii.outputs, *self.sii.inputs)}
+        none = not used - {UNASSIGNED}
         for number, manager in enumerate(self.sii.sync_managers):
+            if manager.is_placeholder:
+                continue
             if manager.usage in (USAGE_OUTPUTS, USAGE_INPUTS) and number not in used:
                 data = "outputs" if manager.usage == USAGE_OUTPUTS else "inputs"
                 self.note(
@@ -152,6 +177,7 @@ class SiiReader(CategoryReader):
                     f"sync manager {number} is for {data}, but no PDO lies in it, and there is no "
                     "mailbox that could describe more PDOs",
                     "it is not used",
+                    damage=none,
                 )
 
     def header(self) -> None:
@@ -167,9 +193,9 @@ class SiiReader(CategoryReader):
 
     # --- the chain of categories ---------------------------------------------------------------
 
-    def _categories(self) -> dict[int, tuple[int, bytes]]:
-        """Reads the wanted categories: by type, the byte offset of the data, and the data."""
-        found: dict[int, tuple[int, bytes]] = {}
+    def _categories(self) -> dict[int, list[tuple[int, bytes]]]:
+        """Reads the wanted categories: by type, byte offset and data of each of this type."""
+        found: dict[int, list[tuple[int, bytes]]] = {}
         present: set[int] = set()
         with suppress(Stop):
             self.walk(found, present)
@@ -232,7 +258,7 @@ class SiiReader(CategoryReader):
 
     def general(self, at: int, data: bytes) -> None:
         """Decodes category 30."""
-        if len(data) < 12:
+        if len(data) < _GENERAL_BYTES:
             text = f"category 30 has {len(data)} bytes, less than the 12 that matter"
             self.stop(at, text, "it is left out")
         sii = self.sii
@@ -358,9 +384,4 @@ class SiiReader(CategoryReader):
 
 
 def _decode(text: bytes) -> str:
-    """Decodes a string as UTF-8 or Latin-1; the standard has VISIBLE_STRING, vendors write both."""
-    try:
-        decoded = text.decode("utf-8")
-    except UnicodeDecodeError:
-        decoded = text.decode("latin-1")
-    return "".join(c if c.isprintable() else " " for c in decoded.split("\0", 1)[0]).strip()
+    return "".join(c if c.isprintable() else " " for c in decode_text(text)).strip()

@@ -12,6 +12,7 @@ from ..rigs import library as rigs
 from ..simulation import Simulation
 from ..slave.sync_managers import default_size
 from .options import Parser
+from .remarks import add_strict, tell
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +37,13 @@ def add_arguments(parser: Parser, command: str) -> None:
     parser.description = "Checks whether `ecatsim run` can simulate a rig, and lists its slaves."
     parser.add_argument("rig", metavar="RIG", help="name (see `ecatsim rigs`) or file")
     parser.add_argument("--json", action="store_true", help="print JSON for programs")
+    add_strict(parser)
     parser.set_defaults(execute=_check)
 
 
 def _check(options: argparse.Namespace) -> int:
     rig = rigs.make(options.rig)
+    tell(rig, options.rig, strict=options.strict)
     try:
         Simulation(rig).close()
     except EcatError as error:
@@ -64,6 +67,7 @@ def _check(options: argparse.Namespace) -> int:
         slaves = [asdict(row) for row in rows]
         ring = links.ring_end and {"slave": links.ring_end[0], "port": links.ring_end[1]}
         facts = {"schema": 1, "rig": rig.name, "ring": ring, "slaves": slaves}
+        facts["warnings"] = rig.remarks
         print(json_text(facts, indent=2))
         return 0
     end = ", a ring that ends at slave {} port {}".format(*links.ring_end) if links.ring_end else ""

@@ -24,6 +24,7 @@ from ..rig import Rig
 from ..rigs import library as rigs
 from ..simulation import STEP_TIMES_US, Simulation
 from .options import Parser
+from .remarks import add_strict, tell
 
 SIMULATOR_END = "ecat-sim"
 MASTER_END = "ecat-master"
@@ -74,6 +75,7 @@ def add_arguments(parser: Parser, command: str) -> None:
     parser.add_argument(
         "--die-with-parent", action="store_true", help="end when the calling process ends"
     )
+    add_strict(parser)
     parser.add_argument(
         "child", metavar="-- COMMAND", nargs="*", default=[], help="command to run beside it"
     )
@@ -106,6 +108,7 @@ class _Runner:
         if not arguments.child:  # a command may need them
             drop_rights(OF_A_SEGMENT)  # before the files of the rig are read: they may be programs
         rig = rigs.make(arguments.rig)
+        tell(rig, arguments.rig, strict=arguments.strict)
         rig.ring = rig.ring or arguments.ring or arguments.second is not None
         if arguments.replay is not None:
             Replay(arguments.replay, rig, repeat=arguments.repeat)

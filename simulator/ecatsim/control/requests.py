@@ -151,7 +151,8 @@ class Set(Request):
     def answer(self, session: Session) -> dict[str, Any]:
         """Returns an empty result."""
         entry = _entry(session.simulation, self.slave, self.object)
-        if is_description(entry.index):
+        objects = session.simulation.rig.devices[self.slave].dictionary
+        if is_description(entry.index) and entry is not objects.beside(entry.index, entry.subindex):
             raise UsageError(
                 f"0x{entry.index:04X} describes the process data: only a master can change it"
             )
@@ -240,7 +241,8 @@ def _entry(simulation: Simulation, position: int, text: str) -> Variable:
     index, subindex = address or (parse_number(text, "index", INDEX_MOST), 0)
     device = simulation.rig.devices[position]
     try:
-        return device.dictionary.entry(index, subindex)
+        objects = device.dictionary
+        return objects.beside(index, subindex) or objects.entry(index, subindex)
     except SdoAbortError as error:
         what = "object" if error.code == abort_codes.NO_OBJECT else "entry"
         raise StateError(

@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.intel_hex import image_bytes
 from ecatd.model.sii_check import MAX_IMAGE
 
 from ..slave.device import Device
 
-_IMAGES = (".bin", ".sii", ".eeprom")
+_IMAGES = (".bin", ".sii", ".eeprom", ".hex")
 
 
 def absolute(device: str, folder: Path) -> str:
@@ -61,7 +62,7 @@ def read_image(path: Path) -> bytes:
         if not path.is_file():
             raise UsageError(f"there is no file '{path}'")
         with path.open("rb") as file:
-            image = file.read(MAX_IMAGE + 1)
+            image = image_bytes(file.read(4 * MAX_IMAGE), str(path))
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise UsageError(f"'{path}' cannot be read: {reason}") from error

@@ -14,7 +14,7 @@ from ..slave.device import Device
 from ..slave.sii import DcMode, FmmuType, Mailbox, SmType, SyncManager
 from ..slave.soe import Idn
 from . import sources
-from .device_objects import INPUTS, OUTPUTS, read_latin1
+from .device_objects import INPUTS, OUTPUTS, read_text
 
 T = TypeVar("T")
 Bounds = dict[str, tuple[int, int]]
@@ -80,8 +80,8 @@ _SYNC_MANAGER: Rules = {
     "enable": integer(0, _U8),
 }
 _DC_MODE: Rules = {
-    "name": read_latin1,
-    "description": read_latin1,
+    "name": read_text,
+    "description": read_text,
     "assign_activate": integer(0, _U16),
     "sync0_cycle_ns": integer(0, _U32),
     "sync0_factor": integer(-32768, 32767),
@@ -132,7 +132,7 @@ def read(table: Table, known: dict[str, Any]) -> None:
 
 def _scalar(table: Table, key: str, kind: str) -> int | float | str | bool:
     if kind == "str":
-        return read_latin1(table, key)
+        return read_text(table, key)
     if kind == "bool":
         return table.boolean(key)
     if kind == "float":
@@ -285,10 +285,10 @@ def _octets(table: Table, key: Key) -> bytes:
 _IDN: Rules = {
     "idn": _idn_number,
     "drive": integer(0, 7),
-    "name": read_latin1,
+    "name": read_text,
     "attribute": integer(0, _U32),
     "value": _octets,
-    "unit": read_latin1,
+    "unit": read_text,
     "minimum": integer(-(1 << 63), (1 << 63) - 1),
     "maximum": integer(-(1 << 63), (1 << 63) - 1),
 }

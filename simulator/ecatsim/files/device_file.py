@@ -53,7 +53,7 @@ def read(table: Table, name: str) -> Device:
     Raises:
         ConfigError: As for `load`.
     """
-    strict = table.boolean("strict", True)
+    strict = table.boolean("strict", False) if "strict" in table else None
     if "strict" in table and "sii" not in table:
         table.fail(
             "strict", "belongs beside `sii`: it says whether an image with mistakes is refused"
@@ -141,6 +141,7 @@ class _Reader:
         if table.boolean("complete_dictionary", False):
             device.keep({(index, sub) for index, subs in self._listed.items() for sub in subs})
         device.loops = self._loops(device, pdos)
+        device.remarks = self._base.remarks if self._base else []
         return device
 
     def _make(self) -> DescribedDevice:
@@ -157,7 +158,7 @@ class _Reader:
     def _read_name(self) -> None:
         known = self._attributes
         name = known.get("order") or known.get("name") or self._name
-        known.setdefault("order", device_objects.latin1(self._table, "order", name))
+        known.setdefault("order", device_objects.wire_text(self._table, "order", name))
 
     def _read_pdos(self, rows: list[Table]) -> None:
         pdos: dict[int, Pdo] = {}
@@ -236,8 +237,8 @@ class _Reader:
                 continue
             if source not in outputs:
                 row.fail("loopback", f"is {row.data['loopback']}, which no output PDO has")
-            target = device.dictionary[
+            target = device.dictionary.mapped(
                 row.integer("index", 1, _U16), row.integer("subindex", 0, 255, 0)
-            ]
-            loops.append((device.dictionary[source], target))
+            )
+            loops.append((device.dictionary.mapped(*source), target))
         return loops

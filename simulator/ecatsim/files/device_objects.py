@@ -17,6 +17,7 @@ from ecatd.model.datatypes import (
 from ecatd.model.errors import SdoAbortError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.toml_file import REQUIRED, Key, Table
+from ecatd.model.wire_text import encode_text
 
 from ..slave.objects import Access, Dictionary, ObjectCode, Value, Variable
 from ..slave.sii import UNASSIGNED
@@ -119,24 +120,20 @@ def _read_entry(table: Table, output: bool) -> Entry:
 
 
 def _name(table: Table, default: str) -> str:
-    return latin1(table, "name", table.text("name", default))
+    return wire_text(table, "name", table.text("name", default))
 
 
-def latin1(table: Table, key: Key, text: str) -> str:
-    """Checks that a text of the slave is Latin-1 and has at most 255 bytes; returns it."""
-    try:
-        size = len(text.encode("latin-1"))
-    except UnicodeEncodeError as error:
-        wrong = text[error.start]
-        table.fail(key, f"has the character {wrong!r}, but slaves have Latin-1 texts only")
+def wire_text(table: Table, key: Key, text: str) -> str:
+    """Checks that a text of the slave has at most 255 bytes; returns it."""
+    size = len(encode_text(text))
     if size > 255:
-        table.fail(key, f"has {size} characters, but at most 255 are allowed")
+        table.fail(key, f"has {size} bytes, but at most 255 are allowed")
     return text
 
 
-def read_latin1(table: Table, key: Key) -> str:
-    """Reads a text of the slave, which must be Latin-1."""
-    return latin1(table, key, table.text(key))
+def read_text(table: Table, key: Key) -> str:
+    """Reads a text of the slave."""
+    return wire_text(table, key, table.text(key))
 
 
 # --- object dictionary ---------------------------------------------------------------------------
@@ -195,7 +192,7 @@ def _apply_array(objects: Dictionary, table: Table, index: int) -> set[int]:
     count = len(values.data)
     if count > 254:
         table.fail("values", f"has {count} values, but an array has at most 254")
-    names = table.array("names", read_latin1)
+    names = table.array("names", read_text)
     if names and len(names) != count:
         table.fail("names", f"has {len(names)} names for {count} values")
     names = names or [f"SubIndex {number:03d}" for number in range(1, count + 1)]

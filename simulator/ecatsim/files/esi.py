@@ -13,6 +13,7 @@ from ecatd.esi import (
     EsiEntry,
     EsiObject,
     EsiPdo,
+    Findings,
     choose,
     list_devices,
     module_problems,
@@ -22,7 +23,7 @@ from ecatd.esi import (
 from ecatd.model import abort_codes
 from ecatd.model.datatypes import STRINGS, DataType
 from ecatd.model.errors import ConfigError, SdoAbortError, UsageError
-from ecatd.model.sii import SiiSyncManager
+from ecatd.model.sii import SiiProblem
 from ecatd.model.sii_check import check_sii, is_description
 
 from ..slave import sii
@@ -47,8 +48,10 @@ def device_from_esi(
     product: int | None = None,
     revision: int | None = None,
     modules: Sequence[str | int] = (),
+    *,
+    strict: bool = False,
 ) -> Device:
-    """Makes a device from its description in an ESI file.
+    """Makes a device from its description in an ESI file; `remarks` has what is wrong in it.
 
     Args:
         path: The file.
@@ -57,21 +60,30 @@ def device_from_esi(
         revision: Revision number, or None for any.
         modules: Type or ident of the module in each slot, slot 1 first; "" or 0 for an empty slot.
             Slots after the last one are empty.
+        strict: Whether to refuse a file with mistakes.
 
     Raises:
-        ConfigError: The file cannot be used, or it has no matching device or module, or several.
+        ConfigError: The file cannot be used, or it has no matching device or module, or several; or
+            the device would have its process data in other places than a real one.
     """
     path = Path(path)
     state = _state(path)
-    choices = _devices(path, state)
+    choices, findings = _devices(path, state, strict)
     chosen = choose(choices, path, type=type, product=product, revision=revision)
-    esi = _device(path, state, chosen)
+    esi = _device(path, state, chosen, strict)
     where = f"{path}:{esi.line}"
     try:
         idents = _idents(esi, modules)
         for problem in module_problems(esi, idents):
             raise UsageError(f"{esi.type} {problem}")
-        return DeviceFromEsi(plug(esi, idents), idents)
+        plugged = plug(esi, idents)
+        if plugged.misplaced:
+            raise ConfigError(plugged.misplaced[0])
+        device = DeviceFromEsi(plugged, idents)
+        if strict and device.remarks:
+            raise ConfigError(device.remarks[0])
+        device.remarks = list(dict.fromkeys((*findings.texts, *device.remarks)))
+        return device
     except ConfigError:
         raise
     except UsageError as error:
@@ -111,22 +123,30 @@ def _state(path: Path) -> tuple[int, int]:
 
 # Cached: files can have tens of megabytes, and a rig may have many devices from each.
 @lru_cache(maxsize=16)
-def _devices(path: Path, _state: tuple[int, int]) -> list[EsiChoice]:
-    return list_devices(path)
+def _devices(path: Path, _state: tuple[int, int], strict: bool) -> tuple[list[EsiChoice], Findings]:
+    findings = Findings(strict=strict)
+    return list_devices(path, findings), findings
 
 
 @lru_cache(maxsize=64)
-def _device(path: Path, _state: tuple[int, int], choice: EsiChoice) -> EsiDevice:
-    return read_device(path, choice)
+def _device(path: Path, _state: tuple[int, int], choice: EsiChoice, strict: bool) -> EsiDevice:
+    return read_device(path, choice, Findings(strict=strict))
 
 
-def image_from_esi(esi: EsiDevice) -> bytes:
+def image_from_esi(esi: EsiDevice, tell: Callable[[str], None]) -> bytes:
     """Builds the SII image of a device, as a configuration tool would write it to the EEPROM.
 
+    Args:
+        esi: The device.
+        tell: Called with each contradiction in the description.
+
     Raises:
-        ConfigError: The description contradicts itself.
+        UsageError: The description does not fit into an EEPROM.
     """
-    sync_managers = [_sync_manager(esi, number) for number in range(len(esi.sync_managers))]
+    sync_managers = [
+        sii.SyncManager(sii.SmType(item.usage), item.start, item.size, item.control, item.enable)
+        for item in esi.sync_managers
+    ]
     flags = {
         pdo.index: _FIXED * pdo.fixed | _MANDATORY * pdo.mandatory
         for pdo in (*esi.outputs, *esi.inputs)
@@ -139,7 +159,7 @@ def image_from_esi(esi: EsiDevice) -> bytes:
         name=esi.name,
         group=esi.group,
         group_name=esi.group_name,
-        mailbox=_mailbox(esi),
+        mailbox=_mailbox(esi, tell),
         bootstrap=_bootstrap(esi),
         sync_managers=sync_managers,
         fmmus=[sii.FmmuType(usage) for usage in esi.fmmus],
@@ -165,30 +185,17 @@ def image_from_esi(esi: EsiDevice) -> bytes:
         categories=esi.categories,
         size=max(esi.eeprom_size, _SMALLEST_EEPROM),
     )
-    return sii.build(description)
+    return sii.build(description, tell)
 
 
-def _sync_manager(esi: EsiDevice, number: int) -> sii.SyncManager:
-    item = esi.sync_managers[number]
-    manager = SiiSyncManager(item.start, item.size, item.control, item.enable, item.usage)
-    if item.usage and not manager.holds(item.size):
-        raise ConfigError(
-            f"{esi.path}:{item.line}: sync manager {number} takes {item.size} bytes from "
-            f"0x{item.start:04X}: memory is from 0x1000 to 0xFFFF, and digital outputs from "
-            "0x0F00 to 0x0F03"
-        )
-    return sii.SyncManager(sii.SmType(item.usage), item.start, item.size, item.control, item.enable)
-
-
-def _mailbox(esi: EsiDevice) -> sii.Mailbox | None:
+def _mailbox(esi: EsiDevice, tell: Callable[[str], None]) -> sii.Mailbox | None:
     if not esi.protocols:
         return None
     areas = {item.usage: item for item in esi.sync_managers}
     out, back = areas.get(sii.SmType.MAILBOX_OUT), areas.get(sii.SmType.MAILBOX_IN)
     if out is None or back is None:
-        raise ConfigError(
-            f"{esi.path}:{esi.line}: {esi.type} has a <Mailbox>, but no <Sm> MBoxOut and MBoxIn"
-        )
+        tell(f"{esi.type} has a <Mailbox>, but no <Sm> MBoxOut and MBoxIn; it has no mailbox")
+        return None
     return sii.Mailbox(out.start, out.size, back.start, back.size, esi.protocols, esi.coe_details)
 
 
@@ -197,6 +204,11 @@ def _bootstrap(esi: EsiDevice) -> sii.Mailbox | None:
         return None
     receive, receive_size, send, send_size = struct.unpack("<HHHH", esi.bootstrap)
     return sii.Mailbox(receive, receive_size, send, send_size, esi.protocols, esi.coe_details)
+
+
+def _said(problem: SiiProblem) -> str:
+    """A problem of an image that was made from a file: the place in it does not matter."""
+    return f"{problem.text}{'; ' if problem.effect else ''}{problem.effect}"
 
 
 class DeviceFromEsi(DeviceFromSii):
@@ -212,14 +224,13 @@ class DeviceFromEsi(DeviceFromSii):
         self.modules = modules
         if esi.slots:
             self.module_distance = esi.slots[0].index_step
-        image = image_from_esi(esi)
+        said: list[str] = []
+        image = image_from_esi(esi, said.append)
         content = check_sii(image)
-        if content.damaged:
-            problem = next(problem for problem in content.problems if problem.damage)
-            raise ConfigError(
-                f"{esi.path}:{esi.line}: the SII image of {esi.type} would be wrong: {problem.text}"
-            )
+        said += [f"EEPROM of {esi.type}: {_said(item)}" for item in content.problems]
         super().__init__(image, content)
+        where = f"{esi.path}:{esi.line}"
+        self.remarks = [*esi.findings.texts, *(f"{where}: {text}" for text in said)]
 
     def describe(self) -> None:
         """Adds the object dictionary and the rules for PDO assignment."""

@@ -152,14 +152,17 @@ def _call(path: Path, function: Any, parameters: dict[str, Any], *arguments: obj
 
 
 def _esi_device(table: Table) -> Device:
-    table.only(("esi", "type", "product", "revision", "modules", *_PLACE))
+    table.only(("esi", "type", "product", "revision", "modules", "strict", *_PLACE))
     path = _existing(table, "esi", table.text("esi"))
     product = table.integer("product", 0, _U32, None)
     revision = table.integer("revision", 0, _U32, None)
     kind = table.text("type") if "type" in table else None
     modules = table.array("modules", _module) if "modules" in table else []
     device: Device = table.explain(
-        "esi", lambda: device_from_esi(path, kind, product, revision, modules)
+        "esi",
+        lambda: device_from_esi(
+            path, kind, product, revision, modules, strict=table.boolean("strict", False)
+        ),
     )
     return device
 

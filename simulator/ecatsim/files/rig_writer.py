@@ -18,9 +18,9 @@ from ecatd.model.datatypes import (
     value_range,
 )
 from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
-from ecatd.model.errors import ConfigError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.quoting import printable, toml_string
+from ecatd.model.wire_text import decode_text
 
 from ..capture import CapturedSlave, Upload, topology
 from ..chip import Chip, from_registers
@@ -60,12 +60,8 @@ def rig_text(name: str, slaves: Sequence[CapturedSlave]) -> str:
 def _slave(slave: CapturedSlave) -> Iterator[str]:
     yield from (f"# not captured: {printable(note)}" for note in slave.notes)
     source = f"slave {slave.position}"
-    try:
-        base = device_from_sii(slave.sii, source)
-    except ConfigError as error:
-        yield f"# {printable(str(error))}"
-        yield "strict = false"
-        base = device_from_sii(slave.sii, source, strict=False)
+    base = device_from_sii(slave.sii, source, strict=False)
+    yield from (f"# {printable(text)}" for text in base.remarks)
     encoded = base64.b64encode(slave.sii).decode()
     yield 'sii = """base64:'
     yield from (encoded[i : i + _BASE64_LINE] for i in range(0, len(encoded), _BASE64_LINE))
@@ -206,7 +202,8 @@ def _value(entry: DictionaryEntry, data: bytes) -> str:
     except Exception:  # the length does not fit the type
         return raw
     if kind == DataType.VISIBLE_STRING and 8 * len(data) <= bits:
-        return f"value = {toml_string(data.decode('latin-1'))}"
+        text = decode_text(data)
+        return f"value = {toml_string(text)}" if encode_text(text) == data.rstrip(b"\0") else raw
     if kind == DataType.OCTET_STRING and 8 * len(data) <= bits:
         return f'value = "{data.hex(" ")}"'
     if not same or not bit_length(kind):

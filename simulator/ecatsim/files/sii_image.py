@@ -8,7 +8,8 @@ from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, type_o
 from ecatd.model.errors import ConfigError, UsageError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import Sii, SiiMailbox, SiiSyncManager, in_memory
-from ecatd.model.sii_check import MAILBOX_SIZES, MAX_IMAGE, check_sii, is_description
+from ecatd.model.sii_categories import FIRST_CATEGORY
+from ecatd.model.sii_check import MAILBOX_SIZES, MAX_IMAGE, check_sii
 
 from ..esc import Chip
 from ..slave.device import Device
@@ -64,16 +65,16 @@ class DeviceFromSii(Device):
 
 
 def device_from_sii(
-    image: bytes, source: str, *, strict: bool = True, chip: Chip | None = None
+    image: bytes, source: str, *, strict: bool | None = None, chip: Chip | None = None
 ) -> Device:
-    """Makes a device from an SII image.
+    """Makes a device from an SII image; `remarks` has what is wrong in it.
 
     Args:
         image: The whole EEPROM.
         source: Origin of the image, for messages.
-        strict: Whether to refuse a damaged image. If False, the device leaves out the damaged
-            parts, but the master reads the whole image, which shows how it handles the damage. An
-            image that is only unusual is never refused.
+        strict: Whether to refuse a damaged image. Else the device leaves out the damaged parts, but
+            the master reads the whole image, which shows how it handles the damage. An image that
+            is only unusual is never refused. None refuses one without an identity.
         chip: The slave controller; None chooses the smallest common one that has all it needs.
 
     Raises:
@@ -83,15 +84,16 @@ def device_from_sii(
     if len(image) > MAX_IMAGE:
         raise ConfigError(f"{source}: {len(image)} bytes: an EEPROM has at most 512 KiB")
     sii = check_sii(image)
+    if strict is None and len(image) < 2 * FIRST_CATEGORY:
+        raise ConfigError(f"{source}: {sii.problems[0].where_and_what}")
     if strict and sii.damaged:
         damage = [problem for problem in sii.problems if problem.damage]
         more = f" (and {len(damage) - 1} more)" if len(damage) > 1 else ""
-        raise ConfigError(
-            f"{source}: {damage[0].where_and_what}{more}; with strict = false it is simulated "
-            "all the same"
-        )
+        raise ConfigError(f"{source}: {damage[0].where_and_what}{more}")
     try:
-        return DeviceFromSii(image, sii, chip)
+        device = DeviceFromSii(image, sii, chip)
+        device.remarks = [f"{source}: {problem}" for problem in sii.problems]
+        return device
     except UsageError as error:
         raise ConfigError(f"{source}: {error}") from error
 
@@ -148,7 +150,7 @@ def _pdos(pdos: list[Pdo]) -> tuple[Pdo, ...]:
 
 def _entry(entry: Entry) -> Entry:
     dummy = entry.index <= _LAST_DUMMY and entry.subindex == 0
-    gap = dummy or entry.index == 0 or is_description(entry.index)
+    gap = dummy or entry.index == 0
     return Entry(
         0 if gap else entry.index,
         0 if gap else entry.subindex,

@@ -6,6 +6,7 @@ import base64
 import binascii
 import struct
 
+from ecatd.model.intel_hex import image_bytes
 from ecatd.model.sii_check import MAX_IMAGE, sii_checksum
 from ecatd.model.text_file import check_regular
 from ecatd.model.toml_file import Table
@@ -15,6 +16,7 @@ from .sii_image import device_from_sii
 
 _PREFIX = "base64:"
 _MAX_FILE = 1 << 30
+_MAX_IMAGE_FILE = 4 * MAX_IMAGE  # in Intel HEX, a byte takes about three
 _ALIAS, _CRC, _SERIAL = 8, 14, 28
 
 
@@ -45,7 +47,7 @@ def content(table: Table, key: str, most: int = _MAX_FILE) -> bytes:
         table.fail(key, f"'{path}' cannot be read: {reason}")
 
 
-def sii(table: Table, key: str, *, strict: bool = True) -> Device:
+def sii(table: Table, key: str, *, strict: bool | None = None) -> Device:
     """Makes a device from an SII image.
 
     Args:
@@ -56,9 +58,9 @@ def sii(table: Table, key: str, *, strict: bool = True) -> Device:
     Raises:
         ConfigError: The file cannot be read, or the image cannot be used.
     """
-    image = content(table, key, MAX_IMAGE + 1)
     inside = table.text(key).startswith(_PREFIX)
     source = table.where(key) if inside else str(table.file(key))
+    image = image_bytes(content(table, key, _MAX_IMAGE_FILE), source)
     return device_from_sii(image, source, strict=strict)
 
 

@@ -108,7 +108,7 @@ def make(name: str) -> Rig:
         raise UsageError(f"{name}: a line has 1 to 1024 slaves, as in line:8")
     if name.startswith("terminals:"):
         raise UsageError(f"{name}: there can be 1 to 1024 slaves, as in terminals:64")
-    if Path(name).suffix.lower() in (".bin", ".xml") and Path(name).is_file():
+    if Path(name).suffix.lower() in (".bin", ".hex", ".xml") and Path(name).is_file():
         key = "esi" if name.lower().endswith(".xml") else "sii"
         raise UsageError(
             f"'{name}' is not a rig: write one in a TOML file, with [[slave]] and {key} = "

@@ -56,6 +56,7 @@ class Device(DeviceType):
         dictionary: The object dictionary.
         machine: The AL state machine.
         history: The diagnosis history, or None.
+        remarks: What the file that describes it has wrong, and how it is simulated all the same.
     """
 
     def __init__(self) -> None:
@@ -66,6 +67,7 @@ class Device(DeviceType):
         self.idns = [{number: copy(idn) for number, idn in each.items()} for each in self.idns]
         self.ethernet = TapHost(self.eoe_interface) if self.eoe_interface else EchoHost()
         self.position = -1
+        self.remarks: list[str] = []
         self.dictionary = Dictionary()
         self.machine = StateMachine(
             self._enter,
@@ -162,7 +164,7 @@ class Device(DeviceType):
 
     def connection(self, index: int, subindex: int) -> Variable:
         """Returns the entry for a wire or plant: the PDO entry, unless the device converts it."""
-        return self.dictionary[index, subindex]
+        return self.dictionary.mapped(index, subindex)
 
     def fail(self, code: int, state: AlState = AlState.SAFEOP) -> None:
         """Falls back to a state, or stays in a lower one, with error flag and AL status code.
@@ -240,12 +242,12 @@ class Device(DeviceType):
 
     def __getitem__(self, key: tuple[int, int]) -> int:
         """Returns the integer value of the entry (index, subindex)."""
-        value = self.dictionary[key].value
+        value = self.dictionary.mapped(*key).value
         return value if isinstance(value, int) else 0
 
     def __setitem__(self, key: tuple[int, int], value: int) -> None:
         """Sets the integer value of the entry (index, subindex)."""
-        self.dictionary[key].value = value
+        self.dictionary.mapped(*key).value = value
 
     # --- description ---------------------------------------------------------------------------
 

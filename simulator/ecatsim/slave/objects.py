@@ -11,6 +11,7 @@ from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, is_sig
 from ecatd.model.dictionary import Access as Access
 from ecatd.model.dictionary import ObjectCode as ObjectCode
 from ecatd.model.errors import ConfigError, SdoAbortError
+from ecatd.model.wire_text import decode_text, encode_text
 
 Value = int | float | str | bytes
 
@@ -66,7 +67,7 @@ class Variable:
         """Converts a value of this entry's type to SDO data (little endian)."""
         if isinstance(value, str):
             unicode = self.type == DataType.UNICODE_STRING
-            return value.encode("utf-16-le" if unicode else "latin-1", "replace")
+            return value.encode("utf-16-le", "replace") if unicode else encode_text(value)
         if isinstance(value, bytes):
             return value
         if is_real(self.type):
@@ -84,7 +85,7 @@ class Variable:
             if len(data) > self.bits // 8:
                 raise SdoAbortError(abort_codes.LENGTH_TOO_HIGH)
             if self.type == DataType.VISIBLE_STRING:
-                return data.rstrip(b"\0").decode("latin-1")
+                return decode_text(data)
             return data
         size = (self.bits + 7) // 8
         if len(data) > size:
@@ -144,6 +145,7 @@ class Dictionary:
 
     def __init__(self) -> None:
         self._objects: dict[int, DictionaryObject] = {}
+        self._beside: dict[tuple[int, int], Variable] = {}
 
     def __contains__(self, index: int) -> bool:
         return index in self._objects
@@ -163,6 +165,22 @@ class Dictionary:
         except KeyError:
             raise ConfigError(f"the device has no object 0x{index:04X}:{subindex:02X}") from None
 
+    def add_beside(self, variable: Variable) -> None:
+        """Adds a value of the process data that has the address of a PDO mapping.
+
+        Some vendors describe their process data like that. A master that reads the object gets the
+        mapping; the process data have the value.
+        """
+        self._beside.setdefault((variable.index, variable.subindex), variable)
+
+    def beside(self, index: int, subindex: int) -> Variable | None:
+        """The value of the process data at the address of a PDO mapping, if there is one."""
+        return self._beside.get((index, subindex))
+
+    def mapped(self, index: int, subindex: int) -> Variable:
+        """The value that the process data have of an entry; raises as `__getitem__`."""
+        return self.beside(index, subindex) or self[index, subindex]
+
     def remember(self) -> None:
         """Stores the present values as those at power-on."""
         for entry in self._entries():
@@ -177,6 +195,7 @@ class Dictionary:
     def _entries(self) -> Iterator[Variable]:
         for item in self._objects.values():
             yield from item.entries.values()
+        yield from self._beside.values()
 
     def object(self, index: int) -> DictionaryObject:
         """Looks up an object.

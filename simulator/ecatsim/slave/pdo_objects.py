@@ -15,6 +15,7 @@ from ecatd.model.datatypes import DataType
 from ecatd.model.errors import SdoAbortError, UsageError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.pdo_layout import byte_length
+from ecatd.model.sii_check import is_description
 
 from .objects import Access, Dictionary, DictionaryObject, ObjectCode, Value, Variable
 from .sii import UNASSIGNED
@@ -108,7 +109,9 @@ class ProcessDataObjects:
             access,
             unit=unit_codes.known(entry.unit) if entry.scale == 1.0 else 0,
         )
-        if entry.index in objects:
+        if is_description(entry.index):
+            objects.add_beside(variable)
+        elif entry.index in objects:
             item = objects.object(entry.index)
             item.entries.setdefault(entry.subindex, variable)
             if item.code != ObjectCode.VAR:
@@ -156,7 +159,7 @@ class ProcessDataObjects:
         index, subindex, bits = value >> 16, value >> 8 & 0xFF, value & 0xFF
         if index == 0:
             return Entry(0, 0, "", DataType.PADDING, bits)
-        variable = self._objects[index, subindex]
+        variable = self._objects.mapped(index, subindex)
         return Entry(index, subindex, variable.name, variable.type, bits)
 
     def _check_mapped(self, value: int) -> None:
@@ -165,7 +168,8 @@ class ProcessDataObjects:
             if bits == 0 or subindex:
                 raise SdoAbortError(abort_codes.NOT_MAPPABLE)
             return
-        variable = self._objects.entry(index, subindex)
+        objects = self._objects
+        variable = objects.beside(index, subindex) or objects.entry(index, subindex)
         if not variable.access & self._right or bits != variable.bits:
             raise SdoAbortError(abort_codes.NOT_MAPPABLE)
 

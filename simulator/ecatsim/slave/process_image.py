@@ -27,7 +27,7 @@ class ProcessImage:
         self._fields: list[tuple[Variable, int, int, int, bool]] = []
         for _, entry, bit in places(pdos):
             if not entry.is_gap:
-                variable = dictionary[entry.index, entry.subindex]
+                variable = dictionary.mapped(entry.index, entry.subindex)
                 mask = (1 << entry.bit_length) - 1
                 sign = (mask + 1) >> 1 if is_signed(variable.type) else 0
                 plain = not is_real(variable.type) and variable.type not in STRINGS

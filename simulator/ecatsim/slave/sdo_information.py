@@ -6,6 +6,7 @@ import struct
 
 from ecatd.model import abort_codes
 from ecatd.model.errors import SdoAbortError
+from ecatd.model.wire_text import encode_text
 
 from .objects import Access, Dictionary, Value, Variable
 
@@ -78,7 +79,7 @@ class InformationServer:
     def _object_description(self, index: int) -> bytes:
         item = self._dictionary.object(index)
         fixed = struct.pack("<HHBB", index, item.type, item.max_subindex, item.code)
-        return fixed + item.name.encode("latin-1", "replace")
+        return fixed + encode_text(item.name)
 
     def _entry_description(self, index: int, subindex: int, wanted: int) -> bytes:
         """Describes an entry, with the requested optional parts if the entry has them."""
@@ -94,7 +95,7 @@ class InformationServer:
                 given |= bit
                 parts += data
         head = (index, subindex, given, entry.type, entry.bits, entry.access)
-        return struct.pack("<HBBHHH", *head) + parts + entry.name.encode("latin-1", "replace")
+        return struct.pack("<HBBHHH", *head) + parts + encode_text(entry.name)
 
 
 def _value(entry: Variable, value: Value | None) -> bytes:

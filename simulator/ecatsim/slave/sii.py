@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -11,6 +11,7 @@ from ecatd.model.errors import UsageError
 from ecatd.model.pdo import Pdo
 from ecatd.model.sii import UNASSIGNED as UNASSIGNED
 from ecatd.model.sii_check import sii_checksum as checksum
+from ecatd.model.wire_text import decode_text, encode_text
 
 _HEADER_WORDS = 0x40
 _MAX_STRINGS = 255
@@ -201,16 +202,29 @@ class _Strings:
     """The string category: each text once, numbered from 1; 0 means no text."""
 
     texts: list[bytes] = field(default_factory=list)
+    cut: list[str] = field(default_factory=list)
+    left_out: set[bytes] = field(default_factory=set)
 
     def number(self, text: str, *, force: bool = False) -> int:
-        raw = text.encode("latin-1", "replace")[:_MAX_STRING]
+        raw = encode_text(text, _MAX_STRING)
+        if decode_text(raw) != text:
+            self.cut.append(text)
         if not raw and not force:
             return 0
         if raw not in self.texts:
             if len(self.texts) == _MAX_STRINGS:
+                self.left_out.add(raw)
                 return 0
             self.texts.append(raw)
         return self.texts.index(raw) + 1
+
+    def tell(self, tell: Callable[[str], None]) -> None:
+        """Tells which texts have no room."""
+        for text in dict.fromkeys(self.cut):
+            tell(f"the name '{text[:40]}…' has more than {_MAX_STRING} bytes; its end is left out")
+        if self.left_out:
+            text = f"there are {len(self.left_out) + _MAX_STRINGS} names"
+            tell(f"{text}, and an EEPROM has room for {_MAX_STRINGS}; the others are left out")
 
     def encode(self) -> bytes:
         body = b"".join(bytes([len(text)]) + text for text in self.texts)
@@ -320,8 +334,12 @@ def _header(info: Description, size: int) -> bytes:
     return bytes(header)
 
 
-def build(info: Description) -> bytes:
+def build(info: Description, tell: Callable[[str], None] = lambda text: None) -> bytes:
     """Builds the SII image, padded with 0xFF to `info.size`, doubled as often as necessary.
+
+    Args:
+        info: The data.
+        tell: Called with what has no room in an image.
 
     Raises:
         UsageError: The description does not fit into an SII image.
@@ -332,6 +350,7 @@ def build(info: Description) -> bytes:
     tx_pdos = _pdos(info.tx_pdos, strings, info.pdo_flags)
     rx_pdos = _pdos(info.rx_pdos, strings, info.pdo_flags)
     dc_modes = _dc_modes(info.dc_modes, strings)
+    strings.tell(tell)
     parts = [_category(Category.STRINGS, strings.encode()), _category(Category.GENERAL, general)]
     if info.fmmus:
         parts.append(_category(Category.FMMU, bytes(info.fmmus) + b"\xff" * (len(info.fmmus) % 2)))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from ecatd.model.al import AlState
 from ecatd.model.idns import Attribute, Element, list_bytes
+from ecatd.model.wire_text import encode_text
 
 from .mailbox import HEADER_SIZE, MailboxError, RefusedMailError
 
@@ -112,13 +113,13 @@ class SoeServer:
         attribute = Attribute(idn.attribute)
         data = b""
         if elements & Element.NAME:
-            data += list_bytes(idn.name.encode("latin-1"))
+            data += list_bytes(encode_text(idn.name))
         if elements & Element.ATTRIBUTE:
             data += struct.pack("<I", idn.attribute)
         if elements & Element.UNIT:
             if not idn.unit:
                 raise _RefusedError(_NO_UNIT)
-            data += list_bytes(idn.unit.encode("latin-1"))
+            data += list_bytes(encode_text(idn.unit))
         if elements & Element.VALUE:
             data += list_bytes(idn.value) if attribute.is_list else idn.value
         return data

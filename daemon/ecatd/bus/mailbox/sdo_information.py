@@ -9,6 +9,7 @@ import struct
 from typing import NamedTuple
 
 from ecatd.model.errors import SdoAbortError, StateError
+from ecatd.model.wire_text import decode_text
 
 from .coe import OBJECT_MAX, TRIES_OF_LINE, Coe
 from .talks import Talk
@@ -179,4 +180,4 @@ def _ask(coe: Coe, opcode: int, wanted: bytes, begin: bytes, least: int) -> Talk
 
 
 def _text(name: bytes) -> str:
-    return name.split(b"\0", 1)[0].decode("latin-1")
+    return decode_text(name)

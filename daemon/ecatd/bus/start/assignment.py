@@ -20,6 +20,7 @@ from ecatd.model.dictionary import Access
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS, Sii
+from ecatd.model.sii_check import is_description
 from ecatd.model.sii_reader import PDO_INDICES
 from ecatd.model.witnesses import clash
 
@@ -153,6 +154,7 @@ class Assignment:
             (entry.index, entry.subindex): None
             for entry in entries
             if (entry.index, entry.subindex) not in known
+            and not is_description(entry.index)  # this object describes the PDO, not the value
         }
         if unknown:
             known |= yield from self._described(unknown)
