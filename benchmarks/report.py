@@ -20,7 +20,7 @@ from .plot import Figure, Panel, Series
 from .target import Target
 
 SECTIONS = (
-    *("engine", "cores", "settings", "scale", "recovery"),
+    *("engine", "cores", "settings", "scale", "recovery", "deaths"),
     *("requests", "files", "client", "modelica", "simulator"),
 )
 """Names of the benchmarks, in the order of the page."""

@@ -110,6 +110,7 @@ struct ecat_client {
   uint8_t ended[ECAT_REQUESTS]; /* 1: the request ended with the daemon, and was not polled since */
   enum lost lost;        /* why the claims ended, until outputs are claimed again */
   const char *program;   /* name in messages; NULL: "this client", and messages advise to claim again */
+  struct ecat_life *life; /* tells the engine when this process ends, see life.c; NULL: nothing does */
   char *home;            /* contains 0 in a process that was forked later; mapped with `out_map` */
 };
 
@@ -169,5 +170,11 @@ int ecat_slot_overwritten(const ecat_t *bus); /* whether another program wrote o
 int ecat_slot_foreign(const ecat_t *bus);     /* whether this process was forked from the slot's owner */
 int ecat_slot_check_home(ecat_t *bus);        /* ECAT_EARG if the slot is foreign */
 const ecat_out_slot *ecat_slot_of(ecat_t *bus, int slot); /* of any client; NULL: not readable */
+
+/* life.c */
+void ecat_life_begin(ecat_t *bus);  /* after the lock of the slot is taken; without a thread, only the lease tells */
+uint32_t ecat_life_word(const ecat_t *bus); /* for the doorbell */
+void ecat_life_end(ecat_t *bus);    /* before the lock is released */
+void ecat_life_forget(ecat_t *bus); /* in a forked child: the thread is that of the parent */
 
 #endif

@@ -35,6 +35,9 @@ static int lapsed(ecat_t *bus) {
     return fail_lease(bus, "slaves did not take part in the exchange (wrong working counter), so the "
                       "outputs of ", " are at their safe values",
                       "; claim them again when the bus is complete");
+  if (reason == ECAT_REASON_DIED)
+    return fail_lease(bus, "another program has marked ", " as dead in the shared memory, and its outputs "
+                      "are at their safe values", "; claim them again");
   snprintf(after, sizeof after, " did not sample in time and lost its outputs, which are at their safe "
            "values now");
   if (bus->longest_ns > 0)

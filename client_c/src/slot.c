@@ -128,6 +128,7 @@ void ecat_slot_begin(ecat_t *bus) {
   bus->out->pid = (uint32_t)getpid();
   /* Clears requests, claims and anything that a later version may have put between them. */
   memset(bus->out + 1, 0, bus->layout.images_offset - sizeof *bus->out);
+  bus->doorbell->life = ecat_life_word(bus);
   /* The counters in the doorbell continue where the last client of the slot left them: a repeated number
    * could be taken for the earlier one (tests/proof/claim.pml, request.pml). */
   bus->doorbell->heartbeat++;
@@ -171,6 +172,7 @@ int ecat_slot_take(ecat_t *bus) {
     bus->doorbell = (ecat_out_doorbell *)(void *)(bus->out_map + header->doorbells_offset) + i;
     bus->out = (void *)(bus->out_map + header->slots_offset + (size_t)i * header->slot_stride);
     bus->out_claims = (void *)((uint8_t *)bus->out + header->claims_offset);
+    ecat_life_begin(bus);
     ecat_slot_begin(bus);
     return 0;
   }
@@ -184,8 +186,11 @@ void ecat_slot_free(ecat_t *bus) {
     struct flock lock = {.l_type = F_UNLCK, .l_whence = SEEK_SET,
                          .l_start = ECAT_LOCK_SLOT + bus->slot, .l_len = 1};
     __atomic_store_n(&bus->doorbell->generation, 0, __ATOMIC_RELEASE);
+    ecat_life_end(bus); /* before another client has the doorbell */
+    bus->doorbell->life = 0;
     (void)fcntl(bus->out_fd, F_OFD_SETLK, &lock); /* a forked process may keep the descriptor open */
   }
+  ecat_life_forget(bus);
   bus->slot = -1;
   bus->doorbell = NULL;
   unmap_out(bus);

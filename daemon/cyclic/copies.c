@@ -1,4 +1,7 @@
-/* Copies: outputs that get the value of an input of another slave in every cycle.
+/* Copies: outputs that get the value of an input in every cycle.
+ *
+ * A target position follows the actual position of its drive only as long as no client has written it: the
+ * input is its safe value (`follows`). All others have an input of another slave, and belong to the copy.
  *
  * The input of one cycle goes out with the next one. The output has its safe value while the input is not
  * valid, and while the drive of the output is brought to a stop. No client can claim such an output. */
@@ -65,13 +68,30 @@ static uint32_t why_safe(const cyclic_t *c, const struct copy *copy, int stoppin
   return read_source(c, copy, bits) ? ECAT_REASON_START : ECAT_REASON_SOURCE;
 }
 
+/* Keeps the safe value of an output equal to its input, and the output too unless somebody else has it. */
+static void follow(cyclic_t *c, const struct copy *copy) {
+  uint32_t state = c->output[copy->target].state;
+  uint64_t bits;
+  if (read_source(c, copy, &bits)) bits_put(c->safe, copy->target_bit, copy->target_bits, bits);
+  if ((state != ECAT_OUTPUTS_SAFE && state != ECAT_OUTPUTS_CLAIMED) ||
+      (copy->stop >= 0 && c->stop_sequence[copy->stop].running))
+    return;
+  bits_put(c->outputs, copy->target_bit, copy->target_bits,
+           bits_get(c->safe, copy->target_bit, copy->target_bits));
+}
+
 void cyclic_copies_run(cyclic_t *c) {
   int stopping = __atomic_load_n(&c->make_safe, __ATOMIC_RELAXED);
   uint32_t i;
   for (i = 0; i < c->copies; i++) {
     struct copy *copy = &c->copy[i];
     uint64_t bits = 0;
-    uint32_t reason = why_safe(c, copy, stopping, &bits);
+    uint32_t reason;
+    if (copy->follows) {
+      follow(c, copy);
+      continue;
+    }
+    reason = why_safe(c, copy, stopping, &bits);
     if (reason != ECAT_REASON_START) {
       uint64_t hold = bits_get(c->hold, copy->target_bit, copy->target_bits);
       bits = (bits_get(c->outputs, copy->target_bit, copy->target_bits) & hold) |
@@ -110,21 +130,13 @@ static void set_source(const cyclic_t *c, struct copy *copy, const ecat_shm_sign
   copy->source_real = (uint8_t)type_is_real(from->type, from->bit_length);
 }
 
-int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor, double offset,
-                    int32_t controlword) {
-  const ecat_shm_signal *from = NULL, *to;
-  struct copy *grown, *copy;
-  if (source != UINT32_MAX) {
-    if (source >= c->header->signal_count || c->signals[source].output) return -EINVAL;
-    from = &c->signals[source];
-  }
-  if (target >= c->header->signal_count || !c->signals[target].output ||
-      set_has(c->copied, target) || c->started)
-    return -EINVAL;
-  grown = realloc(c->copy, (c->copies + 1) * sizeof *grown);
-  if (grown == NULL) return -ENOMEM;
+/* Adds a copy; NULL: there is no memory. `from`: NULL if there is no input. */
+static struct copy *add(cyclic_t *c, const ecat_shm_signal *from, uint32_t target, double factor,
+                        double offset, int32_t controlword) {
+  const ecat_shm_signal *to = &c->signals[target];
+  struct copy *grown = realloc(c->copy, (c->copies + 1) * sizeof *grown), *copy;
+  if (grown == NULL) return NULL;
   c->copy = grown;
-  to = &c->signals[target];
   copy = &c->copy[c->copies++];
   *copy = (struct copy){.target = target,
                         .target_bit = bit_of(c, target),
@@ -132,13 +144,38 @@ int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor
                         .target_bits = (uint8_t)to->bit_length,
                         .factor = factor,
                         .offset = offset};
-  if (from != NULL) {
-    set_source(c, copy, from);
-    copy->whole = factor == 1 && offset == 0 && !copy->source_real &&
-                  !type_is_real(to->type, to->bit_length);
-    copy->same = copy->whole && from->bit_length == to->bit_length &&
-                 copy->source_sign == type_is_signed(to->type);
+  if (from == NULL) return copy;
+  set_source(c, copy, from);
+  copy->whole = factor == 1 && offset == 0 && !copy->source_real && !type_is_real(to->type, to->bit_length);
+  copy->same = copy->whole && from->bit_length == to->bit_length &&
+               copy->source_sign == type_is_signed(to->type);
+  return copy;
+}
+
+int cyclic_set_follow(cyclic_t *c, uint32_t source, uint32_t target, int32_t controlword) {
+  struct copy *copy;
+  if (source >= c->header->signal_count || target >= c->header->signal_count ||
+      c->signals[source].output || !c->signals[target].output || c->started)
+    return -EINVAL;
+  copy = add(c, &c->signals[source], target, 1, 0, controlword);
+  if (copy == NULL) return -ENOMEM;
+  copy->follows = 1;
+  return 0;
+}
+
+int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor, double offset,
+                    int32_t controlword) {
+  const ecat_shm_signal *from = NULL;
+  struct copy *copy;
+  if (source != UINT32_MAX) {
+    if (source >= c->header->signal_count || c->signals[source].output) return -EINVAL;
+    from = &c->signals[source];
   }
+  if (target >= c->header->signal_count || !c->signals[target].output ||
+      set_has(c->copied, target) || c->started)
+    return -EINVAL;
+  copy = add(c, from, target, factor, offset, controlword);
+  if (copy == NULL) return -ENOMEM;
   set_drop(c->claimable, target);
   set_add(c->copied, target);
   c->output[target].source = source;

@@ -113,6 +113,12 @@ CYCLIC_API int cyclic_set_stop(cyclic_t *c, uint32_t controlword, uint32_t statu
  * of that drive, and before cyclic_start(). */
 CYCLIC_API int cyclic_set_copy(cyclic_t *c, uint32_t source, uint32_t target, double factor,
                                double offset, int32_t controlword);
+/* Makes the value of an input the safe value of an output, which has the same type and unit: the output
+ * follows the input in every cycle until a client writes it, and again after that client has lost it. While
+ * the input is not valid, the last valid value stays. While the drive with `controlword` (-1: none) is
+ * brought to a stop, the output stays as it is. Call it after cyclic_set_safe() and cyclic_set_stop(), and
+ * before cyclic_set_copy() and cyclic_start(). */
+CYCLIC_API int cyclic_set_follow(cyclic_t *c, uint32_t source, uint32_t target, int32_t controlword);
 /* Number of drives that are being stopped; valid from two cycles after cyclic_make_safe() on. */
 CYCLIC_API uint32_t cyclic_stopping(const cyclic_t *c);
 /* Starts the thread. Returns 0 or -errno. The thread starts even if the system refuses a real-time

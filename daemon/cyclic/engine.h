@@ -149,7 +149,7 @@ struct stop {
   int running;
 };
 
-/* An output that gets the value of an input of another slave; see copies.c. */
+/* An output that gets the value of an input; see copies.c. */
 struct copy {
   uint32_t target, target_bit; /* signal, and bit of the output image */
   uint32_t domain, source_bit; /* of the input: its domain, and bit of its image */
@@ -159,6 +159,7 @@ struct copy {
   uint8_t source_bits, source_sign, source_real;
   uint8_t target_bits;
   uint8_t whole;               /* an integer becomes an integer without conversion */
+  uint8_t follows;             /* only the safe value of the output is that of the input */
   uint8_t same;                /* of the same length and sign, so that the bits can be copied as they are */
   uint32_t told;               /* ecat_reason that was published last */
   double factor, offset;       /* raw output = raw input * factor + offset */

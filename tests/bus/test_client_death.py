@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon
+from ecatd.client import Reason
 from ecatd.stats import read
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
@@ -72,6 +73,7 @@ def test_r15_outputs_of_clients_that_die_are_safe_in_time(
     # What was measured depends on the cycles that the watcher did not miss.
     assert reached["measured"] > DEATHS / 20
     assert reached["resumed"] > DEATHS / 20
+    assert reached[f"reason_{Reason.DIED.value}"] > DEATHS / 20
     for phase in ("claim", "sample", "write", "commit", "release"):
         assert reached[f"in_{phase}"] > 0
     # No frame is lost; those that are late were late because of other work of this machine.

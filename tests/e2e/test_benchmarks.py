@@ -123,6 +123,22 @@ def test_recovery(tmp_path: Path) -> None:
     assert "## Slaves that come back" in page
 
 
+def test_deaths(tmp_path: Path) -> None:
+    result, page = measured("deaths", tmp_path)
+    assert {"C", "Python", "Modelica calls"} <= {case["kind"] for case in result["clients"]}
+    for case in result["clients"]:
+        assert case["deaths"] == 2
+        assert 0 <= case["first"] <= 2
+        assert case["median"] <= case["longest"] < 1000 * result["lease"]
+    *alone, forked, hidden, thread = result["ways"]
+    assert all(case[way]["median"] > 0 for case in alone for way in ("lock", "pidfd", "mutex"))
+    assert forked["lock"] is None  # the child has it
+    assert forked["mutex"]["median"] > 0
+    assert hidden["mutex"] is None or hidden["mutex"]["median"] > 0
+    assert thread["mutex"]["median"] > 0  # why the client has a thread of its own for it
+    assert "## Clients that die" in page
+
+
 def test_engine(tmp_path: Path) -> None:
     result, page = measured("engine", tmp_path)
     (line,) = result["lines"]

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from conftest import naming
+from conftest import names, naming
 from ecatd.encoding import pack, unpack
 from ecatd.model.applied.safe import SafeOutputs, safe_outputs
 from ecatd.model.bus import Bus, Slave
@@ -269,3 +269,61 @@ def test_a_safe_value_is_within_the_declared_range() -> None:
     give_meanings(made, Profiles(), rules)
     safe_outputs(made, [SafeConfig(0, 500, "0x6072:00")])
     assert shown(made)[0x6072] == 500
+
+
+def positions(slave: Slave, **actual: Any) -> Slave:
+    """A drive whose axes have their actual positions in the process data."""
+    for axis, pdo in enumerate(slave.inputs):
+        pdo.entries.append(entry(0x6064 + 0x800 * axis, I32, 32))
+        for key, value in actual.items():
+            setattr(pdo.entries[-1], key, value)
+    return slave
+
+
+def test_target_positions_follow_the_actual_ones() -> None:
+    made = bus(positions(drive(axes=2)))
+    safe = safe_outputs(made, [])
+    found = [(one.slave, one.target, one.actual, one.stop) for one in safe.follows]
+    assert found == [(0, 0x607A, 0x6064, None), (0, 0x687A, 0x6864, None)]
+    assert shown(made)[0x607A] == shown(made)[0x687A] == "actual"
+    assert shown(made)[0x60FF] == shown(made)[0x6071] == 0  # following would keep an axis moving
+    assert safe.unguarded == []
+
+
+def test_a_rule_for_a_target_position_wins() -> None:
+    for rules in (
+        [SafeConfig(0, "hold")],
+        [SafeConfig(0, "zero")],
+        [SafeConfig(0, 5, "0x607A:00")],
+    ):
+        assert safe_outputs(bus(positions(drive())), rules).follows == []
+    # A stop does not name a position: it ends, and then the target follows.
+    safe = safe_outputs(bus(positions(drive())), [SafeConfig(0, "quick_stop")])
+    assert [one.stop for one in safe.follows] == safe.stops
+
+
+@pytest.mark.parametrize(
+    ("slave", "why"),
+    [
+        (drive(), "process data"),
+        (positions(drive(), unit="m"), "unit"),
+        (positions(drive(), scale=2.0), "scale"),
+        (positions(drive(), data_type=DataType.UNSIGNED32), "type"),
+        (positions(drive(), data_type=I16, bit_length=16), "size"),
+    ],
+)
+def test_a_target_position_that_cannot_follow_is_told(slave: Slave, why: str) -> None:
+    safe = safe_outputs(bus(slave), [])
+    (told,) = safe.unguarded
+    names(told, "0x607A:00", "0x6064:00", why, "[[outputs.safe]]")
+    assert safe.follows == []
+    assert safe_outputs(bus(slave), [SafeConfig(0, "hold")]).unguarded == []
+
+
+def test_a_target_position_starts_within_its_range() -> None:
+    """Until the actual position is known; so it needs no safe value of its own."""
+    made = bus(positions(drive()))
+    target = next(e for _, e, _ in made.slaves[0].entries(outputs=True) if e.index == 0x607A)
+    target.minimum, target.maximum = 100.0, 200.0
+    value, _hold = image(safe_outputs(made, []))
+    assert value[3:7] == (100).to_bytes(4, "little")

@@ -31,6 +31,7 @@
 #define ECAT_STRUCT(name, comment) typedef struct name {
 #define ECAT_FIELD(type, name, count, comment) ECAT_FIELD_##count(type, name)
 #define ECAT_FIELD_1(type, name) type name;
+#define ECAT_FIELD_2(type, name) type name[2];
 #define ECAT_FIELD_3(type, name) type name[3];
 #define ECAT_FIELD_4(type, name) type name[4];
 #define ECAT_FIELD_16(type, name) type name[16];

@@ -193,7 +193,7 @@ def client_flags(options: argparse.Namespace) -> None:
 def static_flags() -> list[str]:
     """Compiler flags for a program that links the client statically."""
     prefix = client_prefix()
-    return [f"-I{prefix / 'include'}", str(prefix / "lib" / "libecat.a"), "-lm"]
+    return [f"-I{prefix / 'include'}", str(prefix / "lib" / "libecat.a"), "-lm", "-pthread"]
 
 
 def client_prefix() -> Path:

@@ -21,7 +21,8 @@ _REASONS = {
     "start": "never claimed",
     "released": "released",
     "lapsed": "lease lost",
-    "gone": "owner died",
+    "died": "owner died",
+    "gone": "slot taken",
     "stopping": "daemon stops",
     "wkc": "working counter",
 }

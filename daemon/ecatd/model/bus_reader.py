@@ -28,7 +28,7 @@ _PROBLEMS_MAX = 256
 _MODULES_MAX = 255
 _VALUES_MAX = 4096
 _SHOWN = 40
-_SAFE_WORDS = ("hold", "quick_stop", "disable")
+_SAFE_WORDS = ("hold", "actual", "quick_stop", "disable")
 
 Check = Callable[[Any], Any]
 

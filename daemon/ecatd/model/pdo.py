@@ -46,9 +46,9 @@ class Entry:
         values: Named values, in ascending order of their numbers.
         note: Further remarks for users, for the documentation.
         connector: Whether the generated block has a connector for an input, or only a variable.
-        safe: Safe value of an output: a raw value, "hold" for the value that was sent last, or
-            "quick_stop" or "disable" for a drive that is stopped by its controlword; None for
-            inputs.
+        safe: Safe value of an output: a raw value, "hold" for the value that was sent last,
+            "actual" for a target position that follows the actual position, or "quick_stop" or
+            "disable" for a drive that is stopped by its controlword; None for inputs.
     """
 
     index: int

@@ -291,7 +291,7 @@ static void print_reached(void) {
   for (i = 0; i < PHASES; i++) printf("\"in_%s\": %u, ", PHASE[i], reached.phases[i]);
   printf("\"measured\": %u, \"resumed\": %u, \"excess\": %d, \"steps\": %lu, ", reached.measured,
          reached.resumed, reached.excess, reached.steps);
-  for (i = 0; i < 6; i++) printf("\"reason_%d\": %u, ", i, reached.reasons[i]);
+  for (i = 0; i < 8; i++) printf("\"reason_%d\": %u, ", i, reached.reasons[i]);
   printf("\"malformed\": %llu, \"torn\": %llu}\n", (unsigned long long)health->malformed,
          (unsigned long long)health->torn);
 }

@@ -153,6 +153,7 @@ def _library() -> ctypes.CDLL:
     lib.cyclic_use_limits.argtypes = [pointer, pointer, u32]
     lib.cyclic_set_stop.argtypes = [pointer, u32, u32, u32, ctypes.c_uint64]
     lib.cyclic_set_copy.argtypes = [pointer, u32, u32, double, double, i32]
+    lib.cyclic_set_follow.argtypes = [pointer, u32, u32, i32]
     lib.cyclic_set_wkc_limit.argtypes = [pointer, i32]
     lib.cyclic_set_wkc_limit.restype = None
     lib.cyclic_listen.argtypes = [pointer, u32]
@@ -327,6 +328,20 @@ class Engine:
         code = _LIB.cyclic_set_copy(self._engine, number, target, factor, offset, controlword)
         if code != 0:
             raise EcatError(f"copy of signal {source} to {target} refused: {os.strerror(-code)}")
+
+    def set_follow(self, source: int, target: int, controlword: int = -1) -> None:
+        """Makes the value of an input the safe value of an output of the same type and unit.
+
+        Call it after `set_safe` and `set_stop` of the slave, and before `set_copy` and `start`.
+
+        Args:
+            source: Signal of the input.
+            target: Signal of the output.
+            controlword: As in `set_copy`; the output keeps its value during the stop.
+        """
+        code = _LIB.cyclic_set_follow(self._engine, source, target, controlword)
+        if code != 0:
+            raise EcatError(f"signal {target} cannot follow {source}: {os.strerror(-code)}")
 
     @property
     def stopping(self) -> int:

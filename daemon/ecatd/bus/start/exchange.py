@@ -82,7 +82,7 @@ def find_failing(shared: SharedMemory, bus: Bus) -> Steps[list[str]]:
 def _guard(engine: Engine, shared: SharedMemory, applied: Applied) -> None:
     """Gives the engine the safe values, the stops of drives, and the copies."""
     numbers: dict[tuple[int, int, int, int], int] = {}
-    if applied.safe.stops or applied.copies:
+    if applied.safe.stops or applied.safe.follows or applied.copies:
         rows = enumerate(shared.signals[: shared.header.signal_count])
         numbers = {(row.slave, row.index, row.subindex, row.output): n for n, row in rows}
     for position, (value, hold) in applied.safe.images.items():
@@ -93,6 +93,12 @@ def _guard(engine: Engine, shared: SharedMemory, applied: Applied) -> None:
             numbers[stop.slave, stop.statusword, 0, 0],
             stop.value,
             stop.patience,
+        )
+    for follow in applied.safe.follows:
+        engine.set_follow(
+            numbers[follow.slave, follow.actual, 0, 0],
+            numbers[follow.slave, follow.target, 0, 1],
+            -1 if follow.stop is None else numbers[follow.slave, follow.stop.controlword, 0, 1],
         )
     for copy in applied.copies:
         engine.set_copy(

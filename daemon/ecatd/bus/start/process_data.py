@@ -51,6 +51,8 @@ def set_up_process_data(found: FoundBus, profiles: Profiles, log: Log) -> Proces
     for copy in applied.copies:
         if copy.missing:
             log.warning(copy.missing)
+    for sentence in applied.safe.unguarded:
+        log.warning(sentence)
     image = lay_out(bus, without_lrw(master, found.present))
     wire = wire_time(
         image,

@@ -35,6 +35,7 @@ _WRONG = (EventType.REFUSED, EventType.MALFORMED)
 
 _REASONS = {
     shm.Reason.RELEASED: "{} released them",
+    shm.Reason.DIED: "the process of {} has ended without a release",
     shm.Reason.LAPSED: "{} gave no sign of life during its lease",
     shm.Reason.GONE: "{} lost its slot: another client took it, or a program has overwritten it",
     shm.Reason.STOPPING: "the daemon stops; {} owned them",

@@ -4,6 +4,9 @@ A CiA 402 drive (IEC 61800-7-201) is brought to a stop first. Its controlword co
 or disable operation, until the statusword says that the drive no longer moves; then it becomes 0.
 Outputs that make the drive move (`_ZERO`) become 0 at once. All others, such as deceleration,
 torque limits, target position and mode of operation, keep their last value.
+
+The safe value of a target position is the actual position, unless a rule names a value: a drive
+that is enabled in a position mode goes to its target at once, and 0 may be far away.
 """
 
 from __future__ import annotations
@@ -20,6 +23,8 @@ from ..pdo import Entry
 from ..problems import AT_ONCE, Problems
 
 _AXES = range(8)
+_WORD = 64
+"""Most bits of an entry that clients and the engine handle."""
 _AXIS_OBJECTS = 0x800
 """Distance between the objects of two axes: the second axis begins at 0x6800 (ETG.6010)."""
 _PROFILE = 0x6000
@@ -27,6 +32,10 @@ _CONTROLWORD, _STATUSWORD = 0x6040, 0x6041
 _ZERO = frozenset({0x6040, 0x6042, 0x6071, 0x60B1, 0x60B2, 0x60FE, 0x60FF})
 """Controlword; target velocity of both velocity modes, target torque and both offsets; digital
 outputs."""
+_TARGET, _ACTUAL = 0x607A, 0x6064
+"""Target position, and position actual value."""
+ACTUAL = "actual"
+"""`safe` of a target position that follows the actual position."""
 _STOP_VALUES = {"quick_stop": 0x0002, "disable": 0x0007}
 
 
@@ -61,6 +70,23 @@ class Stop:
         return self.controlword + _STATUSWORD - _CONTROLWORD
 
 
+@dataclass(frozen=True, slots=True)
+class Follow:
+    """A target position whose safe value is the actual position.
+
+    Attributes:
+        slave: Position.
+        target: Object index of the target position.
+        actual: Object index of the actual position.
+        stop: How the axis is brought to a stop; meanwhile the target keeps its last value.
+    """
+
+    slave: int
+    target: int
+    actual: int
+    stop: Stop | None
+
+
 @dataclass(slots=True)
 class SafeOutputs:
     """The values of outputs without an owner.
@@ -68,10 +94,14 @@ class SafeOutputs:
     Attributes:
         images: Value and hold mask of every slave with outputs, by position.
         stops: Axes that are stopped first.
+        follows: Target positions that follow the actual position.
+        unguarded: A sentence for each target position that cannot follow, and that no rule names.
     """
 
     images: dict[int, tuple[bytes, bytes]] = field(default_factory=dict)
     stops: list[Stop] = field(default_factory=list)
+    follows: list[Follow] = field(default_factory=list)
+    unguarded: list[str] = field(default_factory=list)
 
 
 def safe_outputs(
@@ -80,7 +110,9 @@ def safe_outputs(
     signals: Sequence[SignalConfig] = (),
     problems: Problems = AT_ONCE,
 ) -> SafeOutputs:
-    """Makes the safe values of all outputs: 0 without a rule. Also sets `safe` of each entry.
+    """Makes the safe values of all outputs. Also sets `safe` of each entry.
+
+    Without a rule it is 0, or for a target position the actual position.
 
     Args:
         bus: The bus, with meanings.
@@ -101,9 +133,12 @@ def safe_outputs(
     ranges = {(rule.slave, rule.address): rule for rule in signals}
     safe = SafeOutputs()
     for position, outputs in slaves.items():
+        outputs.follow()
         outputs.note(ranges, problems)
         safe.images[position] = outputs.image()
         safe.stops += outputs.stops.values()
+        safe.follows += outputs.follows.values()
+        safe.unguarded += outputs.unguarded
     return safe
 
 
@@ -115,6 +150,8 @@ class _SlaveOutputs:
         self._value = self._hold = 0
         self._rules: dict[tuple[int, int], SafeConfig] = {}
         self.stops: dict[int, Stop] = {}
+        self.follows: dict[int, Follow] = {}
+        self.unguarded: list[str] = []
 
     def apply(self, rule: SafeConfig) -> None:
         if rule.value in STOPS:
@@ -226,6 +263,35 @@ class _SlaveOutputs:
         word = _CONTROLWORD + axis * _AXIS_OBJECTS
         self.stops[word] = Stop(self._slave.position, word, str(rule.value), rule.patience)
 
+    def follow(self) -> None:
+        """Finds the target positions without a value of their own; call it after all rules."""
+        inputs = {
+            (entry.index, entry.subindex): entry
+            for _pdo, entry, _bit in self._slave.entries(outputs=False)
+        }
+        targets = {_TARGET + axis * _AXIS_OBJECTS for axis in _AXES}
+        for entry, bit in self._entries():
+            if entry.subindex != 0 or entry.index not in targets:
+                continue
+            rule = self._rules.get((entry.index, 0))
+            if rule is not None and rule.value not in STOPS:
+                continue
+            index = entry.index - _TARGET + _ACTUAL
+            why = _why_apart(entry, inputs.get((index, 0)), index)
+            if not why:
+                stop = next((s for s in self.stops.values() if s.covers(entry.index)), None)
+                self.follows[entry.index] = Follow(self._slave.position, entry.index, index, stop)
+                low, high = entry.raw_range()
+                value = _bits(entry, min(max(0, low), high))  # until the actual position is known
+                self._set(bit, entry.bit_length, value, hold=bool(self._hold >> bit & 1))
+            elif rule is None:
+                self.unguarded.append(
+                    f"{self._slave.label}: {entry.address} ({entry.name or 'target position'}) "
+                    f"cannot follow the actual position, because {why}: it is 0 until a client "
+                    "writes it, and a drive that is enabled before that goes there; give it a safe "
+                    "value by [[outputs.safe]], such as 'hold'"
+                )
+
     def image(self) -> tuple[bytes, bytes]:
         size = self._slave.output_bytes
         return self._value.to_bytes(size, "little"), self._hold.to_bytes(size, "little")
@@ -241,6 +307,8 @@ class _SlaveOutputs:
     def _safe(
         self, entry: Entry, bit: int, ranges: Mapping[tuple[int, tuple[int, int]], SignalConfig]
     ) -> int | float | str:
+        if entry.subindex == 0 and entry.index in self.follows:
+            return ACTUAL
         raw = self._value >> bit & ((1 << entry.bit_length) - 1)
         value = _meaning(entry, raw)
         low, high = entry.raw_range()
@@ -260,6 +328,29 @@ class _SlaveOutputs:
             return self.stops[entry.index].how
         mask = ((1 << entry.bit_length) - 1) << bit
         return "hold" if self._hold & mask == mask else value
+
+
+def _why_apart(target: Entry, actual: Entry | None, index: int) -> str:
+    """Why a target position cannot have the value of the actual position; empty if it can."""
+    if actual is None:
+        return f"0x{index:04X}:00 is not in the process data"
+
+    def kind(entry: Entry) -> tuple[int, bool, bool]:
+        return entry.bit_length, is_signed(entry.data_type), is_real(entry.data_type)
+
+    if kind(target) != kind(actual) or target.bit_length > _WORD:
+        return f"{actual.address} has another type or size"
+    if any(getattr(target, key) != getattr(actual, key) for key in ("unit", "scale", "offset")):
+        return f"{actual.address} has another unit or scale"
+    return ""
+
+
+def _bits(entry: Entry, value: float) -> int:
+    """Encodes a number as the bits of an entry."""
+    if is_real(entry.data_type):
+        code = "<f" if entry.bit_length == 32 else "<d"
+        return int.from_bytes(struct.pack(code, value), "little")
+    return int(value) & ((1 << entry.bit_length) - 1)
 
 
 def _meaning(entry: Entry, raw: int) -> int | float:

@@ -40,8 +40,8 @@ false.</li>
 </ol>
 <h4>What happens when the model ends</h4>
 <p>
-The control word falls to its safe value within the <code>lease</code> of the EtherCATMaster, and the drive
-stops as it is configured to. The daemon can bring a moving drive to rest first: see the configuration of
+The control word falls to its safe value, and the drive stops as it is configured to: at once if the process of the
+model has ended, and within the <code>lease</code> of the EtherCATMaster if it hangs. The daemon can bring a moving drive to rest first: see the configuration of
 safe outputs in the documentation of ecatd.
 </p>
 </html>"));

@@ -1,0 +1,1 @@
+"""Clients that turn a drive and are killed."""
