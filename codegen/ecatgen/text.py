@@ -161,8 +161,8 @@ def c_string(text: str) -> Code:
 
 
 def c_comment(text: str) -> Code:
-    """Text inside a C comment: ASCII, and without anything that ends or begins one."""
-    plain = one_line(text).encode("ascii", "replace").decode()
+    """Text inside a C comment: letters of any script, and nothing that ends or begins one."""
+    plain = "".join(letter if letter.isprintable() else " " for letter in one_line(text))
     return Code(re.sub(r"\*(?=/)|/(?=\*)|\?(?=\?)", r"\g<0> ", plain), Language.C)
 
 

@@ -64,6 +64,9 @@ class Replay:
         rig: A rig with the slaves that were recorded.
         repeat: Whether to start again after the last row.
 
+    Attributes:
+        left_out: The columns that are no inputs of the rig, such as outputs, which a master writes.
+
     Raises:
         UsageError: The file cannot be read.
         StateError: The library for files of this kind is missing.
@@ -71,6 +74,7 @@ class Replay:
     """
 
     def __init__(self, path: Path, rig: Rig, *, repeat: bool = False) -> None:
+        self.left_out: list[str] = []
         self._repeat = repeat
         self._times: list[float] = []
         self._began: float | None = None
@@ -92,8 +96,7 @@ class Replay:
             raise ConfigError(f"{path}: there are no values in it")
         return iter(tracks)
 
-    @staticmethod
-    def _tracks(path: Path, head: Sequence[str], rig: Rig) -> Iterator[tuple[int, _Track]]:
+    def _tracks(self, path: Path, head: Sequence[str], rig: Rig) -> Iterator[tuple[int, _Track]]:
         if [*head[:_FIRST]] != ["time_s", "cycle"]:
             raise ConfigError(f"{path}:1: this is not a recording of `ecatctl record`")
         known = 0
@@ -113,7 +116,9 @@ class Replay:
                 raise ConfigError(f"{path}:1: slave {slave} ({device.order}) has no '{title}'")
             entries = (entry for pdo in device.tx_pdos for entry in pdo.entries)
             found = next((e for e in entries if key == (e.index, e.subindex)), None)
-            if found is not None:
+            if found is None:
+                self.left_out.append(title)
+            else:
                 known += 1
                 yield slave, _Track(key, column, found)
         if not known:

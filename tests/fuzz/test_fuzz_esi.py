@@ -1,5 +1,6 @@
 """Mutated ESI files: made into devices, or refused with the documented error."""
 
+import re
 import sys
 from itertools import chain
 from pathlib import Path
@@ -10,6 +11,7 @@ from mutations import inputs, mutants, mutated_elements
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 
 from esi_sample import SAMPLE
+from vendor_shapes import ENCODINGS, SHAPES, esi
 
 from ecatd.model.errors import ConfigError
 from ecatsim.esc import Segment
@@ -27,7 +29,7 @@ VALUES += ["ARRAY [0..99999] OF BYTE", "DT2001ARR", "RW", "1e999", "nan", "\u260
 def test_r33_mutated_files_become_devices_or_are_refused(shard: int, tmp_path: Path) -> None:
     path = tmp_path / "x.xml"
     count = FILES // SHARDS // 2
-    accepted = refused = 0
+    accepted = refused = untidy = 0
     for data in chain(
         mutants([SAMPLE.encode()], count, shard),
         mutated_elements(SAMPLE, VALUES, count, shard),
@@ -35,8 +37,11 @@ def test_r33_mutated_files_become_devices_or_are_refused(shard: int, tmp_path: P
         path.write_bytes(data)
         segment = Segment()
         try:
-            device_from_esi(path, "AX2", revision=0x00020001).attach(segment, 0, 0)
+            device = device_from_esi(path, "AX2", revision=0x00020001)
+            device.attach(segment, 0, 0)
             accepted += 1
+            untidy += bool(device.remarks)
+            assert all(text.startswith(f"{path}:") for text in device.remarks)
         except ConfigError as error:
             refused += 1
             message = str(error)
@@ -44,5 +49,41 @@ def test_r33_mutated_files_become_devices_or_are_refused(shard: int, tmp_path: P
                 pytest.fail(message)
         finally:
             segment.close()
-    assert refused > count / 4, "mutations must do harm"
+    assert refused + untidy > count / 4, "mutations must do harm"
+    assert untidy > count / 20, "which is often left out"
     assert accepted > count / 4, "and not always"
+
+
+@pytest.mark.parametrize("shard", range(SHARDS))
+def test_r33_mutated_files_of_vendors_do(shard: int, tmp_path: Path) -> None:
+    """The shapes of vendors' files, mutated, mixed with each other, and in other encodings."""
+    path = tmp_path / "x.xml"
+    texts = [shape.text for shape in SHAPES.values()]
+    texts += [esi(encoding=encoding, name=name) for encoding, name in ENCODINGS.items()]
+    count = FILES // SHARDS // 2
+    each = max(1, count // len(texts))
+    accepted = 0
+    for data in chain(
+        mutants([*map(encoded, texts)], count, shard),
+        *(mutated_elements(text, VALUES, each, shard) for text in texts),
+    ):
+        path.write_bytes(data)
+        for strict in (False, True):
+            segment = Segment()
+            try:
+                device = device_from_esi(path, "Shape", strict=strict)
+                device.attach(segment, 0, 0)
+                accepted += 1
+                assert not (strict and device.remarks)
+            except ConfigError as error:
+                if not str(error).startswith(f"{path}:"):
+                    pytest.fail(str(error))
+            finally:
+                segment.close()
+    assert accepted > count / 4
+
+
+def encoded(text: str) -> bytes:
+    """A file in the encoding that it declares, as far as that has its letters."""
+    match = re.search('encoding="([^"]*)"', text)
+    return text.encode(match[1] if match else "utf-8", "replace")

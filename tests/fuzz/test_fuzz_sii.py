@@ -1,10 +1,17 @@
 """Mutated SII images are read; they are made into devices and booted, or refused with a reason."""
 
 import struct
+import sys
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from mutations import inputs, mutants
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
+
+from vendor_shapes import SHAPES
 
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
@@ -14,6 +21,7 @@ from ecatd.model.sii import UNASSIGNED, Sii
 from ecatd.model.sii_parts import read_dc_modes, read_mailbox
 from ecatd.model.sii_reader import read_sii
 from ecatsim.esc import Segment
+from ecatsim.files.esi import device_from_esi
 from ecatsim.files.sii_image import device_from_sii
 from ecatsim.rigs import library as rigs
 from ecatsim.slave.sii import Description, FmmuType, Mailbox, SmType, SyncManager, build
@@ -72,7 +80,20 @@ def seeds() -> list[bytes]:
     devices = rigs.make("troll").devices
     library = [devices[i].sii_image() for i in (1, 2, 3, 6)]
     short = [trimmed(data) for data in (image, unusual, *library)]
-    return [*short, short[0][:-2] + clocks + b"\xff\xff"]
+    twice = short[0][:-2] + struct.pack("<HH", 30, 4) + bytes(8) + b"\xff\xff"
+    return [*short, short[0][:-2] + clocks + b"\xff\xff", twice, *vendors()]
+
+
+def vendors() -> list[bytes]:
+    """Images of devices whose vendors' ESI files have unusual shapes."""
+    images = []
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.xml"
+        for shape in SHAPES.values():
+            if not shape.refused:
+                path.write_text(shape.text, "utf-8")
+                images.append(trimmed(device_from_esi(path).sii_image()))
+    return images
 
 
 def trimmed(image: bytes) -> bytes:
@@ -96,7 +117,7 @@ def test_r32_mutated_images_are_read_or_refused(shard: int) -> None:
         read_mailbox(reader(image))
         read_dc_modes(reader(image))
         try:
-            device = device_from_sii(image, "x.bin")
+            device = device_from_sii(image, "x.bin", strict=True)
             accepted += 1
             assert not sii.damaged, "what a master finds damaged is refused"
         except ConfigError:

@@ -87,7 +87,8 @@ def complaint(command: str) -> str:
             if getattr(end, "code", "") == 0:
                 return ""
             said = str(end) if isinstance(end, UsageError) else errors.getvalue().splitlines()[-1]
-            named = len(arguments) <= 2 and NAMED_ONLY.search(said)
+            named = arguments[-1].startswith("-") or len(arguments) <= 2
+            named = named and NAMED_ONLY.search(said)
             return "" if named else said
     return ""
 

@@ -43,7 +43,7 @@ def test_c_strings_are_ascii(text: str) -> None:
 @given(st.text())
 def test_r39_c_comments_stay_open(text: str) -> None:
     comment = c_comment(text)
-    assert comment.isascii()
+    assert comment.isprintable(), "no letters that change the direction of the text"
     assert "*/" not in comment
     assert "/*" not in comment
     assert "\n" not in comment

@@ -368,7 +368,7 @@ def test_wrong_images_are_named(name: str) -> None:
     with pytest.raises(ConfigError) as error:
         device_from_sii(image, "x.bin", strict=True)
     names_at(error.value, message)
-    said = device_from_sii(image, "x.bin").remarks
+    said = device_from_sii(image, "x.bin", strict=False).remarks
     assert any(text.startswith(str(error.value).partition(" (and ")[0]) for text in said)
 
 

@@ -8,8 +8,8 @@ import pytest
 from esi_sample import SAMPLE
 
 from conftest import names, naming
-from ecatd.cli.esi_rig import listed, rig
-from ecatd.model.errors import UsageError
+from ecatd.cli.esi_rig import expected, listed, rig
+from ecatd.model.errors import ConfigError, UsageError
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def slaves(devices: str, *files: Path) -> list[dict[str, Any]]:
 
 
 def test_types_counts_revisions_and_product_codes(sample: Path) -> None:
-    made = slaves(" DI4 , 2*DI4:1, AX2 : 0x00010000,0x1234:131073", sample)
+    made = slaves(" DI4 , 2*DI4:1, AX2 : 0x00010000,0x1234:131073,#x5678", sample)
     assert {row["esi"] for row in made} == {str(sample)}
     assert [(row["type"], row["product"], row["revision"]) for row in made] == [
         ("DI4", 0x5678, 1),
@@ -34,6 +34,7 @@ def test_types_counts_revisions_and_product_codes(sample: Path) -> None:
         ("DI4", 0x5678, 1),
         ("AX2", 0x1234, 0x00010000),
         ("AX2", 0x1234, 0x00020001),
+        ("DI4", 0x5678, 1),
     ]
 
 
@@ -57,6 +58,49 @@ def test_a_folder_of_files(sample: Path, tmp_path: Path) -> None:
     (other / "B.XML").write_text(SAMPLE.replace("DI4", "DI8"), "utf-8")
     made = slaves("DI8,DI4", sample, other)
     assert [Path(row["esi"]).name for row in made] == ["B.XML", sample.name]
+
+
+def test_an_untidy_folder(sample: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "vendors"
+    (folder / "deep" / "er").mkdir(parents=True)
+    good = folder / "deep" / "er" / "good.xml"
+    good.write_text(SAMPLE, "utf-8")
+    for name, text in (
+        ("empty.xml", ""),
+        ("foreign.xml", "<Network/>"),
+        ("cut.xml", SAMPLE[:900]),
+        ("modules.xml", "<EtherCATModule/>"),
+        ("readme.txt", "no XML"),
+        (".hidden.xml", "no XML"),
+    ):
+        (folder / name).write_text(text, "utf-8")
+    (row,) = slaves("DI4:#x1", folder)
+    assert (row["esi"], row["strict"]) == (str(good), False)
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 4
+    for line, name in zip(said, ("cut", "empty", "foreign", "modules"), strict=True):
+        names(line, "ecatctl: warning:", "this file is left out")
+        assert f"{folder / name}.xml" in line
+    with pytest.raises(ConfigError, match=naming(folder / "cut.xml")):
+        rig([str(folder)], listed("DI4"), strict=True)
+    good.unlink()
+    with pytest.raises(ConfigError, match=naming(folder / "cut.xml")):
+        slaves("DI4", folder)
+    with pytest.raises(ConfigError, match=naming(folder / "empty.xml")):
+        slaves("DI4", sample, folder / "empty.xml")
+
+
+def test_a_configuration_knows_the_vendor(
+    sample: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.xml"
+    other.write_text(SAMPLE.replace("#x0000FFFF", "#x0000FFFE"), "utf-8")
+    config = tmp_path / "ecat0.toml"
+    config.write_text("[[slave]]\nposition = 0\nvendor = 0xFFFE\nproduct = 0x5678\n")
+    (row,) = tomllib.loads(rig([str(sample), str(other)], expected(config)))["slave"]
+    assert row["esi"] == str(other)
+    with pytest.raises(UsageError, match=naming("2 devices", "give only its file", other)):
+        slaves("DI4", sample, other)
 
 
 @pytest.mark.parametrize(

@@ -102,6 +102,7 @@ def record(options: argparse.Namespace) -> None:
                 "cycles": count,
                 "left_out": left_out,
                 "empty": empty,
+                "infinite": recording.infinite,
             }
         )
         return
@@ -109,6 +110,8 @@ def record(options: argparse.Namespace) -> None:
         left_out
     )
     more += f"; {empty} fields are empty, because their values could not be trusted" * bool(empty)
+    if recording.infinite:
+        more += f"; {recording.infinite} fields are empty, because JSON has no infinity: use CSV"
     print(f"{options.out}: {count} cycles with {len(chosen)} values{more}")
 
 

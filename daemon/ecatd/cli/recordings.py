@@ -60,9 +60,11 @@ class Recording(Protocol):
 
     Attributes:
         rows: How many cycles are in the file for good. After `end`, these are all.
+        infinite: How many values are missing in the file since it cannot have infinity and NaN.
     """
 
     rows: int
+    infinite: int
 
     def add(self, seconds: float, cycle: int, cells: Sequence[Cell]) -> None:
         """Adds a cycle: the time since the first one, its number, and a value for each column.
@@ -113,6 +115,7 @@ class _Csv:
         del bus
         self.rows = 0
         self._file = file
+        self.infinite = 0
         self._size = 0  # bytes of the whole rows in the file
         self._begin()
         self._lines.writerow(["time_s", "cycle", *(column.title for column in columns)])
@@ -211,12 +214,13 @@ class _Mcap:
         self._writer = writer
         self._names = [column.name for column in columns]
         self._begin_ns = time.time_ns()
-        self.rows = 0
+        self.rows = self.infinite = 0
         self._count = 0
         self._chunk = 0  # bytes of the present chunk at most
 
     def add(self, seconds: float, cycle: int, cells: Sequence[Cell]) -> None:
-        finite = (None if cell is None or not math.isfinite(cell) else cell for cell in cells)
+        finite = [None if cell is None or not math.isfinite(cell) else cell for cell in cells]
+        self.infinite += finite.count(None) - list(cells).count(None)
         values = dict(zip(self._names, finite, strict=True))  # JSON has no infinity
         at = self._begin_ns + round(1e9 * seconds)
         data = json.dumps({"cycle": cycle, "values": values}).encode()
@@ -253,7 +257,7 @@ class _Parquet:
             self._room.buffer, self._schema
         )
         self._rows: list[tuple[Cell, ...]] = []
-        self.rows = 0
+        self.rows = self.infinite = 0
         self._count = 0
 
     def add(self, seconds: float, cycle: int, cells: Sequence[Cell]) -> None:

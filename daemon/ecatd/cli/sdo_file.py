@@ -178,7 +178,7 @@ def _names(name: str, entry: DictionaryEntry) -> str:
 
 def _plain(text: str) -> str:
     """A text from a slave, on one line."""
-    return "".join(letter if letter.isprintable() and letter.isascii() else "?" for letter in text)
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 # --- restore -------------------------------------------------------------------------------------

@@ -175,6 +175,9 @@ class _Adder:
 
     def _add_signal(self, entry: Entry, known: EsiEntry, *, outputs: bool) -> None:
         if entry.bit_length > _SIGNAL_BITS:
+            if known.unit or known.values:
+                text = f"{entry.address} has {entry.bit_length} bits"
+                self._about.append(f"{text}, so it gets neither unit nor names of values")
             return
         rule = SignalConfig(self._slave.position, entry.address)
         scale = entry.scale
@@ -188,6 +191,9 @@ class _Adder:
         if known.values and not entry.values:
             named = {n: t for n, t in known.values.items() if t.isprintable() and abs(n) < 10**10}
             rule.values = {str(number): text for number, text in named.items()}
+            if len(named) < len(known.values):
+                count = len(known.values) - len(named)
+                self._about.append(f"{entry.address}: {count} names of values are left out")
         offset = entry.offset if entry.is_physical else 0.0
         if outputs and entry.minimum is None and entry.maximum is None:
             self._add_limits(rule, entry, known, scale, offset)
@@ -197,13 +203,21 @@ class _Adder:
     def _add_limits(
         self, rule: SignalConfig, entry: Entry, known: EsiEntry, scale: float, offset: float
     ) -> None:
+        if known.minimum is None and known.maximum is None:
+            return
         if known.minimum is None or known.maximum is None or known.bits != entry.bit_length:
+            why = f"has {known.bits} bits in the ESI file"
+            if known.bits == entry.bit_length:
+                why = "has only one limit in the ESI file"
+            self._about.append(f"{entry.address} {why}, so ecatd uses no limits of it")
             return
         try:
             low, high = (decode(known.data_type, data) for data in (known.minimum, known.maximum))
         except UsageError:
-            return
+            low = high = 0
         if not isinstance(low, int | float) or not isinstance(high, int | float) or low >= high:
+            text = f"{entry.address} has limits from {low} to {high} in the ESI file"
+            self._about.append(f"{text}, which ecatd does not use")
             return
         real, bits = is_real(known.data_type), entry.bit_length
         whole = (-math.inf, math.inf) if real else value_range(known.data_type, bits)

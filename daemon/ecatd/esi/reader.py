@@ -48,6 +48,7 @@ _MODE, _MAILBOX = 0x03, 0x02  # in the control byte of a sync manager
 _VIRTUAL, _IN_OP_ONLY = 0x04, 0x08  # bits of the enable byte in the SII
 _FMMU_USAGES = {"Outputs": 1, "Inputs": 2, "MBoxState": 3}
 _PROTOCOLS = {"AoE": 1, "EoE": 2, "CoE": 4, "FoE": 8, "SoE": 16, "VoE": 32}
+_TAKEN = ("CoE",)  # protocols whose start-up commands are taken
 _COE_DETAILS = {"SdoInfo": 2, "PdoAssign": 4, "PdoConfig": 8, "PdoUpload": 16, "CompleteAccess": 32}
 _SDO = 1
 _OWN_CATEGORIES = {
@@ -498,8 +499,13 @@ def _read_mailbox(element: Element, device: EsiDevice) -> None:
     if mailbox is None:
         return
     for tag, bit in _PROTOCOLS.items():
-        if mailbox.find(tag) is not None:
-            device.protocols |= bit
+        protocol = mailbox.find(tag)
+        if protocol is None:
+            continue
+        device.protocols |= bit
+        command = protocol.find("InitCmd") or protocol.find("InitCmds", "InitCmd")
+        if command is not None and tag not in _TAKEN:
+            command.note(f"there are start-up commands of {tag}", "they are left out")
     coe = mailbox.find("CoE")
     if coe is not None:
         device.coe_details = _SDO

@@ -154,7 +154,7 @@ def _known(name: str) -> str | None:
         text = _PRINTABLE.decode(name)
         encoding = codecs.lookup(name).name
         codecs.getincrementaldecoder(encoding)
-    except (LookupError, UnicodeError):
+    except (LookupError, ValueError):
         return None
     return encoding if text == _PRINTABLE.decode("ascii") else None
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 
 from ecatd.model.errors import ConfigError
 
@@ -10,6 +12,7 @@ from ..rig import Rig
 from .options import Parser
 
 _SHOWN = 10
+_NAMED = 4  # columns in one message
 
 
 def add_strict(parser: Parser) -> None:
@@ -20,6 +23,17 @@ def add_strict(parser: Parser) -> None:
         help="refuse ESI files and EEPROM images with mistakes; else a warning says what is wrong, "
         "and what is understood is simulated",
     )
+
+
+def tell_left_out(recording: Path, columns: Sequence[str]) -> None:
+    """Writes a warning about columns of a recording that are not replayed."""
+    if columns:
+        more = f" and {len(columns) - _NAMED} more" if len(columns) > _NAMED else ""
+        print(
+            f"ecatsim: warning: {recording}: only inputs are replayed, not "
+            f"{', '.join(columns[:_NAMED])}{more}",
+            file=sys.stderr,
+        )
 
 
 def tell(rig: Rig, name: str, *, strict: bool) -> None:

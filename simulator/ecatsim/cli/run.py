@@ -24,7 +24,7 @@ from ..rig import Rig
 from ..rigs import library as rigs
 from ..simulation import STEP_TIMES_US, Simulation
 from .options import Parser
-from .remarks import add_strict, tell
+from .remarks import add_strict, tell, tell_left_out
 
 SIMULATOR_END = "ecat-sim"
 MASTER_END = "ecat-master"
@@ -111,7 +111,8 @@ class _Runner:
         tell(rig, arguments.rig, strict=arguments.strict)
         rig.ring = rig.ring or arguments.ring or arguments.second is not None
         if arguments.replay is not None:
-            Replay(arguments.replay, rig, repeat=arguments.repeat)
+            replay = Replay(arguments.replay, rig, repeat=arguments.repeat)
+            tell_left_out(arguments.replay, replay.left_out)
         self._check_interfaces(rig.ring)
         parent = os.getppid()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -7,7 +7,7 @@ from dataclasses import replace
 from ecatd.model.datatypes import DataType, bit_length
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS
-from ecatd.model.sii_check import check_sii
+from ecatd.model.sii_check import check_sii, is_description
 
 from ..capture import CapturedSlave, Upload, number
 from ..slave.device import Device
@@ -37,6 +37,13 @@ def captured_pdos(slave: CapturedSlave, base: Device) -> list[Pdo] | None:
         if not channels:
             result += from_sii
             continue
+        for channel, assigned in channels.items():
+            if 0 in assigned:
+                place = assigned.index(0) + 1
+                slave.notes.append(
+                    f"assignment 0x{ASSIGNMENTS + channel:04X}:{place:02X} of a PDO; what lies "
+                    "behind it is elsewhere"
+                )
         places = {i: channel for channel, assigned in channels.items() for i in assigned}
         mapped = {item.index for item in slave.objects or () if item.index in indices}
         mapped |= {index for index in places if index in indices}
@@ -69,7 +76,12 @@ def _pdo(slave: CapturedSlave, index: int, manager: int, sii: Pdo | None) -> Pdo
     names = {item.index: item.name for item in slave.objects or ()}
     name = sii.name if sii else names.get(index, "")
     mapping = [(m >> 16, m >> 8 & 0xFF, m & 0xFF) for m in _uploads(slave, index)]
-    if sii and slave.values.get((index, 0), Upload()).data is None:
+    count = number(slave.values.get((index, 0)))
+    missing = [i for i in range(count + 1) if not slave.values.get((index, i), Upload()).data]
+    if missing:
+        effect = "that of the EEPROM is used" if sii else "what lies behind it is elsewhere"
+        slave.notes.append(f"mapping 0x{index:04X}:{missing[0]:02X} of a PDO; {effect}")
+    if sii and missing:
         return Pdo(index, name, manager, sii.entries)
     if sii and mapping == [(e.index, e.subindex, e.bit_length) for e in sii.entries]:
         return Pdo(index, name, manager, sii.entries)
@@ -88,6 +100,8 @@ def _entry(slave: CapturedSlave, index: int, subindex: int, bits: int) -> Entry:
     if index == 0:
         return Entry(0, 0, "", DataType.PADDING, bits)
     for item in slave.objects or ():
+        if is_description(index):
+            break  # the object has the mapping, not the value
         if item.index == index and subindex in item.entries:
             entry = item.entries[subindex]
             kind = entry.data_type

@@ -20,7 +20,7 @@ from ecatd.model.datatypes import (
 from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.quoting import printable, toml_string
-from ecatd.model.wire_text import decode_text
+from ecatd.model.wire_text import decode_text, encode_text
 
 from ..capture import CapturedSlave, Upload, topology
 from ..chip import Chip, from_registers
@@ -58,9 +58,10 @@ def rig_text(name: str, slaves: Sequence[CapturedSlave]) -> str:
 
 
 def _slave(slave: CapturedSlave) -> Iterator[str]:
-    yield from (f"# not captured: {printable(note)}" for note in slave.notes)
     source = f"slave {slave.position}"
     base = device_from_sii(slave.sii, source, strict=False)
+    pdos = captured_pdos(slave, base)
+    yield from (f"# not captured: {printable(note)}" for note in slave.notes)
     yield from (f"# {printable(text)}" for text in base.remarks)
     encoded = base64.b64encode(slave.sii).decode()
     yield 'sii = """base64:'
@@ -70,7 +71,6 @@ def _slave(slave: CapturedSlave) -> Iterator[str]:
     yield from _rights(slave, base)
     if slave.objects is not None:
         yield "complete_dictionary = true"
-    pdos = captured_pdos(slave, base)
     for pdo in pdos or ():
         yield from _pdo(pdo)
     for item in slave.objects or ():
@@ -203,7 +203,8 @@ def _value(entry: DictionaryEntry, data: bytes) -> str:
         return raw
     if kind == DataType.VISIBLE_STRING and 8 * len(data) <= bits:
         text = decode_text(data)
-        return f"value = {toml_string(text)}" if encode_text(text) == data.rstrip(b"\0") else raw
+        same_bytes = encode_text(text) == data.rstrip(b"\0")
+        return f"value = {toml_string(text)}" if same_bytes else raw
     if kind == DataType.OCTET_STRING and 8 * len(data) <= bits:
         return f'value = "{data.hex(" ")}"'
     if not same or not bit_length(kind):
