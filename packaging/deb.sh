@@ -9,7 +9,7 @@ version=$(sed -n 's/^VERSION = "\(.*\)"$/\1/p' daemon/ecatd/version.py)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 source=$work/ecatd-$version
-mkdir -p "$source" "$out"
+mkdir -p "$source" "$out" "$work/debs"
 cp -r packaging/debian client_c LICENSE "$source"
 cp -r "$wheels" "$source/wheels"
 cat >"$source/debian/changelog" <<C
@@ -31,6 +31,7 @@ mmdebstrap --quiet --variant=apt "${options[@]}" \
   --customize-hook="chroot \"\$1\" sh -euc 'cd /ecatd-$version && dpkg-buildpackage -b -us -uc >/log 2>&1 || { cat /log; exit 1; }'" \
   --customize-hook="chroot \"\$1\" sh -uc 'cd / && lintian --allow-root --fail-on error --suppress-tags-from-file /ecatd-$version/debian/lintian-tags *.changes'" \
   --customize-hook="mkdir \"\$1/out\" && mv \"\$1\"/*.deb \"\$1/out\"" \
-  --customize-hook="sync-out /out $out" \
+  --customize-hook="sync-out /out $work/debs" \
   bookworm /dev/null "$sources"
+cp "$work"/debs/*.deb "$out"  # mmdebstrap splits the words of a hook, and $out may have a space
 ls -l "$out"/*.deb

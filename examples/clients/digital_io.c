@@ -11,6 +11,7 @@
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 enum { MOST = 64 };     /* channels */
 static const double STEP = 0.25; /* seconds that each light is on */
@@ -101,7 +102,13 @@ int main(int argc, char **argv) {
   const char *output_name = argc > 2 ? argv[2] : "EL2008", *input_name = argc > 3 ? argv[3] : "EL1018";
   struct terminal outputs, inputs;
   ecat_t *bus = NULL;
-  int code = ecat_open(&bus, name);
+  int code;
+  if (name[0] == '-') {
+    puts("usage: digital_io [BUS [OUTPUTS [INPUTS [SECONDS]]]]\n"
+         "Runs a light along the outputs of a terminal, and prints the inputs of another one.");
+    return strcmp(name, "--help") != 0;
+  }
+  code = ecat_open(&bus, name);
   signal(SIGINT, on_signal);
   signal(SIGTERM, on_signal);
   if (code == 0) code = find(bus, output_name, 1, &outputs);

@@ -111,6 +111,12 @@ int run(ecat::Client& bus, int position, double velocity, double seconds,
 
 int main(int argc, char** argv) {
   const auto argument = [&](int n, const char* otherwise) { return argc > n ? argv[n] : otherwise; };
+  const std::string first = argument(1, "ecat0");
+  if (first[0] == '-') {
+    std::puts("usage: drive_velocity [BUS [SLAVE [VELOCITY [SECONDS [LEASE_MS]]]]]\n"
+              "Turns a drive (CiA 402) with a velocity in its own unit, such as counts/s.");
+    return first != "--help";
+  }
   std::signal(SIGINT, [](int) { stop = 1; });
   std::signal(SIGTERM, [](int) { stop = 1; });
   try {

@@ -7,8 +7,8 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from ecatd.model.errors import JOIN, EcatError, NoAnswerError, NotPermittedError
-from ecatd.model.health import Health, look_at
+from ecatd.model.errors import JOIN, EcatError, NoAnswerError, NotPermittedError, StateError
+from ecatd.model.health import look_at
 from ecatd.paths import closed_buses, search_dirs, served_buses
 
 from .output import print_json, print_table
@@ -42,7 +42,7 @@ def _here(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     for bus in names:
         try:
             with Remote(bus, timeout=options.timeout) as remote:
-                yield _row(bus, remote.info(), remote.health())
+                yield _row(bus, remote.info(), remote.states_reply())
         except EcatError as error:
             yield {"bus": bus, "error": error.to_reply()}
     closed = {bus for folder in search_dirs() for bus in closed_buses(folder)}
@@ -60,21 +60,31 @@ def _there(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
         infos, states = remote.ask_all("info", "state")
     for bus in sorted({*alive, *infos}):
         if bus in infos and bus in states:
-            yield _row(bus, infos[bus], look_at(states[bus]))
+            yield _row(bus, infos[bus], states[bus])
         else:
             silent = NoAnswerError("no answer: its bus server is busy, or hangs")
             yield {"bus": bus, "error": silent.to_reply()}
 
 
-def _row(bus: str, info: dict[str, Any], health: Health) -> dict[str, Any]:
-    return {
-        "bus": bus,
-        **{key: info.get(key) for key in ("host", "interface", "cycle_time_us", "started")},
-        "version": info.get("version"),
-        "slaves": health.expected,
-        "in_op": health.in_op,
-        "problems": health.problems,
-    }
+def _row(bus: str, info: dict[str, Any], states: dict[str, Any]) -> dict[str, Any]:
+    """What is said of a bus; one whose answers make no sense does not hide the others."""
+    try:
+        health = look_at(states)
+        row = {
+            "bus": bus,
+            **{key: info.get(key) for key in ("host", "interface", "cycle_time_us", "started")},
+            "version": info.get("version"),
+            "slaves": health.expected,
+            "in_op": health.in_op,
+            "problems": health.problems,
+        }
+        _cells(row)
+    except (AttributeError, LookupError, OSError, OverflowError, TypeError, ValueError) as error:
+        malformed = StateError(
+            f"its answer makes no sense ({error!r:.60}): perhaps another version of ecatd serves it"
+        )
+        return {"bus": bus, "error": malformed.to_reply()}
+    return row
 
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:

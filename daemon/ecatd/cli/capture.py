@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from ecatd.model.atomic_write import open_new
-from ecatd.model.errors import StateError, UsageError
+from ecatd.model.errors import EcatError, StateError, UsageError
 from ecatd.model.requests.frames import RINGS
 from ecatd.pcapng import Frame, header, packet, read_records
 
@@ -116,7 +116,12 @@ def capture(remote: Remote, options: argparse.Namespace) -> None:
             time.sleep(_PAUSE)
             # The frames until now belong to the file.
             ended = is_ended() or time.monotonic() >= deadline
-            frames = source.read()
+            try:
+                frames = source.read()
+            except EcatError:  # the daemon ends, for example
+                kept = f"{options.output} keeps the {file.frames} frames until then"
+                print(f"ecatctl: {kept}", file=sys.stderr)
+                raise
     span = (last - first) / 1e9
     if options.json:
         found = {"file": options.output, "frames": file.frames, "seconds": span}

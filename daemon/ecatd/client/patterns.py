@@ -20,8 +20,13 @@ def find_signals(client: Client, patterns: Sequence[str]) -> list[Signal]:
     """The entries that fit one of the patterns, in the order of the bus; all without patterns.
 
     Raises:
-        StateError: A pattern fits nothing.
+        StateError: A pattern fits nothing, or no slave of the bus has process data.
     """
+    if not client.signals():
+        raise StateError(
+            f"no slave of bus '{client.name}' has process data, so there are no values; `ecatctl "
+            "pdos` lists the slaves"
+        )
     if not patterns:
         return client.signals()
     found: dict[int, Signal] = {}

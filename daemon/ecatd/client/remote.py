@@ -189,7 +189,11 @@ class Remote:
         """How the slaves are, with those that were missing at the start, and with other devices."""
         from ecatd.model.health import look_at
 
-        return look_at(self.request(ReadStates()))
+        return look_at(self.states_reply())
+
+    def states_reply(self) -> dict[str, Any]:
+        """The answer behind `health` and `states`, as the bus server has given it."""
+        return self.request(ReadStates())
 
     def rescan(self) -> dict[str, Any]:
         """The devices that are on the wire now, and the slaves that are not; see `Wire.scan`.
