@@ -55,7 +55,9 @@ int ecat_domain(ecat_t *bus, int number, ecat_domain_info *info) {
   info->divider = bus->domains[number].divider;
   info->cycle = snapshot->cycle;
   info->time_ns = snapshot->time_ns;
-  info->age = now > snapshot->time_ns ? (double)(now - snapshot->time_ns) * 1e-9 : 0;
+  info->age = snapshot->time_ns == 0    ? ECAT_AGE_NEVER
+              : now > snapshot->time_ns ? (double)(now - snapshot->time_ns) * 1e-9
+                                        : 0;
   info->wkc = snapshot->wkc;
   info->wkc_expected = bus->domains[number].wkc_expected;
   info->wkc_state = (int)snapshot->wkc_state;

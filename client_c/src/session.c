@@ -245,6 +245,7 @@ void ecat_session_init(ecat_session *session, const ecat_session_settings *setti
   memset(session, 0, sizeof *session);
   session->settings = *settings;
   session->state = ECAT_SESSION_MISSING;
+  session->age = ECAT_AGE_NEVER;
 }
 
 void ecat_session_end(ecat_session *session) {
@@ -254,6 +255,7 @@ void ecat_session_end(ecat_session *session) {
   for (slave = session->slaves; slave != NULL; slave = slave->next) slave->claimed = slave->told = 0;
   session->attached = session->outage = session->paced = session->in_step = 0;
   session->missed = session->lost_ns = session->exchanged_ns = 0;
+  session->age = ECAT_AGE_NEVER;
 }
 
 /* --- failures ------------------------------------------------------------------------------- */

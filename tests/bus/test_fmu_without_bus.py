@@ -91,6 +91,7 @@ def test_goes_on_without_a_bus_until_it_is_there(
     with model.play(bus=bus, whenMissing=CONTINUE, **BEAR) as player:
         player.set("el2008.channel1Output", True)
         for _ in range(5):
+            assert player.get("age") == 1e9  # never fresh before the first exchange
             player.step()
         assert not player.get("connected")
         assert not player.get("el2008.valid")
@@ -102,6 +103,7 @@ def test_goes_on_without_a_bus_until_it_is_there(
         daemon.bus = bus
         until(player, lambda: player.get("el2008.valid") and outputs(daemon)[0] == 1)
         assert player.get("state") == OPERATIONAL
+        assert player.get("age") < 1000
         assert player.errors() == []
 
 

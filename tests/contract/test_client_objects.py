@@ -162,6 +162,7 @@ def test_a_group_of_one_and_of_none(shared: Client) -> None:
 def test_validity_is_an_enumeration(bus: Bus, memory: SharedMemory) -> None:
     with Client(bus.name) as client:
         assert client.signal("0/in/i32").validity is Validity.NEVER
+        assert client.domain().age == 1e9  # never fresh before the first exchange
 
 
 @pytest.mark.parametrize("value", ["5", None, [1], 1 << 2000])

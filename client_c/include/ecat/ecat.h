@@ -112,12 +112,14 @@ typedef struct ecat_output_info {
   char program[33];     /* program name that the owner wrote, in ASCII */
 } ecat_output_info;
 
+#define ECAT_AGE_NEVER 1e9 /* seconds: an age before there was an exchange, which is never fresh */
+
 typedef struct ecat_domain_info {
   const char *name;      /* valid until ecat_close */
   unsigned divider;      /* exchanged every so many base cycles */
   uint64_t cycle;        /* cycle of the last sample */
-  uint64_t time_ns;      /* CLOCK_MONOTONIC when its frames came back */
-  double age;            /* seconds since then */
+  uint64_t time_ns;      /* CLOCK_MONOTONIC when its frames came back, 0: never */
+  double age;            /* seconds since then, or ECAT_AGE_NEVER */
   unsigned wkc;          /* working counter */
   unsigned wkc_expected;
   int wkc_state;         /* enum ecat_wkc_state */

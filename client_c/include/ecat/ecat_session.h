@@ -110,7 +110,7 @@ typedef struct ecat_session {
   /* Of the last sample: */
   int state;                     /* enum ecat_session_state */
   int cycle;                     /* modulo 2^31 */
-  double age;                    /* seconds since its frames came back */
+  double age;                    /* seconds since its frames came back, or ECAT_AGE_NEVER */
   int wkc, wkc_expected;         /* sums of all domains of the bus */
 
   ecat_session_slave *slaves;    /* this member and the following ones are for the session only */

@@ -94,7 +94,12 @@ DIAGNOSTICS = (
     Fixed("connected", "Boolean", "The last step has reached the bus"),
     Fixed("state", "BusState", "State of the bus in the last step"),
     Fixed("cycle", "Counter", "Bus cycle of the values, modulo 2^31"),
-    Fixed("age", "Real", "Time from the exchange of the values to the end of the step", unit="s"),
+    Fixed(
+        "age",
+        "Real",
+        "Time from the exchange of the values to the end of the step, 1e9 before the first one",
+        unit="s",
+    ),
     Fixed("missed", "Counter", "Bus cycles in addition to those that were waited for"),
     Fixed("workingCounter", "Counter", "Working counter of the last exchange, of all domains"),
     Fixed("workingCounterExpected", "Counter", "Working counter when all slaves take part"),

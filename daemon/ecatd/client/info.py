@@ -56,8 +56,8 @@ class DomainInfo:
         name: From the configuration.
         divider: It is exchanged every so many base cycles.
         cycle: The cycle in which it was exchanged; 0: never.
-        time_ns: CLOCK_MONOTONIC when its frames came back, in ns.
-        age: Seconds since then.
+        time_ns: CLOCK_MONOTONIC when its frames came back, in ns; 0: never.
+        age: Seconds since then; 1e9 before there was an exchange.
         wkc: Working counter.
         wkc_expected: Working counter when all slaves take part.
         wkc_state: Whether none, some or all slaves took part.

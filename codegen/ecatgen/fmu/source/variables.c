@@ -33,6 +33,7 @@ void plant_start_values(plant *p) {
     p->variables[i].value = p->variables[i].start;
     p->variables[i].on_bus.pending = 0;
   }
+  plant_publish(p, ROLE_AGE, ECAT_AGE_NEVER, 0);
   for (i = 0; i < p->slave_count; i++) p->slaves[i].on_bus.writes = 0;
   free(p->bus_name);
   p->bus_name = strdup(p->bus_start);

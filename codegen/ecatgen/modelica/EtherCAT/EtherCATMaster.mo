@@ -41,8 +41,8 @@ block EtherCATMaster "Connection of the model to one EtherCAT bus"
     "= true, if the sample is of a bus that delivers";
   output EtherCAT.Types.BusState state(start = EtherCAT.Types.BusState.Missing, fixed = true)
     "State of the bus";
-  output Modelica.Units.SI.Time age(start = 0, fixed = true)
-    "Time from the exchange with the slaves to the sample";
+  output Modelica.Units.SI.Time age(start = 1e9, fixed = true)
+    "Time from the exchange with the slaves to the sample, 1e9 s before the first one";
   output Integer missed(start = 0, fixed = true)
     "Bus cycles in addition to those that the model waited for: sum since the start";
   output Integer workingCounter(start = 0, fixed = true)
@@ -148,7 +148,8 @@ sentence instead. A single lost frame does not end the simulation.
 The outputs are those of the last sample of any domain. <code>state</code> goes from
 <code>Missing</code> to <code>Operational</code>, see
 <a href=\"modelica://EtherCAT.Types.BusState\">BusState</a>; <code>connected</code> is true from
-<code>Incomplete</code> on. <code>age</code> goes on growing while there is no bus. <code>missed</code>
+<code>Incomplete</code> on. <code>age</code> goes on growing while there is no bus, and is
+1e9&nbsp;s before the first exchange. <code>missed</code>
 counts only with <code>waitForBus</code>: all bus cycles in addition to those that the samples waited for,
 because the model or the machine was too slow. In a run with <i>n</i> samples of <i>k</i> bus cycles each the bus
 has made <i>n&nbsp;k</i>&nbsp;+&nbsp;<code>missed</code> cycles.

@@ -5,7 +5,7 @@ impure function masterState "State of the bus in the sample of this time"
   input Real t "Simulation time";
   input Integer order "Any value whose computation must come before this call";
   output Boolean connected "= true, if the sample is of a bus that delivers";
-  output Real age "Time since the frames of the sample came back, in s";
+  output Real age "Time since the frames of the sample came back in s, 1e9 before the first exchange";
   output Integer missed "Bus cycles in addition to those that the model waited for";
   output EtherCAT.Types.BusState state "State of the bus";
   output Integer workingCounter "Sum of the working counters of all domains of the bus";

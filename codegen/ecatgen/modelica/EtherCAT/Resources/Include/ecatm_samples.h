@@ -49,7 +49,7 @@ ECATM_FUNCTION int ecatm_wait(void *object, double time) {
 /* The state of the bus in the last sample. Returns whether the bus delivered. `order` makes the tool call
  * this function after the wait that has returned it.
  *
- * age: since the frames of the sample came back, s
+ * age: since the frames of the sample came back, s, or ECAT_AGE_NEVER
  * missed: bus cycles in addition to those that the model waited for, because the model was too slow
  * state: enum ecat_session_state
  * wkc, wkc_expected: working counters, sums of all domains of the bus */
