@@ -48,6 +48,11 @@ clock samples all domains, at most ten times as often as the fastest of them.</t
 block is wrong; the rest of the message says why.</td></tr>
 <tr><td>the drive of slave ... cannot work: ...</td><td>A parameter of the drive makes no sense; the rest of the
 message says which.</td></tr>
+<tr><td>the drive of slave ... stays off until enable is switched off and on again, because ...</td><td>A note: the
+drive was lost, had a fault, or left its operation by itself. See
+<a href=\"modelica://EtherCAT.Types.DriveRestart\">DriveRestart</a>.</td></tr>
+<tr><td>... is ..., but the drive of slave ... says ...</td><td>A note: correct this parameter of the drive block, or the
+object of the drive.</td></tr>
 <tr><td>the reference of the drive of slave ... is not a finite number</td><td>Look for a division by zero in the
 model.</td></tr>
 <tr><td>there is no domain ...</td><td><code>domainID</code> of a block is larger than the number of
