@@ -161,8 +161,12 @@ def test_what_the_configuration_maps_is_not_compared(settings: SlaveConfig) -> N
     ],
 )
 def test_an_eeprom_that_says_nothing_of_a_pdo(sii: list[Pdo]) -> None:
-    found = judge([pdo("ab")], sii, length=9)
+    found = judge([pdo("ab")], sii)
     assert (found.doubt, found.contradictions, found.notes, found.settled) == ("", [], [], [])
+
+
+def test_a_length_of_another_assignment_says_nothing() -> None:
+    assert judge([pdo("ab")], [pdo("ab6w", 0x1A07)], length=9).settled == []
 
 
 def test_a_pdo_that_somebody_has_mapped() -> None:
