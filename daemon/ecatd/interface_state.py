@@ -84,7 +84,7 @@ def remarks(state: InterfaceState) -> Iterator[Remark]:
             f"which have up to {LEAST_MTU}",
             f"`ip link set {name} mtu {LEAST_MTU}`",
         )
-    yield from speed_remarks(name, state)
+    yield from speed_remarks(state)
     yield from _sharing(state)
     if state.merges:
         yield Remark(
@@ -95,10 +95,11 @@ def remarks(state: InterfaceState) -> Iterator[Remark]:
         )
 
 
-def speed_remarks(name: str, state: InterfaceState) -> Iterator[Remark]:
+def speed_remarks(state: InterfaceState) -> Iterator[Remark]:
     """What is wrong with speed and duplex of a card: EtherCAT has 100 Mbit/s and full duplex."""
     if state.kind:
         return  # nothing that a cable could change
+    name = state.name
     negotiate = f"`ethtool -s {name} autoneg on`, and another cable"
     if state.duplex == "half":
         yield Remark(

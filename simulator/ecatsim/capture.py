@@ -18,6 +18,7 @@ from ecatd.bus.start.clocks import clock_bits
 from ecatd.model.al import AlState
 from ecatd.model.dictionary import DictionaryObject
 from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
+from ecatd.model.patience import Patience
 from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS
 from ecatd.model.sii_categories import whole_image
 from ecatd.model.sii_check import check_sii
@@ -30,7 +31,7 @@ Progress = Callable[[str], None]
 PORTS_IN_ORDER = (3, 1, 2)
 """The ports behind the processing unit, in the order in which a frame leaves through them."""
 
-_TIMEOUT = 5.0
+_PATIENCE = Patience(5.0)
 _CHIP, _DL_STATUS = 0x0000, 0x0110
 _CHIP_SIZE = 10
 _COE = 0x04
@@ -109,17 +110,17 @@ def capture(interface: str, progress: Progress, *, objects: bool = True) -> list
                 f"slaves on '{interface}' are in SAFEOP or OP: a master is using them, and a scan "
                 f"would interrupt it; stop the master first"
             )
-        master.scan(_TIMEOUT)
+        master.scan(_PATIENCE)
         count = len(master.stations)
         try:
-            master.al_states.wait_for(AlState.PREOP, _TIMEOUT)
+            master.al_states.wait_for(AlState.PREOP, _PATIENCE)
             clocks = clock_bits(master)
             slaves = [
                 _slave(master, i, count, bool(clocks[i]), progress, objects) for i in range(count)
             ]
         finally:
             if before != AlState.PREOP:
-                master.al_states.wait_for(AlState.INIT, _TIMEOUT)
+                master.al_states.wait_for(AlState.INIT, _PATIENCE)
     finally:
         master.close()
     return slaves

@@ -144,7 +144,7 @@ def test_uploads_without_a_size_have_that_of_their_type(daemon: Daemon) -> None:
 
 def test_a_contradicted_slave_is_not_taken_to_op_by_hand(daemon: Daemon) -> None:
     for state in ("SAFEOP", "OP"):
-        refused = daemon.ctl("state", state, "-p", str(PADDED), check=False)
+        refused = daemon.ctl("state", str(PADDED), state, check=False)
         assert refused.returncode == 7
         names(refused.stderr, "CoE places 0x7016:00 at bit 2, the EEPROM at bit 8", "pdo_source")
     assert daemon.slave_rows("slaves")[PADDED]["state"] == "PREOP"
@@ -152,8 +152,8 @@ def test_a_contradicted_slave_is_not_taken_to_op_by_hand(daemon: Daemon) -> None
 
 def test_a_slave_is_believed_in_the_same_way_when_it_comes_back(daemon: Daemon) -> None:
     for n in (CHOSEN, HOLE):
-        daemon.ctl("state", "INIT", "--yes", "-p", str(n))
-        daemon.ctl("state", "OP", "-p", str(n))
+        daemon.ctl("state", str(n), "INIT", "--yes")
+        daemon.ctl("state", str(n), "OP")
         assert daemon.slave_rows("slaves")[n]["state"] == "OP"
 
 

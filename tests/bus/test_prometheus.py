@@ -48,6 +48,8 @@ WELL = {
     'ecat_dc_locked{bus="b"}': "1x99",
     'ecat_lost_total{bus="b"}': "5x99",
     'ecat_missed_total{bus="b"}': "5x99",
+    'ecat_domain_well{bus="b",domain="0"}': "1x99",
+    'ecat_fault{bus="b",kind="mtu",interface="eth1"}': "0x99",
     'ecat_lapses_total{bus="b"}': "5x99",
 }
 """What is scraped every 5 s of a bus that is well."""
@@ -90,6 +92,16 @@ FAULTS = {
         "ecat_dc_locked",
         "0x99",
         "bus b: the cycle does not follow the reference clock",
+    ),
+    "EtherCATExchangeFails": (
+        "ecat_domain_well",
+        "0x99",
+        "bus b: exchanges of domain 0 fail: ecatctl check says why",
+    ),
+    "EtherCATInterface": (
+        "ecat_fault",
+        "1x99",
+        "bus b: interface eth1 is not as EtherCAT needs it (mtu): see ecatctl check",
     ),
     "EtherCATFramesLost": ("ecat_lost_total", "5+10x99", "bus b loses 2 frames a second"),
     "EtherCATCyclesMissed": (

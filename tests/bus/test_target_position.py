@@ -56,7 +56,7 @@ def test_a_drive_that_is_enabled_without_a_target_stays_where_it_is(
         drive.until(lambda: drive.speed == 0 and drive.get(TARGET) == drive.get(ACTUAL))
         # What was valid last stays while the input is not valid.
         last = drive.get(TARGET)
-        daemon.ctl("state", "PREOP", "-p", "0", "--yes")
+        daemon.ctl("state", "0", "PREOP", "--yes")
         wait_for(lambda: daemon.slave_rows("state")[0]["text"] == "PREOP", daemon)
         for _ in range(20):
             drive.step()

@@ -20,13 +20,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ecatd.model.errors import StateError
+from ecatd.model.patience import Patience
 
 from .failures import TEMPORARY
 from .folder import parents, read_folder
 from .plan import Plan
 
 _NEW, _OLD = "new", "old"
-_PATIENCE = 30.0
+_PATIENCE = Patience(30.0)
 _LOOK = 0.05
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
@@ -49,7 +50,7 @@ def locked(out: Path, *, shared: bool = False) -> Iterator[None]:
     """
     fd = os.open(out, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
-    deadline = time.monotonic() + _PATIENCE
+    deadline = time.monotonic() + _PATIENCE.seconds
     try:
         while True:
             try:
@@ -58,7 +59,7 @@ def locked(out: Path, *, shared: bool = False) -> Iterator[None]:
             except BlockingIOError:
                 if time.monotonic() > deadline:
                     raise StateError(
-                        f"another run has been writing into {out} for {_PATIENCE:g} s: end it, or "
+                        f"another run has been writing into {out} for {_PATIENCE}: end it, or "
                         "wait for it"
                     ) from None
                 time.sleep(_LOOK)

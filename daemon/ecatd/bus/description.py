@@ -11,10 +11,11 @@ from ecatd.model.al import AlState
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError
+from ecatd.model.patience import Patience
 
 from .start.bring_up import BringUp
 
-_STOP_TIMEOUT = 1.0
+_STOP_PATIENCE = Patience(1.0)
 
 
 def describe(config: Config, interface: str, log: Log) -> Bus:
@@ -41,5 +42,5 @@ def describe(config: Config, interface: str, log: Log) -> Bus:
         if up.master is not None:
             if up.bus.slaves:
                 with suppress(StateError):
-                    up.master.al_states.wait_for(AlState.INIT, _STOP_TIMEOUT)
+                    up.master.al_states.wait_for(AlState.INIT, _STOP_PATIENCE)
             up.master.close()

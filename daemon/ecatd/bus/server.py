@@ -25,6 +25,7 @@ from ecatd.model.errors import StateError
 from ecatd.model.health import look_at
 from ecatd.model.log_levels import Levels, level_of, level_of_each, levels_text, with_level
 from ecatd.model.meanings import object_meaning
+from ecatd.model.patience import Patience
 from ecatd.model.pdo import Entry
 from ecatd.model.requests.bus import (
     Describe,
@@ -57,7 +58,7 @@ from .watch.fault_files import FaultFiles
 from .watch.monitor import Monitor
 
 _STOP_CYCLES = 3
-_STOP_TIMEOUT = 1.0
+_STOP_PATIENCE = Patience(1.0)
 _SAFE_TIMEOUT = 5.0
 """Most seconds to wait until safe outputs are sent. SAFEOP follows in any case, and in SAFEOP the
 slaves make their outputs safe themselves. Even a slow domain must not delay the stop so long that
@@ -237,8 +238,8 @@ class BusServer:
             await self._worker.run(_nothing)
             if not self._up.engine.attend(cycles):
                 raise StateError(
-                    f"the bus server stood still for {HANG_S:g} s, so the engine has made the "
-                    f"outputs safe: other programs took the processor, or this is a defect"
+                    f"the bus server stood still for {Patience(HANG_S)}, so the engine has made "
+                    f"the outputs safe: other programs took the processor, or this is a defect"
                 )
             await asyncio.sleep(_ATTEND_PERIOD)
 
@@ -418,11 +419,11 @@ class BusServer:
                 # Only slaves in OP go to SAFEOP. Those of a refused start are in PREOP, below it.
                 in_op = [position for position, state in here.items() if state == AlState.OP]
                 with suppress(StateError):
-                    up.leave(AlState.INIT, _STOP_TIMEOUT)
+                    up.leave(AlState.INIT, _STOP_PATIENCE)
                 for state, asked in ((AlState.SAFEOP, in_op), (AlState.INIT, list(here))):
                     if asked:
                         try:
-                            up.master.al_states.wait_for(state, _STOP_TIMEOUT, asked)
+                            up.master.al_states.wait_for(state, _STOP_PATIENCE, asked)
                         except StateError as error:
                             self._log.warning(f"at the stop: {error}")
                 # A slave may hear this although its answers were lost.

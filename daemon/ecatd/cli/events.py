@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from ecatd.model.bus import Bus
-from ecatd.model.event_facts import shown
+from ecatd.model.event_facts import KINDS, shown
 
 from .arguments import add_slave
 from .output import print_json, print_json_line
@@ -27,7 +27,11 @@ _UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
 _SAID = ("event", "sequence", "instance", "time_ns", "slave", "text")
 """Facts that have a place of their own in the line of an event, or are for programs."""
-_IN_TEXT = {"emergency": ("code", "register")}
+_IN_TEXT = {
+    "emergency": ("code", "register"),
+    "exchange": ("fault", "domain", "share", "exchanges", "failures", "slaves", "over"),
+    "interface": ("interface", "topic", "over"),
+}
 """Facts that the text of an event says already."""
 
 
@@ -45,10 +49,19 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.add_argument(
         "--kind",
         action="append",
+        type=_kind,
         metavar="KIND",
         help="only events of this kind, such as emergency; can be given several times",
     )
     add_slave(command)
+
+
+def _kind(text: str) -> str:
+    """Checks that there are events of a kind: one that does not exist would filter all out."""
+    if text not in KINDS:
+        known = ", ".join(sorted(KINDS))
+        raise argparse.ArgumentTypeError(f"there are no events of kind '{text}', only {known}")
+    return text
 
 
 def _time(text: str) -> float:
@@ -119,10 +132,16 @@ def _wanted(
     kinds: list[str] | None,
 ) -> Iterator[dict[str, Any]]:
     for event in found:
-        of_slave = chosen is None or event.get("slave") == chosen
+        of_slave = chosen is None or chosen in _concerned(event)
         of_kind = not kinds or event["event"] in kinds
         if of_slave and of_kind and (since is None or event["time_ns"] >= since * 1e9):
             yield event
+
+
+def _concerned(event: dict[str, Any]) -> set[int]:
+    """Positions of the slaves that an event is about."""
+    named = {*event.get("slaves", ()), *event.get("missing", ())}
+    return named | {event["slave"]} if "slave" in event else named
 
 
 def _print(bus: Bus, found: Iterable[dict[str, Any]], *, as_json: bool) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.errors import EcatError, NoAnswerError, StateError
+from ecatd.model.patience import Patience
 
 from .arguments import slave
 from .confirm import add_yes, confirm
@@ -142,7 +143,7 @@ def reboot(remote: Remote, options: argparse.Namespace) -> None:
     )
     begin = time.monotonic()
     _reset(remote, found)
-    _wait(remote, found, begin + options.timeout)
+    _wait(remote, found, begin, Patience(options.timeout, "--timeout"))
     took = time.monotonic() - begin
     if options.json:
         print_json({"bus": remote.bus, "slave": found.position, "seconds": round(took, 3)})
@@ -166,7 +167,7 @@ def _reset(remote: Remote, found: Slave) -> None:
         )
 
 
-def _wait(remote: Remote, found: Slave, deadline: float) -> None:
+def _wait(remote: Remote, found: Slave, begin: float, patience: Patience) -> None:
     with progress() as show:
         while True:
             try:
@@ -176,7 +177,10 @@ def _wait(remote: Remote, found: Slave, deadline: float) -> None:
             if state["al_state"] == AlState.OP:
                 return
             text = ", ".join(filter(None, (state["text"], state["recovery_text"])))
-            if time.monotonic() > deadline:
-                raise NoAnswerError(f"{found.label} was reset, and has not come back to OP: {text}")
+            if time.monotonic() > begin + patience.seconds:
+                raise NoAnswerError(
+                    f"{found.label} was reset, and has not come back to OP within {patience}: "
+                    f"{text}"
+                )
             show(text)
             time.sleep(_PAUSE)

@@ -22,6 +22,7 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
+from ecatd.model.patience import Patience
 from ecatd.shm import Direction, Errno
 
 from .structs import QUICK, WAITING, SignalStruct, SummaryStruct
@@ -216,7 +217,7 @@ class Connection:
         if code == Errno.ETIMEOUT:
             raise NoAnswerError(
                 f"bus '{self.bus}': the {name} that was waited for did not come within "
-                f"{timeout:g} s"
+                f"{Patience(timeout, 'timeout')}"
             )
         self.check_live(code)
 
@@ -231,7 +232,9 @@ class Connection:
         with self._waiting() as address:
             code = WAITING.ecat_summarize(address, signals, len(signals), cycles, timeout, found)
         if code == Errno.ETIMEOUT:
-            raise NoAnswerError(f"bus '{self.bus}': no cycle came within {timeout:g} s")
+            raise NoAnswerError(
+                f"bus '{self.bus}': no cycle came within {Patience(timeout, 'timeout')}"
+            )
         self.check_live(code)
 
     # --- what several parts of a client ask -------------------------------------------------------

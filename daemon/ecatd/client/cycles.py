@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from ecatd.model.errors import EcatError, NoAnswerError, StateError, UnreachableError
+from ecatd.model.patience import Patience
 
 from .connection import Connection
 
@@ -84,7 +85,8 @@ class CycleWaiter:
                 return await waiter.result
         except TimeoutError:
             raise NoAnswerError(
-                f"bus '{self._bus}': the cycle that was waited for did not come in time"
+                f"bus '{self._bus}': the cycle that was waited for did not come within "
+                f"{Patience(timeout, 'timeout')}"
             ) from None
         finally:
             with self._changed:

@@ -20,6 +20,7 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
+from ecatd.model.patience import Patience
 from ecatd.model.queries import to_query
 from ecatd.model.requests.request import Request
 from ecatd.paths import read_host, search_dirs, zenoh_socket
@@ -237,8 +238,8 @@ class Session:
                 f"group 'ecat', and to users with a certificate (`ecatctl remote`)"
             )
         return NoAnswerError(
-            f"{silent} within {self.timeout:g} s: a slave or the bus server is busy or hangs; a "
-            "longer --timeout may help" + self._doubt(key)
+            f"{silent} within {Patience(self.timeout, '--timeout')}: a slave or the bus server is "
+            f"busy or hangs" + self._doubt(key)
         )
 
     @property

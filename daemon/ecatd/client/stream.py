@@ -12,6 +12,7 @@ import zenoh
 
 from ecatd.encoding import MAX_REPLY, unpack
 from ecatd.model.errors import NoAnswerError, UnreachableError
+from ecatd.model.patience import Patience
 from ecatd.zenoh_keys import bus_key, bus_of
 
 _ROWS = 100
@@ -44,7 +45,7 @@ class Stream:
         self.signals: list[dict[str, Any]] = list(opened["signals"])
         self.rate = float(opened["rate"])
         self.cycles = int(opened["cycles"])
-        self._patience_s = patience_s + 1 / self.rate
+        self._patience = Patience(patience_s + 1 / self.rate, "--timeout")
         self._subscriber = session.declare_subscriber(
             opened["key"], zenoh.handlers.RingChannel(_ROWS)
         )
@@ -57,7 +58,7 @@ class Stream:
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         while True:
-            deadline = time.monotonic() + self._patience_s
+            deadline = time.monotonic() + self._patience.seconds
             while (sample := self._subscriber.try_recv()) is None:
                 if self._has_ended.is_set():
                     raise UnreachableError(
@@ -66,7 +67,7 @@ class Stream:
                     )
                 if time.monotonic() > deadline:
                     raise NoAnswerError(
-                        f"no values have come for {self._patience_s:g} s: the daemon stands still, "
+                        f"no values have come for {self._patience}: the daemon stands still, "
                         "or the connection is broken"
                     )
                 time.sleep(min(0.01, 0.2 / self.rate))

@@ -12,6 +12,7 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
+from ecatd.model.patience import Patience
 
 from .identity import Identity
 
@@ -42,29 +43,36 @@ def why_unreached(endpoint: str, identity: Identity | None, timeout: float) -> E
     nobody = f"no ecatd answers at {endpoint}"
     if protocol not in _LOOKED_AT or not port.isdecimal():
         return UnreachableError(f"{nobody}; is it running, and does it listen there?")
-    patience, host = min(timeout, _PATIENCE_S), host.strip("[]")
+    changed_by = "--timeout" if timeout < _PATIENCE_S else ""
+    patience, host = Patience(min(timeout, _PATIENCE_S), changed_by), host.strip("[]")
     try:
-        connection = socket.create_connection((host, int(port)), patience)
+        connection = socket.create_connection((host, int(port)), patience.seconds)
     except TimeoutError:
-        return UnreachableError(f"{nobody}: the machine '{host}' does not answer at all")
+        return UnreachableError(
+            f"{nobody}: the machine '{host}' does not answer at all within {patience}"
+        )
     except (OSError, UnicodeError, OverflowError) as error:
         why = getattr(error, "strerror", None) or str(error)
         return UnreachableError(f"{nobody}: {why}; is it running, and does it listen there?")
     with connection:
         if protocol == _TLS:
-            return _shake_hands(connection, host, endpoint, identity)
-        return _silent(endpoint)
+            return _shake_hands(connection, host, endpoint, identity, patience)
+        return _silent(endpoint, patience)
 
 
-def _silent(endpoint: str) -> EcatError:
+def _silent(endpoint: str, patience: Patience) -> EcatError:
     return NoAnswerError(
-        f"somebody listens at {endpoint}, but does not answer as ecatd does: the gateway is busy "
-        "or hangs, or another program has this port"
+        f"somebody listens at {endpoint}, but does not answer as ecatd does within {patience}: the "
+        f"gateway is busy or hangs, or another program has this port"
     )
 
 
 def _shake_hands(
-    connection: socket.socket, host: str, endpoint: str, identity: Identity | None
+    connection: socket.socket,
+    host: str,
+    endpoint: str,
+    identity: Identity | None,
+    patience: Patience,
 ) -> EcatError:
     """Tries the certificates of both sides."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
@@ -86,11 +94,11 @@ def _shake_hands(
             f"must have its authority: {_shown(identity)}"
         )
     except TimeoutError:
-        return _silent(endpoint)
+        return _silent(endpoint, patience)
     except (OSError, ValueError) as error:  # of which ssl.SSLError is one
         name = getattr(error, "reason", None) or ""
         if "ALERT" not in name:  # it does not speak TLS
-            return _silent(endpoint)
+            return _silent(endpoint, patience)
         if identity is None:
             return NotPermittedError(
                 f"{endpoint} needs a certificate. Ask for one (`ecatctl remote user NAME` on the "

@@ -11,6 +11,13 @@ from functools import partial
 from pathlib import Path
 
 from ecatd import ethtool
+from ecatd.interface_state import (
+    LEAST_MTU,
+    InterfaceState,
+    bridge_remark,
+    remarks,
+    speed_remarks,
+)
 
 from .findings import Change, Finding, Level
 from .values import ROOT, read, text_change
@@ -72,16 +79,11 @@ def _link(area: str, interface: str, folder: Path) -> Finding:
     if speed in ("", "-1") or not (folder / "device").exists():
         return Finding(area, "link", Level.OK, "carrier")
     text = f"{speed} Mbit/s, {duplex} duplex"
-    if speed == "100" and duplex == "full":
-        return Finding(area, "link", Level.OK, text)
-    if duplex == "full" and int(speed) > 100:
-        text += (
-            ": the other end is not an EtherCAT slave, which has 100 Mbit/s, but a switch or a PC"
-        )
-        remedy = "connect the IN port of the first slave directly"
-        return Finding(area, "link", Level.HINT, text, remedy)
-    remedy = f"`ethtool -s {interface} autoneg on`, and another cable"
-    return Finding(area, "link", Level.PROBLEM, text, remedy)
+    state = InterfaceState(interface, speed=int(speed), duplex=duplex)
+    for remark in speed_remarks(state):
+        level = Level.PROBLEM if remark.is_fault else Level.HINT
+        return Finding(area, "link", level, remark.text, remark.remedy)
+    return Finding(area, "link", Level.OK, text)
 
 
 def _users(area: str, interface: str, folder: Path) -> Iterator[Finding]:
@@ -98,10 +100,30 @@ def _users(area: str, interface: str, folder: Path) -> Iterator[Finding]:
     else:
         yield Finding(area, "IP addresses", Level.OK, "none")
     if (folder / "master").exists():
-        bridge = (folder / "master").resolve().name
-        text = f"it is a part of {bridge}, so other machines reach the slaves"
-        remedy = f"`ip link set {interface} nomaster`"
-        yield Finding(area, "bridge", Level.PROBLEM, text, remedy)
+        remark = bridge_remark(interface, (folder / "master").resolve().name)
+        yield Finding(area, "bridge", Level.PROBLEM, remark.text, remark.remedy)
+    yield from _shared(area, interface, folder)
+
+
+def _shared(area: str, interface: str, folder: Path) -> Iterator[Finding]:
+    """Finds an MTU that is too small, and what shares the cable with the slaves."""
+    above = tuple(sorted(path.name.removeprefix("upper_") for path in folder.glob("upper_*")))
+    mtu, kind = read(folder / "mtu"), _kind(folder)
+    bridge = (folder / "master").resolve().name if (folder / "master").exists() else ""
+    state = InterfaceState(
+        interface,
+        mtu=int(mtu) if mtu else LEAST_MTU,
+        kind=kind,
+        above=tuple(name for name in above if name != bridge),
+    )
+    for remark in remarks(state):
+        yield Finding(area, remark.topic, Level.PROBLEM, remark.text, remark.remedy)
+
+
+def _kind(folder: Path) -> str:
+    """Kind of a virtual interface, such as `vlan`; empty for a card."""
+    lines = dict(line.partition("=")[::2] for line in read(folder / "uevent").splitlines())
+    return lines.get("DEVTYPE", "")
 
 
 def _settings(area: str, interface: str) -> Iterator[Finding]:

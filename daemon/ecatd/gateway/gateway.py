@@ -23,6 +23,7 @@ from ecatd.model.bus_reader import read_bus
 from ecatd.model.config import Config, GatewayConfig, UserConfig, read_config
 from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError, UsageError
 from ecatd.model.log_levels import DEFAULTS
+from ecatd.model.patience import Patience
 from ecatd.model.queries import from_query, needs_right, read_flag, read_parameters
 from ecatd.model.requests.bus import Describe, ReadConfig, ReadStates
 from ecatd.model.requests.files import PutFoe
@@ -57,7 +58,7 @@ from .publisher import Publisher, publish_stats
 from .routers import watch_routers
 from .streams import Streams
 
-_OPEN_PATIENCE, _OPEN_PAUSE = 5.0, 0.005
+_OPEN_PATIENCE, _OPEN_PAUSE = Patience(5.0), 0.005
 """Seconds that Zenoh has to listen on the local socket, and seconds between two looks."""
 _LOOK_PATIENCE, _LOOK_AGAIN = 1.0, 0.1
 """Seconds for an answer when the gateway looks whether clients get one, and between two looks."""
@@ -194,10 +195,12 @@ class Gateway:
         old = os.umask(0o117)
         try:
             session = zenoh.open(self._session_config(endpoints))
-            deadline = time.monotonic() + _OPEN_PATIENCE
+            deadline = time.monotonic() + _OPEN_PATIENCE.seconds
             while not self._socket.exists():
                 if time.monotonic() > deadline:
-                    raise UnreachableError(f"Zenoh does not listen on {self._socket}")
+                    raise UnreachableError(
+                        f"Zenoh does not listen on {self._socket} within {_OPEN_PATIENCE}"
+                    )
                 await asyncio.sleep(_OPEN_PAUSE)
         except zenoh.ZError as error:
             raise UnreachableError(f"Zenoh does not open: {_reason(error)}") from error

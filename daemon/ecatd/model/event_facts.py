@@ -4,6 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
+KINDS = frozenset(
+    {
+        *("al_state", "slaves", "recovery", "emergency", "expected_bus"),
+        *("link", "sending", "ring", "interface", "foreign_master"),
+        *("exchange", "disturbance", "working_counter", "clock", "clock_difference"),
+        *("claimed", "safe", "stopped", "refused", "malformed", "tampered"),
+        *("configuration", "log_levels"),
+    }
+)
+"""Kinds of events."""
+
 
 def shown(value: Any) -> str:
     """A fact as text for people."""

@@ -139,7 +139,8 @@ def _told(row: Mapping[str, Any], consequences: Iterable[Fault] = ()) -> str:
         {fault.domain or 0 for fault in consequences if row["position"] in fault.slaves}
     )
     domains = " and ".join(f"domain {number}" for number in spoilt)
-    so = f"; so {domains} has a wrong working counter" if spoilt else ""
+    has = "has a wrong working counter" if len(spoilt) == 1 else "have wrong working counters"
+    so = f"; so {domains} {has}" if spoilt else ""
     return f"{_name(row)}: {', '.join(text for text in known if text)}{so}"
 
 

@@ -27,6 +27,7 @@ from ecatd.log import Log
 from ecatd.model.config import Config
 from ecatd.model.config.reload import reload
 from ecatd.model.errors import ConfigError, EcatError, StateError, UsageError
+from ecatd.model.patience import Patience
 from ecatd.notify import is_managed, notify
 from ecatd.paths import make_dir, remove_dir, user_dir
 from ecatd.process import leave_processor, offer_to_oom_killer
@@ -304,9 +305,9 @@ class Supervisor:
             if server.report.get("cycle") != cycle or server.silent_s:
                 cycle, moved_at = server.report.get("cycle", -1), now
             elif now - moved_at > patience:
-                self._fail(f"the engine has stood still for {patience:g} s, in cycle {cycle}")
+                self._fail(f"the engine has stood still for {Patience(patience)}, in cycle {cycle}")
             _feed(server.report.get("status") or begin)
-        text = f"{server} has not answered for {HANG_S:g} s"
+        text = f"{server} has not answered for {Patience(HANG_S)}"
         end = time.monotonic() + self._config.outputs.stop_patience + _STOP_MARGIN
         self._log.error(
             f"{text}; ecatd gives its engine the time to stop the drives, and then kills it", "hung"
@@ -359,8 +360,8 @@ class Supervisor:
                 return gateway
 
     async def _kill_gateway(self, gateway: Child) -> None:
-        hung = f"has not answered for {HANG_S:g} s"
-        what = hung if gateway.is_ready else f"is not ready after {_GATEWAY_START:g} s"
+        hung = f"has not answered for {Patience(HANG_S)}"
+        what = hung if gateway.is_ready else f"is not ready after {Patience(_GATEWAY_START)}"
         text = f"{gateway} {what}; ecatd kills it and starts it again, while the bus goes on"
         self._log.warning(text, "gateway")
         await gateway.kill()
@@ -412,7 +413,7 @@ class Supervisor:
         for child in reversed(self._children):
             self._log.debug(f"{child} is asked to end")
             if not await child.stop(patience):
-                self._log.error(f"{child} did not end within {patience:g} s and was killed")
+                self._log.error(f"{child} did not end within {Patience(patience)} and was killed")
         if folder := self._settings.get("runtime_dir"):
             remove_dir(Path(folder), self._config.bus)
 

@@ -17,6 +17,7 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
+from ecatd.model.patience import Patience
 
 from ..clocks import Clock
 from ..faults import FAULTS, Fault, FaultState
@@ -26,7 +27,7 @@ from . import sockets
 from .status import Status
 
 SCHEMA = 1
-_TIMEOUT = 10.0
+_PATIENCE = Patience(10.0)
 _CHUNK = 1 << 16
 
 
@@ -92,7 +93,9 @@ class Simulator:
             reply = json.loads(self._line())
         except TimeoutError:
             self._late = True
-            raise NoAnswerError(f"simulator '{self.name}' does not answer") from None
+            raise NoAnswerError(
+                f"simulator '{self.name}' does not answer within {_PATIENCE}"
+            ) from None
         except (OSError, ValueError):
             raise UnreachableError(f"simulator '{self.name}' has ended") from None
         if "error" in reply:
@@ -206,14 +209,14 @@ def _connect(name: str) -> socket.socket:
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     # The limit is set by SO_SNDTIMEO: with a timeout of Python, `connect` would fail at once while
     # many clients wait to be accepted.
-    seconds = int(_TIMEOUT)
-    wait = struct.pack("@ll", seconds, int((_TIMEOUT - seconds) * 1e6))
+    seconds = int(_PATIENCE.seconds)
+    wait = struct.pack("@ll", seconds, int((_PATIENCE.seconds - seconds) * 1e6))
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, wait)
     try:
         connection.connect(str(path))
     except BlockingIOError:
         connection.close()
-        raise NoAnswerError(f"simulator '{name}' does not answer") from None
+        raise NoAnswerError(f"simulator '{name}' does not answer within {_PATIENCE}") from None
     except PermissionError:
         connection.close()
         raise NotPermittedError(f"{path} belongs to another user") from None
@@ -222,5 +225,5 @@ def _connect(name: str) -> socket.socket:
         raise UnreachableError(
             f"no simulator '{name}' is running; `ecatsim ctl list` shows which are"
         ) from None
-    connection.settimeout(_TIMEOUT)
+    connection.settimeout(_PATIENCE.seconds)
     return connection

@@ -88,6 +88,7 @@ class States(TypedDict):
         slaves: Those of all slaves, by position.
         missing: Slaves that were missing at a tolerant start.
         others: A sentence about devices that are no slaves of the bus, or empty.
+        faults: What is wrong with interfaces, exchange and clocks, causes before consequences.
         service_silent_s: Seconds since the main process has asked the bus server whether it works,
             which it does every second.
     """
@@ -95,7 +96,34 @@ class States(TypedDict):
     slaves: list[AlState]
     missing: list[MissingSlave]
     others: str
+    faults: list[Fault]
     service_silent_s: float
+
+
+class Fault(TypedDict):
+    """Something that is wrong now.
+
+    Attributes:
+        kind: Of the exchange: `unsent`, `lost`, `late` or `working_counter`. Of an interface:
+            `link`, `sending`, `mtu`, `duplex`, `speed`, `bridge`, `vlan`, `ring` or
+            `foreign_master`. Of clocks: `clock`.
+        text: What is wrong, why, and what to do.
+        since: Unix time in seconds since which it is so.
+        domain: Number of the domain; None if it is not about one.
+        interface: Name of the interface; empty if it is not about one.
+        share: Share of the exchanges that it spoils, 0 to 1.
+        slaves: Positions of the slaves that explain it.
+        blinds: Whether no frame can come back because of it.
+    """
+
+    kind: str
+    text: str
+    since: float
+    domain: int | None
+    interface: str
+    share: float
+    slaves: list[int]
+    blinds: bool
 
 
 class MissingSlave(TypedDict):

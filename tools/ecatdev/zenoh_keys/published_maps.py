@@ -177,6 +177,28 @@ class WorkingCounterEvent(TypedDict):
     cycle: int
 
 
+class ExchangeEvent(TypedDict):
+    """Exchanges of a domain begin to fail, for another reason, or succeed again."""
+
+    fault: str
+    domain: int | None
+    share: float
+    exchanges: int
+    failures: int
+    slaves: list[int]
+    over: bool
+    text: str
+
+
+class InterfaceEvent(TypedDict):
+    """Something is wrong with an interface, or no longer."""
+
+    interface: str
+    topic: str
+    over: bool
+    text: str
+
+
 class ClockEvent(TypedDict):
     """The cycle follows the reference clock, or does not any more."""
 
@@ -274,6 +296,8 @@ EVENTS: dict[str, type] = {
     "sending": SendingEvent,
     "ring": RingEvent,
     "disturbance": DisturbanceEvent,
+    "exchange": ExchangeEvent,
+    "interface": InterfaceEvent,
     "foreign_master": ForeignMasterEvent,
     "working_counter": WorkingCounterEvent,
     "clock": ClockEvent,

@@ -13,6 +13,7 @@ from typing import Generic, TypeVar
 
 from ecatd.coroutine_steps import Steps, finish
 from ecatd.model.errors import StateError
+from ecatd.model.patience import Patience
 from ecatd.model.sii_categories import Words
 
 from .datagrams import Datagrams, Place, Station
@@ -30,10 +31,10 @@ _NO_ACKNOWLEDGE, _NOT_ENABLED = 0x2000, 0x4000
 _BUSY = 0x8000
 
 _TRIES = 3
-_BUSY_LIMIT = 0.5
+_BUSY_LIMIT = Patience(0.5)
 """Seconds after which a busy EEPROM counts as broken; a command takes less than a millisecond."""
 
-_SILENT_LIMIT = 1.0
+_SILENT_LIMIT = Patience(1.0)
 """Seconds without an answer after which a slave counts as gone. A bad contact is shorter."""
 
 _PAUSE = 0.0002
@@ -82,17 +83,17 @@ class _Eeprom(Generic[T]):
         if not answered:
             self._asked = False  # it may have restarted, and know nothing of the command
             self._silent_since = self._silent_since or now
-            if now - self._silent_since > _SILENT_LIMIT:
+            if now - self._silent_since > _SILENT_LIMIT.seconds:
                 raise self._error(
-                    f"it cannot be read: the slave does not answer for {_SILENT_LIMIT:g} s"
+                    f"it cannot be read: the slave does not answer for {_SILENT_LIMIT}"
                 )
             return
         self._silent_since = None
         status, address = struct.unpack_from("<HI", registers)
         if status & _BUSY:
             self._busy_since = self._busy_since or now
-            if now - self._busy_since > _BUSY_LIMIT:
-                raise self._error(f"it is busy for more than {_BUSY_LIMIT} s")
+            if now - self._busy_since > _BUSY_LIMIT.seconds:
+                raise self._error(f"it is busy for more than {_BUSY_LIMIT}")
             return
         self._busy_since = None
         if status & _NO_ACKNOWLEDGE:
@@ -320,7 +321,8 @@ def _take(registers: Datagrams, slave: Station, where: str) -> Steps[int]:
 
 def _wait_until_idle(registers: Datagrams, slave: Station, where: str) -> Steps[int]:
     """Waits until the EEPROM has carried out its command; returns its status (register 0x0502)."""
-    busy_until, silent_until = (time.monotonic() + limit for limit in (_BUSY_LIMIT, _SILENT_LIMIT))
+    now = time.monotonic()
+    busy_until, silent_until = now + _BUSY_LIMIT.seconds, now + _SILENT_LIMIT.seconds
     while True:
         (answer,) = registers.exchange([slave.read(_CONTROL, 2)])
         status = int.from_bytes(answer.data, "little")
@@ -328,7 +330,7 @@ def _wait_until_idle(registers: Datagrams, slave: Station, where: str) -> Steps[
             return status
         now = time.monotonic()
         if answer.wkc == 1 and now > busy_until:
-            raise StateError(f"{where}: it is busy for more than {_BUSY_LIMIT} s")
+            raise StateError(f"{where}: it is busy for more than {_BUSY_LIMIT}")
         if answer.wkc != 1 and now > silent_until:
-            raise StateError(f"{where}: the slave does not answer for {_SILENT_LIMIT:g} s")
+            raise StateError(f"{where}: the slave does not answer for {_SILENT_LIMIT}")
         yield

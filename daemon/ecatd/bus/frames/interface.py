@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from ecatd.interface_state import LEAST_MTU
 from ecatd.log import Log
 from ecatd.model.errors import NotPermittedError, StateError, UnreachableError
+from ecatd.model.patience import Patience
 from ecatd.process import CAP_NET_ADMIN, raised
 
 from ..engine.engine import Index, open_socket
@@ -26,8 +27,8 @@ _FLAGS = struct.Struct("16sH14x")  # ifreq
 _MTU = struct.Struct("16si12x")  # ifreq
 _AL_STATUS = 0x0130
 
-_CARRIER_TIMEOUT = 5.0
-"""Seconds that an interface has to get a carrier. Ethernet ports take one to three to negotiate."""
+_CARRIER = Patience(5.0)
+"""Time that an interface has to get a carrier. Ethernet ports take one to three to negotiate."""
 
 _LOOK_AGAIN = 0.05
 
@@ -68,7 +69,7 @@ def wait_for_carriers(interfaces: Sequence[str], cancelled: Callable[[], bool]) 
         UnreachableError: There is no such interface, or no interface gets a carrier.
         StateError: `cancelled` returned true.
     """
-    deadline = time.monotonic() + _CARRIER_TIMEOUT
+    deadline = time.monotonic() + _CARRIER.seconds
     while not all(found := [bool(_flags(name) & _IFF_RUNNING) for name in interfaces]):
         if cancelled():
             raise StateError("stopped while the interface was waiting for a carrier")
@@ -78,8 +79,8 @@ def wait_for_carriers(interfaces: Sequence[str], cancelled: Callable[[], bool]) 
     if not any(found):
         names = " and ".join(f"'{name}'" for name in interfaces)
         raise UnreachableError(
-            f"no carrier on {names}: check cable and power of the first slave, and that this is "
-            f"the right interface"
+            f"no carrier on {names} within {_CARRIER}: check cable and power of the first slave, "
+            f"and that this is the right interface"
         )
 
 

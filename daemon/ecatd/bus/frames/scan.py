@@ -13,13 +13,15 @@ import struct
 import time
 
 from ecatd.model.errors import StateError
+from ecatd.model.patience import Patience
 
 from .datagrams import Datagrams, aprd, apwr, brd, bwr
 
 _FIRST_STATION = 0x1001
 _STATION_ADDRESS, _AL_CONTROL, _AL_STATUS = 0x0010, 0x0120, 0x0130
 _TRIES = 3
-_FIRST_ANSWER = 2.0  # seconds
+FIRST_ANSWER = Patience(2.0)
+"""Time that the first slave has to answer."""
 
 _RESET = (
     (_AL_CONTROL, b"\x11\x00"),  # INIT, errors acknowledged
@@ -36,7 +38,7 @@ def count_slaves(registers: Datagrams) -> int:
 
     If none answers, it asks again for up to 2 s, because a busy machine delays frames.
     """
-    deadline = time.monotonic() + _FIRST_ANSWER
+    deadline = time.monotonic() + FIRST_ANSWER.seconds
     while True:
         # On a broken ring, a lost copy of the frame makes the count too small.
         count = max(registers.exchange([brd(_AL_STATUS, 2)])[0].wkc for _ in range(_TRIES))

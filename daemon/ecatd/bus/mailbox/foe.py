@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 
 from ecatd.model.errors import NoAnswerError, StateError
 from ecatd.model.foe_codes import foe_text
+from ecatd.model.patience import Patience
 
 from .mailbox import HEADER_BYTES, Mailbox, Protocol
 from .talks import Talk
@@ -23,7 +24,7 @@ FOE_LEAST = HEADER_BYTES + _HEADER.size + 1
 """Least number of bytes of a mailbox for FoE."""
 
 _GIVEN_UP = 0x8000  # error without further reason
-_PATIENCE_S = 60.0
+_PATIENCE = Patience(60.0)
 """Seconds that a slave has for a packet. Some slaves erase their flash meanwhile."""
 _BUSY_PAUSE_S, _BUSY_LONGEST_S = 0.001, 0.05
 """Seconds after which a packet is sent to a busy slave again: the first time, and at most."""
@@ -102,13 +103,13 @@ class FileTransfer(ABC):
                 return True, rest
             return None  # it is a late answer, of a transfer that was cancelled
 
-        deadline, pause = time.monotonic() + _PATIENCE_S, _BUSY_PAUSE_S
+        deadline, pause = time.monotonic() + _PATIENCE.seconds, _BUSY_PAUSE_S
         while True:
-            ready, rest = yield from mailbox.ask(Protocol.FOE, request, take, _PATIENCE_S)
+            ready, rest = yield from mailbox.ask(Protocol.FOE, request, take, _PATIENCE.seconds)
             if ready:
                 return rest
             if time.monotonic() > deadline:
-                raise NoAnswerError(f"it is busy for {_PATIENCE_S:g} s ({self.busy})")
+                raise NoAnswerError(f"it is busy for more than {_PATIENCE} ({self.busy})")
             again, pause = time.monotonic() + pause, min(2 * pause, _BUSY_LONGEST_S)
             while time.monotonic() < again:
                 yield []

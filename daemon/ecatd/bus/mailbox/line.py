@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from ecatd.log import Log
+from ecatd.model.patience import Patience
 
 _ANSWER_S = 1.0
 """Seconds that a slave has to take a message and answer it, unless `Line.answer_s` was changed.
@@ -50,6 +51,10 @@ class Line:
         self.on_fragment: Callable[[bytes], object] = lambda _body: None
         self._turns: deque[Turn] = deque()
         self._lock = threading.Lock()
+
+    def patience(self, least_s: float = 0.0) -> Patience:
+        """Time that the slave has to take a message and answer it, `least_s` at least."""
+        return Patience(max(least_s, self.answer_s), "mailbox_timeout_ms")
 
     def __len__(self) -> int:
         """Number of conversations in the queue, including the one that has its turn."""

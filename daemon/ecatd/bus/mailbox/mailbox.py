@@ -14,6 +14,7 @@ from typing import NamedTuple, TypeVar
 
 from ecatd.model.eoe import EoeType, type_of
 from ecatd.model.errors import NoAnswerError, StateError
+from ecatd.model.patience import Patience
 
 from ..engine.framing import DATAGRAM_MAX
 from ..frames.datagrams import fprd, fpwr
@@ -22,7 +23,7 @@ from .talks import Talk
 
 T = TypeVar("T")
 
-_TURN_S = 12.0
+_TURN = Patience(12.0)
 """Most seconds that a conversation waits for the conversations before it."""
 
 _TAKE_S = 5.0
@@ -120,14 +121,15 @@ class Mailbox:
         self._is_free = False  # the half that the master writes is empty
         self._has_mail = False  # the half that the master reads is full
         self._deadline = 0.0
+        self._patience = Patience(0.0)
 
     def wait_for_turn(self, turn: Turn) -> Talk[None]:
         """Waits until the conversations before `turn` have ended.
 
         Raises:
-            NoAnswerError: They take longer than `_TURN_S` seconds.
+            NoAnswerError: They take longer than `_TURN`.
         """
-        self._deadline = time.monotonic() + _TURN_S
+        self._begin(_TURN)
         while not turn.has_come:
             yield []
             self._check_time("other requests to it take too long")
@@ -154,7 +156,7 @@ class Mailbox:
             NoAnswerError: The slave does not answer.
             StateError: No usable mailbox is set up in the slave.
         """
-        self._deadline = time.monotonic() + self._line.answer_s
+        self._begin(self._line.patience())
         managers = self._managers or (yield from self._look())
         self._out = _area(managers, 0, _WRITTEN_BY_MASTER, least)
         self._in = _area(managers, 1, _READ_BY_MASTER, least)
@@ -177,7 +179,7 @@ class Mailbox:
         Raises:
             NoAnswerError: The slave does not take it.
         """
-        self._deadline = time.monotonic() + self._line.answer_s
+        self._begin(self._line.patience())
         yield from self._write(protocol, body)
 
     def ask(
@@ -198,7 +200,7 @@ class Mailbox:
         Returns:
             The answer, as `take` has decoded it.
         """
-        self._deadline = time.monotonic() + max(patience_s or 0, self._line.answer_s)
+        self._begin(self._line.patience(patience_s or 0))
         yield from self._write(protocol, body)
         return (yield from self._answer(protocol, take))
 
@@ -209,7 +211,7 @@ class Mailbox:
             NoAnswerError: The slave does not answer.
             StateError: It answers with a mailbox error, or its message is malformed.
         """
-        self._deadline = time.monotonic() + self._line.answer_s
+        self._begin(self._line.patience())
         return (yield from self._answer(protocol, take))
 
     def collect(self, most: int) -> Talk[list[tuple[int, bytes]]]:
@@ -220,7 +222,7 @@ class Mailbox:
         Raises:
             NoAnswerError: The slave does not answer any more.
         """
-        self._deadline = time.monotonic() + self._line.answer_s
+        self._begin(self._line.patience())
         found: list[tuple[int, bytes]] = []
         for _ in range(most):
             if not self._has_mail:
@@ -298,7 +300,8 @@ class Mailbox:
 
         Some slaves take no message before their own one has been read.
         """
-        limit = time.monotonic() + max(_TAKE_S, self._line.answer_s)
+        patience = self._line.patience(_TAKE_S)
+        limit = time.monotonic() + patience.seconds
         while not self._is_free:
             if self._has_mail:
                 protocol, body = yield from self._next()
@@ -308,7 +311,7 @@ class Mailbox:
                 yield []
             yield from self._look()
             if time.monotonic() > limit:
-                raise NoAnswerError("the slave does not take messages")
+                raise NoAnswerError(f"the slave does not take messages within {patience}")
             self._check_time("it does not take messages")
 
     def _next(self) -> Talk[tuple[int, bytes]]:
@@ -390,9 +393,13 @@ class Mailbox:
     def _log(self, text: str) -> None:
         self._line.log.debug(f"slave with station address 0x{self._station:04X}: {text}")
 
+    def _begin(self, patience: Patience) -> None:
+        self._patience = patience
+        self._deadline = time.monotonic() + patience.seconds
+
     def _check_time(self, reason: str) -> None:
         if time.monotonic() > self._deadline:
-            text = "the slave does not answer its mailbox"
+            text = f"the slave does not answer its mailbox within {self._patience}"
             raise NoAnswerError(f"{text}: {reason}" if reason else text)
 
 

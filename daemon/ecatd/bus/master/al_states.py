@@ -12,6 +12,7 @@ from ecatd.log import Log
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text, al_status_text
 from ecatd.model.bus import positions_text
 from ecatd.model.errors import StateError
+from ecatd.model.patience import Patience
 
 from ..frames.datagrams import Datagrams, bwr, fpwr
 
@@ -132,7 +133,7 @@ class AlStates:
         return states
 
     def request(
-        self, state: AlState, timeout: float, positions: Iterable[int] | None = None
+        self, state: AlState, patience: Patience, positions: Iterable[int] | None = None
     ) -> Steps[list[SlaveState]]:
         """Acknowledges errors, requests an AL state, and waits until all slaves have reached it.
 
@@ -140,7 +141,7 @@ class AlStates:
 
         Args:
             state: The state.
-            timeout: Seconds to wait.
+            patience: How long to wait.
             positions: The slaves, or None for all.
 
         Returns:
@@ -150,7 +151,7 @@ class AlStates:
         yield from self.acknowledge(waiting)
         whom = None if positions is None else waiting
         begin = time.monotonic()
-        deadline = begin + timeout
+        deadline = begin + patience.seconds
         ask_again = 0.0
         refused: list[SlaveState] = []
         asked = sorted(waiting)
@@ -192,7 +193,7 @@ class AlStates:
     def wait_for(
         self,
         state: AlState,
-        timeout: float,
+        patience: Patience,
         positions: Iterable[int] | None = None,
         *,
         optional: Collection[int] = (),
@@ -201,42 +202,51 @@ class AlStates:
 
         Args:
             state: The state.
-            timeout: Seconds to wait.
+            patience: How long to wait.
             positions: The slaves, or None for all.
             optional: Slaves that need not reach the state: they cause no error.
 
         Raises:
             StateError: Slaves did not reach it; the message names each, with its AL status.
         """
-        finish(self.require(state, timeout, positions, optional=optional))
+        finish(self.require(state, patience, positions, optional=optional))
 
     def require(
         self,
         state: AlState,
-        timeout: float,
+        patience: Patience,
         positions: Iterable[int] | None = None,
         *,
         optional: Collection[int] = (),
     ) -> Steps[None]:
         """The steps of `wait_for`, with the same arguments and errors."""
-        missed = yield from self.request(state, timeout, positions)
+        missed = yield from self.request(state, patience, positions)
         missed = [item for item in missed if item.position not in optional]
         # If slaves refused, only these are named: the others may have been waiting for them.
         refused = [item for item in missed if item.al_state & AL_ERROR_FLAG and item.al_code]
         if missed:
-            raise StateError(self._missed(refused or missed, state))
+            raise StateError(self._missed(refused or missed, state, patience))
 
-    def _missed(self, wrong: list[SlaveState], state: AlState) -> str:
+    def _missed(self, wrong: list[SlaveState], state: AlState, patience: Patience) -> str:
         """Returns a text about slaves that miss a state, grouped by their AL status."""
         alike: dict[str, list[int]] = {}
         for item in wrong:
-            alike.setdefault(item.describe(), []).append(item.position)
+            alike.setdefault(why_not_reached(item, state, patience), []).append(item.position)
         return "; ".join(
-            f"{self._label(positions[0])} does not reach {state.name}: {status}"
+            f"{self._label(positions[0])} does not reach {why}"
             if len(positions) == 1
-            else f"slaves {positions_text(positions)} do not reach {state.name}: {status}"
-            for status, positions in alike.items()
+            else f"slaves {positions_text(positions)} do not reach {why}"
+            for why, positions in alike.items()
         )
+
+
+def why_not_reached(item: SlaveState, state: AlState, patience: Patience) -> str:
+    """A state that a slave has refused, or has not reached in time, and what it says.
+
+    Such as `OP within 10 s (state_timeout_s): SAFEOP`.
+    """
+    refused = item.al_state & AL_ERROR_FLAG and item.al_code
+    return f"{state.name}{'' if refused else f' within {patience}'}: {item.describe()}"
 
 
 def _slaves(positions: Collection[int]) -> str:

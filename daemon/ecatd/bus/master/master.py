@@ -14,6 +14,7 @@ from ecatd.interface_state import read_interfaces, remarks
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.errors import StateError, UnreachableError
+from ecatd.model.patience import Patience
 from ecatd.model.sii_categories import Words
 from ecatd.model.sii_parts import read_mailbox
 
@@ -24,7 +25,7 @@ from ..frames.frame_ring import FrameRing
 from ..frames.interface import open_for_control, own, wait_for_carriers
 from ..frames.other_end import find_other_end
 from ..frames.relay import Relay
-from ..frames.scan import count_slaves, has_stations, number_slaves, stations
+from ..frames.scan import FIRST_ANSWER, count_slaves, has_stations, number_slaves, stations
 from ..mailbox.coe import Coe
 from ..mailbox.line import Line
 from .al_states import AlStates
@@ -32,8 +33,8 @@ from .al_states import AlStates
 _AL_STATUS = 0x0130
 _SYNC_MANAGERS, _ACTIVATE = 0x0800, (0x0806, 0x080E)
 
-_REPEAT_S = 0.5
-"""Seconds for which unanswered reads and writes are repeated."""
+_REPEAT = Patience(0.5)
+"""How long unanswered reads and writes are repeated."""
 
 _PAUSE = 0.001
 """Seconds between two repetitions."""
@@ -122,14 +123,14 @@ class Master:
         """
         self.relay.set_socket(port, open_for_control(self._interfaces[port]))
 
-    def scan(self, timeout: float, *, may_be_empty: bool = False) -> str:
+    def scan(self, patience: Patience, *, may_be_empty: bool = False) -> str:
         """Finds the slaves, numbers them, sets their mailboxes up, and leaves them in INIT.
 
         SOEM scans first, and closes the interfaces before the relay opens them. If its result does
         not match the slaves on the wire, ecatd numbers them itself.
 
         Args:
-            timeout: Seconds that slaves have to reach INIT.
+            patience: Time that slaves have to reach INIT.
             may_be_empty: Whether a bus without slaves, or without a carrier, is accepted.
 
         Returns:
@@ -165,7 +166,7 @@ class Master:
         self.wire = [*range(count)]
         self._lines = [Line(self._mailbox_log) for _ in self.stations]
         self.al_states = self._states()
-        self.al_states.wait_for(AlState.INIT, timeout)
+        self.al_states.wait_for(AlState.INIT, patience)
         self._set_mailboxes_up()
         return why
 
@@ -335,7 +336,7 @@ class Master:
     def _repeat(
         self, datagrams: list[Datagram], where: list[tuple[int, int]], what: str
     ) -> Steps[list[bytes]]:
-        """Exchanges datagrams, and repeats those without an answer, for `_REPEAT_S` seconds.
+        """Exchanges datagrams, and repeats those without an answer, as long as `_REPEAT` says.
 
         So a short disturbance does not end the bus.
 
@@ -350,13 +351,15 @@ class Master:
         Raises:
             SilentSlaveError: A slave still does not answer.
         """
-        deadline = time.monotonic() + _REPEAT_S
+        deadline = time.monotonic() + _REPEAT.seconds
         answers = self.registers.exchange(datagrams)
         while silent := [number for number, answer in enumerate(answers) if answer.wkc == 0]:
             if time.monotonic() > deadline:
                 position, address = where[silent[0]]
                 raise SilentSlaveError(
-                    f"slave {position} does not answer {what} of register 0x{address:04X}", position
+                    f"slave {position} does not answer {what} of register 0x{address:04X} within "
+                    f"{_REPEAT}",
+                    position,
                 )
             yield
             again = self.registers.exchange([datagrams[number] for number in silent])
@@ -397,7 +400,7 @@ def _why_none(interfaces: Sequence[str]) -> str:
     """Why no slave answers, as far as the interfaces can tell."""
     first = interfaces[0]
     where = " and ".join(f"'{name}'" for name in interfaces)
-    none = f"no EtherCAT slave answers on {where}"
+    none = f"no EtherCAT slave answers on {where} within {FIRST_ANSWER}"
     end = find_other_end(first) if len(interfaces) == 1 else None
     if end is not None and end.slaves:
         return (

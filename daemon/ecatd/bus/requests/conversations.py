@@ -14,6 +14,7 @@ from typing import TypeVar
 from ecatd.model.al import AlState
 from ecatd.model.bus import Slave
 from ecatd.model.errors import BusyError, NoAnswerError, StateError
+from ecatd.model.patience import Patience
 
 from ..mailbox.coe import Coe
 from ..mailbox.eoe import EOE_LEAST
@@ -29,7 +30,7 @@ from .places import Places
 
 T = TypeVar("T")
 
-_PATIENCE = 10.0
+_PATIENCE = Patience(10.0)
 """Seconds after which a request that could not begin is given up."""
 
 _STATE = 0x0F
@@ -169,11 +170,11 @@ async def _patiently(called: asyncio.Event, slave: Slave) -> None:
         BusyError: This takes longer than `_PATIENCE`.
     """
     try:
-        async with asyncio.timeout(_PATIENCE):
+        async with asyncio.timeout(_PATIENCE.seconds):
             await called.wait()
     except TimeoutError as error:
         raise BusyError(
-            f"{slave.label} is still busy with earlier requests after {_PATIENCE:g} s, because it "
+            f"{slave.label} is still busy with earlier requests after {_PATIENCE}, because it "
             "answers slowly; nothing was done, so try again"
         ) from error
 

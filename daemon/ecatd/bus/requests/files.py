@@ -20,6 +20,7 @@ from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.errors import BusyError, EcatError, StateError, UsageError
+from ecatd.model.patience import Patience
 from ecatd.model.requests.files import (
     FILE_MAX,
     FILE_PART,
@@ -39,7 +40,7 @@ _PACKETS = 32
 """Packets before other requests to the slave get a turn."""
 _AGAIN_S = 0.1
 """Seconds after which a transfer tries again if other requests have filled the queue."""
-_ABANDONED_S = 60.0
+_ABANDONED = Patience(60.0)
 """Seconds after which a file that does not arrive from its client is dropped."""
 _NAME_SHOWN = 40
 _KEPT_S = 600.0
@@ -93,7 +94,7 @@ class _Transfer:
     def is_under_way(self) -> bool:
         """Whether the slave cannot have another transfer meanwhile."""
         abandoned = self.step == _Step.RECEIVING and (
-            time.monotonic() - self.touched > _ABANDONED_S
+            time.monotonic() - self.touched > _ABANDONED.seconds
         )
         return self.step not in _ENDED and not abandoned
 
@@ -239,7 +240,7 @@ class Files:
         """
         item = self._find(request.transfer)
         if item.step == _Step.RECEIVING and not item.is_under_way:
-            raise StateError(f"no part of this file has come for {_ABANDONED_S:g} s; start again")
+            raise StateError(f"no part of this file has come for {_ABANDONED}; start again")
         item.touched = time.monotonic()
         size = item.request.size
         if item.step == _Step.RECEIVING and request.offset == len(item.received):
@@ -380,7 +381,7 @@ def _is_same(one: StartFoe, other: StartFoe) -> bool:
 def _why_busy(item: _Transfer) -> str:
     file = item.request.file[:_NAME_SHOWN]
     if item.step == _Step.RECEIVING:
-        left = _ABANDONED_S - (time.monotonic() - item.touched)
+        left = _ABANDONED.seconds - (time.monotonic() - item.touched)
         return (
             f"{item.slave.label} waits for the rest of file '{file}' from another client, for "
             f"{left:.0f} s more"

@@ -18,6 +18,7 @@ from ecatd.model.applied import alike_slaves
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config
 from ecatd.model.errors import StateError
+from ecatd.model.patience import Patience
 from ecatd.model.profiles import Profiles
 from ecatd.model.requests.frames import RINGS
 
@@ -137,7 +138,7 @@ class BringUp:
             found.expectation,
             [self.config.settings_of(slave.position).poll_s for slave in self.bus.slaves],
             self.config.recovery,
-            self.config.state_timeout_s,
+            self.config.state_patience,
         )
 
     def describe(self) -> Bus:
@@ -149,10 +150,10 @@ class BringUp:
         self._describe(self._read_files())
         return self.bus
 
-    def leave(self, state: AlState, timeout_s: float) -> None:
+    def leave(self, state: AlState, patience: Patience) -> None:
         """Writes the slaves' parameters for the way down to a state; see `telling.leave`."""
         if self._found is not None:
-            steps = leave(self._found.master, self._found.present, state, timeout_s)
+            steps = leave(self._found.master, self._found.present, state, patience)
             for text in finish(steps, MAILBOX_PAUSE_S):
                 self._log.warning(text)
 

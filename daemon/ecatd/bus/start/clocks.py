@@ -307,7 +307,7 @@ class Clocks:
             waited = time.monotonic() - begin
             if steady == _STEADY:
                 return waited
-            if waited > self._config.dc.timeout_s:
+            if waited > self._config.dc.patience.seconds:
                 raise StateError(self._why_not(shared, locked, differences))
             if cancelled():
                 raise StateError("stopped while distributed clocks were waited for")
@@ -315,7 +315,7 @@ class Clocks:
 
     def _why_not(self, shared: SharedMemory, locked: bool, differences: dict[int, int]) -> str:
         health, dc = shared.health, self._config.dc
-        text = f"distributed clocks are not in step after {dc.timeout_s:g} s: "
+        text = f"distributed clocks are not in step within {dc.patience}: "
         if health.dc_time_ns == 0:
             return f"{text}the time of the reference clock, {self.reference.label}, cannot be read"
         text += (
@@ -397,10 +397,13 @@ class Clocks:
         # Only slaves with SYNC signals must wait: the others may come in step while they are in OP.
         waiting = {slave.position for slave in chosen if self.sync_signals.has(slave.position)}
         waiting -= set(failed)
-        deadline = time.monotonic() + self._config.dc.timeout_s
+        patience = self._config.dc.patience
+        deadline = time.monotonic() + patience.seconds
         while (late := self._out_of_step(waiting, shared)) and time.monotonic() < deadline:
             yield
-        why = f"its clock does not come in step with that of {self.reference.label}"
+        why = (
+            f"its clock does not come in step with that of {self.reference.label} within {patience}"
+        )
         failed |= dict.fromkeys(late, why)
         failed |= yield from self.sync_signals.start(shared, waiting - late)
         return failed

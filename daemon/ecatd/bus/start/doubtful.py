@@ -26,8 +26,10 @@ from ecatd.model.doubts import (
     UNREADABLE,
 )
 from ecatd.model.errors import StateError
+from ecatd.model.patience import Patience
 
 from ..engine.layout import lay_out
+from ..master.al_states import why_not_reached
 from ..master.master import Master
 from .mapping import Scanned, configure
 
@@ -57,7 +59,7 @@ def settle(
     master: Master,
     scanned: Sequence[Scanned],
     unexpected: Mapping[int, str],
-    timeout_s: float,
+    patience: Patience,
     tell: Callable[[str], None],
 ) -> dict[int, Doubt]:
     """Tries doubtful slaves in SAFEOP, and decides which of them are used. All must be in PREOP.
@@ -66,7 +68,7 @@ def settle(
         master: The master.
         scanned: All slaves. Doubtful slaves that are not used lose their process data here.
         unexpected: By position, why a slave is not the expected one. These slaves are not used.
-        timeout_s: Seconds that slaves have to reach a state.
+        patience: Time that slaves have to reach a state.
         tell: Called with a warning about each other doubtful slave, and about each EEPROM with
             lesser mistakes.
 
@@ -85,7 +87,7 @@ def settle(
         for item in doubtful
         if (item.slave.outputs or item.slave.inputs) and not item.doubt and not item.unplaced
     ]
-    refused = finish(_try(master, described, timeout_s))
+    refused = finish(_try(master, described, patience))
     doubts = {}
     for item in scanned:
         slave = item.slave
@@ -151,7 +153,7 @@ def _name(slave: Slave) -> str:
     return slave.label if slave.name else f"{slave.label} ({identity})"
 
 
-def _try(master: Master, items: Sequence[Scanned], timeout_s: float) -> Steps[dict[int, str]]:
+def _try(master: Master, items: Sequence[Scanned], patience: Patience) -> Steps[dict[int, str]]:
     """Brings slaves to SAFEOP with their process data, and back to PREOP.
 
     Returns:
@@ -166,10 +168,10 @@ def _try(master: Master, items: Sequence[Scanned], timeout_s: float) -> Steps[di
             refused[slave.position] = str(error)
     here = [item.slave.position for item in items if item.slave.position not in refused]
     if here:
-        for missed in (yield from master.al_states.request(AlState.SAFEOP, timeout_s, here)):
+        for missed in (yield from master.al_states.request(AlState.SAFEOP, patience, here)):
             refused[missed.position] = (
-                "with the process data that are known of it, it does not reach SAFEOP: "
-                f"{missed.describe()}"
+                "with the process data that are known of it, it does not reach "
+                f"{why_not_reached(missed, AlState.SAFEOP, patience)}"
             )
-        yield from master.al_states.request(AlState.PREOP, timeout_s, here)
+        yield from master.al_states.request(AlState.PREOP, patience, here)
     return refused

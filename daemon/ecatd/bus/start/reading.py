@@ -59,7 +59,7 @@ def scan(found: FoundBus, interface: str, files: Files, log: Log) -> None:
     master, config = found.master, found.config
     empty = may_be_empty(config, files.description)
     try:
-        why = master.scan(config.state_timeout_s, may_be_empty=empty)
+        why = master.scan(config.state_patience, may_be_empty=empty)
     except UnreachableError as error:
         if files.description is None and waits_for_slaves(config):
             raise UnreachableError(
@@ -70,7 +70,7 @@ def scan(found: FoundBus, interface: str, files: Files, log: Log) -> None:
     count = len(master.stations)
     text = f"{count} slave{'s' * (count != 1)} found on {interface}"
     log.info(f"{text} (numbered by ecatd: {why})" if why else text)
-    for item in finish(master.al_states.request(AlState.PREOP, config.state_timeout_s)):
+    for item in finish(master.al_states.request(AlState.PREOP, config.state_patience)):
         if not item.al_state:  # it has lost its power or its cable
             raise StateError(f"slave {item.position} does not answer any more")
         found.stuck[item.position] = item.describe()
@@ -116,8 +116,8 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
         for text in item.settled:
             log.info(text)
         tell_emergencies(mailbox_log, [(item.slave, *emergency) for emergency in item.emergencies])
-    timeout_s = found.config.state_timeout_s
-    found.doubtful = settle(master, found.scanned, unexpected, timeout_s, log.warning)
+    patience = found.config.state_patience
+    found.doubtful = settle(master, found.scanned, unexpected, patience, log.warning)
     for position, bits in clock_bits(master).items():
         found.scanned[position].slave.dc_bits = bits
     found.bus.slaves = [item.slave for item in found.scanned]

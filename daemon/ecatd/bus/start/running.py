@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ecatd.model.bus import Bus
 from ecatd.model.config import RecoveryConfig
+from ecatd.model.patience import Patience
 
 from ..engine.engine import Engine
 from ..engine.shared_memory import SharedMemory
@@ -39,7 +40,7 @@ class RunningBus:
         expectation: The expected bus, and the differences at the start.
         polls: Seconds between two looks at the mailbox of each slave, by position; 0 for no looks.
         recovery: The configuration of recovery.
-        state_timeout_s: Seconds that slaves have to reach a state.
+        state_patience: Time that slaves have to reach a state.
     """
 
     bus: Bus
@@ -58,7 +59,7 @@ class RunningBus:
     expectation: Expectation
     polls: list[float]
     recovery: RecoveryConfig
-    state_timeout_s: float
+    state_patience: Patience
 
     @property
     def optional(self) -> set[int]:

@@ -17,6 +17,7 @@ from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
 from ecatd.model.doubts import REMEDIES
 from ecatd.model.errors import ConfigError, StateError
+from ecatd.model.patience import Patience
 from ecatd.model.pdo import Pdo
 from ecatd.model.sii import SiiMailbox
 from ecatd.model.sii_reader import read_sii
@@ -24,6 +25,7 @@ from ecatd.model.sii_reader import read_sii
 from ..engine.layout import Image
 from ..engine.shared_memory import SharedMemory
 from ..mailbox.talks import talk_all
+from ..master.al_states import why_not_reached
 from ..master.master import Master, SilentSlaveError
 from .assignment import Assignment
 from .clock_registers import SYNC_CONTROL
@@ -74,7 +76,10 @@ def count_links(master: Master) -> list[int]:
 
 
 def wait_for_outputs(
-    shared: SharedMemory, bus: Bus, patience_s: float, cancelled: Callable[[], bool] = lambda: False
+    shared: SharedMemory,
+    bus: Bus,
+    patience: Patience,
+    cancelled: Callable[[], bool] = lambda: False,
 ) -> Steps[None]:
     """Waits until outputs have been sent a few times: slaves need valid outputs before OP.
 
@@ -83,10 +88,10 @@ def wait_for_outputs(
     """
     cycles = _FIRST_CYCLES + bus.output_cycles - 1
     first = shared.header.cycle
-    deadline = time.monotonic() + cycles * bus.cycle_time_us * 1e-6 + patience_s
+    deadline = time.monotonic() + cycles * bus.cycle_time_us * 1e-6 + patience.seconds
     while shared.header.cycle < first + cycles:
         if time.monotonic() > deadline:
-            raise StateError("the cyclic engine does not run")
+            raise StateError(f"the cyclic engine does not exchange outputs within {patience}")
         if cancelled():
             raise StateError("stopped while outputs were sent for the first time")
         yield
@@ -128,7 +133,7 @@ class SetUp:
         self._clocks = clocks
         self._doubtful = doubtful
         self._config = config
-        self._timeout_s = config.state_timeout_s
+        self._patience = config.state_patience
         self._unconfigured: set[int] = set()  # slaves that need their configuration before SAFEOP
         self._new = {n for n, item in enumerate(scanned) if not item.known}
 
@@ -195,9 +200,10 @@ class SetUp:
         self, positions: Iterable[int], state: AlState = AlState.OP
     ) -> Steps[dict[int, Missed]]:
         """Requests a state; returns the slaves that did not reach it, by position."""
-        missed = yield from self._master.al_states.request(state, self._timeout_s, positions)
+        patience = self._patience
+        missed = yield from self._master.al_states.request(state, patience, positions)
         return {
-            item.position: Missed(f"it does not reach {state.name}: {item.describe()}")
+            item.position: Missed(f"it does not reach {why_not_reached(item, state, patience)}")
             for item in missed
         }
 
@@ -208,7 +214,7 @@ class SetUp:
         if state not in (AlState.SAFEOP, AlState.OP):
             down = [item for item in items if item.settings.parameters("SP")]
             self._unconfigured.update(item.slave.position for item in down)
-        return (yield from leave(self._master, items, state, self._timeout_s))
+        return (yield from leave(self._master, items, state, self._patience))
 
     def run(
         self,
@@ -259,7 +265,7 @@ class SetUp:
             return missed
         missed |= yield from self.tell_before_op(here)
         here -= missed.keys()
-        yield from wait_for_outputs(self._shared, self._bus, self._timeout_s)
+        yield from wait_for_outputs(self._shared, self._bus, self._patience)
         missed |= yield from self.ask(here, AlState.OP)
         return missed
 

@@ -16,6 +16,7 @@ from ecatd.model.applied.clocks import LEAD_NS, whole_period
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, DcSlaveConfig
 from ecatd.model.errors import ConfigError, StateError
+from ecatd.model.patience import Patience
 from ecatd.model.sii_parts import read_dc_modes
 from ecatd.model.toml_file import Table
 
@@ -125,15 +126,16 @@ class SyncSignals:
                 if not signals.activation:
                     self._ask(signals)
                 yield from self._start(signals, shared, zero)
-                begun.append((signals.slave, time.monotonic() + _patience(signals.slave)))
+                begun.append((signals.slave, time.monotonic()))
             except (ConfigError, StateError) as error:
                 failed[signals.slave.position] = str(error)
             yield
-        for slave, deadline in begun:
+        for slave, since in begun:
+            patience = _patience(slave)
             try:
                 while (yield from self._waits_for_pulse(slave)):
-                    if time.monotonic() > deadline:
-                        raise StateError("its SYNC signals do not begin")
+                    if time.monotonic() > since + patience.seconds:
+                        raise StateError(f"its SYNC signals do not begin within {patience}")
                     yield
             except StateError as error:
                 failed[slave.position] = str(error)
@@ -147,10 +149,11 @@ class SyncSignals:
         period, phase = self._bus.cycle_time_us * 1000, round(self._config.dc.phase_us * 1000)
 
         def zero() -> int:
-            before, deadline = shared.header.cycle, time.monotonic() + 1 + 10 * period * 1e-9
+            patience = Patience(1 + 10 * period * 1e-9)
+            before, deadline = shared.header.cycle, time.monotonic() + patience.seconds
             while shared.header.cycle == before:
                 if time.monotonic() > deadline:
-                    raise StateError("the cyclic engine does not run")
+                    raise StateError(f"the cyclic engine runs no cycle within {patience}")
                 time.sleep(period * 1e-9 / 8)
             cycle, now = shared.header.cycle, shared.health.dc_time_ns
             # The frame passed the reference clock after the deadline, hardly ever before.
@@ -200,6 +203,6 @@ class SyncSignals:
         self._master.registers.exchange([slave.write(SYNC_CONTROL, bytes(2)) for slave in slaves])
 
 
-def _patience(slave: Slave) -> float:
-    """Returns the seconds within which the first pulse must come."""
-    return (_TRIES * LEAD_NS + 2 * whole_period(slave)) * 1e-9 + 1.0
+def _patience(slave: Slave) -> Patience:
+    """Returns the time within which the first pulse must come."""
+    return Patience((_TRIES * LEAD_NS + 2 * whole_period(slave)) * 1e-9 + 1.0)

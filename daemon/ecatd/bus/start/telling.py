@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ecatd.coroutine_steps import Steps
 from ecatd.model.al import AlState
+from ecatd.model.patience import Patience
 
 from ..mailbox.talks import Talk, talk_all
 from ..master.master import Master
@@ -70,7 +71,7 @@ def tell(
 
 
 def leave(
-    master: Master, items: Sequence[Scanned], state: AlState, timeout_s: float
+    master: Master, items: Sequence[Scanned], state: AlState, patience: Patience
 ) -> Steps[list[str]]:
     """Writes the start-up parameters of the transitions on the way down to a state.
 
@@ -83,7 +84,7 @@ def leave(
         master: The master.
         items: The slaves.
         state: The state that will be requested.
-        timeout_s: Seconds that slaves have to reach SAFEOP.
+        patience: Time that slaves have to reach SAFEOP.
 
     Returns:
         Messages about parameters that were refused or could not be written. The slaves may leave
@@ -104,7 +105,7 @@ def leave(
     further = [item for item in further if item.slave.position not in silent]
     leaving = [item.slave.position for item in further if item in in_op]
     if leaving:
-        missed = yield from master.al_states.request(AlState.SAFEOP, timeout_s, leaving)
+        missed = yield from master.al_states.request(AlState.SAFEOP, patience, leaving)
         now |= dict.fromkeys(leaving, AlState.SAFEOP)
         now |= {item.position: item.al_state & 0x0F for item in missed}
     in_safeop = [item for item in further if now[item.slave.position] == AlState.SAFEOP]

@@ -63,8 +63,8 @@ class ToOp:
         self._repeat(lambda: self._bring_to(AlState.SAFEOP))
         self._repeat(self._tell_before_op)
         # Slaves need valid outputs before OP.
-        timeout_s = self._found.config.state_timeout_s
-        finish(wait_for_outputs(self._shared, self._found.bus, timeout_s, self._cancelled))
+        patience = self._found.config.state_patience
+        finish(wait_for_outputs(self._shared, self._found.bus, patience, self._cancelled))
         self._repeat(lambda: self._bring_to(AlState.OP))
 
     def _repeat(self, step: Callable[[], None]) -> None:
@@ -125,8 +125,8 @@ class ToOp:
         found = self._found
         out = {*found.idle, *found.absent, *found.missing}
         used = [n for n in range(len(found.bus.slaves)) if n not in out] if out else None
-        timeout_s = found.config.state_timeout_s
-        found.master.al_states.wait_for(state, timeout_s, used, optional=found.doubtful)
+        patience = found.config.state_patience
+        found.master.al_states.wait_for(state, patience, used, optional=found.doubtful)
 
     def _tell_before_op(self) -> None:
         """Writes the start-up parameters of SO to all slaves but the doubtful ones.

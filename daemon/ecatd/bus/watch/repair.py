@@ -56,7 +56,7 @@ class Repair:
         self._tell = tell
         self._look = look
         self._retry_s = running.recovery.retry_s
-        self._state_timeout_s = running.state_timeout_s
+        self._state_patience = running.state_patience
         self._recovery = Recovery(
             len(running.bus.slaves),
             running.recovery.slaves,
@@ -149,7 +149,7 @@ class Repair:
 
     def _change(self, positions: Sequence[int], state: AlState) -> Steps[None]:
         """Takes slaves to a state. Sets up those that have restarted. Runs on the worker."""
-        running, timeout = self._running, self._state_timeout_s
+        running, patience = self._running, self._state_patience
         yield from self._leave(positions, state)
         seen = {item.position: item.al_state & 0x0F for item in running.master.al_states.read()}
         lost = [position for position in positions if not seen[position]]
@@ -157,7 +157,7 @@ class Repair:
         _refuse(self._bus, {p: failure for p, failure in failures.items() if failure.text})
         if failures:  # no slave is there: wait for them, and name those that do not come
             yield from running.master.al_states.require(
-                min(state, AlState.PREOP), timeout, failures
+                min(state, AlState.PREOP), patience, failures
             )
         if state == AlState.BOOT:
             elsewhere = [p for p in positions if seen[p] != AlState.BOOT and p not in failures]
@@ -173,7 +173,7 @@ class Repair:
             in_safeop = [p for p in positions if seen[p] == AlState.SAFEOP]
             missed = yield from running.set_up.tell_before_op(in_safeop)
             _refuse(self._bus, {position: _failure(item) for position, item in missed.items()})
-        yield from running.master.al_states.require(state, timeout, positions)
+        yield from running.master.al_states.require(state, patience, positions)
 
     def _leave(self, positions: Sequence[int], state: AlState) -> Steps[None]:
         for text in (yield from self._running.set_up.leave(positions, state)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated
 
+from ..patience import Patience
 from ..toml_file import Key, Table, accepts, number, zero_or
 from .placed import Placed, each, read, rules_of
 from .slave_reference import POSITION_MAX, slave_reference
@@ -63,6 +64,11 @@ class DcConfig(Placed):
     lock_us: Annotated[float, number(0.1, 500_000)] = 20.0
     timeout_s: Annotated[float, number(0.1, 300)] = 5.0
     slave: Annotated[list[DcSlaveConfig], each(DcSlaveConfig)] = field(default_factory=list)
+
+    @property
+    def patience(self) -> Patience:
+        """How long a start waits for the lock."""
+        return Patience(self.timeout_s, "dc.timeout_s")
 
 
 def read_clocks(top: Table, key: Key) -> DcConfig:

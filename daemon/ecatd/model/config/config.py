@@ -8,6 +8,7 @@ from typing import Annotated, Any, TypeVar
 
 from ..bus_name import BUS_NAME_RULE, check_bus_name
 from ..log_levels import DEFAULTS, LEVELS, OTHERS, PARTS
+from ..patience import Patience
 from ..plain import plain
 from ..toml_file import Key, Limits, Rules, Table, accepts, integer, number, one_of, show
 from .clocks import DcConfig, DcSlaveConfig, read_clocks
@@ -212,6 +213,11 @@ class Config(Placed):
     capture: Annotated[CaptureConfig, one(CaptureConfig)] = field(default_factory=CaptureConfig)
     eoe: Annotated[EoeConfig, read_eoe] = field(default_factory=EoeConfig)
     gateway: Annotated[GatewayConfig, read_gateway] = field(default_factory=GatewayConfig)
+
+    @property
+    def state_patience(self) -> Patience:
+        """Time in which the slaves must reach a state."""
+        return Patience(self.state_timeout_s, "state_timeout_s")
 
     def settings_of(self, position: int) -> SlaveConfig:
         """The `[[slave]]` table of a slave; an empty one if it has none."""
