@@ -20,6 +20,7 @@ from ecatd.cli.stats import stats as stats_command
 from ecatd.cli.stats_screen import histogram_lines, stats_lines
 from ecatd.model.errors import EcatError, StateError, UsageError
 from ecatd.stats.maps import from_map, histogram_to_map, interval_to_map, to_map
+from ecatd.stats.problems import find_problems
 from ecatd.stats.snapshot import (
     COUNTERS,
     TIMES,
@@ -248,6 +249,16 @@ def test_screens_fit_80_columns_and_show_what_matters() -> None:
             assert "100.0000 %" in lines[-1]
     nothing = replace(late, times=Times(*(Histogram() for _ in TIMES)))
     assert histogram_lines("cycle", nothing, None) == ["bus ecat0: cycle, 0 samples"]
+
+
+def test_without_an_answer_the_shared_memory_says_what_the_exchange_does() -> None:
+    links = (shm.Link.UP, shm.Link.UNUSED)
+    well = snapshot(ring=shm.Ring.NONE, links=links, al_status=8)
+    assert find_problems(well) == []
+    first, *others = well.domains
+    wrong = replace(first, wkc=11, wkc_state=shm.WkcState.INCOMPLETE)
+    (text,) = find_problems(replace(well, domains=(wrong, *others)))
+    names(text, "domain 0", "11 of 12")
 
 
 def test_steps_below_a_microsecond_are_told_apart() -> None:

@@ -101,8 +101,8 @@ class BusServer:
         self._in_force = in_force
         self._interface = interface
         self._log = log
-        self._changes = Changes(log)
         self._events = EventHistory(publish)
+        self._changes = Changes(log, self._events.publish)
         self._set_levels = set_levels
         self._configured = config.log
         self._use_audit_file(config)

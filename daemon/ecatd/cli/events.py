@@ -28,9 +28,19 @@ _CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
 _SAID = ("event", "sequence", "instance", "time_ns", "slave", "text")
 """Facts that have a place of their own in the line of an event, or are for programs."""
 _IN_TEXT = {
+    "absent": ("slaves",),
+    "change": ("what", "by", "times", "failed"),
+    "clock": ("state", "offset_ns", "drift_ppb", "cycle"),
+    "clock_difference": ("difference_ns",),
+    "disturbance": ("counts", "seconds", "over"),
     "emergency": ("code", "register"),
     "exchange": ("fault", "domain", "share", "exchanges", "failures", "slaves", "over"),
+    "foreign_master": ("interface", "source", "count", "wrote", "over"),
     "interface": ("interface", "topic", "over"),
+    "link": ("interface", "state"),
+    "ring": ("state", "slaves_before", "cycle"),
+    "sending": ("interface", "error", "cycle"),
+    "slaves": ("found", "expected", "missing"),
 }
 """Facts that the text of an event says already."""
 

@@ -6,11 +6,11 @@ from typing import Any
 
 KINDS = frozenset(
     {
-        *("al_state", "slaves", "recovery", "emergency", "expected_bus"),
+        *("al_state", "slaves", "absent", "recovery", "emergency", "expected_bus"),
         *("link", "sending", "ring", "interface", "foreign_master"),
         *("exchange", "disturbance", "working_counter", "clock", "clock_difference"),
         *("claimed", "safe", "stopped", "refused", "malformed", "tampered"),
-        *("configuration", "log_levels"),
+        *("configuration", "change", "log_levels"),
     }
 )
 """Kinds of events."""

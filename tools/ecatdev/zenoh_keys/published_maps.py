@@ -140,6 +140,7 @@ class SendingEvent(TypedDict):
     interface: str
     error: str
     cycle: int
+    text: str
 
 
 class RingEvent(TypedDict):
@@ -157,6 +158,7 @@ class DisturbanceEvent(TypedDict):
     counts: dict[str, int]
     seconds: float
     over: bool
+    text: str
 
 
 class ForeignMasterEvent(TypedDict):
@@ -167,6 +169,7 @@ class ForeignMasterEvent(TypedDict):
     count: int
     wrote: list[str]
     over: bool
+    text: str
 
 
 class WorkingCounterEvent(TypedDict):
@@ -206,6 +209,7 @@ class ClockEvent(TypedDict):
     offset_ns: int
     drift_ppb: int
     cycle: int
+    text: str
 
 
 class ClockDifferenceEvent(TypedDict):
@@ -213,12 +217,30 @@ class ClockDifferenceEvent(TypedDict):
 
     slave: int
     difference_ns: int
+    text: str
 
 
 class ExpectedBusEvent(TypedDict):
     """The bus is not as the configuration expects it, or is so again."""
 
     differences: list[str]
+
+
+class AbsentEvent(TypedDict):
+    """Optional slaves have left the bus."""
+
+    slaves: list[int]
+    text: str
+
+
+class ChangeEvent(TypedDict):
+    """Somebody has changed something, or tried to."""
+
+    what: str
+    by: str
+    times: int
+    failed: bool
+    text: str
 
 
 class NothingMoreEvent(TypedDict):
@@ -290,6 +312,7 @@ class TamperedEvent(TypedDict):
 EVENTS: dict[str, type] = {
     "al_state": AlStateEvent,
     "slaves": SlavesEvent,
+    "absent": AbsentEvent,
     "recovery": RecoveryEvent,
     "emergency": EmergencyEvent,
     "link": LinkEvent,
@@ -303,6 +326,7 @@ EVENTS: dict[str, type] = {
     "clock": ClockEvent,
     "clock_difference": ClockDifferenceEvent,
     "expected_bus": ExpectedBusEvent,
+    "change": ChangeEvent,
     "configuration": NothingMoreEvent,
     "log_levels": NothingMoreEvent,
     "claimed": ClaimedEvent,

@@ -7,10 +7,12 @@ sample, so its changes are told together, at growing intervals: one line for eac
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from ecatd.batch import Batch
 from ecatd.log import Log
@@ -66,10 +68,14 @@ class Changes:
 
     Args:
         log: The log for changes.
+        publish: Called with each line as an event, which is a map.
     """
 
-    def __init__(self, log: Log) -> None:
+    def __init__(
+        self, log: Log, publish: Callable[[dict[str, Any]], None] = lambda _event: None
+    ) -> None:
         self._log = log
+        self._publish = publish
         self._batches: dict[int, Batch[Change]] = {}  # by slot
         self._waiting: dict[int, dict[str, Change]] = {}  # the last ones in a batch, by `what`
 
@@ -134,10 +140,19 @@ class Changes:
             how = f"{outcome}{often}: {last.problem}"
             return f"{last.what}: change {values}by {last.by} {how}"
 
-        self._log.notice(
-            line(f"{was}to {last.after} "),
-            failed=bool(last.problem),
-            told=line("") if last.is_secret else "",
+        text = line(f"{was}to {last.after} ")
+        told = line("") if last.is_secret else ""
+        self._log.notice(text, failed=bool(last.problem), told=told)
+        self._publish(
+            {
+                "event": "change",
+                "time_ns": time.time_ns(),
+                "what": last.what,
+                "by": last.by,
+                "times": len(alike),
+                "failed": bool(last.problem),
+                "text": told or text,
+            }
         )
 
     def close(self) -> None:

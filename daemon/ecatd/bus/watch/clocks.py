@@ -79,19 +79,21 @@ class ClockWatch:
         state, health = DcState(event.value), self._shared.health
         reference = self._reference
         if state == DcState.LOCKED:
-            self._log.info(f"the cycle follows the clock of {reference} again", "clock")
+            text = f"the cycle follows the clock of {reference} again"
+            self._log.info(text, "clock")
         else:
-            self._log.warning(
+            text = (
                 f"the cycle has lost the clock of {reference}: it was "
-                f"{health.dc_offset_ns / 1000:.1f} µs off when the clock was last read",
-                "clock",
+                f"{health.dc_offset_ns / 1000:.1f} µs off when the clock was last read"
             )
+            self._log.warning(text, "clock")
         self._tell(
             "clock",
             state=state.name.lower(),
             offset_ns=health.dc_offset_ns,
             drift_ppb=health.dc_drift_ppb,
             cycle=event.cycle,
+            text=text,
         )
 
     async def watch(self) -> None:
@@ -132,13 +134,13 @@ class ClockWatch:
             return
         self._astray ^= {slave.position}
         if astray:
-            self._log.warning(
+            text = (
                 f"the clock of {slave.label} is out of step: {difference / 1000:+.1f} µs from that "
-                f"of {self._clocks.reference.label}",
-                "clock_difference",
-                [slave.position],
+                f"of {self._clocks.reference.label}"
             )
+            self._log.warning(text, "clock_difference", [slave.position])
         else:
             text = f"the clock of {slave.label} is in step again"
             self._log.info(text, "clock_difference", [slave.position])
-        self._tell("clock_difference", slave=slave.position, difference_ns=difference)
+        position = slave.position
+        self._tell("clock_difference", slave=position, difference_ns=difference, text=text)

@@ -278,7 +278,8 @@ class ExchangeWatch:
         self._report(over, None, over=True)
 
     def _report(self, fault: Fault, counts: Counts | None, *, over: bool) -> None:
-        tell = self._log.info if over else self._log.error
+        # Of a slave that explains it, others tell as well; it may be meant to be so.
+        tell = self._log.info if over else self._log.warning if fault.slaves else self._log.error
         tell(fault.text, "exchange", fault.slaves)
         self._tell(
             "exchange",

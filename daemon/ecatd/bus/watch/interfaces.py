@@ -215,11 +215,12 @@ class InterfaceWatch:
             if name in report.counts
         )
         if report.over:
-            line = f"a disturbance of {report.seconds:.0f} s is over: {text}"
-            self._log.info(line, "disturbance")
+            text = f"a disturbance of {report.seconds:.0f} s is over: {text}"
+            self._log.info(text, "disturbance")
         else:
-            self._log.warning(f"in the last {report.seconds:.0f} s: {text}", "disturbance")
-        self._tell("disturbance", **asdict(report))
+            text = f"in the last {report.seconds:.0f} s: {text}"
+            self._log.warning(text, "disturbance")
+        self._tell("disturbance", **asdict(report), text=text)
 
     def _look_for_others(self, number: int, now: float) -> None:
         interface = self._interfaces[number]
@@ -241,13 +242,13 @@ class InterfaceWatch:
             text = f"no more frames of another EtherCAT master on {interface}"
             self._log.info(text, "foreign_master")
         else:
-            self._log.error(
+            text = (
                 f"frames of another EtherCAT master on {interface} (source "
                 f"{self._sources[number]}): {report.counts['frames']} in the last "
                 f"{report.seconds:.0f} s. {sentence(self._deeds[number])}. Two masters undo each "
-                f"other's outputs and states: stop the other one, or give it slaves of its own",
-                "foreign_master",
+                f"other's outputs and states: stop the other one, or give it slaves of its own"
             )
+            self._log.error(text, "foreign_master")
         self._tell(
             "foreign_master",
             interface=interface,
@@ -255,6 +256,7 @@ class InterfaceWatch:
             count=report.counts["frames"],
             wrote=facts(self._deeds[number]),
             over=report.over,
+            text=text,
         )
         self._deeds[number] = set()
 
@@ -269,10 +271,12 @@ class InterfaceWatch:
         interface = self._interfaces[event.slot]
         reason = os.strerror(event.value) if event.value else ""
         if reason:
-            self._log.error(f"frames cannot be sent on {interface}: {reason}", "sending")
+            text = f"frames cannot be sent on {interface}: {reason}"
+            self._log.error(text, "sending")
         else:
-            self._log.info(f"frames can be sent on {interface} again", "sending")
-        self._tell("sending", interface=interface, error=reason, cycle=event.cycle)
+            text = f"frames can be sent on {interface} again"
+            self._log.info(text, "sending")
+        self._tell("sending", interface=interface, error=reason, cycle=event.cycle, text=text)
 
     def on_ring(self, event: Event) -> None:
         """The ring has opened, closed, or is open at another place."""

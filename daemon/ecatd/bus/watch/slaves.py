@@ -310,7 +310,8 @@ class SlaveWatch:
         if left:
             self._expectation.note()
             text = f"{name_slaves(self._bus, left)} left the bus (optional)"
-            self._log.info(text, "slaves", left)
+            self._log.info(text, "absent", left)
+            self._tell("absent", slaves=left, text=text)
 
 
 def _group(states: Iterable[SlaveState]) -> list[tuple[list[int], SlaveState]]:
