@@ -25,7 +25,7 @@ CONFIG = """
 [gateway]
 listen = []
 [health]
-window_s = 1
+window_s = 3
 lost = 0.2
 late = 0.2
 """
@@ -92,6 +92,7 @@ def test_working_counters_are_wrong_and_no_slave_explains_it(
 
 
 def test_a_slave_whose_registers_are_others_is_found_by_asking(bench: Bench) -> None:
+    before = len(bench.events)
     for register, difference in (("0x060C", "switched off"), ("0x060B", "other values")):
         bench.daemon.ctl("reg-write", "5", register, "0", "--size", "1", "--yes")
         text = problem(bench, "wrong working counter", "FMMU")
@@ -100,6 +101,10 @@ def test_a_slave_whose_registers_are_others_is_found_by_asking(bench: Bench) -> 
         for command in re.findall(r"`ecatctl (state \w+ -p 5)`", text):
             bench.daemon.ctl(*command.split(), "--yes")
         bench.wait_for(lambda: check(bench) == (WELL, []))
+    told = [event for event in bench.events[before:] if event["event"] == "exchange"]
+    begun = [event["slaves"] for event in told if not event["over"]]
+    assert begun
+    assert all(slaves == [5] for slaves in begun), "what is over does not begin again"
 
 
 def test_half_of_all_frames_are_lost_or_late(bench: Bench, simulator: Simulator) -> None:

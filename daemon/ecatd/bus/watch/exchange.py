@@ -200,11 +200,15 @@ class ExchangeWatch:
                 known = part.kinds[kind]
                 goes_on = total.of(kind) > known.failures
                 known.failures = total.of(kind)
-                await self._judge(
-                    *(part.domain, known, kind, counts, lasted),
-                    goes_on=goes_on,
-                    quiet=part.seconds / 2,
-                )
+                if goes_on:
+                    known.failed_at = now
+                # An outage is over before the window has forgotten it.
+                quiet = now - known.failed_at >= max(_QUIET_S, part.seconds / 2)
+                if known.fault and quiet and counts.share(kind) >= _MANY:
+                    self._end(part.domain, known, kind)
+                    part.window = Window(total, now)
+                else:
+                    await self._judge(part.domain, known, kind, counts, lasted, goes_on=goes_on)
 
     def _read(self, domain: DomainImage | None) -> Counts:
         health = self._shared.health
@@ -225,7 +229,6 @@ class ExchangeWatch:
         lasted: float,
         *,
         goes_on: bool,
-        quiet: float,
     ) -> None:
         """Finds whether one kind of failure has begun, goes on or is over."""
         limit: float = {
@@ -235,12 +238,7 @@ class ExchangeWatch:
             UNSENT: self._config.unsent,
         }[kind]
         begins = known.fault is None
-        now = time.monotonic()
-        if goes_on:
-            known.failed_at = now
-        # An outage is over before the window has forgotten it.
-        is_over = counts.share(kind) >= _MANY and now - known.failed_at >= max(_QUIET_S, quiet)
-        if is_over or is_well(counts, kind, limit, before=begins):
+        if is_well(counts, kind, limit, before=begins):
             if not begins:
                 self._end(domain, known, kind)
             return
@@ -257,6 +255,7 @@ class ExchangeWatch:
             share=round(counts.share(kind), 6),
             slaves=known.slaves,
         )
+        now = time.monotonic()
         if begins or (changed and now - known.told >= _TELL_AGAIN):
             known.told = now
             self._report(known.fault, counts, over=False)
