@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import mmap
 import time
-from pathlib import Path
 from typing import Any
 
 from ecatd import shm
+from ecatd.shm_files import folders
 
 from . import histogram
 from .histogram import Buckets
@@ -32,7 +32,7 @@ class Health:
 
     def __init__(self, bus: str) -> None:
         with (
-            Path(shm.FOLDER / f"ecat.{bus}").open("rb") as file,
+            (folders()[0] / bus).open("rb") as file,
             mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ) as data,
         ):
             self.time = time.monotonic()

@@ -24,6 +24,7 @@ from hypothesis import HealthCheck, settings
 import guard
 from ecatd.client import Client, Signal, Summary
 from ecatd.model.errors import UnreachableError
+from ecatd.shm_files import make_folder
 
 # A shell that starts the tests in the background has them ignore SIGINT, and so do their programs.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -47,7 +48,8 @@ CYCLE_TIME_US = 8000
 """Cycle time of the daemons that tests start, if neither test nor configuration says another.
 Cycles cost processor time, and most tests are not about how many there are in a second."""
 
-SHM = Path("/dev/shm")
+SHM = make_folder(print)
+"""The shared memory of the daemons that tests start."""
 
 
 @pytest.hookimpl(wrapper=True)
@@ -258,7 +260,7 @@ class Daemon:
             if self.process.poll() is None:
                 self.kill_all()
             self._socket.close()
-            for leftover in SHM.glob(f"ecat.{self.bus}*"):  # of a bus server that was killed
+            for leftover in SHM.glob(f"{self.bus}*"):  # of a bus server that was killed
                 leftover.unlink()
 
 
@@ -386,7 +388,7 @@ def troll(tmp_path_factory: pytest.TempPathFactory, cycle_time_us: int) -> Itera
     try:
         yield daemon.wait_ready()
         assert daemon.stop() == 0
-        assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+        assert not list(SHM.glob(f"{daemon.bus}*"))
     finally:
         daemon.close()
 

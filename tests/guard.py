@@ -53,7 +53,7 @@ class Things(NamedTuple):
         """What there is."""
         named = Path("/run/netns")
         return Things(
-            frozenset(str(path) for path in Path("/dev/shm").glob("ecat.*")),
+            frozenset(str(path) for path in Path("/dev/shm").glob("ecat*/*")),
             frozenset(name for _, name in socket.if_nameindex() if name.startswith(_NAMES)),
             frozenset(map(str, named.glob("ecat*")) if named.is_dir() else ()),
         )

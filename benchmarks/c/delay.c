@@ -39,11 +39,12 @@ static uint64_t now(void)
 
 static struct grid read_grid(const char *bus)
 {
-    char path[64];
+    char folder[ECAT_SHM_PATH], path[ECAT_SHM_PATH + 40];
     struct grid grid;
     const uint8_t *map;
     int fd;
-    snprintf(path, sizeof path, "/dev/shm/ecat.%s", bus);
+    (void)ecat_shm_folder(0, folder);
+    snprintf(path, sizeof path, "%s/%s", folder, bus);
     fd = open(path, O_RDONLY);
     map = mmap(NULL, (size_t)lseek(fd, 0, SEEK_END), PROT_READ, MAP_SHARED, fd, 0);
     if (map == MAP_FAILED) {

@@ -41,13 +41,14 @@ struct image {
 
 static struct image map_image(ecat_t *bus, const int *entries)
 {
-    char path[64];
+    char folder[ECAT_SHM_PATH], path[ECAT_SHM_PATH + 40];
     struct image image;
     const uint8_t *map;
     const ecat_shm_header *header;
     const ecat_shm_domain *domain;
     int i, fd;
-    snprintf(path, sizeof path, "/dev/shm/ecat.%s", ecat_name(bus));
+    (void)ecat_shm_folder(0, folder);
+    snprintf(path, sizeof path, "%s/%s", folder, ecat_name(bus));
     fd = open(path, O_RDONLY);
     map = mmap(NULL, (size_t)lseek(fd, 0, SEEK_END), PROT_READ, MAP_SHARED, fd, 0);
     if (map == MAP_FAILED) {

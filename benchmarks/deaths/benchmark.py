@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ecatd import shm
+from ecatd import shm, shm_files
 from ecatd.client import Client, Outputs, Reason
 from ecatd.model.errors import StateError, UnreachableError
 
@@ -142,7 +142,9 @@ def _cycles(eye: Client, pid: int) -> int:
         _sample(eye)
     if found.reason is not Reason.DIED:
         raise StateError(f"the outputs are safe because of {found.reason.name}")
-    data = (shm.FOLDER / f"ecat.{eye.name}").read_bytes()
+    fd, _ = shm_files.find(eye.name)
+    with open(fd, "rb") as file:  # noqa: PTH123  find() has opened it
+        data = file.read()
     header = shm.struct("ecat_shm_header").from_buffer_copy(data)
     kind = shm.struct("ecat_shm_output")
     at = header.outputs_offset + control.number * shm.size(kind.__name__)

@@ -19,6 +19,7 @@ from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.model.bus import Bus
 from ecatd.shm import Setting
+from ecatd.shm_files import make_folder
 
 from ..engine.instructions import Counter
 from ..health import Health
@@ -45,7 +46,7 @@ def running(bus: Bus, interface: str, wanted: RealTime) -> Iterator[bool]:
         Whether the engine has real-time priority.
     """
     image = lay_out(bus, set())
-    with contextlib.closing(SharedMemory(bus.name)) as shared:
+    with contextlib.closing(SharedMemory(bus.name, make_folder(print))) as shared:
         shared.fill(bus, image, _LEASE_NS, _LEASE_NS)
         wire = open_socket(interface, Index.ENGINE, Index.LAST)
         engine = Engine(shared.address, shared.out_fd, [wire], secrets.randbits(32))

@@ -14,6 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ecatd.shm_files import folders
+
 from ..bench import Bench
 from ..engine import work
 from ..health import Health
@@ -75,7 +77,7 @@ def _case(bench: Bench, slaves: int, seconds: float, responders: tuple[str, ...]
             "seconds": seconds,
             "answered": {who: _counted(bench, seconds, who) for who in responders},
             "memory": sum(_own_memory(pid) for pid in daemon.processes),
-            "shared": Path(f"/dev/shm/ecat.{daemon.bus}").stat().st_size,
+            "shared": (folders()[0] / daemon.bus).stat().st_size,
         }
 
 

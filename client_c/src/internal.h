@@ -60,6 +60,7 @@ struct ecat_client {
   char error[512];
 
   /* Shared memory of the daemon, mapped read-only. */
+  char folder[ECAT_SHM_PATH]; /* empty until a bus was found; it comes back only there */
   int fd;
   const uint8_t *map;
   size_t map_size;
@@ -123,7 +124,10 @@ uint64_t ecat_ns(double seconds);
 /* claims.c: whether the daemon copies an input to an output, so that no client can own it. */
 int ecat_is_copy(const ecat_t *bus, int number);
 
+/* files.c: ecat_shm_folder(), ecat_shm_open(), ecat_shm_find() */
+
 /* shared_memory.c */
+int ecat_daemon_lives(int fd); /* whether it holds its lock of the shared memory */
 int ecat_memory_open(ecat_t *bus);
 void ecat_memory_close(ecat_t *bus);
 void ecat_images_free(ecat_t *bus); /* the retired ones, valid until ecat_close() */

@@ -14,7 +14,7 @@
 #include <time.h>
 #include <unistd.h>
 
-static int daemon_holds_lock(int fd) {
+int ecat_daemon_lives(int fd) {
   struct flock lock = {.l_type = F_RDLCK, .l_whence = SEEK_SET, .l_start = ECAT_LOCK_DAEMON, .l_len = 1};
   /* If the lock cannot be queried, the daemon is assumed to live. */
   return fcntl(fd, F_OFD_GETLK, &lock) != 0 || lock.l_type != F_UNLCK;
@@ -192,34 +192,32 @@ static int check_tables(ecat_t *bus) {
 }
 
 int ecat_memory_open(ecat_t *bus) {
-  char path[64];
+  char text[ECAT_SHM_TEXT];
   struct stat status;
   uint32_t layout;
-  snprintf(path, sizeof path, "/dev/shm/ecat.%s", bus->name);
-  bus->fd = open(path, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
-  if (bus->fd < 0) {
-    if (errno == ENOENT) return not_running(bus);
-    if (errno == EACCES)
-      return ecat_fail(bus, ECAT_EPERM,
-                       "no right to read bus '%s': become a member of the group 'ecat' "
-                       "('sudo usermod -aG ecat $USER', then log in again)",
-                       bus->name);
-    return ecat_fail(bus, ECAT_ESYS, "cannot open %s: %s", path, strerror(errno));
-  }
-  if (fstat(bus->fd, &status) != 0 || !S_ISREG(status.st_mode) ||
-      (size_t)status.st_size < sizeof(ecat_shm_header))
-    return daemon_holds_lock(bus->fd)
+  int fd = bus->folder[0] != '\0' ? ecat_shm_open(bus->folder, bus->name, 0, text)
+                                  : ecat_shm_find(bus->name, bus->folder, text);
+  if (fd == ECAT_EDOWN) return not_running(bus);
+  if (fd == ECAT_EPERM && text[0] == '\0')
+    return ecat_fail(bus, ECAT_EPERM,
+                     "no right to read bus '%s': become a member of the group 'ecat' "
+                     "('sudo usermod -aG ecat $USER', then log in again)",
+                     bus->name);
+  if (fd < 0) return ecat_fail(bus, fd, "%s", text);
+  bus->fd = fd;
+  if (fstat(bus->fd, &status) != 0 || (size_t)status.st_size < sizeof(ecat_shm_header))
+    return ecat_daemon_lives(bus->fd)
                ? ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is still starting", bus->name)
                : not_running(bus);
   bus->map_size = (size_t)status.st_size;
   bus->map = mmap(NULL, bus->map_size, PROT_READ, MAP_SHARED, bus->fd, 0);
   if (bus->map == MAP_FAILED) {
     bus->map = NULL;
-    return ecat_fail(bus, ECAT_ESYS, "cannot map %s: %s", path, strerror(errno));
+    return ecat_fail(bus, ECAT_ESYS, "cannot map %s/%s: %s", bus->folder, bus->name, strerror(errno));
   }
   bus->header = (const void *)bus->map;
   layout = __atomic_load_n(&bus->header->layout, __ATOMIC_ACQUIRE);
-  if (!daemon_holds_lock(bus->fd)) return not_running(bus); /* a leftover of a killed daemon */
+  if (!ecat_daemon_lives(bus->fd)) return not_running(bus); /* a leftover of a killed daemon */
   if (layout == 0)
     return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is still starting", bus->name);
   if (bus->header->magic != ECAT_SHM_MAGIC) return damaged(bus, "magic number");
@@ -285,7 +283,7 @@ int ecat_memory_check(ecat_t *bus, uint64_t age_ns) {
     ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' was stopped", bus->name);
   else if (age_ns <= limit)
     return 0;
-  else if (!daemon_holds_lock(bus->fd))
+  else if (!ecat_daemon_lives(bus->fd))
     ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' has ended; start it again with "
               "'systemctl start ecatd%s%s', unless systemd does so by itself",
               bus->name, at(bus), instance(bus));
@@ -392,6 +390,7 @@ int ecat_memory_look(ecat_t *bus) {
   bus->tried_ns = now;
   fresh.header = &nothing;
   strcpy(fresh.name, bus->name);
+  strcpy(fresh.folder, bus->folder); /* a bus of this name elsewhere is another one */
   code = ecat_memory_open(&fresh);
   if (code == 0) code = check_same(&fresh, bus);
   if (code == 0) {

@@ -63,22 +63,21 @@ static int out_fits(const ecat_t *bus) {
 }
 
 static int map_out(ecat_t *bus) {
-  char path[64];
+  char name[40], path[ECAT_SHM_PATH + 40], text[ECAT_SHM_TEXT];
   struct stat status;
   int code;
   if (bus->out_map != NULL) return 0;
-  snprintf(path, sizeof path, "/dev/shm/ecat.%s.out", bus->name);
-  bus->out_fd = open(path, O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
-  if (bus->out_fd < 0) {
-    if (errno == EACCES)
-      return ecat_fail(bus, ECAT_EPERM,
-                       "no right to write outputs of bus '%s': become a member of the group 'ecat' "
-                       "('sudo usermod -aG ecat $USER', then log in again)", bus->name);
-    return ecat_fail(bus, ECAT_EDOWN, "cannot open %s: %s; restart the daemon", path,
-                     strerror(errno));
-  }
-  if (fstat(bus->out_fd, &status) != 0 || !S_ISREG(status.st_mode) ||
-      (size_t)status.st_size < sizeof bus->layout) {
+  snprintf(name, sizeof name, "%s.out", bus->name);
+  snprintf(path, sizeof path, "%s/%s", bus->folder, name);
+  code = ecat_shm_open(bus->folder, name, 1, text);
+  if (code == ECAT_EPERM && text[0] == '\0')
+    return ecat_fail(bus, ECAT_EPERM,
+                     "no right to write outputs of bus '%s': become a member of the group 'ecat' "
+                     "('sudo usermod -aG ecat $USER', then log in again)", bus->name);
+  if (code == ECAT_EDOWN) return ecat_fail(bus, code, "there is no %s; restart the daemon", path);
+  if (code < 0) return ecat_fail(bus, code, "%s", text);
+  bus->out_fd = code;
+  if (fstat(bus->out_fd, &status) != 0 || (size_t)status.st_size < sizeof bus->layout) {
     unmap_out(bus);
     return ecat_fail(bus, ECAT_ELAYOUT, "%s is damaged; restart the daemon", path);
   }

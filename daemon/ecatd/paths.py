@@ -2,8 +2,9 @@
 
 Each bus has its own folder for the socket of its bus server. In it is a folder for the sockets of
 the gateway, which may run as another user. The folder of a bus is in `/run/ecatd` if the daemon
-runs as root. Otherwise it is in `$XDG_RUNTIME_DIR/ecatd`, or in `/tmp/ecatd-UID` if that variable
-is not set. `$ECATD_RUNTIME_DIR` overrides all of them; the unit of systemd sets it to `/run/ecatd`.
+runs as root. Otherwise it is in `$XDG_RUNTIME_DIR/ecatd`, where `/run/user/UID` stands for a
+variable that is not set, or in `/tmp/ecatd-UID` if this user has no such directory.
+`$ECATD_RUNTIME_DIR` overrides all of them; the unit of systemd sets it to `/run/ecatd`.
 """
 
 from __future__ import annotations
@@ -11,11 +12,13 @@ from __future__ import annotations
 import grp
 import os
 import socket
+import stat
 from contextlib import suppress
 from pathlib import Path
 
 from .model.atomic_write import write_whole
 from .model.errors import NotPermittedError, StateError, UsageError
+from .real_user import is_root, real_user
 
 SYSTEM = Path("/run/ecatd")
 MACHINE = Path("/etc/ecatd")
@@ -41,24 +44,48 @@ def profile_folders() -> list[Path]:
 
 
 def user_dir() -> Path:
-    """Returns the folder for the buses of this process; it may not exist yet."""
+    """Returns the folder for the buses of this user's daemons; it may not exist yet."""
     if override := os.environ.get("ECATD_RUNTIME_DIR"):
         return Path(override)
-    if os.geteuid() == 0:
-        return SYSTEM
-    if session := os.environ.get("XDG_RUNTIME_DIR"):
-        return Path(session) / "ecatd"
-    return Path(f"/tmp/ecatd-{os.geteuid()}")
+    return _usual_dirs()[0]
 
 
-def make_dir(bus: str) -> Path:
-    """Returns `user_dir()`; makes it and the folder of a bus in it if they do not exist.
+def _usual_dirs() -> list[Path]:
+    """Returns where daemons of this user have their buses, best first.
+
+    A daemon that was started without the user's session, as by cron, has them in the last one.
+    """
+    user = real_user()
+    if user == 0:
+        return [SYSTEM]
+    # `su` keeps the variable of the user before.
+    session = Path(os.environ.get("XDG_RUNTIME_DIR") or f"/run/user/{user}")
+    rest = [Path(f"/tmp/ecatd-{user}")]
+    return [session / "ecatd", *rest] if _is_own(session.resolve()) else rest
+
+
+def _is_own(folder: Path) -> bool:
+    """Whether a folder belongs to this user, who alone can write into it."""
+    with suppress(OSError):
+        found = folder.lstat()
+        others = stat.S_IWGRP | stat.S_IWOTH
+        if stat.S_ISDIR(found.st_mode) and not found.st_mode & others:
+            return found.st_uid == os.geteuid()
+    return False
+
+
+def make_dir(bus: str, folder: Path) -> Path:
+    """Returns `folder`; makes it and the folder of a bus in it if they do not exist.
+
+    Args:
+        bus: Name of the bus.
+        folder: What `user_dir` returns. A process in a namespace of the daemon gets it from the
+            service.
 
     Raises:
         NotPermittedError: A folder cannot be made, or belongs to another user.
         UsageError: Its path is too long for the sockets in it.
     """
-    folder = user_dir()
     longest = zenoh_socket(folder, bus)
     if (length := len(os.fsencode(longest))) > _SOCKET_PATH_MAX:
         raise UsageError(
@@ -80,7 +107,7 @@ def make_dir(bus: str) -> Path:
         if owner not in (os.geteuid(), 0):  # systemd makes it as root
             raise NotPermittedError(f"{path} belongs to user {owner}; {_OWN}")
         # A folder that exists, such as one that systemd has made, keeps its mode and group.
-        if is_new and path == folder and os.geteuid() == 0:
+        if is_new and path == folder and is_root():
             path.chmod(0o755)  # for the buses of all users, as systemd makes it
         elif is_new and give_to_group(path):
             path.chmod(0o2750)  # setgid: files made in it belong to the group as well
@@ -99,7 +126,7 @@ def remove_dir(folder: Path, bus: str) -> None:
 
 def give_to_group(target: int | Path) -> bool:
     """Gives a file to the group `ecat`; returns False if this is not root or there is no group."""
-    if os.geteuid() != 0:
+    if not is_root():
         return False
     try:
         os.chown(target, -1, grp.getgrnam("ecat").gr_gid)
@@ -109,8 +136,13 @@ def give_to_group(target: int | Path) -> bool:
 
 
 def search_dirs() -> list[Path]:
-    """Returns the folders in which a client looks for a bus: of its user, then of the system."""
-    return list(dict.fromkeys((user_dir(), SYSTEM)))
+    """Returns the folders in which a client looks for a bus: of its user, then of the system.
+
+    In a folder in `/tmp` that is not this user's own, somebody else could invent a bus.
+    """
+    if override := os.environ.get("ECATD_RUNTIME_DIR"):
+        return list(dict.fromkeys((Path(override), SYSTEM)))
+    return list(dict.fromkeys((*filter(_is_own, _usual_dirs()), SYSTEM)))
 
 
 def control_socket(folder: Path, bus: str) -> Path:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
 
 from . import shm
 from .file_locks import held
-from .model.errors import StateError
+from .model.errors import NotPermittedError, StateError
+from .shm_files import find
 from .systemd_services import service
 
 
@@ -17,13 +17,15 @@ def check_free(bus: str) -> None:
     Raises:
         StateError: A daemon serves it.
     """
-    with suppress(OSError):  # for example, there is no shared memory
-        fd = os.open(shm.FOLDER / f"ecat.{bus}", os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
-        try:
-            if held(fd, shm.LOCK_DAEMON):
-                raise already_served(bus, fd)
-        finally:
-            os.close(fd)
+    try:
+        fd, _ = find(bus)
+    except (OSError, NotPermittedError, StateError):
+        return  # there is none, or it is of somebody who is not believed
+    try:
+        if held(fd, shm.LOCK_DAEMON):
+            raise already_served(bus, fd)
+    finally:
+        os.close(fd)
 
 
 def already_served(bus: str, fd: int) -> StateError:

@@ -12,7 +12,6 @@ import ctypes
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from . import native
@@ -20,8 +19,6 @@ from .model.al import AlState
 
 LIBRARY = native.load("ecatd", "ecat")
 LIBRARY.ecat_layout.restype = ctypes.c_char_p
-
-FOLDER = Path("/dev/shm")
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,7 @@ from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.client import Client
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.pdo import Entry, Pdo
+from ecatd.shm_files import make_folder
 from ecatsim.net import netlink
 from ecatsim.rigs import library as rigs
 from ecatsim.simulation import Simulation
@@ -147,7 +148,7 @@ class Bench:
             self._request(state)
 
     def start(self, clock=None, **real_time):
-        self.shared = shared = SharedMemory(self.bus.name)
+        self.shared = shared = SharedMemory(self.bus.name, make_folder(print))
         shared.fill(self.bus, self.image, 500_000_000, 10_000_000_000)
         names = (MASTER, SECOND) if self.simulation.rig.ring else (MASTER,)
         sockets = [open_socket(name, Index.ENGINE, Index.LAST) for name in names]

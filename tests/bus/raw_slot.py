@@ -12,6 +12,7 @@ from typing import Any
 
 from ecatd import shm
 from ecatd.client import Client
+from ecatd.shm_files import folders
 
 
 class RawSlot:
@@ -28,7 +29,7 @@ class RawSlot:
 
     def __init__(self, bus: str, pid: int | None = None) -> None:
         pid = pid or os.getpid()
-        file = os.open(f"/dev/shm/ecat.{bus}.out", os.O_RDWR)
+        file = os.open(folders()[0] / f"{bus}.out", os.O_RDWR)
         self.memory = mmap.mmap(file, 0)
         os.close(file)
         self.header = shm.struct("ecat_out_header").from_buffer(self.memory)

@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from conftest import PATIENCE, Daemon, names, one_line_error, run_module, wait_for
+from conftest import PATIENCE, SHM, Daemon, names, one_line_error, run_module, wait_for
 from ecatd import shm
 from ecatd.encoding import unpack
 from ecatd.model.al import AlState
@@ -120,7 +120,7 @@ class Bench:
 
     def health(self) -> Any:
         """A copy of the counters in shared memory."""
-        data = (shm.FOLDER / f"ecat.{self.daemon.bus}").read_bytes()
+        data = (SHM / self.daemon.bus).read_bytes()
         header = shm.struct("ecat_shm_header").from_buffer_copy(data)
         return shm.struct("ecat_shm_health").from_buffer_copy(data, header.health_offset)
 

@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from conftest import Daemon, names, naming, one_line_error
+from conftest import SHM, Daemon, names, naming, one_line_error
 from ecatd import shm
 from ecatd.encoding import unpack
 from ecatd.zenoh_keys import bus_key, session_config
@@ -94,7 +94,7 @@ def simulator() -> Iterator[Callable[[], Simulator]]:
 
 def table(bus: str, kind: str, name: str) -> list[Any]:
     """Rows of a table of the segment, as it is now."""
-    data = (shm.FOLDER / f"ecat.{bus}").read_bytes()
+    data = (SHM / bus).read_bytes()
     header = shm.struct("ecat_shm_header").from_buffer_copy(data)
     count = header.slave_count if name.startswith("slave") else 1
     offset = getattr(header, f"{name}_offset")
@@ -147,7 +147,7 @@ def next_pulses(simulator: Simulator, position: int) -> tuple[int, int]:
 def zero(daemon: Daemon) -> int:
     """When cycle 0 was on the clock of the reference, as the most of some cycles say."""
     found = []
-    path = shm.FOLDER / f"ecat.{daemon.bus}"
+    path = SHM / daemon.bus
     for _ in range(50):
         data = path.read_bytes()
         header = shm.struct("ecat_shm_header").from_buffer_copy(data)

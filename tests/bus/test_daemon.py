@@ -285,7 +285,7 @@ def test_a_reader_notices_that_the_daemon_was_killed(start_daemon: Callable[...,
         with pytest.raises(UnreachableError):
             client.sample()
     # What was left over does not deceive a new client, and does not stop a new daemon.
-    assert (SHM / f"ecat.{daemon.bus}").exists()
+    assert (SHM / daemon.bus).exists()
     with pytest.raises(UnreachableError, match=naming(f"'{daemon.bus}'", "systemctl start ecatd")):
         daemon.client()
     again = start_daemon("troll", "--bus", daemon.bus)
@@ -293,7 +293,7 @@ def test_a_reader_notices_that_the_daemon_was_killed(start_daemon: Callable[...,
     with again.client() as client:
         client.wait()
     assert again.stop() == 0
-    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+    assert not list(SHM.glob(f"{daemon.bus}*"))
 
 
 def test_a_reader_notices_that_the_daemon_was_stopped(start_daemon: Callable[..., Daemon]) -> None:
@@ -304,7 +304,7 @@ def test_a_reader_notices_that_the_daemon_was_stopped(start_daemon: Callable[...
         with pytest.raises(UnreachableError, match=naming(f"'{daemon.bus}'", "stopped")):
             for _ in range(2):  # the first may find cycles that ended before the stop
                 client.wait(1, timeout=30)
-    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+    assert not list(SHM.glob(f"{daemon.bus}*"))
 
 
 def stall(daemon: Daemon) -> None:
@@ -366,8 +366,8 @@ def test_r17_the_daemon_ends_when_its_bus_server_dies(start_daemon: Callable[...
 
 
 def test_r31_both_files_have_the_documented_modes(troll: Daemon) -> None:
-    modes = {path.name: oct(path.stat().st_mode & 0o777) for path in SHM.glob(f"ecat.{troll.bus}*")}
-    assert modes == {f"ecat.{troll.bus}": "0o640", f"ecat.{troll.bus}.out": "0o660"}
+    modes = {path.name: oct(path.stat().st_mode & 0o777) for path in SHM.glob(f"{troll.bus}*")}
+    assert modes == {troll.bus: "0o640", f"{troll.bus}.out": "0o660"}
 
 
 def test_r31_others_are_told_how_to_get_in() -> None:

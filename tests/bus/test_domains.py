@@ -58,7 +58,7 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
 @contextmanager
 def shared(daemon: Daemon) -> Iterator[Callable[..., Any]]:
     """Reads structures of the shared memory as they are at the moment of the call."""
-    fd = os.open(SHM / f"ecat.{daemon.bus}", os.O_RDONLY)
+    fd = os.open(SHM / daemon.bus, os.O_RDONLY)
     with mmap.mmap(fd, 0, prot=mmap.PROT_READ) as data:
         os.close(fd)
 
@@ -429,12 +429,12 @@ def test_a_slow_domain_does_not_hold_up_a_stop(
     rig.write_text(UNWATCHED)
     slow = "[[domain]]\nslaves = [1]\n[[domain]]\ndivider = 60000\nslaves = [0]\n"
     daemon = start_daemon(str(rig), ready=False, config=f"[gateway]\nlisten = []\n{slow}")
-    while not list(SHM.glob(f"ecat.{daemon.bus}.out")):  # the exchange begins
+    while not list(SHM.glob(f"{daemon.bus}.out")):  # the exchange begins
         assert daemon.process.poll() is None, daemon.log
         time.sleep(0.01)
     daemon.stop()
     assert "it is killed" not in daemon.log
-    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+    assert not list(SHM.glob(f"{daemon.bus}*"))
 
 
 def test_outputs_just_in_time_for_the_watchdog(start_daemon: Callable[..., Daemon]) -> None:

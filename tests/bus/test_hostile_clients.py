@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from test_client_death import build
 
-from conftest import Daemon, stop_process, wait_for
+from conftest import SHM, Daemon, stop_process, wait_for
 from ecatd.client import Outputs
 from ecatd.model.errors import EcatError
 from handle import ESTALE, Handle
@@ -102,7 +102,7 @@ def test_r29_random_pages(start_daemon: Callable[..., Daemon], hostile: Path) ->
     daemon, reached = attack(start_daemon, hostile, "pages", PAGES)
     assert reached["lost_claims"] > 0
     who = rf"'intruder' \(pid {reached['intruder']}\)"
-    assert re.search(rf"/dev/shm/ecat\.{daemon.bus}\.out was written over .*{who}", daemon.log)
+    assert re.search(rf"{SHM}/{daemon.bus}\.out was written over .*{who}", daemon.log)
     told = [line for line in daemon.log.splitlines() if "no client library writes" in line]
     assert any(re.search(r"open for writing in .*'intruder' \(pid", line) for line in told), told
     assert daemon.stop() == 0

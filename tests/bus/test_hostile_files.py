@@ -20,7 +20,7 @@ def daemon(start_daemon: Callable[..., Daemon]) -> Daemon:
 
 
 def out_of(daemon: Daemon) -> Path:
-    return SHM / f"ecat.{daemon.bus}.out"
+    return SHM / f"{daemon.bus}.out"
 
 
 def check_goes_on(reader: Client, daemon: Daemon) -> None:
@@ -122,7 +122,7 @@ def test_r29_a_header_that_is_written_over_is_mended(daemon: Daemon) -> None:
 
 @pytest.mark.parametrize("suffix", ["", ".out"])
 def test_rights_that_are_changed_are_mended(daemon: Daemon, suffix: str) -> None:
-    path = SHM / f"ecat.{daemon.bus}{suffix}"
+    path = SHM / f"{daemon.bus}{suffix}"
     before = path.stat().st_mode
     with daemon.client() as reader:
         path.chmod(0)
@@ -138,7 +138,7 @@ def test_rights_that_are_changed_are_mended(daemon: Daemon, suffix: str) -> None
 def test_who_is_connected_goes_on_without_a_name(
     daemon: Daemon, suffix: str, kind: str, tmp_path: Path
 ) -> None:
-    path = SHM / f"ecat.{daemon.bus}{suffix}"
+    path = SHM / f"{daemon.bus}{suffix}"
     with daemon.client() as reader, Handle(daemon.bus) as writer:
         assert writer.claim(0, 30.0) == 0
         output = writer.bind(0, 0x7000, 1, 1)

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from conftest import Daemon, names, one_line_error, run_module, wait_for
+from conftest import SHM, Daemon, names, one_line_error, run_module, wait_for
 from ecatd import shm
 from ecatd.client import Client
 from ecatd.file_locks import take
@@ -86,7 +86,7 @@ def use_padding(row: Any) -> None:
 @contextmanager
 def served(name: str, data: bytes, out: bytes) -> Iterator[None]:
     """Both files under a name of their own, with the lock of a daemon held."""
-    path = shm.FOLDER / f"ecat.{name}"
+    path = SHM / name
     path.write_bytes(data)
     path.with_name(f"{path.name}.out").write_bytes(out)
     fd = os.open(path, os.O_RDWR)
@@ -102,11 +102,11 @@ def served(name: str, data: bytes, out: bytes) -> Iterator[None]:
 @pytest.fixture
 def later(troll: Daemon) -> Iterator[str]:
     """The name of a bus like that of `troll`, of a later minor version, at one moment."""
-    folder = shm.FOLDER
-    out = bytearray((folder / f"ecat.{troll.bus}.out").read_bytes())
+    folder = SHM
+    out = bytearray((folder / f"{troll.bus}.out").read_bytes())
     offset = shm.struct("ecat_out_header").layout.offset
     out[offset : offset + 4] = struct.pack("<I", LATER)
-    data = later_segment((folder / f"ecat.{troll.bus}").read_bytes())
+    data = later_segment((folder / troll.bus).read_bytes())
     with served(f"{troll.bus}v", data, bytes(out)):
         yield f"{troll.bus}v"
 
@@ -129,7 +129,7 @@ def test_the_c_client_reads_a_later_minor_version(troll: Daemon, later: str) -> 
 
 def test_ecatctl_tells_a_daemon_of_another_version(troll: Daemon) -> None:
     """After an upgrade the gateway of the new version may not understand the bus server."""
-    data, out = ((shm.FOLDER / f"ecat.{troll.bus}{end}").read_bytes() for end in ("", ".out"))
+    data, out = ((SHM / f"{troll.bus}{end}").read_bytes() for end in ("", ".out"))
     other = data.replace(VERSION.encode().ljust(16, b"\0"), b"0.0.7".ljust(16, b"\0"), 1)
     name = f"{troll.bus}w"
     with served(name, other, out):

@@ -32,7 +32,7 @@ def test_the_death_of_the_main_process_brakes_the_drive(machine: Machine) -> Non
     while runs(server):
         assert time.monotonic() < end, "the bus server does not end"
         time.sleep(0.02)
-    assert not list(SHM.glob(f"ecat.{machine.daemon.bus}*"))
+    assert not list(SHM.glob(f"{machine.daemon.bus}*"))
 
 
 def test_r17_only_the_death_of_the_bus_server_is_left_to_the_watchdog(machine: Machine) -> None:
@@ -65,7 +65,7 @@ def test_r23_signals_that_end_the_daemon(machine: Machine, number: int) -> None:
     status, log = machine.daemon.wait_end()
     assert status == 0
     assert "Traceback" not in log
-    assert not list(SHM.glob(f"ecat.{machine.daemon.bus}*"))
+    assert not list(SHM.glob(f"{machine.daemon.bus}*"))
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGQUIT])
@@ -75,7 +75,7 @@ def test_signals_that_end_the_bus_server_brake_the_drive(machine: Machine, numbe
     status, log = machine.daemon.wait_end()
     assert status == 7
     names(log, "bus server", "unexpectedly")
-    assert not list(SHM.glob(f"ecat.{machine.daemon.bus}*"))
+    assert not list(SHM.glob(f"{machine.daemon.bus}*"))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from test_bad_conditions import Bench
 
-from conftest import Daemon
+from conftest import SHM, Daemon
 from ecatd import shm
 from ecatd.model.al import AlState
 
@@ -103,7 +103,7 @@ def cycle(bench: Bench) -> int:
 
 
 def header(bench: Bench) -> Any:
-    data = (shm.FOLDER / f"ecat.{bench.daemon.bus}").read_bytes()
+    data = (SHM / bench.daemon.bus).read_bytes()
     return shm.struct("ecat_shm_header").from_buffer_copy(data)
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import pytest
 
-from conftest import Daemon, names, naming, one_line_error, run_module, wait_for
+from conftest import SHM, Daemon, names, naming, one_line_error, run_module, wait_for
 from ecatd import shm
 from ecatd.model.errors import StateError, UnreachableError, UsageError
 
@@ -112,7 +112,7 @@ class Drive:
 
     def output(self, index: int = 0x6040) -> tuple[shm.Outputs, shm.Reason, int]:
         """State, reason and cycle of an output, as they are published."""
-        data = (shm.FOLDER / f"ecat.{self.daemon.bus}").read_bytes()
+        data = (SHM / self.daemon.bus).read_bytes()
         header = shm.struct("ecat_shm_header").from_buffer_copy(data)
         number = self.client.signal(DRIVE, index).number
         size = ctypes.sizeof(shm.struct("ecat_shm_output"))

@@ -13,6 +13,7 @@ from pathlib import Path
 from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.model.bus import Bus
+from ecatd.shm_files import make_folder
 
 ERROR, WAIT, CONTINUE = 1, 2, 3
 """EtherCAT.Types.BusFailure."""
@@ -107,7 +108,7 @@ def served(bus: Bus, name: str = "") -> Iterator[str]:
     """The shared memory of a bus, without anything that exchanges it; yields its name."""
     bus.name = name or f"m{uuid.uuid4().hex[:8]}"
     image = lay_out(bus, set())
-    shared = SharedMemory(bus.name)
+    shared = SharedMemory(bus.name, make_folder(print))
     shared.fill(bus, image, 5_000_000, 500_000_000)
     shared.header.cycle_end_ns = 1 << 62  # "just now" for ever
     shared.publish()

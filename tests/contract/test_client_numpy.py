@@ -26,7 +26,7 @@ def shared() -> Iterator[SharedMemory]:
 
 @pytest.fixture
 def client(shared: SharedMemory) -> Iterator[Client]:
-    with Client(shared.path.name.removeprefix("ecat.")) as made:
+    with Client(shared.path.name) as made:
         yield made
 
 

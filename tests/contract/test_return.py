@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from test_shared_memory import make_bus
 
+from conftest import SHM
 from ecatd import shm
 from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
@@ -22,7 +23,7 @@ NOW = 1 << 62
 
 
 def serve(bus: Bus) -> SharedMemory:
-    made = SharedMemory(bus.name)
+    made = SharedMemory(bus.name, SHM)
     made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
     made.header.cycle_end_ns = NOW
     made.publish()
@@ -40,7 +41,7 @@ def kill(shared: SharedMemory) -> None:
 def bus() -> Iterator[Bus]:
     made = make_bus()
     yield made
-    for left in shm.FOLDER.glob(f"ecat.{made.name}*"):
+    for left in SHM.glob(f"{made.name}*"):
         left.unlink()
 
 
@@ -144,7 +145,7 @@ def test_another_bus_is_refused_until_the_old_one_is_back(bus: Bus, handle: Hand
 
 def test_a_daemon_that_is_still_starting_is_not_there_yet(bus: Bus, handle: Handle) -> None:
     assert handle.sample() == EDOWN
-    shared = SharedMemory(bus.name)
+    shared = SharedMemory(bus.name, SHM)
     assert returned(handle) == EDOWN
     assert "is still starting" in handle.error
     shared.fill(bus, lay_out(bus, set()), 1, 1)

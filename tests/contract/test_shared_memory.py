@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import naming
+from conftest import SHM, naming
 from ecatd import shm
 from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
@@ -51,7 +51,7 @@ def make_bus() -> Bus:
 @pytest.fixture
 def shared() -> Iterator[SharedMemory]:
     bus = make_bus()
-    made = SharedMemory(bus.name)
+    made = SharedMemory(bus.name, SHM)
     made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
     made.header.cycle_end_ns = 1 << 62  # "just now" for ever: no engine runs here
     made.publish()
@@ -60,7 +60,7 @@ def shared() -> Iterator[SharedMemory]:
 
 
 def name_of(shared: SharedMemory) -> str:
-    return shared.path.name.removeprefix("ecat.")
+    return shared.path.name
 
 
 def put_image(shared: SharedMemory, data: bytes) -> None:
@@ -186,14 +186,14 @@ def test_r28_a_second_daemon_and_a_leftover(shared: SharedMemory) -> None:
     bus = make_bus()
     bus.name = name_of(shared)
     with pytest.raises(StateError, match=naming(f"'{bus.name}'", "another ecatd")):
-        SharedMemory(bus.name)
+        SharedMemory(bus.name, SHM)
     assert Client(bus.name).fingerprint == bus.fingerprint
-    left = shm.FOLDER / f"ecat.{bus.name}x"
+    left = SHM / f"{bus.name}x"
     left.write_bytes(b"garbage of a daemon that was killed")
     bus.name += "x"
     with pytest.raises(UnreachableError, match=naming(f"'{bus.name}'", "systemctl start ecatd")):
         Client(bus.name)
-    fresh = SharedMemory(bus.name)
+    fresh = SharedMemory(bus.name, SHM)
     with pytest.raises(UnreachableError, match="still starting"):
         Client(bus.name)
     fresh.fill(bus, lay_out(bus, set()), 1, 1)
@@ -201,7 +201,7 @@ def test_r28_a_second_daemon_and_a_leftover(shared: SharedMemory) -> None:
     fresh.publish()
     Client(bus.name).close()
     fresh.close()
-    assert not list(shm.FOLDER.glob(f"*{bus.name}*"))
+    assert not list(SHM.glob(f"*{bus.name}*"))
 
 
 def test_calls_without_a_connection_are_errors(shared: SharedMemory) -> None:

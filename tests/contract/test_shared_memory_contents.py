@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from test_shared_memory import make_bus, name_of, put_image
 
-from conftest import names, naming
+from conftest import SHM, names, naming
 from ecatd import shm
 from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
@@ -41,7 +41,7 @@ pytestmark = pytest.mark.unprivileged
 @pytest.fixture
 def shared() -> Iterator[SharedMemory]:
     bus = make_bus()
-    made = SharedMemory(bus.name)
+    made = SharedMemory(bus.name, SHM)
     made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
     made.header.state = shm.BusState.RUNNING
     made.header.cycle_end_ns = 1 << 62  # "just now" for ever: no engine runs here
@@ -221,7 +221,7 @@ def test_a_table_that_is_not_there_is_told(
 def copy_of(shared: SharedMemory, *, alive: bool) -> Iterator[tuple[str, Path, int]]:
     """Both files under another name; `alive`: with the lock of a daemon held."""
     name = f"{name_of(shared)}c"
-    path = shm.FOLDER / f"ecat.{name}"
+    path = SHM / name
     out = path.with_name(f"{path.name}.out")
     with ExitStack() as stack:
         for file, source in ((path, shared.path), (out, shared.out_path)):

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from test_shared_memory import make_bus
 
-from conftest import naming
-from ecatd import shm
+from conftest import SHM, naming
 from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.model.errors import EcatError
@@ -17,16 +16,17 @@ from ecatd.model.errors import EcatError
 KILLED_AT_EVERY_LINE = """
 import os, signal, sys
 from test_shared_memory import make_bus
-from ecatd import shm
 from ecatd.bus.engine import shared_memory as module
 from ecatd.bus.engine.layout import lay_out
 from ecatd.client import Client
+from ecatd.shm_files import make_folder
 
 bus = make_bus()
-files = lambda: sorted(path.name for path in shm.FOLDER.glob(f"*{bus.name}*"))
+SHM = make_folder(print)
+files = lambda: sorted(path.name for path in SHM.glob(f"*{bus.name}*"))
 
 def serve():
-    made = module.SharedMemory(bus.name)
+    made = module.SharedMemory(bus.name, SHM)
     made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
     made.header.cycle_end_ns = 1 << 62
     made.publish()
@@ -54,7 +54,7 @@ for number in range(10000):
     left.add(tuple(files()))
     again = serve()
     Client(bus.name).close()
-    assert files() == [f"ecat.{bus.name}", f"ecat.{bus.name}.out"], (number, files())
+    assert files() == [bus.name, f"{bus.name}.out"], (number, files())
     again.close()
     assert files() == [], (number, files())
     if os.WIFEXITED(status):
@@ -82,7 +82,7 @@ def test_r26_a_start_that_is_killed_at_any_point_is_healed() -> None:
 @pytest.mark.parametrize("suffix", ["", ".out"])
 def test_whatever_has_the_name_is_replaced(kind: str, suffix: str, tmp_path: Path) -> None:
     bus = make_bus()
-    path = shm.FOLDER / f"ecat.{bus.name}{suffix}"
+    path = SHM / f"{bus.name}{suffix}"
     target = tmp_path / "target"
     if kind == "fifo":
         os.mkfifo(path)
@@ -92,7 +92,7 @@ def test_whatever_has_the_name_is_replaced(kind: str, suffix: str, tmp_path: Pat
         path.symlink_to(target)
     if kind == "symlink":
         target.write_text("not ours")
-    shared = SharedMemory(bus.name)
+    shared = SharedMemory(bus.name, SHM)
     shared.fill(bus, lay_out(bus, set()), 1, 1)
     assert path.is_file()
     assert not path.is_symlink()
@@ -105,11 +105,11 @@ def test_whatever_has_the_name_is_replaced(kind: str, suffix: str, tmp_path: Pat
 @pytest.mark.parametrize("suffix", ["", ".out"])
 def test_what_cannot_be_replaced_is_named(suffix: str) -> None:
     bus = make_bus()
-    path = shm.FOLDER / f"ecat.{bus.name}{suffix}"
+    path = SHM / f"{bus.name}{suffix}"
     path.mkdir()
     try:
         with pytest.raises(EcatError, match=naming(path, "directory")):
-            SharedMemory(bus.name).fill(bus, lay_out(bus, set()), 1, 1)
+            SharedMemory(bus.name, SHM).fill(bus, lay_out(bus, set()), 1, 1)
     finally:
         path.rmdir()
-        (shm.FOLDER / f"ecat.{bus.name}").unlink(missing_ok=True)
+        (SHM / bus.name).unlink(missing_ok=True)

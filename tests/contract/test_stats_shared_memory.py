@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_shared_memory import make_bus, name_of
 
-from conftest import naming
+from conftest import SHM, naming
 from ecatd import shm
 from ecatd.bus.engine.engine import Grant
 from ecatd.bus.engine.layout import lay_out
@@ -33,7 +33,7 @@ from ecatd.stats.snapshot import COUNTERS, DOMAIN_COUNTERS
 @contextmanager
 def made_memory() -> Iterator[SharedMemory]:
     bus = make_bus()
-    made = SharedMemory(bus.name)
+    made = SharedMemory(bus.name, SHM)
     try:
         made.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
         made.header.state = shm.BusState.RUNNING
@@ -125,7 +125,7 @@ def test_who_is_not_there_is_told(shared: SharedMemory) -> None:
         with pytest.raises(UsageError, match=naming(f"'{name}'", "bus name")):
             read(name)
     name = name_of(shared)
-    left = shm.FOLDER / f"ecat.{name}x"
+    left = SHM / f"{name}x"
     try:
         left.write_bytes(shared.path.read_bytes())  # nobody holds its lock
         with pytest.raises(UnreachableError, match=naming("no ecatd", f"'{name}x'")):
@@ -135,11 +135,11 @@ def test_who_is_not_there_is_told(shared: SharedMemory) -> None:
             read(f"{name}x")
         left.unlink()
         left.symlink_to(shared.path)
-        with pytest.raises(EcatError, match=naming("open", left)):
+        with pytest.raises(EcatError, match=naming("link", left)):
             read(f"{name}x")
         left.unlink()
         left.mkdir()
-        with pytest.raises(UnreachableError, match=naming("no ecatd", f"'{name}x'")):
+        with pytest.raises(EcatError, match=naming("no file", left)):
             read(f"{name}x")
     finally:
         left.rmdir() if left.is_dir() else left.unlink(missing_ok=True)

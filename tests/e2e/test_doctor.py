@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from conftest import PYTHON, Daemon, names
+from conftest import PYTHON, SHM, Daemon, names
 from ecatd.doctor.costs import COSTS
 
 pytestmark = pytest.mark.bus
@@ -192,7 +192,7 @@ def test_a_killed_daemon_leaves_memory_that_is_named(
     daemon = start_daemon("line:1")
     found = findings(run("--bus", daemon.bus, "--json", env=daemon.env).stdout)
     assert found["service", "gateway"]["level"] == "ok"
-    left = f"/dev/shm/ecat.{daemon.bus}.out"
+    left = f"{SHM}/{daemon.bus}.out"
 
     def told() -> list[str]:
         document = json.loads(run("--json", env=daemon.env).stdout)

@@ -154,7 +154,7 @@ def test_the_demo_goes_through(tmp_path: Path) -> None:
     assert "EL1018" in result.stdout
     for words in ("missed", "exchange with the slaves", "sample-to-bus delay", "p99"):
         assert words in result.stdout
-    assert not list(SHM.glob("ecat.tdemo*"))
+    assert not list(SHM.glob("tdemo*"))
     assert not list((tmp_path / "run").iterdir())
 
 
@@ -181,7 +181,7 @@ def test_ctrl_c_ends_the_demo_and_all_it_started(tmp_path: Path) -> None:
         os.killpg(demo.pid, signal.SIGINT)  # as a terminal does
         demo.stdout.read()
         assert demo.wait() == 130
-    assert not list(SHM.glob("ecat.tdemoc*"))
+    assert not list(SHM.glob("tdemoc*"))
     assert not list((tmp_path / "run").iterdir())
 
 

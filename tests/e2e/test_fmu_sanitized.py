@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from conftest import SHM
 from ecatd.bus.engine.layout import lay_out
 from ecatd.bus.engine.shared_memory import SharedMemory
 from ecatd.model.bus import Bus
@@ -25,7 +26,7 @@ HARNESS = Path(__file__).with_name("fmu_misuse.c")
 @contextmanager
 def served(bus: Bus) -> Iterator[None]:
     """The shared memory of a bus, without anything that exchanges it."""
-    shared = SharedMemory(bus.name)
+    shared = SharedMemory(bus.name, SHM)
     shared.fill(bus, lay_out(bus, set()), 5_000_000, 500_000_000)
     shared.header.cycle_end_ns = 1 << 62  # "just now" for ever
     shared.publish()

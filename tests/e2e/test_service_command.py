@@ -55,6 +55,7 @@ def test_all_parts_are_put_into_place(tmp_path: Path) -> None:
         "etc/systemd/network/10-ecatd.network",
         "etc/udev/rules.d/85-ecatd.rules",
         "etc/sysusers.d/ecatd.conf",
+        "etc/tmpfiles.d/ecatd.conf",
         "usr/local/lib/systemd/catalog/ecatd.catalog",
         "usr/local/share/man/man1/ecatctl.1",
         "usr/local/share/bash-completion/completions/ecatctl",

@@ -168,12 +168,12 @@ def test_shared_memory_that_was_left_behind(start_daemon: Callable[..., Daemon])
     left = daemon.ctl("shm", check=False)
     assert (left.returncode, left.stderr) == (3, "")
     assert left.stdout.startswith(f"bus {daemon.bus}: NO DAEMON, only its leftovers; cycle ")
-    assert f"rm -f {SHM}/ecat.{daemon.bus} {SHM}/ecat.{daemon.bus}.out" in left.stdout
+    assert f"rm -f {SHM}/{daemon.bus} {SHM}/{daemon.bus}.out" in left.stdout
     assert json.loads(daemon.ctl("shm", "--json", check=False).stdout)["alive"] is False
     claims = daemon.ctl("claims", check=False)
     assert claims.returncode == 3
     names(one_line_error(claims.stderr, "ecatctl"), "no ecatd", f"'{daemon.bus}'")
-    file = SHM / f"ecat.{daemon.bus}"
+    file = SHM / daemon.bus
     data = bytearray(file.read_bytes())
     data[0] ^= 0xFF
     file.write_bytes(data)

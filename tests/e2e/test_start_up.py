@@ -37,7 +37,7 @@ def refused(
 ) -> str:
     """The one line of an `ecatd` (or of its simulator) that does not start."""
     bus = arguments[arguments.index("--bus") + 1] if "--bus" in arguments else "ecat0"
-    before = set(SHM.glob(f"ecat.{bus}*"))
+    before = set(SHM.glob(f"{bus}*"))
     result = subprocess.run(
         [*wrapper, sys.executable, "-m", "ecatd.service", *arguments],
         env=env,
@@ -46,7 +46,7 @@ def refused(
         check=False,
     )
     assert result.returncode == status, result.stderr
-    assert set(SHM.glob(f"ecat.{bus}*")) - before == set()
+    assert set(SHM.glob(f"{bus}*")) - before == set()
     return one_line_error(result.stderr, program)
 
 
@@ -433,7 +433,7 @@ def test_sigterm_while_starting_leaves_nothing(start_daemon: Callable[..., Daemo
     while "64 slaves found" not in daemon.log:
         assert daemon.process.poll() is None
     assert daemon.stop() == 0
-    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+    assert not list(SHM.glob(f"{daemon.bus}*"))
 
 
 def test_sigterm_while_mailboxes_do_not_answer(start_daemon: Callable[..., Daemon]) -> None:
@@ -442,7 +442,7 @@ def test_sigterm_while_mailboxes_do_not_answer(start_daemon: Callable[..., Daemo
         assert daemon.process.poll() is None
     assert daemon.stop() == 0
     assert "error" not in daemon.log
-    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+    assert not list(SHM.glob(f"{daemon.bus}*"))
 
 
 def test_sigterm_while_slaves_do_not_answer(start_daemon: Callable[..., Daemon]) -> None:
@@ -460,7 +460,7 @@ def test_sigterm_while_slaves_do_not_answer(start_daemon: Callable[..., Daemon])
     assert daemon.process.wait() == 0
     assert "Traceback" not in daemon.log
     assert "is killed" not in daemon.log
-    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+    assert not list(SHM.glob(f"{daemon.bus}*"))
 
 
 def test_ctrl_c_ends_everything(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
@@ -469,7 +469,7 @@ def test_ctrl_c_ends_everything(start_daemon: Callable[..., Daemon], tmp_path: P
     daemon.process.send_signal(signal.SIGINT)
     assert daemon.process.wait() == 0
     assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
-    assert not list(SHM.glob(f"ecat.{daemon.bus}*"))
+    assert not list(SHM.glob(f"{daemon.bus}*"))
     assert not list((tmp_path / "d0" / "r").iterdir())
 
 

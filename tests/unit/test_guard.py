@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import guard
-from conftest import PATIENCE, children
+from conftest import PATIENCE, SHM, children
 
 GUARD = Path(guard.__file__)
 
@@ -56,7 +56,7 @@ def test_what_a_test_leaves_is_named_and_ended(tmp_path: Path, what: str, status
         + conftest.read_text().partition("class Daemon")[0]
     )
     (tmp_path / "pytest.ini").write_text("[pytest]\n")
-    name = f"ecat.t{uuid.uuid4().hex[:10]}"
+    name = f"{SHM.name}/t{uuid.uuid4().hex[:10]}"
     left = tmp_path / "pid"
     pytest_command = (sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", tmp_path)
     run = guarded(*pytest_command, WHAT=what, NAME=name, LEFT=str(left))
@@ -92,7 +92,7 @@ def test_what_another_program_has_mapped_is_not_left_behind(tmp_path: Path) -> N
     begin, there = tmp_path / "begin", tmp_path / "there"
     os.mkfifo(begin)
     os.mkfifo(there)
-    name = Path("/dev/shm", f"ecat.t{uuid.uuid4().hex[:10]}")
+    name = SHM / f"t{uuid.uuid4().hex[:10]}"
     other = subprocess.Popen([sys.executable, "-c", OTHER, begin, there, name])
     try:
         # The guard has taken stock before the other program makes its shared memory.
@@ -109,11 +109,11 @@ def test_tests_that_were_running_are_suspects() -> None:
     diary = [
         '["begin", "a", [[], [], []]]',
         '["begin", "b", [[], [], []]]',
-        '["end", "b", [["/dev/shm/ecat.x"], [], []]]',
-        '["begin", "c", [["/dev/shm/ecat.x"], ["veth0"], []]]',
-        '["end", "a", [["/dev/shm/ecat.x"], ["veth0"], []]]',
+        '["end", "b", [["/dev/shm/ecat/x"], [], []]]',
+        '["begin", "c", [["/dev/shm/ecat/x"], ["veth0"], []]]',
+        '["end", "a", [["/dev/shm/ecat/x"], ["veth0"], []]]',
     ]
-    assert guard.suspects(diary, "/dev/shm/ecat.x") == ["a", "b"]
+    assert guard.suspects(diary, "/dev/shm/ecat/x") == ["a", "b"]
     assert guard.suspects(diary, "veth0") == ["a"], "it was there before the other one began"
     assert guard.suspects(diary, "eth7") == ["c"]
 

@@ -66,7 +66,7 @@ def test_r41_the_gateway_has_a_user_of_its_own_and_no_rights() -> None:
     # Without the gateway's group the bus runs: it is no setting of its unit.
     assert "m ecatd ecatd-gateway" in users
     assert not [line for line in bus if line.startswith("SupplementaryGroups=")]
-    assert {"CapabilityBoundingSet=", "InaccessiblePaths=-/dev/shm/ecat.%i.out"} <= gateway
+    assert {"CapabilityBoundingSet=", "InaccessiblePaths=-/dev/shm/ecat/%i.out"} <= gateway
     assert not [line for line in gateway if line.startswith("AmbientCapabilities=")]
 
 

@@ -71,6 +71,26 @@ ECAT_SHM_API uint64_t ecat_histogram_bound(unsigned bucket);
 /* The time in ns that the share `q` (0 to 1) of all samples does not exceed; 0 if there are none. */
 ECAT_SHM_API uint64_t ecat_histogram_quantile(const ecat_shm_histogram *histogram, double q);
 
+/* Sizes of the texts of the following calls. */
+#define ECAT_SHM_PATH 64
+#define ECAT_SHM_TEXT 512
+
+/* The folders in which this process looks for a bus, `number` from 0: that of its user, that of the user in
+ * ECAT_TRUSTED_OWNER, and that of the machine. A daemon of this user makes its files in number 0. Returns 0,
+ * or -1 if there is no such number. */
+ECAT_SHM_API int ecat_shm_folder(unsigned number, char folder[ECAT_SHM_PATH]);
+
+/* Opens a file of a bus in one of these folders: `ecat0`, or `ecat0.out`. It is opened only if folder and file
+ * belong to root, the user `ecatd`, the user of this process or that in ECAT_TRUSTED_OWNER, and nobody else can
+ * write into the folder. Returns a file descriptor, or ECAT_EDOWN: there is no such file; ECAT_EPERM with an
+ * empty text: this user may not open it; or another ecat_errno with its text. It never waits. */
+ECAT_SHM_API int ecat_shm_open(const char *folder, const char *name, int writable,
+                               char text[ECAT_SHM_TEXT]);
+
+/* Opens a bus, read-only, in the first folder in which a daemon serves it; else what a killed daemon has left.
+ * Returns as ecat_shm_open(). */
+ECAT_SHM_API int ecat_shm_find(const char *bus, char folder[ECAT_SHM_PATH], char text[ECAT_SHM_TEXT]);
+
 #ifdef __cplusplus
 }
 #endif

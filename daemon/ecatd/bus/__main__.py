@@ -7,6 +7,8 @@ Its settings (see `ecatd.service_link`) are:
 - `interface`, `second_interface`: the interfaces, which may be those of a simulator instead of
   those of the configuration;
 - `runtime_dir`: the folder with the folder of the bus;
+- `memory_dir`: the folder of the shared memory. Both depend on the user, and a namespace hides who
+  that is, so the service finds them out;
 - `namespace_of`: process ID of a simulator whose network namespace is entered, or 0;
 - `parent`: process ID of the service;
 - `log`: the levels of the log in force;
@@ -62,6 +64,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         log,
         control.publish,
         lambda levels: tell("log", json.dumps(dict(levels))),
+        Path(settings["memory_dir"]),
     )
     log.pass_on(LogLines(control.publish).note)
     stop = asyncio.Event()

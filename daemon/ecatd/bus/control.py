@@ -48,7 +48,7 @@ class ControlSocket:
         """
         loop = asyncio.get_running_loop()
         # Another daemon of this bus may have removed the folder when it ended.
-        make_dir(self._path.parent.name)
+        make_dir(self._path.parent.name, self._path.parents[1])
         self._path.unlink(missing_ok=True)
         old = os.umask(0o177)
         try:

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from ecatd import shm
@@ -86,6 +87,7 @@ class BusServer:
         log: The log for events.
         publish: Called with every event, as a map, on the event loop's thread.
         set_levels: Called when a request has changed the levels of the log; gets the new levels.
+        memory: The folder for the shared memory.
     """
 
     def __init__(
@@ -96,6 +98,7 @@ class BusServer:
         log: Log,
         publish: Callable[[dict[str, Any]], None],
         set_levels: Callable[[Levels], None],
+        memory: Path,
     ) -> None:
         self._config = config
         self._in_force = in_force
@@ -108,7 +111,7 @@ class BusServer:
         self._use_audit_file(config)
         self._worker = Worker()
         self._aborted = threading.Event()  # ends waiting for slaves while the bus is brought up
-        self._up = BringUp(config, interface, log, self._aborted.is_set)
+        self._up = BringUp(config, interface, log, self._aborted.is_set, memory)
         self._monitor: Monitor | None = None
         self._fault_files: FaultFiles | None = None
         self._slave_requests: SlaveRequests | None = None

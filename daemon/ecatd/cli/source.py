@@ -6,8 +6,8 @@ import argparse
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from ecatd import shm
 from ecatd.model.errors import EcatError, UnreachableError
+from ecatd.shm_files import exists
 from ecatd.stats import Snapshot, read
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ class Source:
     def local(self) -> bool:
         """Whether to read the shared memory: it exists, and `--connect` is not given."""
         bus = self._options.bus
-        return self._options.connect is None and (shm.FOLDER / f"ecat.{bus}").exists()
+        return self._options.connect is None and exists(bus)
 
     def read(self) -> Snapshot:
         """Reads the present statistics.

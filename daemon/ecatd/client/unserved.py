@@ -10,6 +10,7 @@ from ecatd.failure_record import find_record
 from ecatd.model.errors import EcatError, NoAnswerError, UnreachableError
 from ecatd.paths import search_dirs, served_buses, takes_connections
 from ecatd.shared_memory.reader import opened
+from ecatd.shm_files import exists
 from ecatd.stats import read
 from ecatd.systemd_services import (
     how_to_start,
@@ -25,7 +26,7 @@ _HANG_S = 1.0
 
 def has_shared_memory(bus: str) -> bool:
     """Whether shared memory of a bus exists, even if it is left over from a daemon that is gone."""
-    return (shm.FOLDER / f"ecat.{bus}").exists()
+    return exists(bus)
 
 
 def awaits_gateway(bus: str) -> bool:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from ecatd.model.errors import JOIN
 from ecatd.paths import control_socket, search_dirs
 from ecatd.process import CAP_NET_ADMIN
+from ecatd.real_user import is_root
 
 from .costs import COSTS
 from .findings import Finding, Level
@@ -37,7 +38,7 @@ def look_at_rights(bus: str) -> Iterator[Finding]:
         ("locked memory", resource.RLIMIT_MEMLOCK, 1 << 28, "@ecat - memlock unlimited", ""),
     ):
         soft = resource.getrlimit(number)[0]
-        if os.geteuid() == 0 or soft == resource.RLIM_INFINITY or soft >= least:
+        if is_root() or soft == resource.RLIM_INFINITY or soft >= least:
             yield Finding(area, name, Level.OK, "granted")
         else:
             text = (
@@ -65,7 +66,7 @@ def _raw_frames() -> Finding:
 
 def _membership(bus: str) -> Finding:
     area, name = "this user", "use of the bus"
-    if os.geteuid() == 0:
+    if is_root():
         return Finding(area, name, Level.OK, "root may do everything")
     reachable = any(os.access(control_socket(folder, bus), os.W_OK) for folder in search_dirs())
     if reachable:

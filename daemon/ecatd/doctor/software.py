@@ -8,10 +8,10 @@ from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from ecatd import shm
 from ecatd.model.config import Config, RealTimeConfig, load_config
 from ecatd.model.errors import EcatError
 from ecatd.paths import MACHINE, control_socket, search_dirs
+from ecatd.shm_files import MEMORY, folders, problem
 from ecatd.stats import read
 from ecatd.systemd_services import other_version
 from ecatd.version import VERSION
@@ -21,6 +21,7 @@ from .findings import Finding, Level
 
 _PACKAGES = ("pysoem", "eclipse-zenoh", "msgpack", "jinja2")
 _ROOM_MIB = 64
+_OWNER = "start ecatd as root, or its service: it puts the directory right, or says what hinders it"
 
 
 def look_at_configuration(file: Path) -> tuple[Finding, Config | None]:
@@ -63,16 +64,18 @@ def look_at_settings(realtime: RealTimeConfig) -> Iterator[Finding]:
 def look_at_shared_memory() -> Iterator[Finding]:
     """Checks free room and leftovers in /dev/shm."""
     area = "shared memory"
-    state = os.statvfs(shm.FOLDER)
+    state = os.statvfs(MEMORY)
     free = state.f_bavail * state.f_frsize >> 20
-    text = f"{free} MiB free in {shm.FOLDER}"
+    text = f"{free} MiB free in {MEMORY}"
     if free < _ROOM_MIB:
-        remedy = f"remove what fills it: `du -a {shm.FOLDER}`"
+        remedy = f"remove what fills it: `du -a {MEMORY}`"
         yield Finding(area, "room", Level.PROBLEM, text, remedy)
     else:
         yield Finding(area, "room", Level.OK, text)
-    for file in sorted(shm.FOLDER.glob("ecat.*.out")):
-        bus = file.name.removeprefix("ecat.").removesuffix(".out")
+    for text in filter(None, map(problem, folders())):
+        yield Finding(area, "owner", Level.PROBLEM, text, _OWNER)
+    for file in sorted(file for folder in folders() for file in folder.glob("*.out")):
+        bus = file.stem
         if not any(control_socket(folder, bus).exists() for folder in search_dirs()):
             text = f"{file} is left over from bus '{bus}', whose ecatd was killed"
             remedy = "the next start of the bus replaces it; or remove it"

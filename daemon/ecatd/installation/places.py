@@ -22,6 +22,7 @@ CONFIGURATION = PurePosixPath("/etc/ecatd")
 STATE = PurePosixPath("/var/lib/ecatd")
 LOGS = PurePosixPath("/var/log/ecatd")
 SOCKETS = PurePosixPath("/run/ecatd")
+MEMORY = PurePosixPath("/dev/shm/ecat")
 ADMINISTRATION = PurePosixPath("/etc/systemd/system")
 """Where systemd keeps which units are enabled or masked, and changes of the administrator."""
 _PROGRAM = b"/usr/local/bin/ecatd"
@@ -81,6 +82,7 @@ class Layout:
         units: Units of systemd.
         networks: Files of systemd-networkd.
         users: Files of systemd-sysusers.
+        folders: Files of systemd-tmpfiles.
         rules: Rules of udev.
         catalog: Explanations for `journalctl -x`.
         share: Pages of the manual, completion, monitoring.
@@ -89,6 +91,7 @@ class Layout:
     units: PurePosixPath
     networks: PurePosixPath
     users: PurePosixPath
+    folders: PurePosixPath
     rules: PurePosixPath
     catalog: PurePosixPath
     share: PurePosixPath
@@ -98,6 +101,7 @@ LOCAL = Layout(
     units=PurePosixPath("/usr/local/lib/systemd/system"),
     networks=PurePosixPath("/etc/systemd/network"),
     users=PurePosixPath("/etc/sysusers.d"),
+    folders=PurePosixPath("/etc/tmpfiles.d"),
     rules=PurePosixPath("/etc/udev/rules.d"),
     catalog=PurePosixPath("/usr/local/lib/systemd/catalog"),
     share=PurePosixPath("/usr/local/share"),
@@ -109,6 +113,7 @@ DISTRIBUTION = Layout(
     units=PurePosixPath("/lib/systemd/system"),
     networks=PurePosixPath("/lib/systemd/network"),
     users=PurePosixPath("/usr/lib/sysusers.d"),
+    folders=PurePosixPath("/usr/lib/tmpfiles.d"),
     rules=PurePosixPath("/lib/udev/rules.d"),
     catalog=PurePosixPath("/usr/lib/systemd/catalog"),
     share=PurePosixPath("/usr/share"),
@@ -141,6 +146,7 @@ def files(layout: Layout, program: Path) -> dict[PurePosixPath, bytes]:
             data = (systemd / name).read_bytes()
             placed[folder / name] = data.replace(_PROGRAM, _word(program))
     placed[layout.users / "ecatd.conf"] = (systemd / "ecatd.sysusers.conf").read_bytes()
+    placed[layout.folders / "ecatd.conf"] = (systemd / "ecatd.tmpfiles.conf").read_bytes()
     placed[layout.share / "doc/ecatd/ecat0.toml"] = example()
     for name in ("share", "monitoring"):
         target = layout.share if name == "share" else layout.share / "ecatd/monitoring"

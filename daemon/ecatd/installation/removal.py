@@ -12,7 +12,17 @@ from ecatd.paths import DOCTOR_CHANGES
 
 from .actions import Action, Remove, RemoveFolder, RemoveTree, Restore, run
 from .buses import autostart_links, is_masked
-from .places import ADMINISTRATION, CONFIGURATION, LOCAL, LOGS, SOCKETS, STATE, Place, files
+from .places import (
+    ADMINISTRATION,
+    CONFIGURATION,
+    LOCAL,
+    LOGS,
+    MEMORY,
+    SOCKETS,
+    STATE,
+    Place,
+    files,
+)
 from .record import BEFORE, LIST, OLD, copies, is_ours, read_record
 from .service import refuse_package, tell_system
 
@@ -50,8 +60,9 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Action]:
         actions.append(Remove("remove", str(LIST), "", place.at(LIST)))
     yield from actions
     yield from _remove_folders(place, record.folders, actions)
-    if place.at(SOCKETS).is_dir():
-        yield RemoveFolder("remove", str(SOCKETS), "if no other ecatd runs", place.at(SOCKETS))
+    for folder in (SOCKETS, MEMORY):
+        if place.at(folder).is_dir():
+            yield RemoveFolder("remove", str(folder), "if no other ecatd runs", place.at(folder))
     if place.at(changes := SOCKETS.with_name(DOCTOR_CHANGES)).is_file():
         what = "what `ecatctl doctor --fix` has changed, until the machine starts again"
         yield _remove_or_keep(place, place.at(changes), what, purge=purge)

@@ -288,6 +288,9 @@ def tell_system(place: Place, *, users: bool = True) -> Iterator[Action]:
             "it is not installed: make the users and groups of /etc/sysusers.d/ecatd.conf yourself"
         )
         yield Action("skip", "systemd-sysusers", why)
+    if users and shutil.which("systemd-tmpfiles"):
+        why = "/dev/shm/ecat, for the shared memory"
+        yield run("systemd-tmpfiles", "--create", "ecatd.conf", why=why)
     if not place.is_running:
         yield Action("skip", "systemctl, udevadm", "systemd does not run here")
         return

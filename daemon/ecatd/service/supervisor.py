@@ -33,6 +33,7 @@ from ecatd.paths import make_dir, remove_dir, user_dir
 from ecatd.process import leave_processor, offer_to_oom_killer
 from ecatd.served import check_free
 from ecatd.service_link import HANG_S
+from ecatd.shm_files import make_folder
 
 from .child import Child
 from .failed_starts import FailedStarts, not_started
@@ -162,7 +163,8 @@ class Supervisor:
             "origins": self._origins,
             "interface": self._config.interface,
             "second_interface": self._config.second_interface,
-            "runtime_dir": "" if self._describe else str(make_dir(self._config.bus)),
+            "runtime_dir": "" if self._describe else str(make_dir(self._config.bus, user_dir())),
+            "memory_dir": "" if self._describe else str(make_folder(self._log.warning)),
             "namespace_of": 0,
             "parent": os.getpid(),
             "log": self._config.log,

@@ -8,7 +8,6 @@ are in `client_c/include/ecat/ecat_shm.h`. The C client uses the same sentences 
 from __future__ import annotations
 
 import os
-import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,11 +19,11 @@ from ecatd.file_locks import held
 from ecatd.model.bus_name import check_bus_name
 from ecatd.model.errors import (
     JOIN,
-    EcatError,
     NotPermittedError,
     StateError,
     UnreachableError,
 )
+from ecatd.shm_files import find, open_out
 from ecatd.systemd_services import how_to_start
 
 _TRIES = 1000  # until a page is copied in which the engine did not write
@@ -61,23 +60,16 @@ def opened(bus: str) -> Iterator[Reader]:
         NotPermittedError: This user may not read it.
         EcatError: It cannot be opened for another reason.
     """
-    path = shm.FOLDER / f"ecat.{check_bus_name(bus)}"
     try:
-        fd = _open(path)
+        fd, path = find(check_bus_name(bus))
     except FileNotFoundError:
         raise _not_running(bus) from None
     except PermissionError as error:
         raise NotPermittedError(f"no right to read bus '{bus}': {JOIN}") from error
-    except OSError as error:
-        raise EcatError(f"cannot open {path}: {error.strerror}") from error
     try:
         yield Reader(fd, bus, path)
     finally:
         os.close(fd)
-
-
-def _open(path: Path) -> int:
-    return os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
 
 
 def _not_running(bus: str) -> UnreachableError:
@@ -122,11 +114,11 @@ class Reader:
             UnreachableError: No daemon serves the bus, or it is still starting.
             StateError: The shared memory is damaged, or of another version.
         """
-        status, alive = os.fstat(self._fd), self.alive
+        alive = self.alive
         if not alive and not leftover:
             raise _not_running(self.bus)
         room = shm.size("ecat_shm_header")
-        data = os.pread(self._fd, room, 0) if stat.S_ISREG(status.st_mode) else b""
+        data = os.pread(self._fd, room, 0)
         if len(data) < room:
             raise self._unfinished(alive, f"{len(data)} bytes, and a header has {room}")
         head = shm.struct("ecat_shm_header").from_buffer_copy(data)
@@ -142,8 +134,8 @@ class Reader:
                 f"the daemon of bus '{self.bus}' speaks layout {version(head.layout)}, this "
                 f"client {version(shm.LAYOUT)}: {cure}"
             )
-        if head.size > status.st_size:
-            raise self.damaged(f"size: it should have {head.size} bytes, and has {status.st_size}")
+        if head.size > self.size:
+            raise self.damaged(f"size: it should have {head.size} bytes, and has {self.size}")
         return head
 
     def _unfinished(self, alive: bool, what: str) -> UnreachableError:
@@ -218,13 +210,12 @@ class Reader:
         """
         path = self.path.with_name(f"{self.path.name}.out")
         try:
-            fd = _open(path)
+            fd = open_out(self.path)
         except PermissionError as error:
             raise NotPermittedError(f"no right to read {path}: {JOIN}") from error
-        except OSError as error:
+        except FileNotFoundError as error:
             raise StateError(
-                f"cannot open {path} ({error.strerror}), where clients say who they are; "
-                f"restart the daemon"
+                f"there is no {path}, where clients say who they are; restart the daemon"
             ) from error
         try:
             yield SlotReader(fd, path, head, self)

@@ -73,13 +73,14 @@ static int output_of(const ecat_t *bus, int slave, int entry) {
 
 static void pages(struct source *source, unsigned long count) {
   static uint8_t pool[POOL][PAGE];
-  char path[64];
+  char folder[ECAT_SHM_PATH], path[ECAT_SHM_PATH + 40];
   struct stat status;
   uint8_t *map;
   size_t size;
   unsigned long i;
   int fd;
-  snprintf(path, sizeof path, "/dev/shm/ecat.%s.out", name);
+  (void)ecat_shm_folder(0, folder);
+  snprintf(path, sizeof path, "%s/%s.out", folder, name);
   fd = open(path, O_RDWR);
   if (fd < 0 || fstat(fd, &status) != 0) die("no %s", path);
   size = (size_t)status.st_size / PAGE;

@@ -20,11 +20,12 @@
 
 /* The segment of the clients, as docs/shared-memory.md describes it. */
 static const unsigned char *out_segment(const char *bus) {
-  char path[80];
+  char folder[ECAT_SHM_PATH], path[ECAT_SHM_PATH + 40];
   struct stat found;
   void *map;
   int fd;
-  snprintf(path, sizeof path, "/dev/shm/ecat.%s.out", bus);
+  (void)ecat_shm_folder(0, folder);
+  snprintf(path, sizeof path, "%s/%s.out", folder, bus);
   fd = open(path, O_RDONLY);
   if (fd < 0 || fstat(fd, &found) != 0) exit(20);
   map = mmap(NULL, (size_t)found.st_size, PROT_READ, MAP_SHARED, fd, 0);

@@ -9,7 +9,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-static char paths[2][64];
+static char paths[2][ECAT_SHM_PATH + 40];
 
 void die(const char *what, uint64_t number) {
   fprintf(stderr, "torn: %s (%llu)\n", what, (unsigned long long)number);
@@ -31,7 +31,10 @@ static uint32_t place(uint32_t *end, size_t size) {
 
 static int new_file(const struct bench *bench, int number, size_t size) {
   int fd;
-  snprintf(paths[number], sizeof paths[number], "/dev/shm/ecat.%s%s", bench->name,
+  char folder[ECAT_SHM_PATH];
+  (void)ecat_shm_folder(0, folder);
+  (void)mkdir(folder, 0700); /* it may be there */
+  snprintf(paths[number], sizeof paths[number], "%s/%s%s", folder, bench->name,
            number == 0 ? "" : ".out");
   fd = open(paths[number], O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
   if (fd < 0 || ftruncate(fd, (off_t)size) != 0) die("no shared memory", (uint64_t)errno);

@@ -26,6 +26,7 @@ from ecatd.model.bus import Bus
 from ecatd.model.errors import EcatError, NotPermittedError, StateError
 from ecatd.paths import give_to_group
 from ecatd.served import already_served
+from ecatd.shm_files import MEMORY, may_own
 from ecatd.version import VERSION
 
 from .engine import Grant, publish_layout
@@ -63,14 +64,14 @@ class SharedMemory:
         NotPermittedError: A file of another user has the name, and cannot be replaced.
     """
 
-    def __init__(self, bus: str) -> None:
-        self.path = shm.FOLDER / f"ecat.{bus}"
-        self.out_path = shm.FOLDER / f"ecat.{bus}.out"
+    def __init__(self, bus: str, folder: Path) -> None:
+        self.path = folder / bus
+        self.out_path = folder / f"{bus}.out"
         self.out_fd = -1
         self.header: Any = None
         self._name = bus
         with _explained(self.path):
-            self.fd = _create(SHM_MODE)
+            self.fd = _create(folder, SHM_MODE)
             take(self.fd, shm.LOCK_DAEMON)
             self._put_in_place()
 
@@ -95,7 +96,7 @@ class SharedMemory:
             self._map = mmap.mmap(self.fd, plan.size)
             self._fill(plan, instance, lease_ns, lease_max_ns)
         with _explained(self.out_path):
-            self.out_fd = _create(OUT_MODE)
+            self.out_fd = _create(self.out_path.parent, OUT_MODE)
             self._fill_out(instance)
             self.out_path.unlink(missing_ok=True)  # of a daemon that was killed
             _name(self.out_fd, self.out_path)
@@ -214,11 +215,13 @@ class SharedMemory:
                 return
 
     def _remove_leftover(self) -> None:
-        with suppress(FileNotFoundError):
-            if not stat.S_ISREG(self.path.lstat().st_mode):  # no daemon makes such a file
-                self.path.unlink()
         try:
-            old = os.open(self.path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+            found = self.path.lstat()
+            if not stat.S_ISREG(found.st_mode) or not may_own(found.st_uid):
+                self.path.unlink()  # no daemon makes such a file
+                return
+            flags = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK  # a FIFO must not wait
+            old = os.open(self.path, os.O_RDWR | flags)
         except FileNotFoundError:
             return
         except OSError as error:
@@ -326,12 +329,12 @@ def _text(text: str, room: int) -> bytes:
     return data.decode("utf-8", "ignore").encode()
 
 
-def _create(mode: int) -> int:
+def _create(folder: Path, mode: int) -> int:
     """Creates a file without a name, so that nobody finds it unfinished.
 
     If this process is killed before it names the file, the kernel removes it.
     """
-    fd = os.open(shm.FOLDER, os.O_RDWR | os.O_TMPFILE | os.O_CLOEXEC, mode)
+    fd = os.open(folder, os.O_RDWR | os.O_TMPFILE | os.O_CLOEXEC, mode)
     os.fchmod(fd, mode)  # whatever the umask is
     give_to_group(fd)
     return fd
@@ -386,7 +389,7 @@ def _explained(path: Path, size: int = 0) -> Iterator[None]:
         if error.errno == errno.ENOSPC:
             need = f" of {size >> 10} KiB" if size else ""
             raise StateError(
-                f"{shm.FOLDER} is full: there is no room for {path}{need}; remove what fills it: "
-                f"'du -a {shm.FOLDER}' shows that"
+                f"{MEMORY} is full: there is no room for {path}{need}; remove what fills it: "
+                f"'du -a {MEMORY}' shows that"
             ) from error
         raise EcatError(f"cannot make {path}: {error.strerror}") from error

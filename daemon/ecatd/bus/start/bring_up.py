@@ -10,6 +10,7 @@ from __future__ import annotations
 import secrets
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from ecatd.coroutine_steps import finish
 from ecatd.log import Log
@@ -52,6 +53,7 @@ class BringUp:
         log: The log for progress and warnings.
         cancelled: Called while waiting for slaves; when it returns true, the start ends with
             `StateError`.
+        memory: The folder for the shared memory; `describe` needs none.
 
     Attributes:
         interfaces: Names of the interfaces: one, or two with cable redundancy.
@@ -71,9 +73,15 @@ class BringUp:
     """
 
     def __init__(
-        self, config: Config, interface: str, log: Log, cancelled: Callable[[], bool]
+        self,
+        config: Config,
+        interface: str,
+        log: Log,
+        cancelled: Callable[[], bool],
+        memory: Path | None = None,
     ) -> None:
         self.config = config
+        self._memory = memory
         self._interface = interface
         self._log = log.of("start")
         self._cancelled = cancelled
@@ -101,7 +109,8 @@ class BringUp:
         files = self._read_files()
         self.profiles = files.profiles
         # This reserves the bus, before anything is sent: another daemon may run it.
-        self.shared = shared = SharedMemory(self.config.bus)
+        assert self._memory is not None, "only `describe` needs no folder"
+        self.shared = shared = SharedMemory(self.config.bus, self._memory)
         if size := self.config.capture.memory_mb * _MIB:
             self.frame_rings = {name: FrameRing(size // 2) for name in RINGS}
         found, data = self._describe(files)
