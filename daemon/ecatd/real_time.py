@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import errno
+import os
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
+from ecatd.notify import is_managed
+from ecatd.real_user import is_root
 from ecatd.shm import Setting
+from ecatd.systemd_services import service
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,3 +82,62 @@ SETTINGS = {
         "set realtime.busy_receive, and give the engine a CPU of its own (realtime.cpu)",
     ),
 }
+
+_OF_LIMITS = {Setting.SCHEDULING: "--rtprio=98", Setting.MEMORY: "--memlock=unlimited"}
+"""Settings that a process gets by a limit, with the option of prlimit(1)."""
+_NO_RIGHT = (errno.EPERM, errno.EACCES, errno.ENOMEM)
+"""Errors for lack of rights; ENOMEM if more memory would be locked than the limit allows."""
+
+
+class Refused(Protocol):
+    """A setting that the system has refused."""
+
+    @property
+    def setting(self) -> Setting:
+        """Which one."""
+
+    @property
+    def value(self) -> int:
+        """The value asked for."""
+
+    @property
+    def error(self) -> int:
+        """The errno."""
+
+
+def warnings(refused: Iterable[Refused], bus: str) -> Iterator[str]:
+    """Warnings of a start: one for all that rights are missing for, one for each other mistake.
+
+    Args:
+        refused: The settings that were refused.
+        bus: Name of the bus.
+    """
+    lacking = []
+    for grant in refused:
+        words = SETTINGS[grant.setting]
+        if grant.error in _NO_RIGHT:
+            lacking.append(grant.setting)
+        else:
+            yield (
+                f"no real time: {words.title} ({words.value.format(grant.value)}) was refused "
+                f"({os.strerror(grant.error)}): {words.how}"
+            )
+    if lacking:
+        *first, last = (SETTINGS[setting].title for setting in lacking)
+        those = f"{', '.join(first)} and {last}" if first else last
+        yield (
+            f"no real time: no right to {those}: cycles may be late; {_remedy(lacking, bus)}"
+            f"'ecatctl doctor' says more"
+        )
+
+
+def _remedy(lacking: list[Setting], bus: str) -> str:
+    """The command that mends it."""
+    if is_managed():
+        return f"a change of the unit takes it away: 'systemctl cat {service(bus)}'; "
+    options = [option for setting, option in _OF_LIMITS.items() if setting in lacking]
+    if not options:
+        return ""
+    if is_root():
+        return "in a container: start it with '--cap-add=SYS_NICE --cap-add=IPC_LOCK'; "
+    return f"'sudo prlimit --pid $$ {' '.join(options)}' in this shell, then start again; "

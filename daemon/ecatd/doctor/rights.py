@@ -6,11 +6,14 @@ import grp
 import os
 import resource
 from collections.abc import Iterator
+from contextlib import suppress
 
-from ecatd.model.errors import JOIN
+from ecatd.model.errors import JOIN, EcatError
 from ecatd.paths import control_socket, search_dirs
 from ecatd.process import CAP_NET_ADMIN
+from ecatd.real_time import SETTINGS
 from ecatd.real_user import is_root
+from ecatd.stats import read as read_statistics
 
 from .costs import COSTS
 from .findings import Finding, Level
@@ -32,6 +35,7 @@ def look_at_rights(bus: str) -> Iterator[Finding]:
     """What this user may do."""
     yield _membership(bus)
     yield _raw_frames()
+    yield from _real_time_of(bus)
     area = "this user"
     for name, number, least, line, cost in (
         ("real time", resource.RLIMIT_RTPRIO, 98, "@ecat - rtprio 98", str(COSTS["priority"])),
@@ -47,6 +51,17 @@ def look_at_rights(bus: str) -> Iterator[Finding]:
             )
             remedy = f"a line '{line}' in /etc/security/limits.conf, then log in again"
             yield Finding(area, name, Level.HINT, text, remedy, cost=cost)
+
+
+def _real_time_of(bus: str) -> Iterator[Finding]:
+    """What the daemon that runs now has asked for and did not get."""
+    with suppress(EcatError):  # it does not run
+        for grant in read_statistics(bus).grants:
+            if grant.wanted and grant.error:
+                words = SETTINGS[grant.setting]
+                why = os.strerror(grant.error)
+                text = f"refused to the ecatd that runs ({why}): {words.without}"
+                yield Finding("real time", words.title, Level.HINT, text, words.how)
 
 
 def _raw_frames() -> Finding:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 
 from ecatd.coroutine_steps import Steps
@@ -10,9 +9,9 @@ from ecatd.log import Log
 from ecatd.model.applied import Applied
 from ecatd.model.bus import Bus
 from ecatd.model.config import Config
-from ecatd.real_time import SETTINGS
+from ecatd.real_time import warnings
 
-from ..engine.engine import Engine, Grant, RealTime
+from ..engine.engine import Engine, RealTime
 from ..engine.shared_memory import SharedMemory
 from .process_data import ProcessData
 
@@ -56,7 +55,8 @@ def start_exchange(
         )
     )
     shared.set_grants(grants)
-    _warn_of_refusals(grants, log)
+    for text in warnings((grant for grant in grants if grant.error), config.bus):
+        log.warning(text)
 
 
 def find_failing(shared: SharedMemory, bus: Bus) -> Steps[list[str]]:
@@ -108,13 +108,3 @@ def _guard(engine: Engine, shared: SharedMemory, applied: Applied) -> None:
             copy.offset,
             -1 if copy.stop is None else numbers[copy.target[0], copy.stop.controlword, 0, 1],
         )
-
-
-def _warn_of_refusals(grants: list[Grant], log: Log) -> None:
-    for grant in grants:
-        if grant.error:
-            words = SETTINGS[grant.setting]
-            log.warning(
-                f"no real time: {words.title} ({words.value.format(grant.value)}) was refused "
-                f"({os.strerror(grant.error)}): {words.without}; {words.how}"
-            )
