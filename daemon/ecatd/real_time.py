@@ -85,8 +85,9 @@ SETTINGS = {
 
 _OF_LIMITS = {Setting.SCHEDULING: "--rtprio=98", Setting.MEMORY: "--memlock=unlimited"}
 """Settings that a process gets by a limit, with the option of prlimit(1)."""
-_NO_RIGHT = (errno.EPERM, errno.EACCES, errno.ENOMEM)
-"""Errors for lack of rights; ENOMEM if more memory would be locked than the limit allows."""
+_NO_RIGHT = (errno.EPERM, errno.EACCES, errno.ENOMEM, errno.ENOENT)
+"""Errors for lack of rights: ENOMEM if more memory would be locked than the limit allows, ENOENT
+if a container does not have the device."""
 
 
 class Refused(Protocol):
@@ -126,7 +127,7 @@ def warnings(refused: Iterable[Refused], bus: str) -> Iterator[str]:
         *first, last = (SETTINGS[setting].title for setting in lacking)
         those = f"{', '.join(first)} and {last}" if first else last
         yield (
-            f"no real time: no right to {those}: cycles may be late; {_remedy(lacking, bus)}"
+            f"no real time: the system refuses {those}: cycles may be late; {_remedy(lacking, bus)}"
             f"'ecatctl doctor' says more"
         )
 
