@@ -35,7 +35,10 @@ static size_t megabytes;
 
 static struct shared {
     pthread_mutex_t mutex;
-    int ready, pid, child;
+    int ready;
+    int pid;   /* of the victim, as it says */
+    int outer; /* the same, as this process sees it */
+    int child;
 } *shared; /* with the victim */
 
 static struct waiter {
@@ -85,17 +88,19 @@ static void live(void)
         take_part(NULL);
     }
     shared->pid = (int)getpid();
-    if (is("forked") && (shared->child = fork()) == 0) {
-        prctl(PR_SET_PDEATHSIG, 0);
-        for (;;)
-            pause();
+    if (is("forked")) {
+        pid_t child = fork();
+        if (child == 0)
+            for (;;)
+                pause();
+        shared->child = (int)child;
     }
     __atomic_store_n(&shared->ready, 1, __ATOMIC_RELEASE);
     for (;;)
         pause();
 }
 
-/* The victim, or the one that lives on in its place in "hidden". Both are killed. */
+/* Starts the victim, in "hidden" as a child of a process with another PID namespace for its children. */
 static pid_t start(void)
 {
     pid_t pid;
@@ -105,17 +110,26 @@ static pid_t start(void)
     pthread_mutexattr_setpshared(&attributes, PTHREAD_PROCESS_SHARED);
     pthread_mutexattr_setrobust(&attributes, PTHREAD_MUTEX_ROBUST);
     pthread_mutex_init(&shared->mutex, &attributes);
-    if (is("hidden")) {
-        pid = (pid_t)syscall(SYS_clone, CLONE_NEWPID | SIGCHLD, 0, 0, 0, 0);
-        if (pid < 0)
-            fail("clone");
-    } else {
-        pid = fork();
+    pid = fork();
+    if (pid == 0 && is("hidden")) {
+        prctl(PR_SET_PDEATHSIG, SIGKILL);
+        if (unshare(CLONE_NEWPID) != 0)
+            fail("unshare");
+        if ((pid = fork()) > 0) {
+            shared->outer = (int)pid;
+            waitpid(pid, NULL, 0);
+            _exit(0);
+        }
     }
     if (pid == 0)
         live();
-    while (!__atomic_load_n(&shared->ready, __ATOMIC_ACQUIRE))
+    while (!__atomic_load_n(&shared->ready, __ATOMIC_ACQUIRE)) {
+        if (waitpid(pid, NULL, WNOHANG) != 0)
+            exit(1);
         usleep(100);
+    }
+    if (!is("hidden"))
+        shared->outer = (int)pid;
     return pid;
 }
 
@@ -164,15 +178,17 @@ static void round_of(double *found)
     usleep(5000);
     killed = now_ns();
     if (!is("thread"))
-        kill(pid, SIGKILL);
+        kill(shared->outer, SIGKILL);
     clock_gettime(CLOCK_REALTIME, &end);
     end.tv_sec += (time_t)(PATIENCE / 1e9);
     for (way = 0; way < WAYS; way++) {
         found[way] = -1;
         if (way == PIDFD && waiters[way].fd < 0)
             continue;
-        if (pthread_timedjoin_np(waiters[way].thread, NULL, &end) == 0)
-            found[way] = (waiters[way].at - killed) / 1e3;
+        if (pthread_timedjoin_np(waiters[way].thread, NULL, &end) == 0) {
+            double late = waiters[way].at - killed;
+            found[way] = late > 0 ? late / 1e3 : 0;
+        }
         else {
             pthread_cancel(waiters[way].thread);
             if (way == MUTEX) /* no cancellation point */

@@ -75,7 +75,7 @@ def measure(
 def _ways(bench: Bench, rounds: int, megabytes: int, kind: str) -> dict[str, Any]:
     """Returns for each way the median and the longest time in µs; None if it does not report."""
     bench.say(f"ways to notice a death: {kind}, {megabytes} MB")
-    folder = bench.folder / "ways"
+    folder = bench.folder / "locks"
     folder.mkdir(exist_ok=True)
     found = bench.run("ways", folder, rounds, megabytes, kind)
     return {

@@ -204,3 +204,11 @@ def test_nobody_waits_without_a_service_manager(tmp_path: Path) -> None:
         done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
         assert (done.returncode, "next try" in done.stderr) == (3, False)
     assert not (tmp_path / BUS).exists()
+
+
+def test_an_error_flag_that_only_an_acknowledgement_clears(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    """SOEM sets the flag, and the chips have no code with which they say that it is an error."""
+    daemon = start_daemon(str(Path(__file__).parents[1] / "rigs" / "keeps_error.py"))
+    assert {row["text"] for row in daemon.slave_rows("state")} == {"OP"}

@@ -134,8 +134,9 @@ def test_deaths(tmp_path: Path) -> None:
     assert all(case[way]["median"] > 0 for case in alone for way in ("lock", "pidfd", "mutex"))
     assert forked["lock"] is None  # the child has it
     assert forked["mutex"]["median"] > 0
-    assert hidden["mutex"] is None or hidden["mutex"]["median"] > 0
-    assert thread["mutex"]["median"] > 0  # why the client has a thread of its own for it
+    assert hidden["mutex"]["median"] > 0
+    assert hidden["pidfd"] is None
+    assert thread["mutex"] is not None  # why the client has a thread of its own for it
     assert "## Clients that die" in page
 
 

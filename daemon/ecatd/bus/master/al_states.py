@@ -94,20 +94,26 @@ class AlStates:
 
         An ESC with device emulation copies AL control to AL status, including the acknowledge bit.
         That looks like an error without a code. So a slave without a code gets a request for its
-        state without this bit.
+        state without this bit. Others keep the flag until it is acknowledged, and have no code
+        either. So requests with the bit follow, by turns with those without it.
 
         Returns:
             The positions of the slaves that had an error. They stay in their states.
         """
         deadline = time.monotonic() + _ACKNOWLEDGE_TIMEOUT
         wrong: set[int] = set()
+        plain: set[int] = set()  # those that got a request without the bit last
         while time.monotonic() < deadline:
             flagged: dict[int, list[int]] = {}
             for item in self.read():
                 if item.al_state & AL_ERROR_FLAG and item.position in positions:
-                    bit = AL_ERROR_FLAG if item.al_code else 0
-                    if bit:
+                    bit = AL_ERROR_FLAG if item.al_code or item.position in plain else 0
+                    if item.al_code:
                         wrong.add(item.position)
+                    elif bit:
+                        plain.remove(item.position)
+                    else:
+                        plain.add(item.position)
                     flagged.setdefault((item.al_state & 0x0F) | bit, []).append(item.position)
             if not flagged:
                 break
