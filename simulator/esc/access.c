@@ -1,17 +1,20 @@
 /* Physical access of the master to registers and memory of one slave. */
 #include "slave.h"
 
-/* Without a valid SII there is no access to process data RAM. */
-static bool is_there(const struct slave *slave, uint32_t to)
+/* The end of the memory. Without a valid SII there is no access to process data RAM. */
+static uint32_t end_of(const struct slave *slave)
 {
     bool loaded = (slave->memory[REG_DL_STATUS] & DL_PDI_OPERATIONAL) != 0;
-    return to <= (loaded ? slave->ram_end : REG_RAM);
+    return loaded ? slave->ram_end : REG_RAM;
 }
 
+/* A read counts if one byte of it is there (ESC data sheet, section I, working counter). */
 const uint8_t *access_read(struct slave *slave, uint16_t address, size_t size)
 {
     uint32_t from = address, to = from + (uint32_t)size;
-    if (!is_there(slave, to) || !sm_may_access(slave, from, to, false))
+    if (from < slave->ram_end && to > slave->ram_end && from >= REG_RAM)
+        to = slave->ram_end;
+    if (to > end_of(slave) || !sm_may_access(slave, from, to, false))
         return NULL;
     if (from < REG_RAM) {
         if (!registers_exist(slave, from, to))
@@ -28,7 +31,7 @@ const uint8_t *access_read(struct slave *slave, uint16_t address, size_t size)
 bool access_write(struct slave *slave, uint16_t address, const uint8_t *data, size_t size)
 {
     uint32_t from = address, to = from + (uint32_t)size;
-    if (!is_there(slave, to) || !sm_may_access(slave, from, to, true) ||
+    if (to > end_of(slave) || !sm_may_access(slave, from, to, true) ||
         (slave->protected && !registers_may_write(slave, from, to)))
         return false;
     sm_begin(slave, from, to);

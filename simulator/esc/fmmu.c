@@ -8,7 +8,7 @@
 
 #include <errno.h>
 
-enum { TYPE_READ = 1, TYPE_WRITE = 2, ACTIVATE = 1, FREE_BYTES = 3 };
+enum { TYPE_READ = 1, TYPE_WRITE = 2, ACTIVATE = 1, FREE_BYTES = 3, MAX_DATA = 0x07FF };
 
 /* Returns the buffered sync manager that contains all of [from, to), if no other channel overlaps
  * it; else NULL. */
@@ -262,6 +262,26 @@ static void find(const struct route *route, uint32_t address, uint32_t end,
     }
 }
 
+/* The windows of FMMUs that read and write return what the memory had before this datagram, as the
+ * other commands that read and write do. Their data goes into `before`. */
+static bool read_both(const struct fmmu *first, const struct fmmu *last, uint32_t address,
+                      uint8_t *before, uint32_t end)
+{
+    bool any = false;
+    for (const struct fmmu *fmmu = first; fmmu < last && fmmu->slave == first->slave; fmmu++)
+        if (fmmu->read && fmmu->write && fmmu->start < end && address < fmmu->end)
+            any |= access_channel(first, fmmu, address, before, end, false);
+    return any;
+}
+
+static bool has_both(const struct fmmu *first, const struct fmmu *last)
+{
+    for (const struct fmmu *fmmu = first; fmmu < last && fmmu->slave == first->slave; fmmu++)
+        if (fmmu->read && fmmu->write)
+            return true;
+    return false;
+}
+
 /* Each slave first takes the data that the master sent, and then puts its own data into the
  * datagram, since both of its windows may have the same logical bytes. The working counter counts
  * each direction of a slave once. */
@@ -269,6 +289,7 @@ unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *dat
                      bool read, bool write)
 {
     unsigned count = 0;
+    uint8_t before[MAX_DATA];
     uint32_t end = address + size < address ? UINT32_MAX : address + size;
     struct route *route = segment->route;
     if (segment->fmmus_changed) {
@@ -283,18 +304,24 @@ unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *dat
     while (fmmu < last) {
         const struct slave *slave = fmmu->slave;
         const struct fmmu *first = fmmu;
-        bool written = false, was_read = false;
+        bool written = false, was_read = false, both = read && write && has_both(first, last);
         if (read && write && (slave->config.features & FEATURE_NO_LRW) != 0) {
             while (fmmu < last && fmmu->slave == slave)
                 fmmu++;
             continue;
         }
+        if (both) {
+            memcpy(before, data, size);
+            was_read = read_both(first, last, address, before, end);
+        }
         for (; fmmu < last && fmmu->slave == slave; fmmu++)
             if (write && fmmu->write && fmmu->start < end && address < fmmu->end)
                 written |= access_channel(first, fmmu, address, data, end, true);
+        if (both)
+            memcpy(data, before, size);
         if (read)
             for (fmmu = first; fmmu < last && fmmu->slave == slave; fmmu++)
-                if (fmmu->read && fmmu->start < end && address < fmmu->end)
+                if (fmmu->read && !(both && fmmu->write) && fmmu->start < end && address < fmmu->end)
                     was_read |= access_channel(first, fmmu, address, data, end, false);
         count += (unsigned)was_read + (unsigned)written * (read ? 2U : 1U);
     }

@@ -159,7 +159,7 @@ struct slave {
         uint8_t newest[ESC_MEMORY]; /* the newest complete data while `memory` is in use */
         uint8_t device[ESC_MEMORY]; /* the buffer that the device is reading or writing */
     } *buffers;
-    uint8_t memory[ESC_MEMORY];
+    uint8_t memory[ESC_MEMORY + 0x800]; /* beyond: zeros, which a read may reach */
 };
 
 /* The path of a frame that enters through an interface; it follows from links and loops. */

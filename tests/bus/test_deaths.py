@@ -26,6 +26,8 @@ from ecatd.model.errors import StateError
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
 LEASE = 60
+QUICK = ("C, own PID namespace", "Python")
+"""Kinds of clients that are quickly built; all others are for `make test-all`."""
 FORKED = """
 import os, signal
 from ecatd.client import Client
@@ -72,7 +74,13 @@ def row(daemon: Daemon, table: str, number: int) -> Any:
     return kind.from_buffer_copy(data, at)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=() if kind in QUICK else pytest.mark.long, id=kind)
+        for kind in KINDS
+    ],
+)
 def test_r15_a_drive_whose_client_is_killed_stops_at_once(
     kind: str, daemon: Daemon, tmp_path: Path
 ) -> None:

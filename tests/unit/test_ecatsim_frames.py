@@ -143,6 +143,9 @@ def test_read_only_registers_and_missing_memory(segment):
     assert send(segment, APWR, 0, 0x2FFF, b"\x55")[1] == 1
     assert send(segment, APWR, 0, 0x2FFF, b"\x55\x55")[1] == 0
     assert send(segment, APRD, 0, 0xFFFF, bytes(4))[1] == 0
+    # A read counts if one byte of it is there.
+    assert send(segment, APRD, 0, 0x2FFF, b"\xaa\xaa")[:2] == (b"\x55\x00", 1)
+    assert send(segment, APRD, 0, 0x3000, bytes(2))[1] == 0
 
 
 def test_links_of_a_line(segment):
@@ -295,6 +298,18 @@ def test_windows_on_the_same_logical_bytes(segment):
     segment.write(0, 0x1180, b"in")
     assert logical(segment, LRW, 0, b"ou") == (b"in", 3)
     assert segment.read(0, 0x1100, 2) == b"ou"
+
+
+def test_a_window_that_is_read_and_written_returns_what_it_had(segment):
+    """As APRW and FPRW do."""
+    set_fmmu(segment, 0, 0, 2, 2, (0, 7, 0), 0x1100, 3)
+    set_fmmu(segment, 0, 1, 0, 2, (0, 7, 0), 0x1180, 1)
+    segment.write(0, 0x1180, b"in")
+    assert logical(segment, LWR, 2, b"ab") == (b"ab", 1)
+    assert logical(segment, LRW, 0, b"..cd..") == (b"inab..", 3)
+    assert segment.read(0, 0x1100, 2) == b"cd"
+    assert send(segment, APRW, 0, 0x1100, b"ef")[:2] == (b"cd", 3)
+    assert logical(segment, LRD, 2, bytes(2)) == (b"ef", 1)
 
 
 def test_logical_bits(segment):
