@@ -264,3 +264,23 @@ def test_generic_analog_io_has_range_and_unit(bits):
     assert device[0x7000, 2] == -1
     with pytest.raises(UsageError, match=naming("AnalogIO", "bits", 16, 32, 24)):
         make("AnalogIO", bits=24)
+
+
+def test_other_parameters_are_another_revision():
+    """SOEM reads the EEPROM of the first slave of an identity, and takes it for all of them."""
+    made = [
+        make(name, **parameters)
+        for name, parameters in (
+            ("DigitalIO", {}),
+            ("DigitalIO", {"inputs": 3, "outputs": 0}),
+            ("DigitalIO", {"inputs": 0, "outputs": 5}),
+            ("AnalogIO", {}),
+            ("AnalogIO", {"inputs": 1}),
+            ("AnalogIO", {"range": 20}),
+        )
+    ]
+    identities = {(device.vendor, device.product, device.revision) for device in made}
+    assert len(identities) == len(made)
+    assert [device.revision for device in made if device is made[0] or device is made[3]] == [1, 1]
+    assert make("AnalogIO", range=10).revision == 1
+    assert make("DigitalIO", inputs=3, outputs=0).revision == made[1].revision

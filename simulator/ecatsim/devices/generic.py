@@ -8,7 +8,7 @@ from ecatd.model.pdo import Entry, Pdo
 from ..esc import Chip
 from ..slave.device import Device
 from ..slave.sii import Mailbox
-from .parameters import Parameter
+from .parameters import Parameter, revision_of
 
 _VENDOR = 0x0000FFFF
 _BYTES = 32
@@ -68,6 +68,7 @@ class DigitalIO(Device):
         manager = 1 if outputs else 0
         self.rx_pdos = _bits(0x1600, 0x7000, "Output", outputs, 0)
         self.tx_pdos = _bits(0x1A00, 0x6000, "Input", inputs, manager)
+        self.revision = revision_of(self.parameters, inputs, outputs)
         super().__init__()
 
 
@@ -124,4 +125,5 @@ class AnalogIO(Device):
 
         self.rx_pdos = pdos(0x1600, 0x7000, "Output", outputs, 2)
         self.tx_pdos = pdos(0x1A00, 0x6000, "Input", inputs, 3)
+        self.revision = revision_of(self.parameters, inputs, outputs, bits, float(range), unit)
         super().__init__()

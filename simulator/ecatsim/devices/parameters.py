@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -65,3 +66,21 @@ class Parameter:
         if isinstance(self.default, float):
             return isinstance(value, int | float)
         return isinstance(value, type(self.default))
+
+
+def revision_of(parameters: Sequence[Parameter], *values: float | str) -> int:
+    """The revision of a device whose process data depend on its parameters.
+
+    Masters such as SOEM take two slaves of one identity for the same, and read the EEPROM of the
+    first one only.
+
+    Args:
+        parameters: The parameters.
+        values: Their values, in the same order.
+
+    Returns:
+        1 with the default values; otherwise a number that belongs to these values.
+    """
+    if all(given == item.default for item, given in zip(parameters, values, strict=True)):
+        return 1
+    return 1 | zlib.crc32(repr([str(value) for value in values]).encode()) << 16 & 0xFFFF_0000
