@@ -312,23 +312,35 @@ void cyclic_outputs_take(cyclic_t *c, uint32_t number, const uint64_t *part) {
 
 /* --- declared ranges ------------------------------------------------------------------------ */
 
-/* Holds an output at the limits of a range that has become narrower. */
-static int hold(cyclic_t *c, const struct limit *limit) {
-  uint64_t bits = bits_get(c->outputs, limit->bit, limit->rule.bits);
+/* Holds an output, or its safe value, at the limits of a range that has become narrower. */
+static int hold(cyclic_t *c, uint8_t *image, const struct limit *limit) {
+  uint64_t bits = bits_get(image, limit->bit, limit->rule.bits);
   struct value value = {.scale = 1, .analog = 1};
   if (is_within(&limit->rule, bits) || c->output[limit->signal].state == ECAT_OUTPUTS_STOPPING) return 0;
   value.real = raw_to_double(bits, limit->rule.bits, limit->rule.sign, limit->rule.real);
   if (value_encode(&limit->rule, &value, &bits) != 0) /* infinite, or no number */
     bits = bits_get(c->safe, limit->bit, limit->rule.bits);
-  bits_put(c->outputs, limit->bit, limit->rule.bits, bits);
+  bits_put(image, limit->bit, limit->rule.bits, bits);
   return 1;
+}
+
+/* Control has checked all safe values but those that follow an input. */
+static int safe_follows(const cyclic_t *c, uint32_t signal) {
+  uint32_t i;
+  for (i = 0; i < c->copies; i++)
+    if (c->copy[i].follows && c->copy[i].target == signal) return 1;
+  return 0;
 }
 
 void cyclic_outputs_adopt_limits(cyclic_t *c) {
   struct limits *wanted = __atomic_load_n(&c->wanted_limits, __ATOMIC_ACQUIRE);
   uint32_t i;
   if (wanted == c->limits) return;
-  for (i = 0; i < wanted->count; i++) wanted->limit[i].held = hold(c, &wanted->limit[i]);
+  for (i = 0; i < wanted->count; i++) {
+    struct limit *limit = &wanted->limit[i];
+    if (safe_follows(c, limit->signal)) (void)hold(c, c->safe, limit);
+    limit->held = hold(c, c->outputs, limit);
+  }
   __atomic_store_n(&c->limits, wanted, __ATOMIC_RELEASE); /* from now on control may free the others */
 }
 

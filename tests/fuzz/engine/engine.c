@@ -456,6 +456,8 @@ int main(int count, char **arguments) {
     uint32_t first = (uint32_t)(i * ENTRIES);
     if (cyclic_set_stop(engine, first + CONTROL, first + STATUS, 2, 3 * CYCLE_NS) != 0)
       die("a stop was refused");
+    if (cyclic_set_follow(engine, first + STATUS, first + LIMITED, (int32_t)first + CONTROL) != 0)
+      die("a safe value that follows was refused");
     /* Twice an input of the next slave, which is in another domain, or not. */
     if (cyclic_set_copy(engine, (uint32_t)((i + 1) % SLAVES * ENTRIES + STATUS), first + COPIED, 2, -1,
                         (int32_t)first + CONTROL) != 0)
