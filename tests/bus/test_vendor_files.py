@@ -89,4 +89,4 @@ def test_names_of_any_script_live_on(daemon: Daemon, files: Path, tmp_path: Path
         "config", "check", str(config), "--esi", str(files), "--strict", check=False
     )
     assert refused.returncode == 2
-    names(refused.stderr, "xml:")
+    assert f"ecatctl: {files}" in refused.stderr

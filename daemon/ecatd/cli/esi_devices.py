@@ -49,6 +49,8 @@ def esi_devices(sources: Sequence[str], findings: Findings) -> list[Described]:
                 found.setdefault(path, list_devices(path, findings))
                 good += 1
             except ConfigError as error:
+                if findings.strict:
+                    raise
                 refused.append(error)
                 findings.say(f"{error}; this file is left out")
         if not good:

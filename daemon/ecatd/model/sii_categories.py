@@ -121,9 +121,8 @@ class CategoryReader:
                     "neither this one nor the following ones are read",
                 )
             if kind < _VENDOR_SPECIFIC and kind not in _KNOWN:
-                self.note(
-                    2 * at, f"category {kind} at word 0x{at:04X} is unknown", "it is left out"
-                )
+                text = f"category {kind} at word 0x{at:04X} is unknown"
+                self.note(2 * at, text, "it is left out", damage=False)
             self.begin_category(at, kind, length)
             if kind in self.wanted:
                 found.setdefault(kind, []).append((2 * at + 4, self._words(at + 2, length)))
