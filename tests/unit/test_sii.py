@@ -135,7 +135,6 @@ BROKEN = [
     (b"\0" * 4096, "word 0x0040 | zeros"),
     (image()[:128] + struct.pack("<HH", 1, 0) * 300, "256 categories"),
     (image(general()), "mailbox protocols | 0x0004 | category 41"),
-    (image(general(), (31, b"")), "category 31 at word"),
     (without_mailbox(general(), (40, b"\1\2")), "category 40 (FMMUs) | category 41"),
     (
         without_mailbox(general(), sync_managers((0x1000, 0x64, 1, 3))),
@@ -173,6 +172,14 @@ def test_a_second_category_does_no_harm() -> None:
         (problem,) = sii.problems
         names(problem, "category 30", "second", "this one is left out")
         assert (sii.order, sii.damaged) == ("EL", False)
+
+
+def test_an_unknown_category_does_no_harm() -> None:
+    managers = sync_managers((0x1000, 0x26, 1, 1), (0x1080, 0x22, 1, 2))
+    sii = read(image(STRINGS, general(), (31, b"\0\0"), managers))
+    (problem,) = sii.problems
+    names(problem, "category 31", "unknown", "it is left out")
+    assert not sii.damaged
 
 
 def test_pdos_of_all_categories_count() -> None:

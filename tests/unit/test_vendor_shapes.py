@@ -27,7 +27,9 @@ def read(path: Path) -> EsiDevice:
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_vendors_file_is_used_and_what_is_left_out_is_named(tmp_path: Path, name: str) -> None:
+def test_r33_vendors_files_are_used_and_what_is_left_out_is_named(
+    tmp_path: Path, name: str
+) -> None:
     shape = SHAPES[name]
     path = written(tmp_path, shape.text)
     read(path)
