@@ -64,6 +64,7 @@ _CHIP: Bounds = {
     "eeprom_write_us": (0, 10_000_000),
 }
 _FEATURES = 0x01F0
+_IN_PYTHON = ("told_mappings", "told_assignments")
 _WORDED = ("protocols", "coe_details")  # `_bits` reads these
 _EITHER = {"dc_bits": (32, 64), "eeprom_bytes": (4, 8)}
 _MAILBOX: Bounds = {
@@ -93,11 +94,14 @@ _MAX_SLOTS = 0xFE
 
 
 def attributes() -> dict[str, str]:
-    """Returns the attributes of `Device` and its bases, with their annotated types as text."""
+    """Returns the attributes of `Device` and its bases, with their annotated types as text.
+
+    Those with which a device contradicts itself are left out: such a device is written in Python.
+    """
     found: dict[str, str] = {}
     for kind in reversed(Device.__mro__):
         found |= vars(kind).get("__annotations__", {})
-    return found
+    return {name: kind for name, kind in found.items() if name not in _IN_PYTHON}
 
 
 def _scalars() -> dict[str, str]:
