@@ -31,6 +31,7 @@ from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import BusyError, NoAnswerError, SdoAbortError, UsageError
+from ecatd.model.patience import Patience
 from ecatd.model.requests.objects import DescribeObject, SdoRead, SdoWrite
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
@@ -291,7 +292,7 @@ def test_r24_too_many_requests_are_told_so_and_take_no_place_from_others() -> No
 
 
 def test_what_waited_for_too_long_is_not_carried_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ecatd.bus.requests.conversations._PATIENCE", 0.1)
+    monkeypatch.setattr("ecatd.bus.requests.conversations._PATIENCE", Patience(0.1))
     with bench() as made:
         made.patient()
         (device,) = made.devices

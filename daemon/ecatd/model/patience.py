@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True, slots=True)
-class Patience:
+class Patience(NamedTuple):
     """How long something is waited for, and what changes that.
 
     In a message: `f"no answer within {patience}"` becomes "no answer within 10 s

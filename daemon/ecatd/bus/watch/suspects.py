@@ -127,7 +127,7 @@ def _by_state(state: SlaveState) -> str:
         return "does not answer: check its power and the cable to it"
     if state.al_state & 0x0F not in (AlState.SAFEOP, AlState.OP):
         return (
-            f"exchanges no process data ({state.describe()}): `ecatctl state OP -p {position}` "
+            f"exchanges no process data ({state.describe()}): `ecatctl state {position} OP` "
             f"brings it back, or says why not"
         )
     return ""
@@ -151,8 +151,8 @@ def _by_registers(running: RunningBus, slaves: Sequence[Slave]) -> Iterator[Susp
         if reason := _difference(register, content, answer.data):
             named.add(slave.position)
             again = (
-                f"`ecatctl state PREOP -p {slave.position}`, then `ecatctl state OP -p "
-                f"{slave.position}` sets it again"
+                f"`ecatctl state {slave.position} PREOP`, then `ecatctl state "
+                f"{slave.position} OP` sets it again"
             )
             yield Suspect(slave.position, f"{reason}: {again}")
 
