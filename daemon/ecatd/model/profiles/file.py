@@ -46,7 +46,10 @@ def load_profiles(config: Config | None = None, standard: Iterable[Path] = ()) -
 
 def _folder(folder: Path) -> Iterator[DeviceProfile]:
     try:
-        files = sorted(folder.glob("*.toml"))
+        # Not glob(), which passes over a folder that cannot be read since Python 3.13.
+        files = sorted(path for path in folder.iterdir() if path.suffix == ".toml")
+    except (FileNotFoundError, NotADirectoryError):
+        return
     except OSError as error:
         raise ConfigError(
             f"the folder '{folder}', which may have device profiles, cannot be read: "
