@@ -23,6 +23,8 @@ from .slave.device import Device
 
 _TITLE = re.compile(r"(\d+)/.* \((0x[0-9A-Fa-f]+:[0-9A-Fa-f]+)\)")
 _TIME, _FIRST = 0, 2
+_UTC = "utc"
+"""A column of the wall clock, which says nothing about inputs."""
 Value = int | float
 
 
@@ -101,6 +103,8 @@ class Replay:
             raise ConfigError(f"{path}:1: this is not a recording of `ecatctl record`")
         known = 0
         for column, title in enumerate(head[_FIRST:], _FIRST):
+            if title == _UTC:
+                continue
             match = _TITLE.fullmatch(title)
             if match is None:
                 raise ConfigError(

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 
@@ -135,19 +136,21 @@ def test_whole_numbers_keep_their_digits(bus: Daemon, tmp_path: Path) -> None:
 
 
 def test_cycles_are_recorded(bus: Daemon, tmp_path: Path) -> None:
-    file = tmp_path / "run.csv"
+    file, begun = tmp_path / "run.csv", time.time()
     told = bus.ctl_json("record", "-o", str(file), "4/*Value", "--every", "2", "--for", "0.5")
     with file.open(newline="") as opened:
         head, *rows = csv.reader(opened)
-    assert head[:2] == ["time_s", "cycle"]
-    assert len(head) == 10
+    assert (head[:2], head[-1]) == (["time_s", "cycle"], "utc")
+    assert len(head) == 11
     assert head[2].endswith("Value [V]")
     assert len(rows) == told["cycles"] > 0
     cycles = [int(row[1]) for row in rows]
     assert all(later - earlier >= 2 for earlier, later in pairwise(cycles))
     for row, cycle in zip(rows, cycles, strict=True):
         assert float(row[0]) == pytest.approx(CYCLE_TIME_US / 1e6 * (cycle - cycles[0]))
-    assert all(-10 <= float(cell) <= 10 for row in rows for cell in row[2:] if cell)
+    times = [datetime.fromisoformat(row[-1]) for row in rows]
+    assert begun - 1 <= times[0].timestamp() <= times[-1].timestamp() <= time.time()
+    assert all(-10 <= float(cell) <= 10 for row in rows for cell in row[2:-1] if cell)
 
 
 def test_recordings_in_other_formats_have_the_same_values(bus: Daemon, tmp_path: Path) -> None:
@@ -249,9 +252,11 @@ Rows = dict[int, list[str]]
 
 
 def record(daemon: Daemon, file: Path, seconds: float) -> Rows:
-    daemon.ctl("record", "-o", str(file), "4/*", "2/*", "--raw", "--for", f"{seconds:.2f}")
+    daemon.ctl(
+        "record", "-o", str(file), "4/*", "2/*", "--raw", "--force", "--for", f"{seconds:.2f}"
+    )
     _, *rows = (line.split(",") for line in file.read_text().splitlines())
-    return {int(row[1]) - int(rows[0][1]): row[2:] for row in rows}
+    return {int(row[1]) - int(rows[0][1]): row[2:-1] for row in rows}
 
 
 def replayed(start: Callable[..., Daemon], folder: Path, run: Rows, seconds: float) -> int:

@@ -15,6 +15,9 @@ from ecatsim.rigs import library
 
 HEAD = "time_s,cycle,2/Channel 1/Input (0x6000:01),4/Channel/Value (0x6000:11)"
 
+BEGIN_NS = 1_764_000_000_123_456_789
+"""Unix time of the first row."""
+
 
 class Clock:
     """Stands for `time`."""
@@ -38,7 +41,7 @@ def write(file: Path, rows: Sequence[tuple[float, int, Sequence[Cell]]]) -> Path
     with file.open("wb", buffering=0) as opened:
         recording = open_recording(file.suffix, opened, "ecat0", columns)
         for seconds, cycle, cells in rows:
-            recording.add(seconds, cycle, cells)
+            recording.add(seconds, cycle, cells, BEGIN_NS + round(1e9 * seconds))
         recording.end()
     return file
 
@@ -66,6 +69,25 @@ def test_each_value_comes_at_its_time(
         digital.give()
         analog.give()
         assert (digital[0x6000, 1], analog[0x6000, 0x11]) == wanted
+
+
+def test_rows_have_the_time_of_the_clock_on_the_wall(tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+    from pyarrow import parquet
+
+    rows = [(0, 7, (1, -5)), (0.5, 8, (0, None))]
+    head, first, second = write(tmp_path / "run.csv", rows).read_text().splitlines()
+    assert head == f"{HEAD},utc"
+    assert first == "0.000000,7,1,-5,2025-11-24T16:00:00.123456Z"
+    assert second == "0.500000,8,0,,2025-11-24T16:00:00.623456Z"
+    times = parquet.read_table(write(tmp_path / "run.parquet", rows))["utc"]
+    assert [time.isoformat() for time in times.to_pylist()] == [
+        "2025-11-24T16:00:00.123456+00:00",
+        "2025-11-24T16:00:00.623456+00:00",
+    ]
+    with write(tmp_path / "run.mcap", rows).open("rb") as file:
+        messages = [message for _, _, message in make_reader(file).iter_messages()]
+    assert [message.log_time - BEGIN_NS for message in messages] == [0, 500_000_000]
 
 
 @pytest.mark.parametrize(

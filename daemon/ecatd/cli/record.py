@@ -8,6 +8,7 @@ import io
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -161,14 +162,16 @@ def _record(
         while end is None or time.monotonic() < end:
             client.wait(options.every, timeout=patience)
             client.sample()
-            cycle = max(client.domain(number).cycle for number in domains)
+            newest = max((client.domain(number) for number in domains), key=attrgetter("cycle"))
+            cycle = newest.cycle
             if first is None:
                 first = cycle
             elif last is not None:
                 left_out += max(0, (cycle - last) // options.every - 1)
             cells = _cells(chosen, group, options.raw)
             empty += cells.count(None)
-            recording.add((cycle - first) * step, cycle, cells)
+            age_ns = time.monotonic_ns() - newest.time_ns if newest.time_ns else 0
+            recording.add((cycle - first) * step, cycle, cells, time.time_ns() - age_ns)
             last, count = cycle, count + 1
     except KeyboardInterrupt:
         pass

@@ -24,6 +24,8 @@ from ecatd.version import VERSION
 Cell = float | int | None
 """A value; None if it cannot be trusted."""
 
+_UTC = "utc"
+"""The last column of CSV and Parquet files: when the values came, by the clock of the PC."""
 _ROWS = 5000
 """Rows of a Parquet file that are kept before they are written."""
 _TEXT = 1 << 13
@@ -66,8 +68,14 @@ class Recording(Protocol):
     rows: int
     infinite: int
 
-    def add(self, seconds: float, cycle: int, cells: Sequence[Cell]) -> None:
-        """Adds a cycle: the time since the first one, its number, and a value for each column.
+    def add(self, seconds: float, cycle: int, cells: Sequence[Cell], utc_ns: int) -> None:
+        """Adds a cycle.
+
+        Args:
+            seconds: Time since the first one.
+            cycle: Its number.
+            cells: A value for each column.
+            utc_ns: Unix time of its values in ns.
 
         Raises:
             OSError: The file cannot be written, for example because the disk is full.
@@ -118,7 +126,7 @@ class _Csv:
         self.infinite = 0
         self._size = 0  # bytes of the whole rows in the file
         self._begin()
-        self._lines.writerow(["time_s", "cycle", *(column.title for column in columns)])
+        self._lines.writerow(["time_s", "cycle", *(column.title for column in columns), _UTC])
         self._write()
 
     def _begin(self) -> None:
@@ -126,9 +134,9 @@ class _Csv:
         self._lines: Any = csv.writer(self._text)
         self._waiting = 0
 
-    def add(self, seconds: float, cycle: int, cells: Sequence[Cell]) -> None:
+    def add(self, seconds: float, cycle: int, cells: Sequence[Cell], utc_ns: int) -> None:
         texts = ("" if c is None else f"{c:.15g}" if isinstance(c, float) else c for c in cells)
-        self._lines.writerow([f"{seconds:.6f}", cycle, *texts])
+        self._lines.writerow([f"{seconds:.6f}", cycle, *texts, _iso(utc_ns)])
         self._waiting += 1
         if self._text.tell() >= _TEXT:
             self._write()
@@ -213,16 +221,18 @@ class _Mcap:
         )
         self._writer = writer
         self._names = [column.name for column in columns]
-        self._begin_ns = time.time_ns()
+        self._begin_ns: int | None = None
         self.rows = self.infinite = 0
         self._count = 0
         self._chunk = 0  # bytes of the present chunk at most
 
-    def add(self, seconds: float, cycle: int, cells: Sequence[Cell]) -> None:
+    def add(self, seconds: float, cycle: int, cells: Sequence[Cell], utc_ns: int) -> None:
         finite = [None if cell is None or not math.isfinite(cell) else cell for cell in cells]
         self.infinite += finite.count(None) - list(cells).count(None)
         values = dict(zip(self._names, finite, strict=True))  # JSON has no infinity
-        at = self._begin_ns + round(1e9 * seconds)
+        if self._begin_ns is None:
+            self._begin_ns = utc_ns
+        at = self._begin_ns + round(1e9 * seconds)  # ascends, even if somebody sets the clock back
         data = json.dumps({"cycle": cycle, "values": values}).encode()
         self._chunk += _MESSAGE + len(data)
         self._room.keep(self._end + self._chunk)
@@ -249,6 +259,7 @@ class _Parquet:
         for column in columns:
             kind = getattr(arrow, column.kind)()
             fields.append(arrow.field(column.name, kind, metadata={"unit": column.unit}))
+        fields.append(arrow.field(_UTC, arrow.timestamp("us", tz="UTC")))
         self._schema = arrow.schema(fields, metadata={"bus": bus, "ecatctl": VERSION})
         self._room = _Room(file)
         self._end = 4096 + _COLUMN * len(fields)
@@ -260,8 +271,8 @@ class _Parquet:
         self.rows = self.infinite = 0
         self._count = 0
 
-    def add(self, seconds: float, cycle: int, cells: Sequence[Cell]) -> None:
-        row = (seconds, cycle, *cells)
+    def add(self, seconds: float, cycle: int, cells: Sequence[Cell], utc_ns: int) -> None:
+        row = (seconds, cycle, *cells, utc_ns // 1000)
         self._room.keep(self._end + len(row) * (_GROUP + _CELL * (len(self._rows) + 1)))
         self._rows.append(row)
         self._count += 1
@@ -285,6 +296,12 @@ class _Parquet:
         self._writer.close()
         self._room.end()
         self.rows = self._count
+
+
+def _iso(utc_ns: int) -> str:
+    """A time as in ISO 8601, in UTC with microseconds: `2026-11-25T17:40:12.345678Z`."""
+    seconds, ns = divmod(utc_ns, 10**9)
+    return f"{time.strftime('%Y-%m-%dT%H:%M:%S', time.gmtime(seconds))}.{ns // 1000:06}Z"
 
 
 FORMATS: dict[str, type[_Csv | _Mcap | _Parquet]] = {
