@@ -21,19 +21,25 @@ class Batch(Generic[T]):
 
     Args:
         tell: Gets the last ones, and how many before them were left out.
+        most: How many it keeps.
     """
 
-    def __init__(self, tell: Callable[[list[T], int], None]) -> None:
+    def __init__(self, tell: Callable[[list[T], int], None], most: int = _GATHERED_MAX) -> None:
         self._tell = tell
-        self._events: deque[T] = deque(maxlen=_GATHERED_MAX)
+        self._events: deque[T] = deque(maxlen=most)
         self._left_out = 0
         self._timer: asyncio.TimerHandle | None = None
         self._pause = _PAUSE
         self._next = 0.0
 
+    @property
+    def waits(self) -> bool:
+        """Whether some are not passed on yet."""
+        return bool(self._events)
+
     def note(self, event: T) -> None:
         """Takes one."""
-        self._left_out += len(self._events) == _GATHERED_MAX
+        self._left_out += len(self._events) == self._events.maxlen
         self._events.append(event)
         if self._timer is None:
             loop = asyncio.get_running_loop()

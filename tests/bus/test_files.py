@@ -49,6 +49,9 @@ def test_a_file_is_written_and_read_back(bus: Daemon, tmp_path: Path) -> None:
     bus.ctl("foe-read", "0", "other.bin", "-o", str(again))
     assert again.read_bytes() == PARAMETERS[::-1]
     names(bus.log, "writing file 'other.bin'", f"{len(PARAMETERS)} bytes", "pid")
+    told = [row["text"] for row in bus.ctl_json("events", "--kind", "change")["events"]]
+    for what in ("writing file 'other.bin' begins", "writing file 'other.bin' is done"):
+        assert any(what in text and text in bus.log for text in told), told
 
 
 def test_firmware_is_written_in_boot_while_the_others_stay_in_op(

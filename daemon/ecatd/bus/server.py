@@ -392,6 +392,7 @@ class BusServer:
             await self._fault_files.close()
         await asyncio.to_thread(self._worker.close)
         self._changes.close()
+        self._events.close()
         self._aborted.clear()  # taking the bus down has to wait for slaves
         await asyncio.to_thread(self._take_down)
 

@@ -25,24 +25,8 @@ _PAUSE = 0.5
 _AGO = re.compile(r"(\d+)([smhd])")
 _UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
-_SAID = ("event", "sequence", "instance", "time_ns", "slave", "text")
+_SAID = ("event", "sequence", "instance", "time_ns", "slave", "times")
 """Facts that have a place of their own in the line of an event, or are for programs."""
-_IN_TEXT = {
-    "absent": ("slaves",),
-    "change": ("what", "by", "times", "failed"),
-    "clock": ("state", "offset_ns", "drift_ppb", "cycle"),
-    "clock_difference": ("difference_ns",),
-    "disturbance": ("counts", "seconds", "over"),
-    "emergency": ("code", "register"),
-    "exchange": ("fault", "domain", "share", "exchanges", "failures", "slaves", "over"),
-    "foreign_master": ("interface", "source", "count", "wrote", "over"),
-    "interface": ("interface", "topic", "over"),
-    "link": ("interface", "state"),
-    "ring": ("state", "slaves_before", "cycle"),
-    "sending": ("interface", "error", "cycle"),
-    "slaves": ("found", "expected", "missing"),
-}
-"""Facts that the text of an event says already."""
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
@@ -167,12 +151,13 @@ def _line(bus: Bus, event: dict[str, Any]) -> str:
     when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds))
     position = event.get("slave", -1)
     label = bus.slaves[position].label if 0 <= position < len(bus.slaves) else ""
-    facts = [str(event["text"])] if event.get("text") else []
-    said = _SAID + _IN_TEXT.get(event["event"], ())
-    facts += [
+    text = str(event.get("text", "")) or ", ".join(
         f"{name} {shown(value)}"
         for name, value in event.items()
-        if name not in said and value not in ("", None)
-    ]
-    what = f"{label}: {', '.join(facts)}" if label and facts else label or ", ".join(facts)
+        if name not in _SAID and value not in ("", None)
+    )
+    what = text if label in text else f"{label}: {text}" if text else label
+    times = f"{event.get('times', 1)} times"
+    if times != "1 times" and times not in text:
+        what += f" ({times})"
     return f"{when}.{ns // 10**6:03}  {event['event']:<16}  {what}".rstrip()

@@ -275,12 +275,15 @@ class Event(TypedDict):
         sequence: Its number: each event has the next one, so a gap is a loss.
         instance: Unix time of the start of the daemon in ns, which begins to count them at 1.
         time_ns: Unix time in ns.
+        times: How many events of this kind about the same thing it stands for, if there may be
+            several: it is the last one of them.
     """
 
     event: str
     sequence: int
     instance: int
     time_ns: int
+    times: NotRequired[int]
 
 
 class Rights(TypedDict):

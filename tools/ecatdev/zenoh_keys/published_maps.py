@@ -114,7 +114,7 @@ class RecoveryEvent(TypedDict):
     slave: int
     state: str
     seconds: NotRequired[float]
-    text: NotRequired[str]
+    text: str
 
 
 class EmergencyEvent(TypedDict):
@@ -123,7 +123,7 @@ class EmergencyEvent(TypedDict):
     slave: int
     code: int
     register: int
-    times: int
+    text: str
 
 
 class LinkEvent(TypedDict):
@@ -178,6 +178,7 @@ class WorkingCounterEvent(TypedDict):
     domain: int
     state: str
     cycle: int
+    text: str
 
 
 class ExchangeEvent(TypedDict):
@@ -238,7 +239,6 @@ class ChangeEvent(TypedDict):
 
     what: str
     by: str
-    times: int
     failed: bool
     text: str
 
@@ -255,6 +255,7 @@ class ClaimedEvent(TypedDict):
     program: str
     pid: int
     cycle: int
+    text: str
 
 
 class SafeEvent(TypedDict):
@@ -266,6 +267,7 @@ class SafeEvent(TypedDict):
     program: NotRequired[str]
     pid: NotRequired[int]
     cycle: int
+    text: str
 
 
 class StoppedEvent(TypedDict):
@@ -277,6 +279,7 @@ class StoppedEvent(TypedDict):
     program: NotRequired[str]
     pid: NotRequired[int]
     cycle: int
+    text: str
 
 
 class RefusedEvent(TypedDict):
@@ -289,6 +292,7 @@ class RefusedEvent(TypedDict):
     pid: int
     programs: list[str]
     cycle: int
+    text: str
 
 
 class MalformedEvent(TypedDict):
@@ -299,6 +303,7 @@ class MalformedEvent(TypedDict):
     pid: int
     programs: list[str]
     cycle: int
+    text: str
 
 
 class TamperedEvent(TypedDict):

@@ -142,18 +142,24 @@ class Changes:
 
         text = line(f"{was}to {last.after} ")
         told = line("") if last.is_secret else ""
-        self._log.notice(text, failed=bool(last.problem), told=told)
-        self._publish(
-            {
-                "event": "change",
-                "time_ns": time.time_ns(),
-                "what": last.what,
-                "by": last.by,
-                "times": len(alike),
-                "failed": bool(last.problem),
-                "text": told or text,
-            }
-        )
+        facts = {"what": last.what, "by": last.by, "times": len(alike)}
+        self._write(facts, text, failed=bool(last.problem), told=told)
+
+    def tell_step(self, what: str, by: str, text: str, *, failed: bool = False) -> None:
+        """Tells of a step of a change that takes a while, such as the end of a file transfer.
+
+        Args:
+            what: What is done.
+            by: Who asks for it.
+            text: The whole line.
+            failed: Whether it has failed.
+        """
+        self._write({"what": what, "by": by, "times": 1}, text, failed=failed)
+
+    def _write(self, facts: dict[str, Any], text: str, *, failed: bool, told: str = "") -> None:
+        self._log.notice(text, failed=failed, told=told)
+        more = {"failed": failed, "text": told or text}
+        self._publish({"event": "change", "time_ns": time.time_ns(), **facts, **more})
 
     def close(self) -> None:
         """Tells of the changes that are still waiting."""

@@ -33,7 +33,7 @@ from ecatd.model.requests.files import (
 from ecatd.model.requests.request import whose
 
 from ..mailbox.foe import FileRead, FileTransfer, FileWrite
-from .changes import content
+from .changes import Changes, content
 from .conversations import Conversations
 
 _PACKETS = 32
@@ -136,13 +136,17 @@ class Files:
         bus: The bus description.
         conversations: The conversations with the slaves.
         states: Their AL states.
-        log: The log for transfers.
+        changes: Tells of transfers.
+        log: The log for those that the end of the bus aborts.
     """
 
-    def __init__(self, bus: Bus, conversations: Conversations, states: States, log: Log) -> None:
+    def __init__(
+        self, bus: Bus, conversations: Conversations, states: States, changes: Changes, log: Log
+    ) -> None:
         self._bus = bus
         self._conversations = conversations
         self._states = states
+        self._changes = changes
         self._log = log
         self._transfers: dict[int, _Transfer] = {}
 
@@ -262,8 +266,7 @@ class Files:
                 "the SHA-256 of the file differs from the one that the client has announced; "
                 "send it again"
             )
-            what, by = _what(item), request.by
-            self._log.notice(f"{what} has not begun, by {by}: {item.error}", failed=True)
+            self._tell(item, f"has not begun, by {request.by}: {item.error}", failed=True)
             self._forget_later(item)
             return
         self._begin(item, FileWrite(request.file, request.password, data))
@@ -272,7 +275,7 @@ class Files:
         item.file, item.began, item.step = file, time.monotonic(), _Step.TRANSFERRING
         size = f" ({item.announced})" if item.request.write else ""
         boot = " in BOOT" if item.request.boot else ""
-        self._log.notice(f"{_what(item)} begins{size}{boot}, by {item.request.by}")
+        self._tell(item, f"begins{size}{boot}, by {item.request.by}")
         item.task = asyncio.create_task(self._run(item, file))
 
     def take(self, request: TakeFoe) -> dict[str, Any]:
@@ -297,7 +300,7 @@ class Files:
         item = self._find(request.transfer)
         if item.step in _ENDED:
             return item.to_map()
-        self._log.notice(f"{_what(item)} was cancelled by {request.by}")
+        self._tell(item, f"was cancelled by {request.by}")
         item.cancelled_by = request.by
         if item.task is None:
             item.step, item.error = _Step.FAILED, item.cancelled
@@ -326,9 +329,9 @@ class Files:
         end = f"after {time.monotonic() - item.began:.1f} s, by {item.request.by}"
         if item.error:
             moved = f"{file.moved} bytes were transferred{more}"
-            self._log.notice(f"{_what(item)} has failed {end}: {item.error}; {moved}", failed=True)
+            self._tell(item, f"has failed {end}: {item.error}; {moved}", failed=True)
         else:
-            self._log.notice(f"{_what(item)} is done {end}: {found}{more}")
+            self._tell(item, f"is done {end}: {found}{more}")
 
     async def _in_boot(self, item: _Transfer, file: FileTransfer) -> None:
         position = item.slave.position
@@ -365,6 +368,10 @@ class Files:
             raise
         except EcatError as error:
             raise type(error)(f"file '{item.request.file}': {error}") from error
+
+    def _tell(self, item: _Transfer, text: str, *, failed: bool = False) -> None:
+        what = _what(item)
+        self._changes.tell_step(what, item.request.by, f"{what} {text}", failed=failed)
 
     def _forget_later(self, item: _Transfer) -> None:
         loop = asyncio.get_running_loop()

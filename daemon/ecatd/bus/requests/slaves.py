@@ -66,7 +66,7 @@ class SlaveRequests:
         self._ethernet = Ethernet(bus, conversations, changes)
         self._idns = Idns(bus, conversations, changes)
         self._wire = Wire(bus, master, config, worker)
-        self._files = Files(bus, conversations, states, log)
+        self._files = Files(bus, conversations, states, changes, log)
 
     def check_free(self, position: int | None) -> None:
         """Checks that no file goes to or from a slave, or from any of them.

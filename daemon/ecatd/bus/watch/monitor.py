@@ -266,8 +266,11 @@ class Monitor:
 
     def _tell_working_counter(self, event: Event) -> None:
         state = shm.WkcState(event.value).name.lower()
-        self._log.debug(f"domain {event.slave}: working counter {state}")
-        self._tell("working_counter", domain=event.slave, state=state, cycle=event.cycle)
+        text = f"domain {event.slave}: working counter {state}"
+        self._log.debug(text)
+        times = self._working_counters[event.slave].taken
+        facts = {"domain": event.slave, "state": state, "cycle": event.cycle, "times": times}
+        self._tell("working_counter", **facts, text=text)
 
     def _tell(self, kind: str, **facts: Any) -> None:
         self._publish({"event": kind, "time_ns": time.time_ns(), **facts})

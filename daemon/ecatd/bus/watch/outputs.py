@@ -142,8 +142,11 @@ class OutputWatch:
             )
         for group, client in groups[-_TOLD:]:
             self._say(group, client)
+            alike: dict[int, list[Event]] = {}
             for event in group:
-                self._publish(event, client)
+                alike.setdefault(event.slave, []).append(event)
+            for events_of_slave in alike.values():
+                self._publish(events_of_slave, client)
 
     def _find_writers(self) -> None:
         if time.monotonic() - self._looked > _FRESH:
@@ -156,8 +159,13 @@ class OutputWatch:
             return ""
         return f"{self._shared.out_path} is open for writing in {names(self._writers)}"
 
-    def _publish(self, event: Event, client: _Client) -> None:
-        facts: dict[str, Any] = {"cycle": event.cycle}
+    def _publish(self, alike: list[Event], client: _Client) -> None:
+        """Publishes one event about the same thing that has happened to the same slave."""
+        event = alike[-1]
+        positions = {event.slave} - {-1}
+        facts: dict[str, Any] = {"cycle": event.cycle, "text": self._text(event, client, positions)}
+        if len(alike) > 1:
+            facts["times"] = len(alike)
         if event.slot >= 0:
             facts |= {"slot": event.slot, "program": client.program, "pid": client.pid}
         if event.slave >= 0:
@@ -176,37 +184,41 @@ class OutputWatch:
         """Logs one line about consecutive events of one kind."""
         first = group[0]
         positions = {event.slave for event in group if event.slave >= 0}
-        slaves, event = self._slaves(positions), EventType(first.type).name.lower()
+        wanted = (
+            first.type == EventType.CLAIMED
+            or (first.type == EventType.SAFE and shm.Reason(first.value) in _EXPECTED)
+            or (first.type == EventType.STOPPED and first.value)
+        )
+        say = self._log.info if wanted else self._log.warning
+        text = self._text(first, who, positions)
+        say(text, EventType(first.type).name.lower(), positions)
+
+    def _text(self, first: Event, who: _Client, positions: set[int]) -> str:
+        """What has happened to slaves: the line of the log, and the text of the event."""
+        slaves, others = self._slaves(positions), ""
+        if first.type in _WRONG:
+            others = self._others(who)
         match first.type:
             case EventType.CLAIMED:
-                self._log.info(f"{who} owns outputs of {slaves}", event, positions)
+                return f"{who} owns outputs of {slaves}"
             case EventType.SAFE:
-                reason = shm.Reason(first.value)
-                say = self._log.info if reason in _EXPECTED else self._log.warning
-                text = f"outputs of {slaves} are safe: {_REASONS[reason].format(who)}"
-                say(text, event, positions)
+                because = _REASONS[shm.Reason(first.value)].format(who)
+                return f"outputs of {slaves} are safe: {because}"
             case EventType.REFUSED:
-                others = self._others(who)
                 by = f"slot {first.slot}, of {who}, got" if others else f"{who} wrote"
-                text = f"{by} {self._refused(first)}" + (others and f"; {others}")
-                self._log.warning(text, event, positions)
+                return f"{by} {self._refused(first)}" + (others and f"; {others}")
             case EventType.MALFORMED:
-                others = self._others(who)
-                self._log.warning(
+                return (
                     f"slot {first.slot}{others and f', of {who},'} contains data that no client "
                     f"library writes; ecatd ignores it: "
-                    + (f"{others}: check what they do" if others else f"check what {who} does"),
-                    event,
+                    + (f"{others}: check what they do" if others else f"check what {who} does")
                 )
-            case EventType.STOPPED if first.value:
-                self._log.info(f"{slaves}: the drive has stopped", event, positions)
-            case EventType.STOPPED:
-                self._log.warning(
-                    f"{slaves}: the drive has not stopped in "
-                    f"{self._patience.get(first.slave, 0):g} s; its controlword is 0 now",
-                    event,
-                    positions,
-                )
+            case _ if first.value:
+                return f"{slaves}: the drive has stopped"
+        return (
+            f"{slaves}: the drive has not stopped in {self._patience.get(first.slave, 0):g} s; "
+            "its controlword is 0 now"
+        )
 
     def _slaves(self, positions: set[int]) -> str:
         if len(positions) == 1:

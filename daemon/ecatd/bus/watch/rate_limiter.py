@@ -16,6 +16,9 @@ class Throttle:
     Args:
         tell: Gets the events.
         pause: Seconds between two of them.
+
+    Attributes:
+        taken: How many events the last one that was passed on stands for.
     """
 
     def __init__(self, tell: Callable[[Event], None], pause: float) -> None:
@@ -24,10 +27,12 @@ class Throttle:
         self._latest: Event | None = None
         self._told: int | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._waiting = self.taken = 0
 
     def note(self, event: Event) -> None:
         """Takes an event."""
         self._latest = event
+        self._waiting += 1
         if self._timer is None:
             self._pass_on()
 
@@ -37,6 +42,7 @@ class Throttle:
         if event is None or event.value == self._told:
             return
         self._told = event.value
+        self.taken, self._waiting = self._waiting, 0
         self._timer = asyncio.get_running_loop().call_later(self._pause, self._pass_on)
         self._tell(event)
 

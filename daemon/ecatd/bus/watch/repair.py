@@ -289,62 +289,60 @@ class Repair:
                 self._log.debug(f"slave {position}: this try failed ({failure.condition}): {text}")
             if self._recovery.done(position, failure) and failure is not None and failure.text:
                 news[position] = failure
-                self._tell_one(position, failure.condition, text=failure.text)
+                (text,) = _lines(self._bus, {position: failure})
+                self._tell_one(position, failure.condition, text)
         for line in _lines(self._bus, news):
             self._log.warning(line, "recovery", news)
 
     def _tell_plan(self, plan: Plan) -> None:
         for position in plan.fallen:
             self._steps.pop(position, None)
-            self._tell_one(position, "fallen")
-        for position in plan.ask:
-            self._tell_step(position, "asked")
-        for position in plan.set_up:
-            self._tell_step(position, "set_up")
-        if plan.ask:
-            self._log.debug(f"{name_slaves(self._bus, plan.ask)}: asked for OP again")
-        if plan.set_up:
-            self._log.debug(
-                f"{name_slaves(self._bus, plan.set_up)}: ecatd looks for it and sets it up"
-            )
+            self._tell_one(position, "fallen", f"{self._bus.slaves[position].label}: left OP")
+        self._tell_step(plan.ask, "asked", "asked for OP again")
+        self._tell_step(plan.set_up, "set_up", "ecatd looks for it and sets it up")
         self._tell_recovered(plan.recovered)
         if plan.slow:
-            self._log.warning(
-                f"{name_slaves(self._bus, plan.slow)}: not back in OP after {QUICK_TRIES} tries; "
-                f"ecatd goes on with one try every {self._retry_s:g} s while OP is wanted",
-                "recovery",
-                plan.slow,
+            what = (
+                f"not back in OP after {QUICK_TRIES} tries; "
+                f"ecatd goes on with one try every {self._retry_s:g} s while OP is wanted"
             )
-        for position in plan.slow:
-            self._tell_one(position, "slow")
+            text = f"{name_slaves(self._bus, plan.slow)}: {what}"
+            self._log.warning(text, "recovery", plan.slow)
+            for position in plan.slow:
+                self._tell_one(position, "slow", f"{self._bus.slaves[position].label}: {what}")
         for position, text in plan.refused.items():
             line = f"{self._bus.slaves[position].label} stays out of OP: {text}"
             self._log.error(line, "recovery", [position])
-            self._tell_one(position, Condition.REFUSED, text=text)
+            self._tell_one(position, Condition.REFUSED, line)
 
-    def _tell_step(self, position: int, step: str) -> None:
-        """Reports what is tried with a slave, unless the last try was the same."""
-        if self._steps.get(position) != step:
-            self._steps[position] = step
-            self._tell_one(position, step)
+    def _tell_step(self, positions: list[int], step: str, what: str) -> None:
+        """Reports what is tried with slaves; an event only if the last try was another one."""
+        if positions:
+            self._log.debug(f"{name_slaves(self._bus, positions)}: {what}")
+        for position in positions:
+            if self._steps.get(position) != step:
+                self._steps[position] = step
+                self._tell_one(position, step, f"{self._bus.slaves[position].label}: {what}")
 
     def _tell_recovered(self, recovered: dict[int, float]) -> None:
         joined = [position for position, seconds in recovered.items() if math.isinf(seconds)]
+        first_time = "there for the first time, and in OP"
         for position in joined:
-            self._tell_one(position, "joined")
+            self._tell_one(position, "joined", f"{self._bus.slaves[position].label}: {first_time}")
         if joined:
-            text = f"{name_slaves(self._bus, joined)}: there for the first time, and in OP"
+            text = f"{name_slaves(self._bus, joined)}: {first_time}"
             self._log.info(text, "recovery", joined)
         back = {n: seconds for n, seconds in recovered.items() if n not in joined}
         for position, seconds in back.items():
-            self._tell_one(position, "recovered", seconds=seconds)
+            text = f"{self._bus.slaves[position].label}: back in OP after {seconds:.1f} s"
+            self._tell_one(position, "recovered", text, seconds=seconds)
         if back:
             names = name_slaves(self._bus, list(back))
             text = f"{names}: back in OP after {max(back.values()):.1f} s"
             self._log.info(text, "recovery", back)
 
-    def _tell_one(self, position: int, state: str, **facts: object) -> None:
-        self._tell("recovery", slave=position, state=str(state), **facts)
+    def _tell_one(self, position: int, state: str, text: str, **facts: object) -> None:
+        self._tell("recovery", slave=position, state=str(state), text=text, **facts)
 
 
 def _failure(missed: Missed) -> Failure:
