@@ -15,6 +15,7 @@ from ecatd.bus.start import mapping
 from ecatd.model.al import AlState
 from ecatd.model.config import Config, load_config
 from ecatd.model.errors import EcatError
+from ecatd.model.patience import Patience
 
 pytestmark = pytest.mark.bus
 
@@ -32,8 +33,8 @@ def master_that_writes(*tables: str) -> Any:
     """Configures the slave with its own PDOs, then with those of each table, then with its own."""
     master, found = Master([FIRST]), []
     try:
-        master.scan(5)
-        master.al_states.wait_for(AlState.PREOP, 5)
+        master.scan(Patience(5.0))
+        master.al_states.wait_for(AlState.PREOP, Patience(5.0))
         scanned = mapping.identify_slaves(master)
         for table in ("", *tables, ""):
             with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
@@ -71,6 +72,17 @@ def test_a_refused_mapping_leaves_the_slave_as_it_was(
     assert last == first
     assert first[0] == []
     assert any(pdo[0] >= 0x1A00 and len(pdo) > 1 for pdo in first[1])
+
+
+def test_a_slave_that_names_no_pdo_anywhere_is_told(rig: Path) -> None:
+    rig.write_text(
+        'name = "silent"\n[[slave]]\ndevice = "EK1100"\n[[slave]]\n'
+        'vendor = 0xFFFF\nproduct = 1\nname = "ClipX"\nmailbox = {}\n'
+    )
+    first, last = run(rig, master_that_writes)
+    assert first == last
+    names(*first[0], "slave 1 (ClipX)", "no process data", "EEPROM", "[[slave.pdo]]")
+    assert first[1] == []
 
 
 def test_a_slave_without_its_usual_pdos_is_named(rig: Path) -> None:

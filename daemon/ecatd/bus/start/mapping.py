@@ -189,6 +189,7 @@ def configure_slaves(
 
 
 def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
+    item.refused = []
     try:
         if item.settings.is_told or item.gets_ip:
             talk = SlaveConfiguration(item.slave, item.sii, coe, item.settings).tell()
@@ -197,7 +198,8 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
             return
         found = yield from Assignment(item.slave, item.sii, coe, item.settings).read()
         take_believed(item, found)
-        item.refused = [*item.refused, *warn_of_none(item.slave, item.sii, item.settings)]
+        if not item.doubt:
+            item.refused = [*item.refused, *warn_of_none(item.slave, item.sii, item.settings)]
     except RefusedError:
         raise
     except (NoAnswerError, StateError, SdoAbortError) as error:

@@ -295,10 +295,17 @@ def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
 def warn_of_none(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
     """Returns warnings about a slave without process data in a direction in which it has PDOs.
 
-    This happens when a program has begun to write its PDO assignment, and has not finished.
+    This happens when a program has begun to write its PDO assignment, and has not finished. And
+    some slaves describe their PDOs neither in their dictionary nor in their EEPROM.
     """
     if settings.pdos is not None or settings.mapped:
         return []
+    if not any(pdo.entries for pdo in (*slave.outputs, *slave.inputs, *sii.outputs, *sii.inputs)):
+        return [
+            f"{slave.label} has no process data: neither its PDO assignment nor its EEPROM names "
+            "PDOs. If it should have some, plug in its modules, or write the `pdos` and the "
+            "[[slave.pdo]] tables of its manual into its [[slave]] table"
+        ]
     return [
         f"{slave.label} has no {what} now, though its EEPROM assigns {indices_text(offered)}: "
         "switch its power off and on, or name the PDOs in its [[slave]] table"
