@@ -33,6 +33,7 @@ PORTS_IN_ORDER = (3, 1, 2)
 
 _PATIENCE = Patience(5.0)
 _CHIP, _DL_STATUS = 0x0000, 0x0110
+_WATCHDOG_DIVIDER, _WATCHDOG_PDI, _WATCHDOG_DATA = 0x0400, 0x0410, 0x0420
 _CHIP_SIZE = 10
 _COE = 0x04
 _STATE = 0x0F  # the state bits of the AL status
@@ -65,6 +66,8 @@ class CapturedSlave:
         chip: Registers 0x0000 to 0x0009.
         dl_status: Register 0x0110.
         clock: Whether register 0x0910 (system time) answers.
+        watchdogs: Registers 0x0400, 0x0410 and 0x0420: divider, and the times of the watchdogs of
+            PDI and process data.
         coe: Whether it supports CoE, as its EEPROM says.
         objects: Its object dictionary; None if the slave does not describe it or it was not read.
         values: The answers to uploads by index and subindex.
@@ -78,6 +81,7 @@ class CapturedSlave:
     dl_status: int
     clock: bool
     coe: bool
+    watchdogs: tuple[int, int, int] = (2498, 1000, 1000)
     objects: list[DictionaryObject] | None = None
     values: dict[tuple[int, int], Upload] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -133,15 +137,20 @@ def _slave(
     here = f"slave {position + 1} of {count}: {name}"
     progress(f"{here}: EEPROM")
     (sii,) = master.read_eeproms(whole_image, [position])
+
+    def word(register: int) -> int:
+        return int.from_bytes(master.register_read(position, register, 2), "little")
+
     (protocols,) = struct.unpack_from("<H", sii.ljust(0x40, b"\0"), 2 * 0x1C)
     slave = CapturedSlave(
         position,
         name,
         sii,
         master.register_read(position, _CHIP, _CHIP_SIZE),
-        struct.unpack("<H", master.register_read(position, _DL_STATUS, 2))[0],
+        word(_DL_STATUS),
         clock,
         bool(protocols & _COE),
+        (word(_WATCHDOG_DIVIDER), word(_WATCHDOG_PDI), word(_WATCHDOG_DATA)),
     )
     if slave.coe:
         report = (lambda line: progress(f"{here}: {line}")) if objects else None

@@ -34,7 +34,11 @@ class Chip:
         features: Bits 4 to 8 of register 0x0008, which have no effect in the simulation; without a
             clock, bits 4 and 8 are 0.
         eeprom_bytes: Bytes that one read of the EEPROM returns: 8 or 4.
-        eeprom_read_us: How long the EEPROM interface is busy reading or reloading, in µs.
+        watchdog_divider: Register 0x0400 at power-on: ticks of (divider + 2) * 40 ns.
+        watchdog_pdi: Register 0x0410 at power-on: the PDI watchdog in ticks; 0 switches it off.
+        watchdog_data: Register 0x0420 at power-on: the process data watchdog, in the same way.
+        eeprom_read_us: How long the EEPROM interface is busy reading or reloading, in µs. The
+            default is that of an ET1100, which reads eight bytes at about 150 kHz.
         eeprom_write_us: How long it is busy writing a word, in µs.
     """
 
@@ -53,16 +57,25 @@ class Chip:
     map_bits: bool = True
     features: int = 0x01F0
     eeprom_bytes: int = 8
-    eeprom_read_us: int = 0
-    eeprom_write_us: int = 0
+    watchdog_divider: int = 2498
+    watchdog_pdi: int = 1000
+    watchdog_data: int = 1000
+    eeprom_read_us: int = 680
+    eeprom_write_us: int = 280
 
 
 MODELS = {
     "ET1100": Chip(features=0x00F0),
     "ET1200": Chip(0x12, fmmus=3, sync_managers=4, ram_kib=1, dc_by_sii=True),
-    "IP Core": Chip(0x04, 2, 0x43, ram_kib=60, features=0x0180, eeprom_bytes=4),
+    "IP Core": Chip(0x04, 2, 0x43, ram_kib=60, features=0x0180, eeprom_bytes=4, eeprom_read_us=440),
     "LAN9252": Chip(
-        0xC0, 2, 2, fmmus=3, sync_managers=4, ram_kib=4, features=0x01C0, eeprom_bytes=4
+        *(0xC0, 2, 2),
+        fmmus=3,
+        sync_managers=4,
+        ram_kib=4,
+        features=0x01C0,
+        eeprom_bytes=4,
+        eeprom_read_us=440,
     ),
 }
 """Common controllers by name, as data sheets and recordings of real slaves show them.
@@ -90,6 +103,9 @@ class Config(ctypes.Structure):
         ("eeprom_bytes", ctypes.c_uint8),
         ("dc_by_sii", ctypes.c_uint8),
         ("features", ctypes.c_uint16),
+        ("watchdog_divider", ctypes.c_uint16),
+        ("watchdog_pdi", ctypes.c_uint16),
+        ("watchdog_data", ctypes.c_uint16),
         ("eeprom_read_us", ctypes.c_uint32),
         ("eeprom_write_us", ctypes.c_uint32),
     )
@@ -114,6 +130,9 @@ def config(chip: Chip) -> Config:
         chip.eeprom_bytes,
         chip.dc_by_sii,
         _features(chip),
+        chip.watchdog_divider,
+        chip.watchdog_pdi,
+        chip.watchdog_data,
         chip.eeprom_read_us,
         chip.eeprom_write_us,
     )
@@ -133,12 +152,15 @@ def _features(chip: Chip) -> int:
     return features
 
 
-def from_registers(registers: bytes, *, clock: bool) -> Chip:
+def from_registers(
+    registers: bytes, *, clock: bool, watchdogs: tuple[int, int, int] = (2498, 1000, 1000)
+) -> Chip:
     """Makes the controller that a master has found on a real segment.
 
     Args:
         registers: Registers 0x0000 to 0x0009.
         clock: Whether register 0x0910 (system time) answers.
+        watchdogs: Registers 0x0400, 0x0410 and 0x0420.
     """
     *first, features = struct.unpack("<BBHBBBBH", registers)
     dc = bool(features & _DC)
@@ -158,6 +180,9 @@ def from_registers(registers: bytes, *, clock: bool) -> Chip:
         read_write=not features & _NO_READ_WRITE,
         map_bits=not features & _BYTES_ONLY,
         features=features & _OTHERS | (0 if dc else _NEEDS_CLOCK),
+        watchdog_divider=watchdogs[0],
+        watchdog_pdi=watchdogs[1],
+        watchdog_data=watchdogs[2],
     )
 
 
@@ -169,6 +194,9 @@ def _check(chip: Chip) -> None:
         ("dc_bits", (32, 64)),
         ("eeprom_bytes", (4, 8)),
         ("features", range(0, 0x0200, 0x10)),
+        ("watchdog_divider", range(1 << 16)),
+        ("watchdog_pdi", range(1 << 16)),
+        ("watchdog_data", range(1 << 16)),
         ("eeprom_read_us", range(1 << 32)),
         ("eeprom_write_us", range(1 << 32)),
     )

@@ -57,6 +57,7 @@ struct esc_config {
     uint8_t dc_by_sii;     /* SII word 0 switches the units of the clock on (bits 10 and 11) */
     uint16_t features;     /* register 0x0008; bit 0: FMMUs map whole bytes only, 2 and 3: as
                               `dc_bits`, 9: no LRW, 10: no BRW, APRW and FPRW */
+    uint16_t watchdog_divider, watchdog_pdi, watchdog_data; /* 0x0400, 0x0410, 0x0420 at power-on */
     uint32_t eeprom_read_us, eeprom_write_us; /* how long the EEPROM is busy */
 };
 

@@ -328,6 +328,7 @@ void frame_process(struct esc_segment *segment, unsigned interface, uint8_t *fra
     *passage = (struct esc_passage){.exit = LOST, .copies = 1};
     if (size < FRAME_HEADER || (frame[12] << 8 | frame[13]) != ETHERTYPE_ECAT)
         return;
+    topology_restore_loops(segment);
     if (segment->topology_stale)
         topology_update(segment);
     segment->route = &segment->routes[interface];

@@ -47,10 +47,9 @@ enum {
     AL_EVENT_MASK_DEFAULT = 0x00FFFF0F,
     PDI_SYNC_UNIT = 0x04, /* of register 0x0141 */
     PDI_LATCH_UNIT = 0x08,
-    WATCHDOG_DIVIDER_DEFAULT = 2498, /* (2498 + 2) * 40 ns = 100 us */
-    WATCHDOG_DEFAULT = 1000,         /* 100 ms */
     DL_ALIAS_ENABLE = 0x01,          /* of register 0x0103 */
     DL_CONTROL_DEFAULT = 0x01,       /* forward EtherCAT frames only */
+    DEVICE_EMULATION = 0x01,         /* of register 0x0141 */
     PROTECTED = 0x01,                /* of registers 0x0021 and 0x0031 */
     PROTECTED_REGISTERS = 0x0F80,    /* their end; user RAM and process data RAM follow */
     LED_TAKEN = 0x10                 /* of register 0x0138 */
@@ -74,7 +73,7 @@ static void update_station(struct slave *slave)
     segment->alias[slave->position] = alias ? load16(memory + REG_STATION_ALIAS) : 0x10000U;
 }
 
-static void power_on_identity(uint8_t *memory, const struct esc_config *config)
+static void power_on_settings(uint8_t *memory, const struct esc_config *config)
 {
     memory[REG_TYPE] = config->type;
     memory[REG_REVISION] = config->revision;
@@ -84,6 +83,9 @@ static void power_on_identity(uint8_t *memory, const struct esc_config *config)
     memory[REG_RAM_SIZE] = config->ram_kib;
     memory[REG_PORTS] = config->ports;
     store16(memory + REG_FEATURES, config->features);
+    store16(memory + REG_WATCHDOG_DIVIDER, config->watchdog_divider);
+    store16(memory + REG_WATCHDOG_PDI, config->watchdog_pdi);
+    store16(memory + REG_WATCHDOG_DATA, config->watchdog_data);
 }
 
 /* Puts everything in the controller into its state at power-on, except the links of the ports. */
@@ -91,21 +93,19 @@ void registers_power_on(struct slave *slave)
 {
     uint8_t *memory = slave->memory;
     memset(memory, 0, slave->ram_end);
-    power_on_identity(memory, &slave->config);
+    power_on_settings(memory, &slave->config);
     memory[REG_DL_CONTROL] = DL_CONTROL_DEFAULT;
     memory[REG_DL_STATUS] = DL_PDI_WATCHDOG;
     memory[REG_AL_CONTROL] = 1;
     memory[REG_AL_STATUS] = 1;
     store32(memory + REG_AL_EVENT_MASK, AL_EVENT_MASK_DEFAULT);
-    store16(memory + REG_WATCHDOG_DIVIDER, WATCHDOG_DIVIDER_DEFAULT);
-    store16(memory + REG_WATCHDOG_PDI, WATCHDOG_DEFAULT);
-    store16(memory + REG_WATCHDOG_DATA, WATCHDOG_DEFAULT);
     memory[REG_WATCHDOG_STATUS] = 1;
     slave->sm_interrupts = slave->protected = false;
     slave->has_outputs = slave->awaits_outputs = false;
     slave->fed = slave->expired = slave->pdi_expired = false;
     slave->deadline_ns = slave->pdi_ns = 0;
-    slave->write_enabled = slave->esc_write_enabled = 0;
+    slave->write_enabled = slave->esc_write_enabled = slave->al_controlled = 0;
+    slave->loops_until_ns = 0;
     memset(slave->reset_step, 0, sizeof slave->reset_step);
     memset(slave->sm, 0, sizeof slave->sm);
     for (unsigned i = 0; i < slave->sync_managers; i++)
@@ -196,6 +196,20 @@ static void write_sync_managers(struct slave *slave, uint32_t from, const uint8_
     }
 }
 
+/* Whether the master may write AL control. It is like a mailbox: a second write is not taken before
+ * the device has read the first one, which it cannot do within a frame. Between frames, the device
+ * counts as fast enough. With device emulation, nobody reads it, and every write is taken. */
+static bool takes_al_control(struct slave *slave)
+{
+    uint64_t frame = frame_number(slave->segment);
+    if ((slave->memory[REG_PDI_CONTROL + 1] & DEVICE_EMULATION) != 0)
+        return true;
+    if (slave->al_controlled == frame)
+        return false;
+    slave->al_controlled = frame;
+    return true;
+}
+
 static void take_effect(struct slave *slave, uint32_t from, uint32_t to)
 {
     uint8_t *memory = slave->memory;
@@ -244,7 +258,10 @@ static void write_area(struct slave *slave, uint32_t from, uint32_t to, const ui
     if (touches(from, to, REG_EEPROM_CONTROL, REG_EEPROM_END - REG_EEPROM_CONTROL) &&
         !eeprom_accepts(slave, false))
         return;
+    uint8_t loops = slave->memory[REG_DL_CONTROL + 1];
     memcpy(slave->memory + from, data, to - from);
+    if (touches(from, to, REG_DL_CONTROL, 2))
+        topology_set_loops(slave, loops);
     take_effect(slave, from, to);
 }
 
@@ -322,7 +339,7 @@ bool registers_write(struct slave *slave, uint32_t address, const uint8_t *data,
         uint32_t from = writable[i].from > address ? writable[i].from : address;
         uint32_t last = end_of_area(slave, writable[i].from, writable[i].to);
         uint32_t to = last < end ? last : end;
-        if (from >= to)
+        if (from >= to || (writable[i].from == REG_AL_CONTROL && !takes_al_control(slave)))
             continue;
         any = true;
         write_area(slave, from, to, data + (from - address));

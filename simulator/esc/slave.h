@@ -148,6 +148,9 @@ struct slave {
     bool pdi_expired;    /* PDI watchdog has expired */
     uint8_t reset_step[2]; /* letters of the reset sequence so far: of master and device */
     uint64_t write_enabled, esc_write_enabled; /* numbers of frames, see `frame_number` */
+    uint64_t al_controlled;  /* number of the frame that has written AL control last */
+    int64_t loops_until_ns;  /* the loop control is temporary until then; 0 = it is not */
+    uint8_t loops_before;    /* the loop control that then comes back */
     unsigned area_count;
     struct esc_area areas[ESC_MAX_CHANNELS];
     struct esc_config config;
@@ -205,6 +208,7 @@ struct esc_segment {
     uint32_t alias[ESC_MAX_SLAVES];   /* 0x10000 = not enabled */
     bool event_word_stale;            /* event words of the routes must be computed again */
     bool fmmus_changed;               /* FMMUs must be collected again */
+    bool temporary_loops;             /* a slave may have a temporary loop control */
     bool topology_stale;              /* loops may have changed; updated before the next frame */
     struct plug interfaces[INTERFACES];
     bool no_carrier[INTERFACES]; /* nothing is plugged in there, or its other end is switched off */
@@ -284,6 +288,10 @@ void ports_count_noise(struct esc_segment *segment, const struct route *route, s
 void topology_plug_next(struct slave *slave);
 void topology_update(struct esc_segment *segment);
 void topology_refresh(struct esc_segment *segment);
+/* Called when the master has written DL control; `before` is the loop control until now. */
+void topology_set_loops(struct slave *slave, uint8_t before);
+/* Ends temporary loop controls whose time is over. */
+void topology_restore_loops(struct esc_segment *segment);
 void topology_wake(struct esc_segment *segment, const struct route *route);
 /* Returns when the current frame arrives at a port, in ns after it entered; -1 if it does not. */
 int64_t topology_arrival(const struct slave *slave, unsigned port);

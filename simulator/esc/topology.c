@@ -19,6 +19,9 @@ enum {
     PORT_EBUS = 2 /* port descriptor: lower values mean that there is no port */
 };
 
+enum { DL_TEMPORARY = 0x02 }; /* of register 0x0100: the loop control holds for about a second */
+static const int64_t TEMPORARY_NS = 1000000000;
+
 static const uint8_t next_port[PORTS] = {3, 2, 0, 1};
 
 static bool has_port(const struct slave *slave, unsigned port)
@@ -151,6 +154,34 @@ void topology_update(struct esc_segment *segment)
         update_slave(segment->slaves[i]);
     for (unsigned i = 0; i < INTERFACES; i++)
         trace(segment, i);
+}
+
+void topology_set_loops(struct slave *slave, uint8_t before)
+{
+    bool temporary = (slave->memory[REG_DL_CONTROL] & DL_TEMPORARY) != 0;
+    if (temporary && slave->loops_until_ns == 0)
+        slave->loops_before = before; /* else the one before the first temporary one comes back */
+    slave->loops_until_ns = temporary ? frame_time_ns(slave->segment) + TEMPORARY_NS : 0;
+    slave->segment->temporary_loops |= temporary;
+}
+
+void topology_restore_loops(struct esc_segment *segment)
+{
+    if (!segment->temporary_loops)
+        return;
+    int64_t now_ns = frame_time_ns(segment);
+    segment->temporary_loops = false;
+    for (unsigned i = 0; i < segment->count; i++) {
+        struct slave *slave = segment->slaves[i];
+        if (slave->loops_until_ns == 0 || now_ns < slave->loops_until_ns) {
+            segment->temporary_loops |= slave->loops_until_ns != 0;
+            continue;
+        }
+        slave->loops_until_ns = 0;
+        slave->memory[REG_DL_CONTROL + 1] = slave->loops_before;
+        slave->reopen = true;
+        segment->topology_stale = true;
+    }
 }
 
 /* Applies writes to the loop control that are still pending. Called before links change. */

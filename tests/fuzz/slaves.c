@@ -26,6 +26,9 @@ static size_t random_chip(struct source *source, unsigned number, struct esc_con
         .dc_by_sii = number % 4 < 2,
         .dc_bits = number % 4 == 1 ? 32 : number % 4 == 2 ? 0 : 64,
         .eeprom_bytes = number % 2 == 0 ? 8 : 4,
+        .watchdog_divider = 2498,
+        .watchdog_pdi = 1000,
+        .watchdog_data = 1000,
         .eeprom_read_us = number % 3 == 1 ? 20 : 0,
         .eeprom_write_us = number % 3 == 2 ? 50 : 0,
     };

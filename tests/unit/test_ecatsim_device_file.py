@@ -434,6 +434,57 @@ sync0_shift_ns = -500
         load(tmp_path, text.replace("assign_activate = 0", "assign_activate = 65536"))
 
 
+def test_a_device_that_contradicts_itself(tmp_path: Path) -> None:
+    more = """
+mailbox = {}
+[[told]]
+index = 0x1600
+values = [0x70000110, 0x8]
+[[told]]
+index = 0x1A00
+missing = true
+[[told]]
+index = 0x1C13
+values = [0x001A]
+"""
+    device = load(tmp_path, SMALL.replace("[[pdo]]", more + "[[pdo]]", 1))
+    read = device.dictionary.entry
+    assert [read(0x1600, i).decode(read(0x1600, i).encode()) for i in range(3)] == [
+        2,
+        0x70000110,
+        8,
+    ]
+    assert 0x1A00 not in device.dictionary
+    assert [read(0x1C13, i).decode(read(0x1C13, i).encode()) for i in range(2)] == [1, 0x001A]
+    assert device.room == (2, 2), "what counts is as it was"
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("index = 0x1C0F\nvalues = []", "told[0].index | 0x1C10"),
+        ("index = 0x1A00", "`values` | `missing = true`"),
+        ("index = 0x1A00\nvalues = []\nmissing = true", "`values` | `missing = true`"),
+        ("index = 0x1C13\nvalues = [65536]", "told[0].values[0] | 65536 | 65535"),
+    ],
+)
+def test_mistakes_in_told(tmp_path: Path, row: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=naming(*message.split(" | "))):
+        load(tmp_path, f"{SMALL}[[told]]\n{row}\n")
+
+
+def test_an_assignment_may_name_a_pdo_that_does_not_exist(tmp_path: Path) -> None:
+    values = "".join(
+        f'{{ subindex = {i}, name = "{i}", type = "uint{8 if i == 0 else 16}", value = {value} }}, '
+        for i, value in enumerate((2, 0x1A07, 0x1A00))
+    )
+    head = SMALL.replace('name = "Doubler"', 'name = "Doubler"\nmailbox = {}')
+    more = f'[[object]]\nindex = 0x1C13\nname = "Assign"\nentry = [{values}]\n'
+    device = load(tmp_path, head + more)
+    assert [device[0x1C13, i] for i in range(3)] == [2, 0x1A07, 0x1A00]
+    assert device._process_data.inputs.size == 2
+
+
 def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
     """Attributes of `Device` that not a key of the same name sets are set by others."""
     other = {
@@ -442,6 +493,8 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
         "sync_managers": "sync_manager",
         "dc_modes": "dc_mode",
         "idns": "idn",
+        "told_mappings": "told",
+        "told_assignments": "told",
     }
     names = {other.get(name, name) for name in device_attributes.attributes()}
     assert names <= set(device_file.keys())

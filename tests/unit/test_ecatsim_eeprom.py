@@ -2,12 +2,14 @@
 
 import struct
 import time
+from dataclasses import replace
 
 import pytest
 from test_ecatsim_frames import APRD, APWR, datagram, frame, send
 
 from conftest import naming
 from ecatd.model.errors import StateError, UsageError
+from ecatsim.chip import MODELS
 from ecatsim.esc import Chip, Event, Segment
 from ecatsim.slave.sii import Description, build, checksum
 
@@ -18,9 +20,12 @@ IMAGE = build(Description(0x11, 0x22, 0x33, serial=0x44, alias=5, pdi_control=0x
 HOUR_US = 3_600_000_000
 
 
-def one(chip=None, image=IMAGE):
+AT_ONCE = Chip(eeprom_read_us=0, eeprom_write_us=0)
+
+
+def one(chip=AT_ONCE, image=IMAGE):
     segment = Segment()
-    segment.add(chip or Chip(), image)
+    segment.add(chip, image)
     return segment
 
 
@@ -51,7 +56,7 @@ def register(segment, address, size=1):
 
 @pytest.mark.parametrize(("count", "bit"), [(8, EIGHT_BYTES), (4, 0)])
 def test_a_read_brings_four_or_eight_bytes(count, bit):
-    segment = one(Chip(eeprom_bytes=count))
+    segment = one(replace(AT_ONCE, eeprom_bytes=count))
     command(segment, READ, 8)
     assert status(segment) == bit
     assert data(segment) == struct.pack("<II", 0x11, 0x22)[:count].ljust(8, b"\0")
@@ -94,8 +99,23 @@ def test_it_is_busy_for_the_time_of_the_chip():
     segment.close()
 
 
+@pytest.mark.parametrize("chip", [Chip(), *MODELS.values()])
+def test_usual_controllers_are_busy(chip):
+    """So a master that does not ask whether the EEPROM is busy reads nothing."""
+    segment = one(chip)
+    both = frame(
+        datagram(APWR, 0, 0x0502, struct.pack("<HI", READ, 8), more=True),
+        datagram(APRD, 0, 0x0502, bytes(2)),
+    )
+    assert int.from_bytes(segment.process(both)[-4:-2], "little") & BUSY
+    time.sleep(0.01)
+    assert status(segment) & BUSY == 0
+    assert data(segment)[:4] == struct.pack("<I", 0x11)
+    segment.close()
+
+
 def test_a_write_takes_its_own_time():
-    segment = one(Chip(eeprom_write_us=HOUR_US))
+    segment = one(replace(AT_ONCE, eeprom_write_us=HOUR_US))
     command(segment, READ, 8)
     assert status(segment) & BUSY == 0
     command(segment, WRITE | ENABLE, 4, b"\x34\x12")

@@ -322,8 +322,7 @@ def test_swap(bench):
     b.send(APWR, 0xFFFE, 0x0010, b"\x03\x10")
 
     def product():
-        b.send(APWR, 0xFFFE, 0x0502, struct.pack("<HI", 0x0100, 0x000A))
-        return b.read(2, 0x0508, 4)[0]
+        return words(b, 2, 0x000A)
 
     assert product() == struct.pack("<I", 0x20)
     b.faults.swap(2, "EL2008")
@@ -444,10 +443,16 @@ def eeprom(b, position, size=256):
     """The SII image as a master reads it."""
     image = b""
     for word in range(0, size // 2, 2):
-        request = struct.pack("<HI", 0x0100, word)
-        b.send(APWR, -position & 0xFFFF, 0x0502, request)
-        image += b.read(position, 0x0508, 4)[0]
+        image += words(b, position, word)
     return image
+
+
+def words(b, position, word):
+    """Two words of the SII."""
+    b.send(APWR, -position & 0xFFFF, 0x0502, struct.pack("<HI", 0x0100, word))
+    while b.read(position, 0x0503, 1)[0][0] & 0x80:
+        pass  # it is busy
+    return b.read(position, 0x0508, 4)[0]
 
 
 def test_eeprom(bench, tmp_path):

@@ -17,7 +17,7 @@ def segment():
     segment = Segment()
     for i in range(SLAVES):
         segment.add(
-            Chip(),
+            Chip(eeprom_read_us=0, eeprom_write_us=0),
             build(Description(0x10 + i, 0x20 + i, 0x30, alias=0x1234, order="S", pdi_control=5)),
         )
     yield segment

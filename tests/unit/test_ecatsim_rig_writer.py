@@ -13,6 +13,7 @@ from ecatd.model.errors import SdoAbortError
 from ecatsim import Device
 from ecatsim.capture import CapturedSlave, Upload, topology
 from ecatsim.devices.library import make
+from ecatsim.esc import Segment
 from ecatsim.files import rig_file
 from ecatsim.files.rig_writer import rig_text
 
@@ -110,6 +111,19 @@ def test_the_chip_is_that_of_the_slave(tmp_path: Path) -> None:
     assert (device.chip.dc, device.chip.dc_bits, device.chip.lrw) == (True, 32, True)
     (device,) = read_back(tmp_path, slave(chip=registers[:8] + b"\x0c\x02"))
     assert (device.chip.dc_bits, device.chip.lrw) == (64, False)
+
+
+def test_watchdogs_are_those_of_the_slave(tmp_path: Path) -> None:
+    (usual, off) = read_back(tmp_path, slave(), slave(position=1, watchdogs=(98, 0, 0)))
+    text = (tmp_path / "captured.toml").read_text()
+    assert text.count("watchdog") == 3
+    assert "strict" not in text
+    segment = Segment()
+    for device, times in ((usual, (2498, 1000, 1000)), (off, (98, 0, 0))):
+        place = segment.add(device.chip, device.sii_image())
+        found = [segment.read(place, register, 2) for register in (0x0400, 0x0410, 0x0420)]
+        assert tuple(int.from_bytes(data, "little") for data in found) == times
+    segment.close()
 
 
 def test_notes_stay_within_their_comment(tmp_path: Path) -> None:

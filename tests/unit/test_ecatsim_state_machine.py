@@ -4,6 +4,7 @@ import struct
 
 import pytest
 from slave_bench import ACK, BOOT, ERROR, INIT, OP, PREOP, SAFEOP, Bench
+from test_ecatsim_frames import APWR, datagram, frame
 
 from ecatd.model.pdo import Entry, Pdo
 from ecatsim import AlState, Device, Mailbox, RefusedError
@@ -221,6 +222,31 @@ def test_acknowledgement_and_new_state_in_one_request():
     bench.set_process_data()
     assert bench.request(OP) == (PREOP | ERROR, 0x11)
     assert bench.request(SAFEOP | ACK) == (SAFEOP, 0)
+
+
+def test_al_control_is_taken_once_in_a_frame():
+    """Like a mailbox, which the device must read first. Nobody reads it with device emulation."""
+
+    class Emulated(Device):
+        vendor, product, pdi_control, emulated = 1, 1, 0x0105, True
+
+    for device, counters, state in ((Plain(), (1, 0), INIT), (Emulated(), (1, 1), PREOP)):
+        bench = Bench(device)
+        requests = (datagram(APWR, 0, 0x0120, bytes([s, 0]), more=s == INIT) for s in (INIT, PREOP))
+        reply = bench.segment.process(frame(*requests))
+        assert (reply[28], reply[42]) == counters
+        assert bench.pump().read(0x0120, 1)[0] == state
+        assert bench.write(0x0120, b"\2\0") == 1
+
+
+def test_slow_state_changes():
+    device = Plain()
+    device.state_delay = 0.05
+    bench = Bench(device)
+    bench.set_mailboxes()
+    assert bench.request(PREOP) == (INIT, 0)
+    assert bench.run(0.04).al() == (INIT, 0)
+    assert bench.run(0.02).al() == (PREOP, 0)
 
 
 def test_refused_transition_keeps_the_state():

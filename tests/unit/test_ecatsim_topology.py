@@ -288,6 +288,31 @@ def test_port_0_is_kept_for_a_slave_that_has_closed_all_ports(make):
     assert dl_status(segment, 0) == 0x5513
 
 
+def test_a_temporary_loop_control_comes_back_after_a_second(make):
+    segment = make(*[EBUS2] * 3)
+    begin, second = 5_000_000_000, 1_000_000_000
+
+    def answers(now_ns, *datagrams):
+        look = datagram(BRD, 0, 0, bytes(1))
+        reply = segment.enter(frame(*datagrams, look), 0, now_ns).frame
+        return int.from_bytes(reply[-2:], "little")
+
+    def close(at, now_ns, temporary):
+        control = bytes([2 * temporary, 0x0C])
+        return answers(now_ns, datagram(APWR, -at, 0x0100, control, more=True))
+
+    close(1, begin, True)
+    assert answers(begin + 1) == 2
+    close(0, begin + second // 2, True)
+    assert answers(begin + second - 1) == 1
+    assert answers(begin + second + 1) == 1, "slave 0 still closes its port"
+    assert answers(begin + second * 3 // 2 + 1) == 3
+    assert segment.read(1, 0x0101, 1) == b"\0"
+    close(1, begin + 2 * second, True)
+    close(1, begin + 2 * second, False)
+    assert answers(begin + 9 * second) == 2, "written again, for good"
+
+
 def test_a_change_takes_effect_after_the_frame(make):
     segment = make(*[EBUS2] * 2)
     both = frame(datagram(APWR, 0, 0x0101, b"\x0c", more=True), datagram(BRD, 0, 0, b"\0"))

@@ -10,7 +10,7 @@ from ecatd.model.pdo import Entry, Pdo
 
 from ..slave.device import Device
 from ..slave.sii import Mailbox
-from .parameters import Parameter
+from .parameters import Parameter, revision_of
 
 _DISTANCE = 0x10  # between the objects of two neighbouring slots
 _SLOTS = 16
@@ -75,6 +75,7 @@ class ModularIO(Device):
         ]
         self.rx_pdos = tuple(pdo for module, pdo in pdos if module.output)
         self.tx_pdos = tuple(pdo for module, pdo in pdos if not module.output)
+        self.revision = revision_of(self.parameters, ", ".join(names), slots)
         super().__init__()
 
     def with_module(self, slot: int, module: str) -> Device:
@@ -83,7 +84,10 @@ class ModularIO(Device):
             raise UsageError(f"{self.order} has slots 1 to {len(self._names)}, not {slot}")
         names = self._names.copy()
         names[slot - 1] = module
-        return ModularIO(", ".join(names), len(names))
+        made = ModularIO(", ".join(names), len(names))
+        made.revision = self.revision  # the island is the same, whatever is plugged in later
+        made[0x1018, 3] = self.revision
+        return made
 
 
 def _find(name: str) -> _Module | None:

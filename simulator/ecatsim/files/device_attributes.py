@@ -7,10 +7,12 @@ from typing import Any, TypeVar
 
 from ecatd.model.frame_sizes import DATAGRAM_MAX
 from ecatd.model.idns import parse_idn
+from ecatd.model.pdo import Entry
 from ecatd.model.toml_file import Key, Rules, Table, choice, integer, show
 
 from ..chip import MODELS, Chip
 from ..slave.device import Device
+from ..slave.pdo_objects import ASSIGNMENTS, mapped_entry
 from ..slave.sii import DcMode, FmmuType, Mailbox, SmType, SyncManager
 from ..slave.soe import Idn
 from . import sources
@@ -48,6 +50,7 @@ _BOUNDS: Bounds = {
     "ebus_current": (-32768, 32767),
     "file_limit": (0, 1 << 30),
     "file_busy": (0, 1000),
+    "mail_counter": (0, 7),
     "diagnosis_messages": (0, 250),
     "module_distance": (1, 0x0800),
 }
@@ -60,6 +63,9 @@ _CHIP: Bounds = {
     "ram_kib": (1, 60),
     "ports": (0, _U8),
     "features": (0, _U16),
+    "watchdog_divider": (0, _U16),
+    "watchdog_pdi": (0, _U16),
+    "watchdog_data": (0, _U16),
     "eeprom_read_us": (0, 10_000_000),
     "eeprom_write_us": (0, 10_000_000),
 }
@@ -91,6 +97,7 @@ _DC_MODE: Rules = {
     "sync1_shift_ns": integer(-(1 << 31), (1 << 31) - 1),
 }
 _MAX_SLOTS = 0xFE
+_ASSIGNMENTS = range(ASSIGNMENTS, ASSIGNMENTS + 0x20)
 
 
 def attributes() -> dict[str, str]:
@@ -251,6 +258,30 @@ def _modules(table: Table, key: str, known: dict[str, Any]) -> None:
     known[key] = tuple(modules)
 
 
+def _told(table: Table, key: str, known: dict[str, Any]) -> None:
+    """Reads `[[told]]`: what mapping and assignment objects tell instead of what counts."""
+    mappings: dict[int, list[Entry] | None] = {}
+    assignments: dict[int, list[int] | None] = {}
+    for row in table.tables(key):
+        row.only(("index", "values", "missing"))
+        index = row.integer("index", 0, _U16)
+        is_assignment = index in _ASSIGNMENTS
+        if not (is_assignment or index in OUTPUTS or index in INPUTS):
+            row.fail("index", "must be a PDO or an assignment, 0x1C10 to 0x1C2F")
+        if ("values" in row) == row.boolean("missing", False):
+            row.fail(
+                None, "needs either `values`, or `missing = true` for an object that is not there"
+            )
+        values = None
+        if "values" in row:
+            values = row.array("values", integer(0, _U16 if is_assignment else _U32))
+        if is_assignment:
+            assignments[index] = values
+        else:
+            mappings[index] = None if values is None else list(map(mapped_entry, values))
+    known["told_mappings"], known["told_assignments"] = mappings, assignments
+
+
 def _firmware_files(table: Table, key: str, known: dict[str, Any]) -> None:
     known[key] = tuple(table.array(key, Table.text))
 
@@ -317,6 +348,7 @@ _READERS = {
     "variable_mapping": _variable_mapping,
     "mapping_limits": _mapping_limits,
     "modules": _modules,
+    "told": _told,
     "firmware_files": _firmware_files,
     "files": _files,
     "idn": _idns,

@@ -78,8 +78,9 @@ def _slave(slave: CapturedSlave) -> Iterator[str]:
 
 
 def _chip(slave: CapturedSlave) -> Iterator[str]:
-    """Writes the chip: registers 0x0000 to 0x0009, and properties that differ from the default."""
-    chip, usual = from_registers(slave.chip, clock=slave.clock), Chip()
+    """Writes the chip: registers 0x0000 to 0x0009, and what else differs from the default."""
+    chip = from_registers(slave.chip, clock=slave.clock, watchdogs=slave.watchdogs)
+    usual = Chip()
     keys = [field.name for field in fields(Chip)]
     values = {key: getattr(chip, key) for key in keys}
     written = [k for k in keys if k in _CHIP_KEYS or values[k] != getattr(usual, k)]

@@ -78,6 +78,7 @@ class Device(DeviceType):
         self._on_bus: Segment | None = None
         self._awaited = Event(0)
         self._deadline = 0.0
+        self._requested_at: float | None = None  # a request for a state waits for `state_delay`
         self._next_step = 0.0
         self._last_outputs = b""
         self._slots: ModuleSlots | None = None
@@ -218,6 +219,7 @@ class Device(DeviceType):
         self.ethernet.set_ip(IpParameters())
         self._sync.stop()
         self._awaited = Event(0)
+        self._requested_at = None
         if self._on_bus:
             self._on_bus.map(self.position)
             self._lock_process_data(True)
@@ -332,12 +334,8 @@ class Device(DeviceType):
         if event & Event.RESET:
             self.reset()
         if event & Event.AL_CONTROL:
-            control = self._read(_AL_CONTROL, 2)
-            self._deadline = now + _TIMEOUT
-            if self.emulated:
-                self.machine.follow(control)
-            else:
-                self.machine.request(control)
+            self._requested_at = now
+            self._take_request(now)
         if event & Event.WATCHDOG and self.machine.state == AlState.OP and not self.emulated:
             self.fail(AlCode.WATCHDOG)
         if event & self._awaited:
@@ -346,6 +344,18 @@ class Device(DeviceType):
                 self.machine.finish()
         if self._services:
             self._services.handle(event, now)
+
+    def _take_request(self, now: float) -> None:
+        """Takes the request for a state if `state_delay` is over."""
+        if self._requested_at is None or now < self._requested_at + self.state_delay:
+            return
+        self._requested_at = None
+        self._deadline = now + _TIMEOUT
+        control = self._read(_AL_CONTROL, 2)
+        if self.emulated:
+            self.machine.follow(control)
+        else:
+            self.machine.request(control)
 
     def take_outputs(self) -> None:
         """Takes the outputs from the segment if the device is in OP and they have changed."""
@@ -363,6 +373,7 @@ class Device(DeviceType):
         Args:
             now: CLOCK_MONOTONIC in seconds.
         """
+        self._take_request(now)
         if self.machine.pending is not None and now > self._deadline:
             outputs = self._awaited & Event.OUTPUTS
             self.machine.refuse(AlCode.NO_OUTPUTS if outputs else AlCode.NO_SYNC)
@@ -371,6 +382,7 @@ class Device(DeviceType):
             self.fail(AlCode.SYNC_STOPPED)
         if self._services:
             self._services.server.delay = self.answer_delay
+            self._services.server.fixed_counter = self.mail_counter
             self._services.run(now)
         if self.machine.state >= AlState.SAFEOP or now >= self._next_step:
             self.step(now)

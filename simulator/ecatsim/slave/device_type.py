@@ -77,6 +77,9 @@ class DeviceType:
         diagnosis_messages: How many messages its diagnosis history keeps (object 0x10F3); 0 for no
             history. Each emergency is in it.
         answer_delay: Seconds from a mail to its answer.
+        mail_counter: The counter of all its mails, 0 to 7, of a device that does not count them;
+            None counts.
+        state_delay: Seconds from a request for a state to the state, or to its refusal.
         file_password: Password of the files, or None if any is accepted.
         file_limit: Size of the largest file in bytes that a master may write.
         file_busy: How many times each packet of a written file is answered with BUSY first.
@@ -119,7 +122,7 @@ class DeviceType:
     variable_mapping: bool | Collection[int] = False
     mapping_limits: tuple[int, int] = (64, 64)
     told_mappings: Mapping[int, Sequence[Entry] | None] = {}
-    told_assignments: Mapping[int, Sequence[int]] = {}
+    told_assignments: Mapping[int, Sequence[int] | None] = {}
     sized_uploads: bool = True
     dc_modes: Sequence[DcMode] = ()
     minimum_cycle_ns: int = 0
@@ -133,6 +136,8 @@ class DeviceType:
     state_emergencies: bool = False
     diagnosis_messages: int = 0
     answer_delay: float = 0.0
+    mail_counter: int | None = None
+    state_delay: float = 0.0
     file_password: int | None = None
     file_limit: int = 1 << 24
     file_busy: int = 0

@@ -106,12 +106,14 @@ class MailboxServer:
         handlers: See above.
         delay: Seconds from a request to its answer.
         fault: Fault of the mailbox.
+        fixed_counter: The counter of all mails; None counts them.
     """
 
     def __init__(self, handlers: dict[int, Handler], put: Callable[[bytes, bool], bool]) -> None:
         self.handlers = handlers
         self.delay = 0.0
         self.fault = MailboxFault()
+        self.fixed_counter: int | None = None
         self._put = put
         self._queue: deque[tuple[float, bytes]] = deque()  # due times and mails
         self._offered: deque[bytes] = deque(maxlen=2)  # the last two offered, newest last
@@ -176,7 +178,8 @@ class MailboxServer:
         slow = self.fault.mode == MailboxMode.SLOW
         due = self._now + self.delay + (self.fault.delay_s if slow else 0.0)
         self._counter = self._counter % 7 + 1
-        kind = protocol | self._counter << 4
+        counter = self._counter if self.fixed_counter is None else self.fixed_counter
+        kind = protocol | counter << 4
         self._queue.append((due, _HEADER.pack(len(body), 0, 0, kind) + body))
         self._offer()
 

@@ -23,6 +23,7 @@ from .sii import UNASSIGNED
 ASSIGNMENTS = 0x1C10
 """The object that assigns PDOs to sync manager 0; those of the other sync managers follow."""
 
+_ASSIGNMENTS = range(ASSIGNMENTS, ASSIGNMENTS + 0x20)
 _MAPPING_STRUCTURE = 0x0021
 _MAPPING_ENTRIES = 32  # entries of a mapping that a master may write
 _CONFIGURABLE = Access.READ | Access.WRITE_PREOP
@@ -67,11 +68,15 @@ class ProcessDataObjects:
 
     @property
     def pdos(self) -> list[Pdo]:
-        """The assigned PDOs with their present mapping."""
+        """The assigned PDOs with their present mapping.
+
+        An index that a description assigns although there is no such PDO carries nothing.
+        """
         return [
             replace(self._pdo(index), sync_manager=channel)
             for channel, item in self._assignments.items()
             for index in _members(item)
+            if index in self._defaults
         ]
 
     # --- the objects ---------------------------------------------------------------------------
@@ -197,6 +202,11 @@ def mapping_value(entry: Entry) -> int:
     return entry.index << 16 | entry.subindex << 8 | entry.bit_length
 
 
+def mapped_entry(value: int) -> Entry:
+    """The entry of a value of a mapping object, for `mapping_value`; without name and type."""
+    return Entry(value >> 16, value >> 8 & 0xFF, "", DataType.PADDING, value & 0xFF)
+
+
 def tell_instead(objects: Dictionary, index: int, values: Sequence[int] | None) -> None:
     """Makes a mapping or an assignment tell a master other values than those that count.
 
@@ -206,10 +216,14 @@ def tell_instead(objects: Dictionary, index: int, values: Sequence[int] | None) 
         values: The values; None removes the object.
     """
     if values is None:
-        objects.remove(index)
+        if index in objects:
+            objects.remove(index)
+        return
+    kind = DataType.UNSIGNED16 if index in _ASSIGNMENTS else DataType.UNSIGNED32
+    if index not in objects:
+        objects.array(index, f"Object 0x{index:04X}", kind, values, Access.RO)
         return
     entries = objects.object(index).entries
-    kind = DataType.UNSIGNED16 if index >= ASSIGNMENTS else DataType.UNSIGNED32
     for subindex, value in enumerate([len(values), *values]):
         if subindex not in entries:
             entries[subindex] = Variable(index, subindex, f"SubIndex {subindex:03d}", kind)
