@@ -152,6 +152,12 @@ def _features(chip: Chip) -> int:
     return features
 
 
+def to_registers(chip: Chip) -> bytes:
+    """Returns registers 0x0000 to 0x0009 of a controller, as `from_registers` takes them."""
+    first = chip.type, chip.revision, chip.build, chip.fmmus, chip.sync_managers
+    return struct.pack("<BBHBBBBH", *first, chip.ram_kib, chip.ports, _features(chip))
+
+
 def from_registers(
     registers: bytes, *, clock: bool, watchdogs: tuple[int, int, int] = (2498, 1000, 1000)
 ) -> Chip:

@@ -11,6 +11,7 @@ from mutations import inputs, mutants, mutated_elements
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 
 from eni_sample import MACHINE
+from soe_samples import NETWORK
 
 from ecatd.eni import convert, read_network
 from ecatd.model.config import read_config
@@ -28,8 +29,9 @@ def test_r33_mutated_files_become_configurations_or_are_refused(tmp_path: Path) 
     accepted = refused = untidy = 0
     half = FILES // 2
     for data in chain(
-        mutants([MACHINE.encode()], half, 1),
-        mutated_elements(MACHINE, VALUES, half, 1),
+        mutants([MACHINE.encode(), NETWORK.encode()], half, 1),
+        mutated_elements(MACHINE, VALUES, half // 2, 1),
+        mutated_elements(NETWORK, VALUES, half // 2, 2),
     ):
         path.write_bytes(data)
         try:

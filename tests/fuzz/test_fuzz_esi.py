@@ -11,6 +11,7 @@ from mutations import inputs, mutants, mutated_elements
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 
 from esi_sample import SAMPLE
+from soe_samples import SHAPES as SOE_SHAPES
 from vendor_shapes import ENCODINGS, SHAPES, esi
 
 from ecatd.model.errors import ConfigError
@@ -87,3 +88,25 @@ def encoded(text: str) -> bytes:
     """A file in the encoding that it declares, as far as that has its letters."""
     match = re.search('encoding="([^"]*)"', text)
     return text.encode(match[1] if match else "utf-8", "replace")
+
+
+def test_r33_mutated_files_of_soe_drives_become_devices_or_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.xml"
+    values = [*VALUES, "16", "24", "#x1018", "0700", "020002003300", "PS"]
+    accepted = 0
+    for number, shape in enumerate(SOE_SHAPES.values()):
+        for data in chain(
+            mutants([shape.encode()], FILES // 20, number),
+            mutated_elements(shape, values, FILES // 20, number),
+        ):
+            path.write_bytes(data)
+            segment = Segment()
+            try:
+                device_from_esi(path).attach(segment, 0, 0)
+                accepted += 1
+            except ConfigError as error:
+                if not str(error).startswith(f"{path}:"):
+                    pytest.fail(str(error))
+            finally:
+                segment.close()
+    assert accepted > FILES / 20

@@ -20,6 +20,7 @@ from ecatd.model.pdo_layout import byte_length
 from ecatd.model.sii import UNASSIGNED, Sii
 from ecatd.model.sii_parts import read_dc_modes, read_mailbox
 from ecatd.model.sii_reader import read_sii
+from ecatsim.devices.soe_drive import SoeDrive
 from ecatsim.esc import Segment
 from ecatsim.files.esi import device_from_esi
 from ecatsim.files.sii_image import device_from_sii
@@ -79,6 +80,7 @@ def seeds() -> list[bytes]:
     )
     devices = rigs.make("troll").devices
     library = [devices[i].sii_image() for i in (1, 2, 3, 6)]
+    library.append(SoeDrive(axes=2).sii_image())
     short = [trimmed(data) for data in (image, unusual, *library)]
     twice = short[0][:-2] + struct.pack("<HH", 30, 4) + bytes(8) + b"\xff\xff"
     return [*short, short[0][:-2] + clocks + b"\xff\xff", twice, *vendors()]

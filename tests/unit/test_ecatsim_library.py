@@ -16,6 +16,7 @@ from ecatsim.devices.parameters import Parameter
 
 # Vendor and product as the devices themselves have them; 0xFFFF is nobody's vendor ID.
 OTHERS = {
+    "SoeDrive": (0xFFFF, 0x5000),
     "CiA402": (0xFFFF, 0x402),
     "ElmoGold": (0x9A, 0x30924),
     "DigitalIO": (0xFFFF, 0xD10),

@@ -15,6 +15,7 @@ from ecatd.model.witnesses import (
     CONFIGURATION,
     ESI,
     SII,
+    SOE,
     Contradiction,
     clash,
     contradiction_text,
@@ -70,9 +71,14 @@ def _advice(item: Contradiction) -> str:
             "choose the right one with pdo_source in its [[slave]] table; with --esi, its ESI file "
             "is asked, too"
         )
-    for witness in (COE, SII, CONFIGURATION):
+    for witness in (COE, SOE, SII, CONFIGURATION):
         if witness in by_witness and clash(esi, by_witness[witness]) is None:
             return f'pdo_source = "{witness}" in its [[slave]] table agrees with the ESI file'
+    if SOE in by_witness:
+        return (
+            'write pdo_source = "soe" if the drive is right, or "sii" if its EEPROM is; if neither '
+            "is, write the IDNs of its telegrams with [[slave.idn]]"
+        )
     return (
         'write pdo_source = "coe" if the slave is right; if the ESI file is right, "configuration" '
         "and its entries in [[slave.pdo]], as `ecatctl config init --esi` does"

@@ -10,6 +10,7 @@ from pathlib import Path
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import DOMAINS_MAX, Config, DcSlaveConfig, DomainConfig, Mark
 from ecatd.model.config.clocks import SYNC_MAX_US
+from ecatd.model.config.idns import startup_idn
 from ecatd.model.config.init_commands import startup_parameter
 from ecatd.model.config.slave_settings import (
     ALIAS,
@@ -22,6 +23,7 @@ from ecatd.model.config.slave_settings import (
 from ecatd.model.config.startup import TRANSITIONS
 from ecatd.model.config.writer import Notes, unique_name
 from ecatd.model.errors import UsageError
+from ecatd.model.idns import idn_text
 from ecatd.model.object_types import ObjectTypes
 
 from .modules import find_modules, is_about_modules
@@ -189,6 +191,7 @@ class _Converter:
             slave.revision,
             serial=slave.serial,
             coe=slave.coe,
+            soe=slave.soe,
             given_name=unique_name(given, names),
         )
         if data.pdos is not None or not slave.coe:  # otherwise the writer would name all of them
@@ -216,6 +219,7 @@ class _Converter:
         if settings.pdo:
             self._report.take(position, f"entries of {len(settings.pdo)} PDOs")
         self._take_objects(slave, settings, description)
+        self._take_idns(slave, settings)
         self._take_watchdogs(slave, settings, description)
         for command in slave.registers:
             what = whose(command)
@@ -296,6 +300,35 @@ class _Converter:
         count = len(settings.startup)
         if count:
             self._report.take(settings.position, f"{count} start-up parameter{'s' * (count != 1)}")
+
+    def _take_idns(self, slave: EniSlave, settings: SlaveConfig) -> None:
+        for command in slave.idns:
+            what = f"<InitCmd> for {idn_text(command.idn)} of drive {command.drive}"
+            if command.disabled or not command.data:
+                why = "is switched off" if command.disabled else "writes no value"
+                self._report.leave(command.line, settings.position, f"{what} {why}")
+                continue
+            others = [name for name in command.transitions if name not in TRANSITIONS]
+            if others or not command.transitions:
+                text = f"{what} in transition {', '.join(others) or 'none'}"
+                self._report.leave(command.line, settings.position, text)
+            for transition in TRANSITIONS:
+                if transition not in command.transitions:
+                    continue
+                try:
+                    parameter = startup_idn(
+                        command.idn,
+                        command.drive,
+                        command.data,
+                        transition=transition,
+                        comment=command.comment,
+                    )
+                except UsageError as error:
+                    self._report.leave(command.line, settings.position, f"{what}: {error}")
+                    break
+                settings.idn.append(parameter)
+        if count := len(settings.idn):
+            self._report.take(settings.position, f"{count} IDN{'s' * (count != 1)}")
 
     def _take_watchdogs(self, slave: EniSlave, settings: SlaveConfig, description: Slave) -> None:
         outputs = [item for item in slave.sync_managers if item.outputs and item.pdos]

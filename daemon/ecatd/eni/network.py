@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from ecatd.esi.device import IdnCommand
 from ecatd.esi.findings import Findings
 from ecatd.model.pdo import Pdo
 
@@ -117,6 +118,8 @@ class EniSlave:
         output_bits: Outputs in the process image; None if the file does not say.
         input_bits: Inputs in the process image; None if the file does not say.
         coe: Whether it has CoE.
+        soe: Whether it has SoE.
+        idns: SoE commands.
         objects: CoE commands.
         registers: Register commands.
         clock: Its distributed clock; None if the file has none.
@@ -140,6 +143,8 @@ class EniSlave:
     output_bits: int | None = None
     input_bits: int | None = None
     coe: bool = False
+    soe: bool = False
+    idns: list[IdnCommand] = field(default_factory=list)
     objects: list[CoeCommand] = field(default_factory=list)
     registers: list[RegisterCommand] = field(default_factory=list)
     clock: EniClock | None = None

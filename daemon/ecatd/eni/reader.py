@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from ecatd.esi.findings import Findings
-from ecatd.esi.reader import read_entries
+from ecatd.esi.reader import read_entries, read_idn_commands
 from ecatd.esi.xml import Element, read_xml
 from ecatd.model.errors import ConfigError
 from ecatd.model.pdo import Pdo
@@ -204,9 +204,16 @@ def _read_mailbox(element: Element, slave: EniSlave) -> None:
     protocols = {item.text for item in element.all("Protocol")}
     slave.coe = coe is not None or "CoE" in protocols
     slave.objects = _commands(coe, _object) if coe else []
+    soe = element.find("SoE")
+    slave.soe = soe is not None or "SoE" in protocols
+    slave.idns = read_idn_commands(soe) if soe else []
     for item in element.children:
         inside = item.find("InitCmds")
-        if item.tag != "CoE" and inside is not None and inside.find("InitCmd") is not None:
+        if (
+            item.tag not in ("CoE", "SoE")
+            and inside is not None
+            and inside.find("InitCmd") is not None
+        ):
             slave.others.append((item.line, item.tag))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from ecatd.model.bus import Slave
 from ecatd.model.config.slave_settings import SlaveConfig
+from ecatd.model.idns import TELEGRAM_LISTS, telegram_index
 from ecatd.model.pdo import Pdo
 
 from .device import EsiDevice, EsiPdo
@@ -25,7 +26,8 @@ def described_pdos(device: EsiDevice, slave: Slave) -> dict[int, tuple[Pdo, bool
     if device.slots:
         device = plug(device, [module.ident for module in slave.modules])
     mapped = {command.index for command in device.commands}
-    maps = bool(device.coe_details & _MAPS) and slave.coe
+    mapped |= {telegram_index(c.idn, c.drive) for c in device.idns if c.idn in TELEGRAM_LISTS}
+    maps = bool(device.coe_details & _MAPS) if slave.coe else slave.soe
     return {
         pdo.index: (pdo, maps and not pdo.fixed)
         for pdo in (*device.outputs, *device.inputs)

@@ -6,10 +6,11 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-from ecatd.model.applied.believed import remaining
+from ecatd.model.applied.believed import remaining, usual_witness
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config, DcSlaveConfig, SignalConfig
 from ecatd.model.config.clocks import SYNC_MAX_US
+from ecatd.model.config.idns import startup_idn
 from ecatd.model.config.init_commands import startup_parameter
 from ecatd.model.config.pdos import INPUT_PDOS, OUTPUT_PDOS, PdoConfig, PdoEntryConfig
 from ecatd.model.config.signals import UNIT_BYTES
@@ -23,6 +24,7 @@ from ecatd.model.config.startup import TRANSITIONS
 from ecatd.model.config.writer import Notes
 from ecatd.model.datatypes import decode, is_real, value_range
 from ecatd.model.errors import UsageError
+from ecatd.model.idns import idn_text
 from ecatd.model.object_types import ObjectType, ObjectTypes
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.unit_codes import meaning
@@ -31,13 +33,14 @@ from ecatd.model.witnesses import (
     CONFIGURATION,
     ESI,
     SII,
+    SOE,
     Contradiction,
     clash,
     contradictions_text,
 )
 
 from .check import described_pdos
-from .device import EsiCommand, EsiDcMode, EsiDevice, EsiPdo
+from .device import EsiCommand, EsiDcMode, EsiDevice, EsiPdo, IdnCommand
 from .dictionary import EsiEntry
 from .modules import plug
 
@@ -108,6 +111,9 @@ class _Adder:
         if slave.coe:
             for command in device.commands:
                 self._add_command(command)
+        if slave.soe:
+            for idn in device.idns:
+                self._add_idn(idn)
         self._add_modes()
 
     def _add_identification(self) -> None:
@@ -161,11 +167,14 @@ class _Adder:
         asked = [item for item in found if item.pdo in esi]
         if not asked or settings.pdo_source is not None or settings.pdo:
             return
-        for source in (COE, SII):
+        for source in (COE, SOE, SII):
             if all(_agrees(item, source) for item in asked):
                 settings.pdo_source = source
                 break
         else:
+            if usual_witness(self._slave) == SOE:  # telegrams cannot be described by tables
+                self._about.append(f"{contradictions_text(asked)}. Choose with pdo_source.")
+                return
             settings.pdo_source = CONFIGURATION
             settings.pdo = [_table(esi[item.pdo][0]) for item in asked]
         self._about.append(
@@ -258,6 +267,35 @@ class _Adder:
                         complete=command.complete,
                         transition=transition,
                         comment=command.comment or self._name(command),
+                    )
+                )
+            except UsageError as error:
+                where = f"{Path(self._device.path).name}, line {command.line}"
+                self._about.append(
+                    f"Start-up command for {text} in {transition} ({where}) left out: {error}."
+                )
+
+    def _add_idn(self, command: IdnCommand) -> None:
+        text = f"{idn_text(command.idn)} of drive {command.drive}"
+        for transition in command.transitions:
+            if any(
+                (item.number, item.drive, item.transition)
+                == (command.idn, command.drive, transition)
+                for item in self._settings.idn
+            ):
+                continue
+            try:
+                if transition not in TRANSITIONS:
+                    raise UsageError(f"the transition is one of {', '.join(TRANSITIONS)}")
+                if command.disabled or not command.data:
+                    raise UsageError("it is switched off, or writes no value")
+                self._settings.idn.append(
+                    startup_idn(
+                        command.idn,
+                        command.drive,
+                        command.data,
+                        transition=transition,
+                        comment=command.comment,
                     )
                 )
             except UsageError as error:

@@ -116,6 +116,29 @@ class EsiCommand:
 
 
 @dataclass(frozen=True, slots=True)
+class IdnCommand:
+    """A start-up command for an IDN (`<SoE>`, `<InitCmd>`), which ESI and ENI files write alike.
+
+    Attributes:
+        line: Line in the file.
+        transitions: When it is written, such as "PS".
+        drive: The drive of the slave.
+        idn: The IDN.
+        data: The data to write; empty for a command that writes no value.
+        comment: The reason for it.
+        disabled: Whether the file switches it off.
+    """
+
+    line: int
+    transitions: tuple[str, ...]
+    drive: int
+    idn: int
+    data: bytes
+    comment: str
+    disabled: bool
+
+
+@dataclass(frozen=True, slots=True)
 class EsiSlot:
     """A slot for a module.
 
@@ -182,6 +205,7 @@ class EsiDevice:
         protocols: Mailbox protocols, as in SII word 0x1C; 0 without a mailbox.
         coe_details: CoE details, as in SII category 30.
         commands: Start-up commands.
+        idns: Start-up commands for IDNs.
         tells_identification: Whether it tells its identification on request (ETG.1020).
         identification_register: Address in its ESC where its identification is; 0 for none.
         dc: Operation modes of the distributed clocks; the first one is the default.
@@ -218,6 +242,7 @@ class EsiDevice:
     protocols: int = 0
     coe_details: int = 0
     commands: list[EsiCommand] = field(default_factory=list)
+    idns: list[IdnCommand] = field(default_factory=list)
     tells_identification: bool = False
     identification_register: int = 0
     dc: list[EsiDcMode] = field(default_factory=list)

@@ -28,6 +28,7 @@ def plug(device: EsiDevice, idents: Sequence[int]) -> EsiDevice:
         inputs=list(device.inputs),
         commands=list(device.commands),
         misplaced=list(device.misplaced),
+        idns=list(device.idns),
     )
     objects = {item.index: item for item in device.objects}
     modules = {module.ident: module for module in device.modules}

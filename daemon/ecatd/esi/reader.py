@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from ecatd.model.datatypes import DataType, type_of_bits
 from ecatd.model.errors import ConfigError
@@ -28,6 +29,7 @@ from .device import (
     EsiPdo,
     EsiSlot,
     EsiSyncManager,
+    IdnCommand,
 )
 from .dictionary import EsiObject, read_dictionary, simple_type, type_in_esi
 from .findings import Findings, MalformedError
@@ -48,7 +50,7 @@ _MODE, _MAILBOX = 0x03, 0x02  # in the control byte of a sync manager
 _VIRTUAL, _IN_OP_ONLY = 0x04, 0x08  # bits of the enable byte in the SII
 _FMMU_USAGES = {"Outputs": 1, "Inputs": 2, "MBoxState": 3}
 _PROTOCOLS = {"AoE": 1, "EoE": 2, "CoE": 4, "FoE": 8, "SoE": 16, "VoE": 32}
-_TAKEN = ("CoE",)  # protocols whose start-up commands are taken
+_TAKEN = ("CoE", "SoE")  # protocols whose start-up commands are taken
 _COE_DETAILS = {"SdoInfo": 2, "PdoAssign": 4, "PdoConfig": 8, "PdoUpload": 16, "CompleteAccess": 32}
 _SDO = 1
 _OWN_CATEGORIES = {
@@ -60,10 +62,13 @@ _OWN_CATEGORIES = {
     CATEGORY_RXPDO,
     CATEGORY_DC,
 }
+_WRITE_IDN, _VALUE = 3, 0x40  # operation and element in the header of SoE
 _SLOTS_MAX = 254
 _NATURAL_BITS = (16, 32, 64)  # where a guess of the type may be wrong
 _ENTRY_BITS, _GAP_BITS, _MOST_BITS = 0xFF, 0xF8, 0x7FFF
 _LIST = "EtherCATInfoList"
+Command = TypeVar("Command")
+
 _UNUSED = {"ImageData16x14", "ImageFile16x14", "VendorSpecific"}
 
 
@@ -512,6 +517,9 @@ def _read_mailbox(element: Element, device: EsiDevice) -> None:
         for name, bit in _COE_DETAILS.items():
             device.coe_details |= bit * coe.flag(name)
         device.commands = read_commands(coe)
+    soe = mailbox.find("SoE")
+    if soe is not None:
+        device.idns = read_idn_commands(soe)
 
 
 def read_commands(coe: Element, shift: Shift = UNMOVED) -> list[EsiCommand]:
@@ -520,11 +528,15 @@ def read_commands(coe: Element, shift: Shift = UNMOVED) -> list[EsiCommand]:
     By the schema of ETG.2000, the commands are children of `<CoE>`. Some files have an `<InitCmds>`
     around them, as ENI files do.
     """
-    together = coe.find("InitCmds")
+    return _read_all(coe, lambda element: _command(element, shift))
+
+
+def _read_all(protocol: Element, read: Callable[[Element], Command]) -> list[Command]:
+    together = protocol.find("InitCmds")
     commands = []
-    for element in (*coe.all("InitCmd"), *(together.all("InitCmd") if together else ())):
+    for element in (*protocol.all("InitCmd"), *(together.all("InitCmd") if together else ())):
         with element.instead("this start-up command is left out"):
-            commands.append(_command(element, shift))
+            commands.append(read(element))
     return commands
 
 
@@ -538,6 +550,30 @@ def _command(element: Element, shift: Shift) -> EsiCommand:
         data.octets() if data else b"",
         element.flag("CompleteAccess"),
         element.text_of("Comment"),
+    )
+
+
+def read_idn_commands(soe: Element) -> list[IdnCommand]:
+    """Reads the start-up commands in a `<SoE>`, which ESI and ENI files write alike.
+
+    Malformed ones are left out.
+    """
+    return _read_all(soe, _idn_command)
+
+
+def _idn_command(element: Element) -> IdnCommand:
+    data = element.find("Data")
+    writes = element.number_of("OpCode", _WRITE_IDN, high=0xFF) == _WRITE_IDN
+    value = element.number_of("Elements", _VALUE, high=0xFF) == _VALUE
+    channel = element.attribute("Chn", 0, high=0xFF)  # that is how ESI files name the drive
+    return IdnCommand(
+        element.line,
+        tuple(dict.fromkeys(item.text.upper() for item in element.all("Transition"))),
+        element.number_of("DriveNo", channel, high=0xFF),
+        element.number_of("IDN", high=0xFFFF),
+        data.octets() if data and writes and value else b"",
+        element.text_of("Comment"),
+        element.flag_of("Disabled"),
     )
 
 

@@ -52,12 +52,14 @@ def _slave(slave: Slave) -> Element:
     for tag, pdos in (("RxPdo", slave.outputs), ("TxPdo", slave.inputs)):
         for pdo in pdos:
             device.append(_pdo(tag, pdo))
+    if slave.soe:
+        SubElement(SubElement(device, "Mailbox"), "SoE")
     return info
 
 
 def _sync_managers(slave: Slave) -> list[str]:
     """What each sync manager is for, as far as its PDOs say it."""
-    used = dict(enumerate(("MBoxOut", "MBoxIn"))) if slave.coe else {}
+    used = dict(enumerate(("MBoxOut", "MBoxIn"))) if slave.coe or slave.soe else {}
     for usage, pdos in (("Outputs", slave.outputs), ("Inputs", slave.inputs)):
         used |= {pdo.sync_manager: usage for pdo in pdos if pdo.sync_manager != UNASSIGNED}
     return [used.get(number, "") for number in range(max(used, default=-1) + 1)]

@@ -59,6 +59,7 @@ class Slave:
         address: Configured station address that the master assigned.
         coe: Whether the slave answers CoE requests.
         eoe: Whether it takes Ethernet frames (EoE).
+        soe: Whether it answers SoE requests; without CoE, indices in its process data are IDNs.
         problems: The errors in its EEPROM, and how the master handles them.
         profiles: Device profiles that its entries have their meanings from, each with its source.
         given_name: Its name in this machine, from the configuration; empty for none.
@@ -93,6 +94,7 @@ class Slave:
     address: int = 0
     coe: bool = False
     eoe: bool = False
+    soe: bool = False
     problems: list[str] = field(default_factory=list)
     profiles: list[str] = field(default_factory=list)
     given_name: str = ""

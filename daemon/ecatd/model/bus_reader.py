@@ -254,7 +254,7 @@ class _Reader:
             "name": _text,
             **dict.fromkeys(("vendor", "product", "revision", "serial"), _integer(0, _U32)),
             **dict.fromkeys(("alias", "address", "identification"), _integer(0, _U16)),
-            **dict.fromkeys(("coe", "eoe"), _truth),
+            **dict.fromkeys(("coe", "eoe", "soe"), _truth),
             "problems": lambda value: _list(value, _PROBLEMS_MAX, lambda _, item: _text(item)),
             "profiles": lambda value: _list(value, _PROFILES_MAX, lambda _, item: _text(item)),
             "given_name": _rule(is_slave_name, SLAVE_NAME_RULE),

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from enum import IntFlag
 from typing import Any
 
+from .datatypes import DataType
 from .errors import StateError, UsageError
 from .wire_text import decode_text, encode_text
 
@@ -16,6 +17,12 @@ _IDN = re.compile(r"([SP])-([0-7])-(\d{1,4})", re.IGNORECASE)
 _OWN, _SET, _BLOCK = 0x8000, 12, 0x0FFF
 ALL_IDNS = 17
 """S-0-0017: the list of all IDNs of a drive."""
+TELEGRAM_TYPE, AT_LIST, MDT_LIST = 15, 16, 24
+"""S-0-0015: what the telegrams have; 7: S-0-0016 and S-0-0024 list what AT and MDT have."""
+TELEGRAM_LISTS = (AT_LIST, MDT_LIST)
+CONTROL, STATUS = 134, 135
+"""S-0-0134, master control word, and S-0-0135, drive status word: MDT and AT begin with them, and
+the lists do not name them."""
 
 _LENGTH, _KIND, _DECIMALS = 16, 20, 24
 _LISTS = 4
@@ -23,6 +30,20 @@ _SIZES = (0, 2, 4, 8, 1, 2, 4, 8)
 _BINARY, _UNSIGNED, _SIGNED, _HEX, _TEXT, _IDNS, _FLOAT = range(7)
 _PROTECTED = {28: "PREOP", 29: "SAFEOP", 30: "OP"}
 _COMMAND = 1 << 19
+_SIGNED_TYPES = {
+    1: DataType.INTEGER8,
+    2: DataType.INTEGER16,
+    4: DataType.INTEGER32,
+    8: DataType.INTEGER64,
+}
+_UNSIGNED_TYPES = {
+    1: DataType.UNSIGNED8,
+    2: DataType.UNSIGNED16,
+    4: DataType.UNSIGNED32,
+    8: DataType.UNSIGNED64,
+}
+
+_PER_DRIVE = 0x1000
 
 _ERRORS = {
     0x1001: "it has no such IDN",
@@ -92,6 +113,15 @@ class Attribute:
     """
 
     raw: int
+
+    @property
+    def data_type(self) -> DataType:
+        """The CoE data type of such a value in the process data."""
+        kind, size = self.raw >> _KIND & 7, self.size
+        if kind == _FLOAT and size in (4, 8):
+            return DataType.REAL32 if size == 4 else DataType.REAL64
+        table = _SIGNED_TYPES if kind == _SIGNED else _UNSIGNED_TYPES
+        return table.get(size, DataType.PADDING)
 
     @property
     def is_list(self) -> bool:
@@ -225,6 +255,31 @@ def split_elements(data: bytes, elements: Element) -> tuple[str, Attribute, str,
     if elements & Element.VALUE:
         value = _list(data, at)[0] if attribute.is_list else data[at:]
     return name, attribute, unit, value
+
+
+def telegram_index(number: int, drive: int) -> int:
+    """Index of the PDO that stands for a telegram, as ESI files and EEPROMs have it.
+
+    Args:
+        number: The IDN that lists what the telegram has, one of `TELEGRAM_LISTS`.
+        drive: The drive.
+    """
+    return number + _PER_DRIVE * drive
+
+
+def split_list(data: bytes) -> bytes:
+    """The elements of a list or text as it is sent, behind its two lengths.
+
+    Raises:
+        UsageError: It does not begin with its length.
+    """
+    length = int.from_bytes(data[:2], "little")
+    if len(data) < 4 or len(data) != 4 + length:
+        raise UsageError(
+            f"a list begins with its lengths: with {max(0, len(data) - 4)} bytes of elements, the "
+            f"first two bytes are {struct.pack('<H', max(0, len(data) - 4)).hex(' ')}"
+        )
+    return data[4:]
 
 
 def list_bytes(data: bytes) -> bytes:

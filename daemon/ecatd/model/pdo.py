@@ -119,8 +119,8 @@ class Pdo:
         name: Name from SII or object dictionary; may be empty.
         sync_manager: Number of the sync manager that carries it.
         entries: Entries in the order of the process image.
-        witness: Who says so (`witnesses`), if it is not as usual. Usual are CoE, and the EEPROM of
-            a slave without CoE or without an answer.
+        witness: Who says so (`witnesses`), if it is not as usual. Usual are CoE or SoE,
+            and the EEPROM of a slave without them or without an answer.
     """
 
     index: int

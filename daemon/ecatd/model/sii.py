@@ -32,6 +32,7 @@ _IN_USE = 0x0D  # enabled, virtual, or enabled in OP: bits of the enable byte of
 _VIRTUAL = 0x04  # bit of the enable byte of a sync manager
 _DIGITAL_OUTPUTS = (0x0F00, 0x0F04)
 _RAM = (0x1000, 0x10000)
+_COE, _SOE = 0x04, 0x10
 
 
 def in_memory(start: int, size: int) -> bool:
@@ -249,6 +250,11 @@ class Sii:
     def damaged(self) -> bool:
         """Whether information is lost by a problem of the SII."""
         return any(problem.damage for problem in self.problems)
+
+    @property
+    def has_idns(self) -> bool:
+        """Whether indices in its process data are IDNs: it has SoE, and no CoE."""
+        return self.mailbox_protocols & (_SOE | _COE) == _SOE
 
     def channels(self, usage: int) -> list[int]:
         """Returns the numbers of the sync managers for outputs or inputs.

@@ -158,13 +158,13 @@ class _ImageReader(SiiReader):
     def check_pdo(self, at: int, index: int, usage: int, label: str) -> None:
         """Checks that the index of a PDO fits its direction."""
         low, high = _PDO_INDICES[usage]
-        if not low <= index <= high:
+        if not (self.sii.has_idns or low <= index <= high):
             text = f"{label}: its index should be from 0x{low:04X} to 0x{high:04X}"
             self.note(at, text, damage=False)
 
     def check_entry(self, at: int, entry: Entry, label: str) -> None:
         """Notes an entry that maps an object that describes process data."""
-        if is_description(entry.index):
+        if is_description(entry.index) and not self.sii.has_idns:
             if label in self._told:
                 return
             self._told.add(label)

@@ -34,7 +34,8 @@ from .sii_placement import Placement
 from .wire_text import decode_text
 
 PDO_INDICES = (0x1600, 0x1BFF)
-"""First and last index that a PDO of either direction can have (ETG.1000.6)."""
+"""First and last index that a PDO of either direction can have (ETG.1000.6); in a drive with SoE
+the index is an IDN."""
 
 _MAILBOX, _PROTOCOLS = 0x18, 0x1C  # words
 _PROTOCOL_COE = 0x04
@@ -349,7 +350,7 @@ class SiiReader(CategoryReader):
         """Whether a PDO can have this index; notes the reason if not."""
         low, high = PDO_INDICES
         text = ""
-        if not low <= index <= high:
+        if not (self.sii.has_idns or low <= index <= high):
             text = f"{label}: its index must be from 0x{low:04X} to 0x{high:04X}"
         elif index in self._indices:
             text = f"{label} occurs a second time"

@@ -1,4 +1,4 @@
-"""Compares what different witnesses say of a PDO: CoE, the EEPROM, an ESI file, the configuration.
+"""Compares what witnesses say of a PDO: CoE or SoE, the EEPROM, an ESI file, the configuration.
 
 Only what decides about numbers counts: where each object lies in the PDO, how long it is, and where
 the PDO ends. Names and data types may differ, and so may gaps that move nothing.
@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 from .pdo import Entry, Pdo
 
-COE, SII, ESI, CONFIGURATION = "coe", "sii", "esi", "configuration"
+COE, SOE, SII, ESI, CONFIGURATION = "coe", "soe", "sii", "esi", "configuration"
 _NAMES = {
     COE: "CoE",
+    SOE: "SoE",
     SII: "the EEPROM",
     ESI: "the ESI file",
     CONFIGURATION: "the configuration",

@@ -50,7 +50,7 @@ function _shtab_ecatsim_using
   test "$_shtab_ecatsim_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatsim_commands run capture check ctl 'ctl list' 'ctl status' 'ctl faults' 'ctl clear' 'ctl get' 'ctl set' 'ctl registers' 'ctl clocks' 'ctl stop' 'ctl drop' 'ctl delay' 'ctl duplicate' 'ctl corrupt' 'ctl noise' 'ctl wkc' 'ctl break-link' 'ctl heal-link' 'ctl power-off' 'ctl power-on' 'ctl swap' 'ctl module' 'ctl al-error' 'ctl emergency' 'ctl mailbox' 'ctl eeprom' 'ctl clock' 'ctl identification' rigs devices
+set -g _shtab_ecatsim_commands run capture pcap check ctl 'ctl list' 'ctl status' 'ctl faults' 'ctl clear' 'ctl get' 'ctl set' 'ctl registers' 'ctl clocks' 'ctl stop' 'ctl drop' 'ctl delay' 'ctl duplicate' 'ctl corrupt' 'ctl noise' 'ctl wkc' 'ctl break-link' 'ctl heal-link' 'ctl power-off' 'ctl power-on' 'ctl swap' 'ctl module' 'ctl al-error' 'ctl emergency' 'ctl mailbox' 'ctl eeprom' 'ctl clock' 'ctl identification' rigs devices
 set -g _shtab_ecatsim_opts_with_value --at-cycle --bits --count --data --delay-s --drift-ppm --every --file --interface --name --port --probability --ready-fd --register --replay --second --seed --state --step-ns --step-time-us --trace -o
 
 complete -c ecatsim -e
@@ -77,6 +77,12 @@ complete -c ecatsim -n '_shtab_ecatsim_using capture' -l interface -x -d 'networ
 complete -c ecatsim -n '_shtab_ecatsim_using capture' -s o -xka "(__fish_complete_path (commandline -ct))" -d 'rig file to write, in .toml'
 complete -c ecatsim -n '_shtab_ecatsim_using capture' -l force -d 'overwrite FILE'
 complete -c ecatsim -n '_shtab_ecatsim_using capture' -l no-objects -d 'leave out object dictionaries (much faster)'
+complete -c ecatsim -n '_shtab_ecatsim_using; and test $_shtab_ecatsim_npos -eq 0' -a pcap -d 'Says what a capture of a real segment has in it: slaves, AL states, process data, SDOs and faults. With -o it writes a rig file of it, as far as the capture goes; comments in the file name what it does not tell.'
+complete -c ecatsim -n '_shtab_ecatsim_using pcap' -s h -l help -d 'show this help message and exit'
+complete -c ecatsim -n '_shtab_ecatsim_using pcap' -s o -xka "(__fish_complete_path (commandline -ct))" -d 'rig file to write, in .toml'
+complete -c ecatsim -n '_shtab_ecatsim_using pcap' -l force -d 'overwrite RIG'
+complete -c ecatsim -n '_shtab_ecatsim_using pcap' -l json -d 'print JSON for programs'
+complete -c ecatsim -n '_shtab_ecatsim_using pcap; and test $_shtab_ecatsim_npos -eq 0' -ka "(__fish_complete_path (commandline -ct))" -d 'a file of Wireshark, tcpdump or '"'"'ecatctl capture'"'"' (pcapng or pcap)'
 complete -c ecatsim -n '_shtab_ecatsim_using; and test $_shtab_ecatsim_npos -eq 0' -a check -d 'Checks whether `ecatsim run` can simulate a rig, and lists its slaves.'
 complete -c ecatsim -n '_shtab_ecatsim_using check' -s h -l help -d 'show this help message and exit'
 complete -c ecatsim -n '_shtab_ecatsim_using check' -l json -d 'print JSON for programs'

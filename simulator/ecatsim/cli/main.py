@@ -22,6 +22,7 @@ from .options import Command, Parser
 _COMMANDS = (
     ("run", "run", "simulate a rig"),
     ("capture", "capture", "write a rig file from a real segment"),
+    ("pcap", "pcap", "say what is in a capture, and make a rig of it"),
     ("check", "check", "check a rig and list its slaves"),
     ("ctl", "ctl", "control a running simulator: faults, values, status"),
     ("rigs", "show", "list the rigs that come with ecatsim"),

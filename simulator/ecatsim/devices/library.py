@@ -25,11 +25,13 @@ from .generic import AnalogIO, DigitalIO, Loopback
 from .generic_drive import CiA402Drive
 from .modular import ModularIO
 from .parameters import Parameter
+from .soe_drive import SoeDrive
 
 _CLASSES: Mapping[str, type[Device]] = {
     **{name: getattr(beckhoff, name) for name in beckhoff.__all__},
     "CiA402": CiA402Drive,
     "ElmoGold": ElmoGold,
+    "SoeDrive": SoeDrive,
     "DigitalIO": DigitalIO,
     "AnalogIO": AnalogIO,
     "ModularIO": ModularIO,

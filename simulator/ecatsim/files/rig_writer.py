@@ -37,15 +37,16 @@ _EBUS = 2  # lower values mean that there is no port
 _CHIP_KEYS = ("type", "revision", "build", "fmmus", "sync_managers", "ram_kib", "ports", "dc")
 
 
-def rig_text(name: str, slaves: Sequence[CapturedSlave]) -> str:
+def rig_text(name: str, slaves: Sequence[CapturedSlave], *, source: str = "a segment") -> str:
     """Returns the text of the rig file for a captured segment.
 
     Args:
         name: Name of the rig.
         slaves: The captured slaves.
+        source: What they were captured from.
     """
     places = topology([slave.dl_status for slave in slaves])
-    lines = ["# Written by `ecatsim capture`.", f"name = {toml_string(name)}"]
+    lines = [f"# Made by ecatsim of {printable(source)}.", f"name = {toml_string(name)}"]
     for slave, (parent, port) in zip(slaves, places, strict=True):
         lines += ["", "[[slave]]", f"# {slave.position}: {printable(slave.name)}"]
         if slave.position:

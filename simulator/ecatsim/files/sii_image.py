@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import count
 
 from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, type_of_bits
 from ecatd.model.errors import ConfigError, UsageError
@@ -14,6 +17,7 @@ from ecatd.model.sii_check import MAILBOX_SIZES, MAX_IMAGE, check_sii
 from ..esc import Chip
 from ..slave.device import Device
 from ..slave.sii import Mailbox, SmType, SyncManager
+from ..slave.telegrams import telegram_idns
 
 _RAM = 0x1000
 _RAM_SIZES = (1, 2, 4, 8, 16, 32, 60)
@@ -21,6 +25,7 @@ _DEVICE_EMULATION = 0x0100  # bit of SII word 0
 _PDO_ASSIGN, _PDO_CONFIGURATION = 0x04, 0x08  # bits of the CoE details
 _PORT_0 = 0x03  # without port 0 no frame would reach the slave
 _PORT_KINDS = {0: 0, 1: 3, 3: 2}  # SII: 1 MII, 3 EBUS; register 0x0007: 3 MII, 2 EBUS
+_INTERNAL = 0x10000  # beyond all indices of objects and IDNs
 _LAST_DUMMY = 0x001F  # CiA 301: mapping a data type leaves a gap of its size
 
 
@@ -50,7 +55,11 @@ class DeviceFromSii(Device):
             SyncManager(_purpose(sm), sm.start, sm.length, sm.control, sm.enable)
             for sm in sii.sync_managers
         ] or None
-        self.rx_pdos, self.tx_pdos = _pdos(sii.outputs), _pdos(sii.inputs)
+        if sii.has_idns:
+            self.idns = telegram_idns((*sii.outputs, *sii.inputs))
+            self.rx_pdos, self.tx_pdos = _telegrams(sii.outputs, sii.inputs)
+        else:
+            self.rx_pdos, self.tx_pdos = _pdos(sii.outputs), _pdos(sii.inputs)
         self.emulated = bool(sii.pdi_control & _DEVICE_EMULATION) and self.mailbox is None
         self.variable_assignment = bool(sii.coe & _PDO_ASSIGN)
         configurable = bool(sii.coe & _PDO_CONFIGURATION)
@@ -146,6 +155,23 @@ def _pdos(pdos: list[Pdo]) -> tuple[Pdo, ...]:
         Pdo(pdo.index, pdo.name, pdo.sync_manager, [_entry(entry) for entry in pdo.entries])
         for pdo in pdos
     )
+
+
+def _telegrams(*directions: list[Pdo]) -> Iterator[tuple[Pdo, ...]]:
+    """Converts PDOs whose indices are IDNs.
+
+    They get other indices: in the dictionary, which no master reads, a PDO and an entry can have
+    no index in common.
+    """
+    free = count(_INTERNAL)
+
+    def typed(entry: Entry) -> Entry:
+        return replace(entry, data_type=_type(entry.data_type, entry.bit_length))
+
+    for pdos in directions:
+        yield tuple(
+            replace(pdo, index=next(free), entries=list(map(typed, pdo.entries))) for pdo in pdos
+        )
 
 
 def _entry(entry: Entry) -> Entry:

@@ -105,7 +105,7 @@ class Coe:
         try:
             yield from self.mailbox.open(_MAILBOX_LEAST)
         except EcatError as error:
-            raise type(error)(f"slave {self.position} has CoE, but {error}") from error
+            raise type(error)(f"slave {self.position} has CoE or SoE, but {error}") from error
 
     def collect(self) -> Talk[None]:
         """Reads messages without a request: they are emergencies, or late answers.

@@ -6,6 +6,7 @@ import struct
 
 from ecatd.model.errors import StateError
 from ecatd.model.idns import (
+    Attribute,
     Element,
     IdnValue,
     idn_text,
@@ -26,6 +27,16 @@ _PATIENCE_S = 5.0
 """Seconds for a write. Some drives store values in their flash before they answer."""
 
 
+class SoeRefusedError(StateError):
+    """A drive refuses a request with an error code of SoE."""
+
+
+def read_attribute(mailbox: Mailbox, drive: int, number: int) -> Talk[Attribute]:
+    """Reads what kind of value an IDN has; arguments and errors as those of `read_idn`."""
+    data = yield from _read(mailbox, drive, number, Element.ATTRIBUTE)
+    return split_elements(data, Element.ATTRIBUTE)[1]
+
+
 def read_idn(mailbox: Mailbox, drive: int, number: int) -> Talk[IdnValue]:
     """Reads name, attribute, unit and value of an IDN; a drive may lack the unit.
 
@@ -35,7 +46,8 @@ def read_idn(mailbox: Mailbox, drive: int, number: int) -> Talk[IdnValue]:
         number: The IDN.
 
     Raises:
-        StateError: The drive refuses the request, or its answer is malformed.
+        SoeRefusedError: The drive refuses the request.
+        StateError: Its answer is malformed.
         NoAnswerError: It does not answer.
     """
     basic = Element.NAME | Element.ATTRIBUTE
@@ -44,7 +56,7 @@ def read_idn(mailbox: Mailbox, drive: int, number: int) -> Talk[IdnValue]:
     try:
         data = yield from _read(mailbox, drive, number, Element.UNIT)
         _, _, unit, _ = split_elements(data, Element.UNIT)
-    except StateError:
+    except SoeRefusedError:
         pass  # commands and lists of IDNs have no unit
     data = yield from _read(mailbox, drive, number, Element.VALUE)
     if attribute.is_list:
@@ -89,7 +101,7 @@ class _Answer:
         rest = body[_HEADER.size :]
         if head & _ERROR:
             code = int.from_bytes(rest[:2], "little")
-            raise StateError(f"{idn_text(self._number)}: {soe_error_text(code)}")
+            raise SoeRefusedError(f"{idn_text(self._number)}: {soe_error_text(code)}")
         if not head & _INCOMPLETE and number != self._number:
             return None  # it is a late answer, about another IDN
         self.data += rest

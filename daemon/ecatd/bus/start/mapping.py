@@ -1,8 +1,8 @@
 """Reads the PDOs of each slave, and sets up its ESC for them.
 
-Slaves with CoE have a PDO assignment that can be read (`assignment.py`). Slaves without CoE have
-fixed PDOs, described by their SII (categories 50 and 51). `doubtful.py` decides how to use slaves
-that do not answer, or whose EEPROM is damaged.
+Slaves with CoE have a PDO assignment that can be read (`assignment.py`), drives with SoE have
+telegrams (`telegrams.py`). Other slaves have fixed PDOs, described by their SII (categories 50 and
+51). `doubtful.py` decides how to use slaves that do not answer, or whose EEPROM is damaged.
 """
 
 from __future__ import annotations
@@ -37,9 +37,10 @@ from .modules import Modules
 from .pdo_writer import choose_from_sii, warn_of_none
 from .refused import RefusedError
 from .slave_configuration import SlaveConfiguration
+from .telegrams import Telegrams
 from .watchdog_registers import WATCHED, watchdog_writes
 
-_PROTOCOL_EOE, _PROTOCOL_COE = 0x02, 0x04
+_PROTOCOL_EOE, _PROTOCOL_COE, _PROTOCOL_SOE = 0x02, 0x04, 0x10
 _FEATURES, _NO_LRW = 0x0008, 0x0200
 SYNC_MANAGER = 0x0800
 FMMU = 0x0600
@@ -88,6 +89,11 @@ class Scanned:
     def gets_ip(self) -> bool:
         """Whether it gets IP parameters for Ethernet over EtherCAT."""
         return self.slave.eoe and self.settings.eoe is not None
+
+    @property
+    def speaks(self) -> bool:
+        """Whether its mailbox describes its process data: by CoE or SoE."""
+        return self.slave.coe or self.slave.soe
 
     @property
     def unplaced(self) -> str:
@@ -175,12 +181,12 @@ def configure_slaves(
         if item.settings.mailbox_timeout_ms is not None:
             master.set_mailbox_timeout(item.slave.position, item.settings.mailbox_timeout_ms / 1000)
         item.slave.group = item.settings.group_at(item.slave.position)
-        if item.known and not item.slave.coe and not item.doubt:
+        if item.known and not item.speaks and not item.doubt:
             take_pdos_from_sii(item)
     asked = [
         item
         for item in expected
-        if item.known and item.doubt != STUCK and (item.slave.coe or item.gets_ip)
+        if item.known and item.doubt != STUCK and (item.speaks or item.gets_ip)
     ]
     coe = [master.coe(item.slave.position) for item in asked]
     converse(master.registers, list(map(_configure_and_read, asked, coe)), cancelled)
@@ -194,9 +200,9 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
         if item.settings.is_told or item.gets_ip:
             talk = SlaveConfiguration(item.slave, item.sii, coe, item.settings).tell()
             item.refused = yield from talk
-        if not item.slave.coe:
+        if not item.speaks:
             return
-        found = yield from Assignment(item.slave, item.sii, coe, item.settings).read()
+        found = yield from describer(item, coe).read()
         take_believed(item, found)
         if not item.doubt:
             item.refused = [*item.refused, *warn_of_none(item.slave, item.sii, item.settings)]
@@ -210,8 +216,14 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
             take_believed(item, believe(item.slave, item.sii, item.settings, told))
 
 
+def describer(item: Scanned, coe: Coe) -> Assignment | Telegrams:
+    """What reads the process data of a slave over its mailbox."""
+    kind = Assignment if item.slave.coe else Telegrams
+    return kind(item.slave, item.sii, coe, item.settings)
+
+
 def take_pdos_from_sii(item: Scanned) -> None:
-    """Sets the PDOs of a slave without CoE: those of its SII, or the configured ones of them."""
+    """Sets the PDOs of a slave without CoE and SoE: of those in its SII, the configured ones."""
     slave, sii = item.slave, item.sii
     slave.outputs, slave.inputs = _default(sii.outputs), _default(sii.inputs)
     choose_from_sii(slave, sii, item.settings)
@@ -244,6 +256,7 @@ def _identify_slave(master: Master, position: int, sii: Sii) -> Scanned:
         address=master.stations[position],
         coe=bool(sii.mailbox_protocols & _PROTOCOL_COE),
         eoe=bool(sii.mailbox_protocols & _PROTOCOL_EOE),
+        soe=bool(sii.mailbox_protocols & _PROTOCOL_SOE),
         problems=[str(problem) for problem in sii.problems],
     )
     return Scanned(slave, sii, SlaveConfig(position), read_at=time.time())

@@ -27,11 +27,10 @@ from ..engine.shared_memory import SharedMemory
 from ..mailbox.talks import talk_all
 from ..master.al_states import why_not_reached
 from ..master.master import Master, SilentSlaveError
-from .assignment import Assignment
 from .clock_registers import SYNC_CONTROL
 from .clocks import Clocks
 from .doubtful import Doubt
-from .mapping import Scanned, configure, process_data_registers, take_pdos_from_sii
+from .mapping import Scanned, configure, describer, process_data_registers, take_pdos_from_sii
 from .slave_configuration import SlaveConfiguration
 from .telling import Missed, leave, tell, write_parameters
 from .watchdogs import check_watchdogs
@@ -156,7 +155,7 @@ class SetUp:
             was = copy(item.slave)
             item.sii, item.read_at = sii, time.time()
             self._mailboxes[position] = mailbox
-            if not item.slave.coe:
+            if not item.speaks:
                 try:
                     take_pdos_from_sii(item)
                 except ConfigError as error:
@@ -212,7 +211,7 @@ class SetUp:
         items = [self._scanned[position] for position in sorted(positions)]
         # A parameter of SP may change an object that a parameter of PS has set.
         if state not in (AlState.SAFEOP, AlState.OP):
-            down = [item for item in items if item.settings.parameters("SP")]
+            down = [item for item in items if item.settings.has_parameters("SP")]
             self._unconfigured.update(item.slave.position for item in down)
         return (yield from leave(self._master, items, state, self._patience))
 
@@ -324,9 +323,7 @@ class SetUp:
     def _configure_again(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
         """Writes the configuration of slaves in PREOP again: they lose it when they restart."""
         items = [self._scanned[position] for position in sorted(positions)]
-        items = [
-            item for item in items if item.gets_ip or (item.slave.coe and item.settings.is_told)
-        ]
+        items = [item for item in items if item.gets_ip or (item.speaks and item.settings.is_told)]
         _, missed = yield from tell(self._master, items, SlaveConfiguration.tell)
         self._unconfigured -= set(positions) - missed.keys()
         return missed
@@ -334,11 +331,9 @@ class SetUp:
     def _compare(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
         """Finds slaves whose PDOs have changed: a restarted slave may lose its assignment."""
         items = [self._scanned[position] for position in sorted(positions)]
-        items = [item for item in items if item.slave.coe]
-        slaves = [item.slave for item in items]
+        items = [item for item in items if item.speaks]
         talks = [
-            Assignment(slave, item.sii, self._master.coe(slave.position), item.settings).read_pdos()
-            for slave, item in zip(slaves, items, strict=True)
+            describer(item, self._master.coe(item.slave.position)).read_pdos() for item in items
         ]
         found, failed = yield from talk_all(self._master.registers, talks)
         missed = {}

@@ -2,8 +2,8 @@
 
 This is done whenever the slave starts or comes back, in this order (ETG.1000.6):
 
-- in PREOP: the parameters of transition IP, the modules in its slots, then the PDOs, which may
-  depend on both, then the parameters of PS and the IP parameters;
+- in PREOP: the parameters and IDNs of transition IP, the modules in its slots, then the PDOs,
+  which may depend on all of them, then the parameters and IDNs of PS, and the IP parameters;
 - in SAFEOP, before OP: the parameters of SO.
 
 On the way down, the parameters of OS are written in OP, and those of SP in SAFEOP
@@ -17,11 +17,12 @@ from __future__ import annotations
 from ecatd.model.bus import Slave
 from ecatd.model.config import TRANSITIONS_DOWN, SlaveConfig, StartupConfig
 from ecatd.model.config.eoe import SlaveEoeConfig
-from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
+from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError, UsageError
 from ecatd.model.sii import Sii
 
 from ..mailbox.coe import Coe
 from ..mailbox.eoe import set_ip
+from ..mailbox.soe import SoeRefusedError, read_attribute, write_idn
 from ..mailbox.talks import Talk
 from .modules import Modules
 from .pdo_writer import PdoWriter
@@ -29,12 +30,12 @@ from .refused import RefusedError, reason
 
 
 class SlaveConfiguration:
-    """Writes the configuration of one slave with CoE.
+    """Writes the configuration of one slave with a mailbox.
 
     Args:
         slave: The slave.
         sii: Its SII.
-        coe: CoE of the slave, for one conversation.
+        coe: A conversation with the slave.
         settings: Its table in the configuration.
     """
 
@@ -59,7 +60,7 @@ class SlaveConfiguration:
         return self._coe.talk(self._tell)
 
     def _tell(self) -> Talk[list[str]]:
-        refused = yield from self._parameters("IP")
+        refused = yield from self._written("IP")
         if self._settings.module:
             modules = Modules(self._slave, self._sii, self._coe)
             yield from self._placed("module", modules.tell(self._settings.modules))
@@ -68,6 +69,7 @@ class SlaveConfiguration:
             pdos = PdoWriter(self._slave, self._sii, self._coe, self._settings, self._log_detail)
             yield from self._placed(key, pdos.write())
         refused += yield from self._parameters("PS")
+        refused += yield from self._idns("PS")
         if self._slave.eoe and self._settings.eoe is not None:
             yield from self._give_ip(self._settings.eoe)
         return refused
@@ -95,7 +97,11 @@ class SlaveConfiguration:
 
     def write_parameters(self, transition: str) -> Talk[list[str]]:
         """Writes the parameters of one transition; returns and raises as `tell`."""
-        return self._coe.talk(lambda: self._parameters(transition))
+        return self._coe.talk(lambda: self._written(transition))
+
+    def _written(self, transition: str) -> Talk[list[str]]:
+        refused = yield from self._parameters(transition)
+        return refused + (yield from self._idns(transition))
 
     def _log_detail(self, what: str) -> None:
         self._log.debug(f"{self._slave.label} gets {what}", slaves=[self._slave.position])
@@ -116,15 +122,41 @@ class SlaveConfiguration:
                     f"{parameter.table.where('object')}: {self._slave.label} refuses its start-up "
                     f"parameter {_text(parameter)}: {reason(abort)}"
                 )
-                if transition in TRANSITIONS_DOWN:
-                    refused.append(f"{text}; its state is changed nevertheless")
-                elif parameter.optional:
-                    refused.append(f"{text}; it is optional, so the slave is used")
-                else:
-                    raise RefusedError(
-                        f"{text}; correct the value, or write optional = true"
-                    ) from abort
+                refused.append(_refused(text, transition, abort, optional=parameter.optional))
         return refused
+
+    def _idns(self, transition: str) -> Talk[list[str]]:
+        refused = []
+        mailbox = self._coe.mailbox
+        for idn in self._settings.idns(transition):
+            self._log_detail(f"IDN {idn} ({transition})")
+            try:
+                attribute = yield from read_attribute(mailbox, idn.drive, idn.number)
+                data = idn.data(attribute)
+                if not attribute.is_list and attribute.size not in (0, len(data)):
+                    raise UsageError(f"it takes {attribute.size} bytes, not {len(data)}")
+                is_list = attribute.is_list
+                yield from write_idn(mailbox, idn.drive, idn.number, data, is_list=is_list)
+            except (SoeRefusedError, UsageError) as error:
+                text = (
+                    f"{idn.table.where('idn')}: {self._slave.label} cannot take the IDN {idn}: "
+                    f"{error}"
+                )
+                refused.append(_refused(text, transition, error, optional=idn.optional))
+        return refused
+
+
+def _refused(text: str, transition: str, why: Exception, *, optional: bool) -> str:
+    """Returns a message about a refused parameter with what follows.
+
+    Raises:
+        RefusedError: The slave must have it.
+    """
+    if transition in TRANSITIONS_DOWN:
+        return f"{text}; its state is changed nevertheless"
+    if optional:
+        return f"{text}; it is optional, so the slave is used"
+    raise RefusedError(f"{text}; correct the value, or write optional = true") from why
 
 
 def _text(parameter: StartupConfig) -> str:

@@ -39,7 +39,7 @@ def write_parameters(
         Messages about refused parameters that are optional, and, by position, why slaves cannot go
         on.
     """
-    items = [item for item in items if item.settings.parameters(transition)]
+    items = [item for item in items if item.settings.has_parameters(transition)]
     return (yield from tell(master, items, lambda told: told.write_parameters(transition)))
 
 
@@ -91,7 +91,9 @@ def leave(
         their states nevertheless.
     """
     told = [
-        item for item in items if item.settings.parameters("OS") or item.settings.parameters("SP")
+        item
+        for item in items
+        if item.settings.has_parameters("OS") or item.settings.has_parameters("SP")
     ]
     if state == AlState.OP or not told:
         return []
@@ -101,7 +103,7 @@ def leave(
     texts += [missed.text for missed in silent.values()]
     if state == AlState.SAFEOP:
         return texts
-    further = [item for item in told if item.settings.parameters("SP")]
+    further = [item for item in told if item.settings.has_parameters("SP")]
     further = [item for item in further if item.slave.position not in silent]
     leaving = [item.slave.position for item in further if item in in_op]
     if leaving:

@@ -1,8 +1,8 @@
 """Decides what the PDOs of a slave are, where several witnesses describe them.
 
-CoE says which PDOs a slave exchanges. What is in a PDO is told by CoE, by the EEPROM, and by the
-configuration. Nobody is believed where others contradict, until the configuration chooses: equal
-lengths prove nothing.
+CoE or SoE says which PDOs a slave exchanges. What is in a PDO is told by it, by the EEPROM, and by
+the configuration. Nobody is believed where others contradict, until the configuration chooses:
+equal lengths prove nothing.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from ..witnesses import (
     CONFIGURATION,
     ESI,
     SII,
+    SOE,
     Contradiction,
     account,
     clash,
@@ -33,7 +34,7 @@ from ..witnesses import (
 
 @dataclass(slots=True)
 class Told:
-    """What a slave says of its process data; without CoE, what its EEPROM says.
+    """What a slave says of its process data; without CoE and SoE, what its EEPROM says.
 
     Attributes:
         outputs: Its assigned RxPDOs.
@@ -41,7 +42,8 @@ class Told:
         unreadable: By index, why the mapping of a PDO cannot be read. Such a PDO has no entries.
         changeable: Indices of PDOs into which a master can map other entries.
         notes: Sentences without a subject about answers that make no sense, and how they are taken.
-        silent: Whether it has CoE, but does not answer. Then its EEPROM says all this.
+        silent: Whether it has CoE or SoE, but does not answer or tell. Then its EEPROM says all
+            this.
     """
 
     outputs: list[Pdo] = field(default_factory=list)
@@ -76,6 +78,11 @@ class Believed:
     why: str = ""
 
 
+def usual_witness(slave: Slave) -> str:
+    """Who says what is in the PDOs of a slave, if nobody contradicts."""
+    return COE if slave.coe else SOE if slave.soe else SII
+
+
 def believe(slave: Slave, sii: Sii, settings: SlaveConfig, told: Told) -> Believed:
     """Compares the witnesses of a slave, PDO by PDO.
 
@@ -101,7 +108,7 @@ def remaining(
     Returns:
         The contradictions; `believed` is what the configuration chooses.
     """
-    usual = COE if slave.coe else SII
+    usual = usual_witness(slave)
     known = {item.pdo: [*item.accounts] for item in slave.contradictions}
     for pdo in (*slave.outputs, *slave.inputs):
         known.setdefault(pdo.index, [account(pdo.witness or usual, pdo)])
@@ -142,10 +149,13 @@ def _surroundings(pdos: Iterable[Pdo]) -> dict[int, tuple[int, bool]]:
     return found
 
 
+_OWN_WORDS = {COE: "its objects", SOE: "its telegrams", SII: "its objects"}
+
+
 class _Judge:
     def __init__(self, slave: Slave, sii: Sii, settings: SlaveConfig, told: Told) -> None:
         self._slave, self._sii, self._settings, self._told = slave, sii, settings, told
-        self._usual = COE if slave.coe and not told.silent else SII
+        self._usual = SII if told.silent else usual_witness(slave)
         self._in_sii = {pdo.index: pdo for pdo in (*sii.outputs, *sii.inputs) if pdo.entries}
         self._found = Believed(notes=list(told.notes))
         self._unknown: list[str] = []
@@ -209,7 +219,7 @@ class _Judge:
         elif changeable and len(said) > 1 and clash(*said[:2]) and believed is said[0]:
             self._found.settled.append(
                 f"PDO 0x{index:04X} has other entries than in its EEPROM, because they can be "
-                "mapped: its objects are believed"
+                f"mapped: {_OWN_WORDS[self._usual]} are believed"
             )
         if why is not None and believed.witness == SII:
             self._found.notes.append(

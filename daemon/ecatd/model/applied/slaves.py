@@ -9,7 +9,8 @@ from ..config import Config, SlaveConfig
 from ..errors import StateError
 from ..problems import AT_ONCE, Problems
 from ..toml_file import Table
-from ..witnesses import COE
+from ..witnesses import COE, SII, SOE, witness_name
+from .believed import usual_witness
 
 
 def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None:
@@ -21,7 +22,7 @@ def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None
         problems: Takes each slave that is not there, or cannot take its settings.
 
     Raises:
-        ConfigError: A slave has no CoE or no EoE for its settings.
+        ConfigError: A slave has no CoE, EoE or SoE for its settings.
         StateError: A slave is not there. It may come later.
     """
     count = len(bus.slaves)
@@ -38,9 +39,16 @@ def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None
         if settings.position >= count:
             continue
         slave = bus.slaves[settings.position]
+        with problems:
+            _check_witness(settings, slave)
         if not slave.coe:
             with problems:
                 _check_without_coe(settings, slave)
+        if settings.idn and not slave.soe:
+            with problems:
+                settings.idn[0].table.fail(
+                    None, f"{slave.label} has no SoE, so it has no IDNs: remove its [[slave.idn]]"
+                )
         if slave.eoe and config.eoe.interface and not settings.poll_s:
             with problems:
                 settings.table.fail(
@@ -56,13 +64,26 @@ def check_slaves(config: Config, bus: Bus, problems: Problems = AT_ONCE) -> None
                 )
 
 
-def _check_without_coe(settings: SlaveConfig, slave: Slave) -> None:
-    if settings.pdo_source == COE:
+def _check_witness(settings: SlaveConfig, slave: Slave) -> None:
+    usual = usual_witness(slave)
+    if settings.pdo_source in (COE, SOE) and settings.pdo_source != usual:
+        others = f'"{usual}" or "sii"' if usual != SII else '"sii" or "configuration"'
         settings.table.fail(
             "pdo_source",
-            f'{slave.label} has no CoE: write "sii" or "configuration", or remove this',
+            f"{slave.label} does not describe its process data over "
+            f"{witness_name(settings.pdo_source)}: write {others}, or remove this",
         )
-    tables = (("startup", settings.startup), ("pdo", settings.mapped), ("module", settings.module))
+
+
+def _check_without_coe(settings: SlaveConfig, slave: Slave) -> None:
+    if slave.soe and settings.pdos is not None:
+        settings.table.fail(
+            "pdos",
+            f"{slave.label} has no PDOs to choose, but telegrams (SoE): write their IDNs with "
+            "[[slave.idn]] to S-0-0016 and S-0-0024",
+        )
+    pdos = settings.pdo if slave.soe else settings.mapped  # telegrams have other indices
+    tables = (("startup", settings.startup), ("pdo", pdos), ("module", settings.module))
     for key, told in tables:
         if told:
             told[0].table.fail(

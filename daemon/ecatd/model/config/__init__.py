@@ -20,6 +20,7 @@ from .copies import ABSENT, CopyConfig
 from .domains import DOMAINS_MAX, DomainConfig
 from .file import load_config, read_config
 from .gateway import GatewayConfig, UserConfig
+from .idns import IdnConfig
 from .outputs import STOPS, OutputsConfig, SafeConfig
 from .pdos import PdoConfig, PdoEntryConfig
 from .signals import SignalConfig
@@ -45,6 +46,7 @@ __all__ = [
     "ExpectedConfig",
     "GatewayConfig",
     "HealthConfig",
+    "IdnConfig",
     "MailboxConfig",
     "Mark",
     "ModuleConfig",

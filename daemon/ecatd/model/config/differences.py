@@ -84,6 +84,7 @@ _ABOUT: dict[str, tuple[str, ...]] = {
     "slave.module": ("slot",),
     "slave.pdo": ("index",),
     "slave.startup": ("object", "transition"),
+    "slave.idn": ("idn", "drive", "transition"),
     "domain": (),
     "dc.slave": ("slave",),
     "outputs.safe": ("slave", "entry"),
@@ -93,7 +94,7 @@ _ABOUT: dict[str, tuple[str, ...]] = {
 """Arrays of tables, and the keys that say what each table is about. Slaves and domains have rules
 of their own."""
 
-_ORDERED = ("domain", "slave.startup", "outputs.safe")
+_ORDERED = ("domain", "slave.startup", "slave.idn", "outputs.safe")
 """Arrays whose order means something."""
 
 

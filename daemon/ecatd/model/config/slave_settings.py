@@ -19,8 +19,9 @@ from ..toml_file import (
     show,
     zero_or,
 )
-from ..witnesses import COE, CONFIGURATION, SII
+from ..witnesses import COE, CONFIGURATION, SII, SOE
 from .eoe import SlaveEoeConfig, read_slave_eoe
+from .idns import IdnConfig, read_idn_parameter
 from .pdos import PdoConfig, check_pdos, read_assigned
 from .placed import Placed, each, rules_of
 from .signals import NAME_BYTES
@@ -190,10 +191,12 @@ class SlaveConfig(Placed):
             Default: those that the slave has assigned.
         pdo: PDOs with other entries than those of the slave.
         pdo_source: Which [witness](configuration.md#which-witness-is-believed) is believed of what
-            is in the PDOs: `"coe"`: the objects of the slave; `"sii"`: its EEPROM;
-            `"configuration"`: the `[[slave.pdo]]` tables, which are then not written to the slave.
-            Default: the objects of the slave, if no other witness contradicts them.
+            is in the PDOs: `"coe"`: the objects of the slave; `"soe"`: the telegrams of a drive
+            with SoE; `"sii"`: its EEPROM; `"configuration"`: the `[[slave.pdo]]` tables, which are
+            then not written to the slave.
+            Default: the slave itself, if no other witness contradicts it.
         startup: Start-up parameters in the order in which they are written.
+        idn: IDNs for drives with SoE, in the order in which they are written; behind `startup`.
         eoe: Its IP parameters. None: it keeps those that it has.
     """
 
@@ -220,8 +223,9 @@ class SlaveConfig(Placed):
     module: Annotated[list[ModuleConfig], each(ModuleConfig)] = field(default_factory=list)
     pdos: Annotated[list[int] | None, read_assigned] = None
     pdo: Annotated[list[PdoConfig], each(PdoConfig)] = field(default_factory=list)
-    pdo_source: Annotated[str | None, one_of((COE, SII, CONFIGURATION))] = None
+    pdo_source: Annotated[str | None, one_of((COE, SOE, SII, CONFIGURATION))] = None
     startup: Annotated[list[StartupConfig], array(read_parameter)] = field(default_factory=list)
+    idn: Annotated[list[IdnConfig], array(read_idn_parameter)] = field(default_factory=list)
     eoe: Annotated[SlaveEoeConfig | None, read_slave_eoe] = None
 
     @property
@@ -241,8 +245,9 @@ class SlaveConfig(Placed):
 
     @property
     def is_told(self) -> bool:
-        """Whether anything is written to objects of the slave before SAFEOP."""
-        return self.pdos is not None or bool(self.module or self.mapped or self.startup)
+        """Whether anything is written to objects or IDNs of the slave before SAFEOP."""
+        tables = self.module or self.mapped or self.startup or self.idn
+        return self.pdos is not None or bool(tables)
 
     @property
     def mapped(self) -> list[PdoConfig]:
@@ -257,7 +262,8 @@ class SlaveConfig(Placed):
     @property
     def remapped(self) -> set[int]:
         """Indices of the PDOs that get other entries when the slave starts."""
-        return {pdo.index for pdo in self.mapped} | {item.address[0] for item in self.startup}
+        indices = {pdo.index for pdo in self.mapped} | {item.address[0] for item in self.startup}
+        return indices | {item.telegram for item in self.idn if item.telegram is not None}
 
     @property
     def modules(self) -> list[Module]:
@@ -272,6 +278,14 @@ class SlaveConfig(Placed):
     def parameters(self, transition: str) -> list[StartupConfig]:
         """The start-up parameters of one transition, in order."""
         return [item for item in self.startup if item.transition == transition]
+
+    def idns(self, transition: str) -> list[IdnConfig]:
+        """The IDNs that are written in one transition, in order."""
+        return [item for item in self.idn if item.transition == transition]
+
+    def has_parameters(self, transition: str) -> bool:
+        """Whether anything is written in one transition."""
+        return bool(self.parameters(transition) or self.idns(transition))
 
 
 def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:

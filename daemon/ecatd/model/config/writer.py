@@ -191,6 +191,7 @@ def _slave(
         "module",
         "pdo",
         "startup",
+        "idn",
         "eoe",
         "pdos",
         *["position"] * (not placed),
@@ -227,6 +228,8 @@ def _slave(
             row = replace(row, value=number_of(parameter.value))
         yield from ("", "[[slave.startup]]")
         yield from _scalars(row, always=("object",), comments=False)
+    for idn in settings.idn:
+        yield from ("", "[[slave.idn]]", *_scalars(idn, always=("idn",), comments=False))
     if settings.eoe is not None:
         yield from ("", "[slave.eoe]", *_scalars(settings.eoe, comments=False))
     elif slave.eoe:

@@ -1,0 +1,129 @@
+"""Drives with SoE in ESI files, ENI files, EEPROMs and the configuration."""
+
+import re
+from pathlib import Path
+
+import pytest
+from soe_samples import NETWORK, SHAPES
+
+from conftest import naming
+from ecatd.eni import convert, read_network
+from ecatd.esi import list_devices, read_device
+from ecatd.esi.configure import add_esi
+from ecatd.model.applied.slaves import check_slaves
+from ecatd.model.bus import Bus, Slave
+from ecatd.model.config import Config, IdnConfig, load_config
+from ecatd.model.config.writer import write_config
+from ecatd.model.errors import ConfigError, UsageError
+from ecatd.model.idns import Attribute
+from ecatd.model.sii_check import check_sii
+from ecatsim.files.esi import device_from_esi, image_from_esi
+
+pytestmark = pytest.mark.unprivileged
+
+LIST, WORD = Attribute(0x00550000), Attribute(0x00110000)
+
+
+def read(path: Path, text: str) -> Config:
+    path.write_text(text)
+    return load_config(path)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_file_of_each_shape_is_used_whole(shape: str, tmp_path: Path) -> None:
+    path = tmp_path / "servo.xml"
+    path.write_text(SHAPES[shape])
+    device = read_device(path, list_devices(path)[0])
+    told: list[str] = []
+    sii = check_sii(image_from_esi(device, told.append))
+    assert not (sii.problems or told or device.findings.texts)
+    for read_pdos, first in ((sii.outputs, 0x0018), (sii.inputs, 0x0010)):
+        assert [pdo.index for pdo in read_pdos] == [first, first + 0x1000]
+    whole = [(e.index, e.bit_length) for pdo in sii.outputs for e in pdo.entries]
+    words = [] if "without" in shape else [(134, 16)]
+    assert whole == 2 * [*words, (36, 32)]
+    made = device_from_esi(path)
+    lists = {24: [36], 16: [51]} if words else {}
+    found = made.idns[1] if made.idns else {}
+    assert {n: [*memoryview(found[n].value).cast("H")] for n in (24, 16) if n in found} == lists
+
+
+@pytest.mark.parametrize(("shape", "drive"), [("InitCmd in SoE", 0), ("InitCmd in InitCmds", 1)])
+def test_commands_of_esi_files_become_idns(shape: str, drive: int, tmp_path: Path) -> None:
+    path = tmp_path / "servo.xml"
+    path.write_text(SHAPES[shape])
+    device = read_device(path, list_devices(path)[0])
+    bus = Bus("b", 1000, [Slave(0, "Servo2", 0xFFFF, 0x5001, 1, soe=True)])
+    config = Config(bus="b")
+    notes = add_esi(config, bus, {0: device})
+    (slave,) = config.slave
+    assert slave.idn == [
+        IdnConfig("S-0-0016", "S-0-0051", drive=drive, comment="AT list"),
+        IdnConfig("P-0-0009", hex="07 00"),
+    ]
+    text = write_config(config, bus, "1.0", notes)
+    assert read(tmp_path / "c.toml", text).slave[0].idn == slave.idn
+
+
+def test_commands_of_eni_files_become_idns(tmp_path: Path) -> None:
+    path = tmp_path / "line.xml"
+    path.write_text(NETWORK)
+    found = convert(read_network(path), "b")
+    brake = IdnConfig("P-0-0060", hex="11 00", drive=1, comment="brake")
+    assert found.config.slave[0].idn == [
+        IdnConfig("S-0-0016", "S-0-0051, S-0-0040", comment="AT list"),
+        brake,
+        IdnConfig("P-0-0060", hex="11 00", drive=1, comment="brake", transition="SO"),
+    ]
+    assert found.bus.slaves[0].soe
+    (left,) = found.report.unsupported
+    assert "S-0-0017 of drive 0 writes no value" in left.text
+    text = write_config(found.config, found.bus, "1.0", found.notes)
+    assert read(tmp_path / "c.toml", text).slave[0].idn == found.config.slave[0].idn
+
+
+def test_values_are_those_of_the_kind_that_the_drive_says() -> None:
+    assert IdnConfig("S-0-0016", "S-0-0051, s-0-40").data(LIST) == b"\x33\0\x28\0"
+    assert IdnConfig("S-0-0016", hex="04 00 04 00 33 00 28 00").data(LIST) == b"\x33\0\x28\0"
+    assert IdnConfig("S-0-0001", "300").data(WORD) == b"\x2c\x01"
+    for wrong in (IdnConfig("S-0-0001", "70000"), IdnConfig("S-0-0001", "much")):
+        with pytest.raises(UsageError):
+            wrong.data(WORD)
+    with pytest.raises(UsageError, match="begins with its lengths"):
+        IdnConfig("S-0-0016", hex="33 00 28 00").data(LIST)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("value = 1", ["idn", "is missing"]),
+        ('idn = "X-0-0001"\nvalue = 1', ["idn", "is not an IDN"]),
+        ('idn = "S-0-0001"', ["value", "is missing", "hex"]),
+        ('idn = "S-0-0001"\nvalue = 1\nhex = "00"', ["hex", "in place of value"]),
+        ('idn = "S-0-0001"\nvalue = true', ["value", "a number"]),
+        ('idn = "S-0-0001"\nvalue = nan', ["value", "finite"]),
+        ('idn = "S-0-0001"\nhex = "0"', ["hex", "hexadecimal bytes"]),
+        ('idn = "S-0-0001"\nhex = ""', ["hex", "1 to"]),
+        ('idn = "S-0-0001"\nvalue = 1\ndrive = 8', ["drive", "from 0 to 7"]),
+        ('idn = "S-0-0001"\nvalue = 1\ntransition = "XX"', ["transition", "PS"]),
+    ],
+)
+def test_wrong_tables_are_refused_with_their_line(
+    keys: str, words: list[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "c.toml"
+    with pytest.raises(
+        ConfigError, match=naming(f"slave[0].idn[0].{words[0]}", *words[1:])
+    ) as caught:
+        read(file, f"[[slave]]\nposition = 0\n[[slave.idn]]\n{keys}\n")
+    assert re.match(rf"{re.escape(str(file))}:\d+: ", str(caught.value))
+
+
+def test_what_a_slave_cannot_take_is_refused(tmp_path: Path) -> None:
+    text = '[[slave]]\nposition = 0\n[[slave.idn]]\nidn = "S-0-0001"\nvalue = 1\n'
+    with pytest.raises(ConfigError, match=naming("slave 0 (EL1018)", "no SoE", "[[slave.idn]]")):
+        check_slaves(read(tmp_path / "c.toml", text), Bus("b", 1, [Slave(0, "EL1018", 2, 3, 4)]))
+    text = '[[slave]]\nposition = 0\npdos = ["0x1600"]\n'
+    drive = Bus("b", 1, [Slave(0, "Servo", 2, 3, 4, soe=True)])
+    with pytest.raises(ConfigError, match=naming("telegrams", "S-0-0016")):
+        check_slaves(read(tmp_path / "c.toml", text), drive)
