@@ -25,6 +25,7 @@ NEEDED = {
     "[[slave.pdo]]": "index = 0x1600\nentries = []",
     "[[slave.pdo.entries]]": "bits = 8",
     "[[slave.startup]]": "object = '0x6065:00'\nhex = '00'",
+    "[[slave.idn]]": "idn = 'S-0-0036'\nvalue = 1",
     "[[dc.slave]]": "slave = 0",
     "[[outputs.safe]]": "slave = 0\nvalue = 'quick_stop'",
     "[[signal]]": "slave = 0\nentry = '0x6000:01'",
@@ -36,7 +37,13 @@ ABOVE = {
     "[[slave.pdo.entries]]": "[[slave]]\nposition = 0\n[[slave.pdo]]\nindex = 0x1600\n",
     "[[gateway.user]]": "[gateway]\nusers_ca = '/ca.pem'\n",
     **dict.fromkeys(
-        ("[[slave.module]]", "[[slave.pdo]]", "[[slave.startup]]", "[slave.eoe]"),
+        (
+            "[[slave.module]]",
+            "[[slave.pdo]]",
+            "[[slave.startup]]",
+            "[[slave.idn]]",
+            "[slave.eoe]",
+        ),
         "[[slave]]\nposition = 0\n",
     ),
 }
