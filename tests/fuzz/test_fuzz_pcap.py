@@ -4,6 +4,7 @@ import json
 import random
 import sys
 import tomllib
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -48,7 +49,8 @@ def test_mutated_files_are_read_or_refused(tmp_path: Path) -> None:
     ]
     path = tmp_path / "x"
     rigs = refused = 0
-    for data in mutants(seeds, FILES, 1):
+    heads = [seed[:64] for seed in seeds]  # in a whole file they are hardly ever hit
+    for data in chain(mutants(seeds, FILES, 1), mutants(heads, FILES // 4, 2)):
         path.write_bytes(data)
         try:
             rigs += read(path)

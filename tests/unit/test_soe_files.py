@@ -6,17 +6,22 @@ from pathlib import Path
 import pytest
 from soe_samples import NETWORK, SHAPES
 
-from conftest import naming
+from conftest import names, naming
 from ecatd.eni import convert, read_network
 from ecatd.esi import list_devices, read_device
+from ecatd.esi.check import described_pdos
 from ecatd.esi.configure import add_esi
+from ecatd.esi.findings import Findings
+from ecatd.model.applied.believed import remaining
 from ecatd.model.applied.slaves import check_slaves
 from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import Config, IdnConfig, load_config
+from ecatd.model.config import Config, IdnConfig, SlaveConfig, load_config
 from ecatd.model.config.writer import write_config
 from ecatd.model.errors import ConfigError, UsageError
 from ecatd.model.idns import Attribute
+from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii_check import check_sii
+from ecatd.model.witnesses import contradictions_text
 from ecatsim.files.esi import device_from_esi, image_from_esi
 
 pytestmark = pytest.mark.unprivileged
@@ -36,7 +41,7 @@ def test_a_file_of_each_shape_is_used_whole(shape: str, tmp_path: Path) -> None:
     device = read_device(path, list_devices(path)[0])
     told: list[str] = []
     sii = check_sii(image_from_esi(device, told.append))
-    assert not (sii.problems or told or device.findings.texts)
+    assert [*sii.problems, *told, *device.findings.texts] == []
     for read_pdos, first in ((sii.outputs, 0x0018), (sii.inputs, 0x0010)):
         assert [pdo.index for pdo in read_pdos] == [first, first + 0x1000]
     whole = [(e.index, e.bit_length) for pdo in sii.outputs for e in pdo.entries]
@@ -127,3 +132,47 @@ def test_what_a_slave_cannot_take_is_refused(tmp_path: Path) -> None:
     drive = Bus("b", 1, [Slave(0, "Servo", 2, 3, 4, soe=True)])
     with pytest.raises(ConfigError, match=naming("telegrams", "S-0-0016")):
         check_slaves(read(tmp_path / "c.toml", text), drive)
+
+
+WRONG = "<InitCmd><Transition>PS</Transition><IDN>S-0-16</IDN><Data>0700</Data></InitCmd>"
+
+
+def test_malformed_commands_are_named_and_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "servo.xml"
+    path.write_text(SHAPES["InitCmd in SoE"].replace("<SoE>", f"<SoE>{WRONG}", 1))
+    device = read_device(path, list_devices(path)[0])
+    assert [command.idn for command in device.idns] == [16, 32777]
+    (finding,) = device.findings.texts
+    names(finding, "<IDN>", "S-0-16", "left out")
+    with pytest.raises(ConfigError, match=naming("<IDN>", "S-0-16")):
+        read_device(path, list_devices(path)[0], Findings(strict=True))
+    path.write_text(NETWORK.replace("<SoE><InitCmds>", f"<SoE><InitCmds>{WRONG}", 1))
+    network = read_network(path)
+    assert [command.idn for command in network.slaves[0].idns] == [16, 32828, 17]
+    names(network.findings.texts, "<IDN>", "S-0-16", "left out", "Servo 1 (Servo2)")
+
+
+@pytest.mark.parametrize(
+    ("listed", "settings", "text"),
+    [
+        ([(135, 16), (51, 32)], SlaveConfig(0), ""),
+        ([(135, 16), (40, 32), (51, 32)], SlaveConfig(0), ""),  # somebody has listed them
+        (
+            [(135, 16), (51, 16)],
+            SlaveConfig(0),
+            "PDO 0x0010: SoE places 0x0033:00 in 16 bits at bit 16, the ESI file in 32 bits at "
+            "bit 16",
+        ),
+        ([(135, 16), (51, 16)], SlaveConfig(0, idn=[IdnConfig("S-0-0016", "S-0-0051")]), ""),
+    ],
+)
+def test_telegrams_are_compared_with_esi_files(
+    listed: list[tuple[int, int]], settings: SlaveConfig, text: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "servo.xml"
+    path.write_text(SHAPES["indices are IDNs"])
+    device = read_device(path, list_devices(path)[0])
+    at = Pdo(0x0010, "AT 1", 3, [Entry(number, 0, "", 0, bits) for number, bits in listed])
+    slave = Slave(0, "Servo2", 0xFFFF, 0x5001, 1, soe=True, inputs=[at])
+    found = remaining(slave, settings, described_pdos(device, slave))
+    assert contradictions_text(found) == text

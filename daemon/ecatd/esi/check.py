@@ -8,6 +8,7 @@ from ecatd.model.bus import Slave
 from ecatd.model.config.slave_settings import SlaveConfig
 from ecatd.model.idns import TELEGRAM_LISTS, telegram_index
 from ecatd.model.pdo import Pdo
+from ecatd.model.witnesses import other_idns
 
 from .device import EsiDevice, EsiPdo
 from .modules import plug
@@ -27,9 +28,17 @@ def described_pdos(device: EsiDevice, slave: Slave) -> dict[int, tuple[Pdo, bool
         device = plug(device, [module.ident for module in slave.modules])
     mapped = {command.index for command in device.commands}
     mapped |= {telegram_index(c.idn, c.drive) for c in device.idns if c.idn in TELEGRAM_LISTS}
-    maps = bool(device.coe_details & _MAPS) if slave.coe else slave.soe
+    maps = bool(device.coe_details & _MAPS) and slave.coe
+    telegrams = (*slave.outputs, *slave.inputs) if slave.soe and not slave.coe else ()
+    told = {pdo.index: pdo for pdo in telegrams}
+
+    def changeable(pdo: EsiPdo) -> bool:
+        if pdo.index in told:
+            return other_idns(told[pdo.index], pdo)
+        return maps and not pdo.fixed
+
     return {
-        pdo.index: (pdo, maps and not pdo.fixed)
+        pdo.index: (pdo, changeable(pdo))
         for pdo in (*device.outputs, *device.inputs)
         if pdo.entries and pdo.index not in mapped
     }

@@ -95,6 +95,15 @@ def clash(
     return None if same else Clash(None, Place(0, ends[0]), Place(0, ends[1]))
 
 
+def other_idns(one: Pdo, other: Pdo) -> bool:
+    """Whether two accounts of a telegram (SoE) have other IDNs.
+
+    Masters choose these, so they are changeable; the length of an IDN is no matter of choice.
+    """
+    ours, theirs = ([entry.index for entry in p.entries if not entry.is_gap] for p in (one, other))
+    return ours != theirs
+
+
 _Placed = tuple[tuple[int, int], Place]
 
 

@@ -30,6 +30,7 @@ from ecatd.model.idns import (
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
 from ecatd.model.units import modelica_unit
+from ecatd.model.witnesses import other_idns
 
 from ..mailbox.coe import Coe
 from ..mailbox.soe import SoeRefusedError, read_idn
@@ -77,8 +78,7 @@ class Telegrams:
         in_sii = {pdo.index: pdo for pdo in (*self._sii.outputs, *self._sii.inputs)}
         for pdo in (*told.outputs, *told.inputs):
             known = in_sii.get(pdo.index)
-            # Lists can have other IDNs, but the length of an IDN is no matter of choice.
-            if known is not None and _idns(known) != _idns(pdo):
+            if known is not None and other_idns(pdo, known):
                 told.changeable.add(pdo.index)
         return believe(self._slave, self._sii, self._settings, told)
 
@@ -199,7 +199,3 @@ class Telegrams:
         if key not in self._known:
             self._known[key] = yield from read_idn(self._coe.mailbox, drive, number)
         return self._known[key]
-
-
-def _idns(pdo: Pdo) -> list[int]:
-    return [entry.index for entry in pdo.entries if not entry.is_gap]
