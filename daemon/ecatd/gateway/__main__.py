@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import resource
 import signal
 import sys
 import traceback
@@ -46,6 +47,8 @@ _RUNTIME = "(rx: (worker_threads: 2), acc: (handover: rx), net: (handover: rx), 
 third more processor time."""
 _SWITCH_S = 0.0002
 """Seconds after which a thread lets another one go on: a stream must not miss a cycle."""
+_FILES_MAX = 1 << 14
+"""A session of the network has three sockets."""
 _PERIOD = 1.0
 """Seconds between two messages that tell the service manager that this process works."""
 
@@ -114,6 +117,8 @@ def main() -> int:
     leave_signals_to_the_service()
     offer_to_oom_killer(_OOM_SCORE)
     drop_rights()  # before there are other threads: each thread has its own rights
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(_FILES_MAX, most), most))
     os.environ.setdefault("ZENOH_RUNTIME", _RUNTIME)
     sys.setswitchinterval(_SWITCH_S)
     from . import gateway  # noqa: F401  it is loaded while the bus is brought up

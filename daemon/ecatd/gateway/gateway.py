@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -52,18 +51,21 @@ from .access import (
 )
 from .aside import aside
 from .bus_client import Answer, BusClient
+from .entrance import RELAYED, Entrance
 from .listening import Listening
 from .metrics import MetricsServer
 from .publisher import Publisher, publish_stats
 from .routers import watch_routers
+from .sessions import Sessions
 from .streams import Streams
 
 _OPEN_PATIENCE, _OPEN_PAUSE = Patience(5.0), 0.005
 """Seconds that Zenoh has to listen on the local socket, and seconds between two looks."""
 _LOOK_PATIENCE, _LOOK_AGAIN = 1.0, 0.1
 """Seconds for an answer when the gateway looks whether clients get one, and between two looks."""
-_CLOSE_PATIENCE = 1.0
-"""Seconds that Zenoh has to close its session."""
+_RECEIVED_MAX = 2 * MAX_MESSAGE
+"""Most bytes of a message that Zenoh puts together: it does so before anybody knows the sender's
+rights. A longer one is dropped, and one of half the length is told that it is too long."""
 _SECTIONS = ("bus", "gateway", "realtime")
 """What the gateway uses of the configuration."""
 
@@ -90,9 +92,8 @@ class Gateway:
         self._socket = zenoh_socket(runtime_dir, name)
         self._bus = BusClient(control_socket(runtime_dir, name), self._on_event, on_end)
         self._config = self._in_use = GatewayConfig()
-        self._session: zenoh.Session | None = None
-        self._as_client: zenoh.Session | None = None  # looks whether clients get answers
-        self._declared: list[Any] = []
+        self._sessions: Sessions | None = None
+        self._entrance: Entrance | None = None
         self._metrics: MetricsServer | None = None
         self._streams: Streams | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -153,10 +154,10 @@ class Gateway:
         zenoh.init_log_from_env_or("off")
         listening = Listening(in_use.listen, self._log)
         await listening.look()
-        self._session = session = await self._open_session()
+        self._sessions = sessions = await self._open_sessions()
         self._keep(asyncio.create_task(listening.watch()))
-        self._keep(asyncio.create_task(watch_routers(session, in_use, self._log)))
-        self._streams = Streams(session, self._name, self._full_name)
+        self._keep(asyncio.create_task(watch_routers(sessions.network, in_use, self._log)))
+        self._streams = Streams(sessions, self._name, self._full_name)
         loop = asyncio.get_running_loop()
 
         def receive(query: zenoh.Query) -> None:
@@ -164,37 +165,41 @@ class Gateway:
 
         for part in ("ro", "rw", AS):
             key = bus_key(self._full_name, part, "**")
-            self._declared.append(session.declare_queryable(key, receive))
-        alive = bus_key(self._full_name, "alive")
-        self._declared.append(session.liveliness().declare_token(alive))
+            sessions.serve(key, receive)
+        sessions.be_alive(bus_key(self._full_name, "alive"))
         if address := self._config.metrics:
             self._metrics = MetricsServer(
                 address, self._name, lambda: self._bus.ask(ReadStates()), self._log
             )
             await self._metrics.start()
         publisher = Publisher(
-            session, self._name, self._full_name, self._config.publish_hz, self._log
+            sessions, self._name, self._full_name, self._config.publish_hz, self._log
         )
         self._keep(asyncio.create_task(publisher.run()))
-        stats = publish_stats(session, self._name, self._full_name)
+        stats = publish_stats(sessions, self._name, self._full_name)
         self._keep(asyncio.create_task(stats))
 
     def _keep(self, task: asyncio.Task[Any]) -> None:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _open_session(self) -> zenoh.Session:
-        """Opens the Zenoh session; `access.py` says who may do what.
+    async def _open_sessions(self) -> Sessions:
+        """Opens the Zenoh sessions; `access.py` says who may do what.
 
         Raises:
             UnreachableError: Zenoh does not open it, or does not listen on the local socket.
         """
         remove_zenoh_socket(self._runtime_dir, self._name)
         write_host(self._runtime_dir, self._name, self._in_use.host)
-        endpoints = [f"unixsock-stream/{self._socket}", *self._in_use.listen]
+        listen, connect = self._in_use.listen, self._in_use.connect
+        local = [item for item in listen if item.startswith("unixsock-stream/")]
+        self._entrance = entrance = Entrance(self._in_use, self._log)
+        others = [item for item in listen if item.partition("/")[0] not in RELAYED]
+        remote = [*entrance.endpoints, *(item for item in others if item not in local)]
         old = os.umask(0o117)
         try:
-            session = zenoh.open(self._session_config(endpoints))
+            here = [f"unixsock-stream/{self._socket}", *local]
+            sessions = [zenoh.open(self._session_config(here, []))]
             deadline = time.monotonic() + _OPEN_PATIENCE.seconds
             while not self._socket.exists():
                 if time.monotonic() > deadline:
@@ -202,25 +207,36 @@ class Gateway:
                         f"Zenoh does not listen on {self._socket} within {_OPEN_PATIENCE}"
                     )
                 await asyncio.sleep(_OPEN_PAUSE)
+            if remote or connect:
+                places = {"transport/unicast/max_sessions": entrance.sessions_max + len(connect)}
+                network = self._session_config(remote, connect, places)
+                sessions.append(zenoh.open(network))
         except zenoh.ZError as error:
             raise UnreachableError(f"Zenoh does not open: {_reason(error)}") from error
         finally:
             os.umask(old)
-        return session
+        if entrance.endpoints:
+            sessions[-1].info.declare_link_events_listener(entrance.on_link)
+            await asyncio.to_thread(entrance.start)
+        return Sessions(sessions)
 
-    def _session_config(self, endpoints: list[str]) -> zenoh.Config:
+    def _session_config(
+        self, endpoints: list[str], connect: list[str], limits: dict[str, Any] | None = None
+    ) -> zenoh.Config:
         return session_config(
             "peer",
             {
+                "transport/link/rx/max_message_size": _RECEIVED_MAX,
                 "listen/endpoints": endpoints,
                 # Zenoh tries an address again that does not exist yet, and uses the others already.
                 "listen/timeout_ms": -1,
                 "listen/exit_on_failure": False,
-                "connect/endpoints": self._in_use.connect,
+                "connect/endpoints": connect,
                 "connect/timeout_ms": -1,
                 "connect/exit_on_failure": False,
                 "access_control": access_control(self._full_name, self._in_use),
                 **certificates(self._in_use),
+                **(limits or {}),
             },
         )
 
@@ -237,7 +253,7 @@ class Gateway:
 
     def _reply(self, query: zenoh.Query, parts: list[str], begin: float, answer: Answer) -> None:
         with query:
-            if self._session is None:  # it is being closed, so there is no way to reply
+            if self._sessions is None:  # it is being closed, so there is no way to reply
                 answer.exception()  # else asyncio complains that the exception was never retrieved
                 return
             if self._log.writes_debug:
@@ -353,9 +369,9 @@ class Gateway:
         self._publish("event", event)
 
     def _publish(self, what: str, content: dict[str, Any]) -> None:
-        if self._session is not None:
+        if self._sessions is not None:
             key = bus_key(self._full_name, "ro", what)
-            self._session.put(key, pack({"schema": SCHEMA, **content}))
+            self._sessions.put(key, pack({"schema": SCHEMA, **content}))
 
     async def _reconfigure(self) -> None:
         """Reads what may have changed; calls `on_end` if another gateway must be started.
@@ -372,7 +388,8 @@ class Gateway:
     async def report(self) -> dict[str, Any]:
         """Returns the answer to the service's ping: it is empty, since it is enough that it comes.
 
-        It comes only if clients get answers: the gateway finds its bus as they do, over its socket.
+        It comes only if clients get answers: the gateway finds its bus as a new one does, over its
+        socket.
         """
         while not await aside(self._finds_itself):
             await asyncio.sleep(_LOOK_AGAIN)
@@ -380,18 +397,17 @@ class Gateway:
 
     def _finds_itself(self) -> bool:
         try:
-            if self._as_client is None:
-                settings = {
-                    "connect/endpoints": [f"unixsock-stream/{self._socket}"],
-                    "connect/timeout_ms": int(_LOOK_PATIENCE * 1e3),
-                    "connect/exit_on_failure": True,
-                }
-                self._as_client = zenoh.open(session_config("client", settings))
-            key = bus_key(self._full_name, "alive")
-            found = self._as_client.liveliness().get(key, timeout=_LOOK_PATIENCE)
-            return any(reply.ok is not None for reply in found)
+            settings = {
+                "connect/endpoints": [f"unixsock-stream/{self._socket}"],
+                "connect/timeout_ms": int(_LOOK_PATIENCE * 1e3),
+                "connect/exit_on_failure": True,
+            }
+            # A session that is open says nothing about those that cannot open one.
+            with zenoh.open(session_config("client", settings)) as client:
+                key = bus_key(self._full_name, "alive")
+                found = client.liveliness().get(key, timeout=_LOOK_PATIENCE)
+                return any(reply.ok is not None for reply in found)
         except zenoh.ZError:
-            self._as_client = None  # the next try opens another session
             return False
 
     async def stop(self) -> None:
@@ -404,12 +420,11 @@ class Gateway:
         if self._streams is not None:
             self._streams.close()
         self._bus.close()
-        session, self._session = self._session, None
-        if session is not None:
-            # While Zenoh tries an address, closing takes 10 s. Ending this process is quicker.
-            closing = threading.Thread(target=session.close, daemon=True)
-            closing.start()
-            await asyncio.to_thread(closing.join, _CLOSE_PATIENCE)
+        if self._entrance is not None:
+            self._entrance.close()
+        sessions, self._sessions = self._sessions, None
+        if sessions is not None:
+            await asyncio.to_thread(sessions.close)
         remove_zenoh_socket(self._runtime_dir, self._name)
 
 

@@ -6,8 +6,6 @@ import asyncio
 from contextlib import suppress
 from typing import Any
 
-import zenoh
-
 from ecatd.client import Client
 from ecatd.encoding import pack
 from ecatd.log import Log
@@ -15,20 +13,22 @@ from ecatd.model.errors import EcatError
 from ecatd.stats import read, to_map
 from ecatd.zenoh_keys import SCHEMA, bus_key
 
+from .sessions import Sessions
+
 _PAUSE = 1.0
 
 
-async def publish_stats(session: zenoh.Session, bus: str, full_name: str) -> None:
+async def publish_stats(session: Sessions, bus: str, full_name: str) -> None:
     """Publishes the statistics every second while somebody subscribes, until it is cancelled.
 
     Args:
-        session: The gateway's session.
+        session: The gateway's sessions.
         bus: Name of the bus.
         full_name: Its name in keys.
     """
-    publisher = session.declare_publisher(bus_key(full_name, "ro", "stats"))
+    publisher = session.publisher(bus_key(full_name, "ro", "stats"))
     while True:
-        if publisher.matching_status.matching:  # type: ignore[attr-defined]
+        if publisher.is_wanted:
             with suppress(EcatError):  # the bus server has ended, and soon the gateway does
                 stats = await asyncio.to_thread(lambda: to_map(read(bus)))
                 publisher.put(pack({"schema": SCHEMA, **stats}))
@@ -42,16 +42,14 @@ class Publisher:
     so that a late subscriber soon has all values.
 
     Args:
-        session: The gateway's session.
+        session: The gateway's sessions.
         bus: Name of the bus.
         full_name: Its name in keys.
         rate: Samples per second; 0 publishes nothing.
         log: The log for failures.
     """
 
-    def __init__(
-        self, session: zenoh.Session, bus: str, full_name: str, rate: float, log: Log
-    ) -> None:
+    def __init__(self, session: Sessions, bus: str, full_name: str, rate: float, log: Log) -> None:
         self._session = session
         self._bus = bus
         self._full_name = full_name

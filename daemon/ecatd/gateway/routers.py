@@ -33,7 +33,7 @@ async def watch_routers(session: zenoh.Session, config: GatewayConfig, log: Log)
     """Logs each change of the number of reached routers; ends at once if there are no routers.
 
     Args:
-        session: The gateway's session.
+        session: The gateway's session for the network.
         config: The configuration, which names the routers.
         log: The log for these reports.
     """

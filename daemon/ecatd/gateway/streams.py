@@ -23,6 +23,8 @@ from ecatd.encoding import pack
 from ecatd.model.errors import BusyError, EcatError, UsageError
 from ecatd.zenoh_keys import SCHEMA, bus_key
 
+from .sessions import Sessions
+
 _STREAMS_MAX, _SIGNALS_MAX = 16, 2000
 _RATES = 0.1, 200.0
 """Lowest and highest rate in Hz."""
@@ -40,12 +42,12 @@ class Streams:
     """All streams of a bus. It may be called in any thread.
 
     Args:
-        session: The gateway's session.
+        session: The gateway's sessions.
         bus: Name of the bus.
         full_name: Its name in keys.
     """
 
-    def __init__(self, session: zenoh.Session, bus: str, full_name: str) -> None:
+    def __init__(self, session: Sessions, bus: str, full_name: str) -> None:
         self._session = session
         self._bus = bus
         self._full_name = full_name
@@ -93,9 +95,7 @@ class Streams:
 
 
 class _Stream:
-    def __init__(
-        self, session: zenoh.Session, bus: str, key: str, pattern: str, rate: float
-    ) -> None:
+    def __init__(self, session: Sessions, bus: str, key: str, pattern: str, rate: float) -> None:
         self._client = Client(bus)
         try:
             self._client.sample()
@@ -109,7 +109,7 @@ class _Stream:
             self._client.close()
             raise
         self._cycles = max(1, round(1 / (rate * self._client.cycle_time)))
-        self._publisher = session.declare_publisher(key)
+        self._publisher = session.publisher(key)
         self.asked = time.monotonic()
         self.ends = threading.Event()
         self.description: dict[str, Any] = {
@@ -162,7 +162,7 @@ class _Stream:
             self.ends.set()
 
     def _is_wanted(self) -> bool:
-        if self._publisher.matching_status.matching:  # type: ignore[attr-defined]
+        if self._publisher.is_wanted:
             self.asked = time.monotonic()
         return time.monotonic() - self.asked < _ABANDONED_S
 

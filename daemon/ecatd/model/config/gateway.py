@@ -10,7 +10,7 @@ from typing import Annotated
 from ..bus_name import HOST_NAME, HOST_NAME_RULE
 from ..errors import LOOPBACK
 from ..queries import RIGHT_NAMES
-from ..toml_file import Key, Table, accepts, any_of, number, show
+from ..toml_file import Key, Table, accepts, any_of, integer, number, show
 from .placed import Placed, each, read
 from .slave_reference import POSITION_MAX
 
@@ -161,12 +161,15 @@ class UserConfig(Placed):
         changes_max: Number of changes that the user may request in a second. The changes of one
             second may come at once. Further ones wait; if more than those of two seconds are
             waiting, the answer is `busy`.
+        sessions_max: Number of sessions that the user may have at the same time over TCP addresses:
+            programs with this certificate. A further one is closed.
     """
 
     name: Annotated[str, _user_name]
     write: Annotated[list[str], any_of(RIGHT_NAMES)] = field(default_factory=list)
     slaves: Annotated[list[int | str], _slaves] = field(default_factory=list)
     changes_max: Annotated[float, number(0.1, 10_000)] = 100.0
+    sessions_max: Annotated[int, integer(1, 1000)] = 20
 
 
 @dataclass(slots=True)
@@ -192,6 +195,9 @@ class GatewayConfig(Placed):
         users_ca: File with the certificates of those who may sign certificates of users and
             routers.
         user: The users.
+        guests_max: Number of sessions over TCP addresses of all those together whom no
+            `[[gateway.user]]` names: users of this machine at a loopback address, and others with
+            `anonymous_reading`. Half of them may come from one address. A further one is closed.
         anonymous_reading: Everybody who can reach an address of `listen` may read the bus without a
             certificate.
         publish_hz: Rate at which values are published over Zenoh; 0: never.
@@ -207,6 +213,7 @@ class GatewayConfig(Placed):
     key: Annotated[str, _path] = ""
     users_ca: Annotated[str, _path] = ""
     user: Annotated[list[UserConfig], each(UserConfig)] = field(default_factory=list)
+    guests_max: Annotated[int, integer(2, 1000)] = 64
     anonymous_reading: Annotated[bool, Table.boolean] = False
     publish_hz: Annotated[float, number(0, 1000)] = 10.0
     metrics: Annotated[str, _metrics_address] = ""
