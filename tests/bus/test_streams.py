@@ -17,6 +17,7 @@ from following import following
 from conftest import PATIENCE, Daemon, names, naming, one_line_error, stop_process, wait_for
 from ecatd.client.remote import Remote
 from ecatd.encoding import pack, unpack
+from ecatd.gateway.sessions import Sessions
 from ecatd.gateway.streams import Streams
 from ecatd.model.errors import NoAnswerError, StateError, UnreachableError, UsageError
 from ecatd.zenoh_keys import session_config
@@ -81,7 +82,7 @@ def test_no_cycle_is_missed_while_a_row_is_published(
     monkeypatch.setattr("ecatd.gateway.streams.pack", slow)
     listen = {"listen/endpoints": [f"unixsock-stream/{tmp_path / 'here'}"]}
     with zenoh.open(session_config("peer", listen)) as session:
-        streams = Streams(session, bus.bus, bus.bus)
+        streams = Streams(Sessions([session]), bus.bus, bus.bus)
         stream = streams.open("2/*", 20)
         try:
             with session.declare_subscriber(stream["key"]) as rows:
