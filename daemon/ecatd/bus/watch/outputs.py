@@ -213,7 +213,7 @@ class OutputWatch:
                     f"library writes; ecatd ignores it: "
                     + (f"{others}: check what they do" if others else f"check what {who} does")
                 )
-            case _ if first.value:
+            case EventType.STOPPED if first.value:
                 return f"{slaves}: the drive has stopped"
         return (
             f"{slaves}: the drive has not stopped in {self._patience.get(first.slave, 0):g} s; "
