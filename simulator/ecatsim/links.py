@@ -133,6 +133,7 @@ def signatures() -> dict[str, tuple[type | None, list[type]]]:
     size, time = ctypes.c_size_t, ctypes.c_int64
     return {
         "esc_connect": (number, [segment, number, number, number]),
+        "esc_exchange_ports": (number, [segment, number]),
         "esc_close_ring": (number, [segment, number, number]),
         "esc_break_link": (number, [segment, number, number, number]),
         "esc_order": (number, [segment, number, ctypes.POINTER(ctypes.c_uint16), number]),
@@ -218,6 +219,17 @@ class Links(Handle):
             UsageError: There is no such slave or port, or the port is taken.
         """
         self._check_plug(self._lib.esc_close_ring(self._handle, slave, port), slave, slave, port)
+
+    def exchange_ports(self, slave: int) -> None:
+        """Exchanges the cables at the ports 0 and 1 of a slave, when all links have been made.
+
+        Raises:
+            UsageError: There is no such slave, or it does not have both ports.
+        """
+        result = self._lib.esc_exchange_ports(self._handle, slave)
+        if result == -errno.ENXIO:
+            raise UsageError(f"slave {slave} does not have both port 0 and port 1")
+        self.check_slave(result, slave)
 
     def break_link(self, slave: int, port: int, broken: bool) -> None:
         """Breaks or heals a link.

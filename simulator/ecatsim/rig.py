@@ -44,6 +44,8 @@ class Rig:
         faults: Faults that the simulation begins with.
         ring: Whether a second interface closes a ring (cable redundancy): at the first free port of
             the last device, or where `close_ring` plugs it in.
+        exchanged: Devices whose cables at the ports 0 and 1 are exchanged by mistake. A frame
+            passes them on its way back, so the master finds them behind those that follow them.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Rig:
     trace: Trace | None = None
     faults: list[Fault] = field(default_factory=list)
     ring: bool = False
+    exchanged: list[Device] = field(default_factory=list)
     _topology: Topology = field(default_factory=Topology, repr=False)
 
     def connect(self, device: Device, parent: Device, port: int) -> None:

@@ -88,6 +88,8 @@ class Simulation:
                 self.segment.connect(device.position, *parent)
         if wiring.ring_end:
             self.segment.close_ring(*wiring.ring_end)
+        for device in rig.exchanged:
+            self.segment.exchange_ports(device.position)
         self.faults = Faults(self)
         for fault in rig.faults:
             self.faults.add(fault)

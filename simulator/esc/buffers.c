@@ -45,6 +45,25 @@ void buffers_read(struct slave *slave, uint32_t from, uint32_t to, uint8_t *data
     }
 }
 
+/* Process data in one buffer (mailbox mode) are the device's turn while the buffer is full of outputs
+ * or empty of inputs, and the master's turn otherwise. Takes or gives them; returns false if it is not
+ * the device's turn. */
+bool buffers_turn(struct slave *slave, const struct esc_area *area)
+{
+    for (unsigned i = 0; i < slave->sync_managers; i++) {
+        struct sync_manager *sm = &slave->sm[i];
+        if (!sm->mailbox || sm->size == 0 || sm->start != area->address || sm->write != (area->output != 0))
+            continue;
+        if (sm->full != sm->write)
+            return false;
+        sm->full = !sm->write;
+        *(sm->write ? &sm->read : &sm->written) = true;
+        *(sm->write ? &sm->written : &sm->read) = false;
+        sm_changed(slave);
+    }
+    return true;
+}
+
 /* Hands the inputs at `source` to the master, at once or after the buffer that it is reading. */
 static void give_inputs(struct slave *slave, struct sync_manager *sm, const uint8_t *source)
 {

@@ -133,6 +133,10 @@ ESC_API void esc_destroy(struct esc_segment *segment);
 ESC_API int esc_add_slave(struct esc_segment *segment, const struct esc_config *config,
                           const uint8_t *sii, size_t sii_size);
 
+/* Exchanges what is plugged into the ports 0 and 1 of a slave. Called after all other links are made.
+ * Returns 0, -ENODEV, or -ENXIO if the slave lacks one of these ports. */
+ESC_API int esc_exchange_ports(struct esc_segment *segment, int slave);
+
 /* Wiring. The first slave is at the first interface. A further slave is at port 1 of the slave
  * added before it, if that port exists and is free. `esc_connect` moves port 0 of a slave to a port
  * of another one. `esc_close_ring` plugs the second interface into a port. They fail with -ENODEV

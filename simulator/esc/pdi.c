@@ -288,6 +288,9 @@ static int get_outputs(struct slave *slave, uint8_t *image, size_t size)
             continue;
         if ((size_t)area->offset + area->size > size)
             return -EINVAL;
+        bool turn = buffers_turn(slave, area);
+        if (valid && !turn)
+            continue; /* the one buffer is empty: the last outputs hold */
         if (valid)
             buffers_read(slave, from, to, image + area->offset);
         else
@@ -322,6 +325,8 @@ static int put_inputs(struct slave *slave, const uint8_t *image, size_t size)
             continue;
         if ((size_t)area->offset + area->size > size)
             return -EINVAL;
+        if (!buffers_turn(slave, area))
+            continue; /* the master has not read the last inputs yet */
         /* Refused if the master has moved the sync manager: the inputs then stay as they are. */
         (void)buffers_write(slave, area->address, (uint32_t)area->address + area->size,
                             image + area->offset);

@@ -385,6 +385,7 @@ void watchdog_feed_pdi(struct slave *slave, int64_t now_ns);
 /* buffers.c: access of the device to buffered sync managers. */
 void buffers_read(struct slave *slave, uint32_t from, uint32_t to, uint8_t *data);
 bool buffers_write(struct slave *slave, uint32_t from, uint32_t to, const uint8_t *data);
+bool buffers_turn(struct slave *slave, const struct esc_area *area);
 
 /* fmmu.c: logical access; returns the increment of the working counter. */
 unsigned fmmu_access(struct esc_segment *segment, uint32_t address, uint8_t *data, unsigned size,

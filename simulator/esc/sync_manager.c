@@ -119,12 +119,9 @@ void sm_read(struct slave *slave, struct sync_manager *sm)
     sm_changed(slave);
 }
 
-/* Called when the master has written the last byte of a buffer. */
-void sm_written(struct slave *slave, struct sync_manager *sm)
+/* Notes that output data have come. */
+static void has_come(struct slave *slave, const struct sync_manager *sm)
 {
-    sm->open = false;
-    sm->pending = false;
-    sm_hand_over(sm);
     if (sm->watchdog)
         slave->fed = true;
     slave->has_outputs = true;
@@ -132,6 +129,15 @@ void sm_written(struct slave *slave, struct sync_manager *sm)
         slave->awaits_outputs = false;
         pdi_event(slave, ESC_OUTPUTS);
     }
+}
+
+/* Called when the master has written the last byte of a buffer. */
+void sm_written(struct slave *slave, struct sync_manager *sm)
+{
+    sm->open = false;
+    sm->pending = false;
+    sm_hand_over(sm);
+    has_come(slave, sm);
     sm_changed(slave);
 }
 
@@ -159,10 +165,20 @@ void sm_begin(struct slave *slave, uint32_t from, uint32_t to)
     }
 }
 
+static bool is_process_data(const struct slave *slave, const struct sync_manager *sm)
+{
+    for (unsigned i = 0; i < slave->area_count; i++)
+        if (slave->areas[i].address == sm->start)
+            return true;
+    return false;
+}
+
 static void mailbox_accessed(struct slave *slave, struct sync_manager *sm, bool write)
 {
     sm->open = false;
     sm->full = write;
+    if (write && is_process_data(slave, sm))
+        has_come(slave, sm);
     *(write ? &sm->written : &sm->read) = true;
     pdi_event(slave, write ? ESC_MAILBOX_IN : ESC_MAILBOX_OUT);
     sm_changed(slave);

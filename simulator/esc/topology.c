@@ -288,6 +288,35 @@ int esc_connect(struct esc_segment *segment, int slave, int parent, int port)
     return result;
 }
 
+/* Tells what is plugged into a port which port that is. */
+static void follow_plug(struct slave *slave, unsigned port)
+{
+    const struct plug *plug = &slave->plugs[port];
+    if (plug->kind == PLUG_SLAVE)
+        slave->segment->slaves[plug->number]->plugs[plug->port].port = port;
+    if (plug->kind == PLUG_INTERFACE)
+        slave->segment->interfaces[plug->number].port = port;
+}
+
+int esc_exchange_ports(struct esc_segment *segment, int number)
+{
+    pthread_mutex_lock(&segment->lock);
+    struct slave *slave = find(segment, number);
+    int result = slave == NULL ? -ENODEV : !has_port(slave, 0) || !has_port(slave, 1) ? -ENXIO : 0;
+    if (result == 0) {
+        struct plug first = slave->plugs[0];
+        slave->plugs[0] = slave->plugs[1];
+        slave->plugs[1] = first;
+        follow_plug(slave, 0);
+        follow_plug(slave, 1);
+        topology_update(segment);
+        for (unsigned i = 0; i < segment->count; i++) /* as for esc_connect */
+            memset(segment->slaves[i]->memory + REG_LOST_LINKS, 0, PORTS);
+    }
+    pthread_mutex_unlock(&segment->lock);
+    return result;
+}
+
 int esc_close_ring(struct esc_segment *segment, int number, int port)
 {
     pthread_mutex_lock(&segment->lock);

@@ -54,6 +54,14 @@ def test_replies_wait_for_each_other_and_are_counted():
     assert wire.read() is None
 
 
+@pytest.mark.parametrize("counter", [0, 3])
+def test_a_counter_that_does_not_count(counter):
+    wire = Wire()
+    wire.server.fixed_counter = counter
+    wire.write(b"\x03x")
+    assert [wire.read()[5] >> 4 for _ in range(3)] == [counter] * 3
+
+
 def test_counter_wraps_from_7_to_1():
     wire = Wire()
     wire.write(b"\x09")

@@ -124,6 +124,17 @@ def load(folder: Path, text: str) -> Rig:
     return rigs.make(str(write(folder, text)))
 
 
+def test_a_slave_with_exchanged_ports(tmp_path: Path) -> None:
+    file = tmp_path / "rig.toml"
+    rows = ("", "ports_exchanged = true\nalias = 7\n", "")
+    file.write_text("".join(f'[[slave]]\ndevice = "EL2008"\n{row}' for row in rows))
+    simulation = Simulation(rigs.make(str(file)))
+    try:
+        assert simulation.segment.order() == [0, 2, 1]
+    finally:
+        simulation.close()
+
+
 def test_slaves_of_every_kind(tmp_path: Path) -> None:
     what = load(tmp_path, RIG)
     assert what.name == "bench"

@@ -8,6 +8,7 @@ from test_ecatsim_frames import APWR, datagram, frame
 
 from ecatd.model.pdo import Entry, Pdo
 from ecatsim import AlState, Device, Mailbox, RefusedError
+from ecatsim.slave.sii import SmType, SyncManager
 
 REQUEST_ID = 0x20
 
@@ -237,6 +238,33 @@ def test_al_control_is_taken_once_in_a_frame():
         assert (reply[28], reply[42]) == counters
         assert bench.pump().read(0x0120, 1)[0] == state
         assert bench.write(0x0120, b"\2\0") == 1
+
+
+def test_process_data_in_one_buffer():
+    """Master and device take turns; whoever comes too early is refused."""
+
+    class OneBuffer(Plain):
+        sync_managers = (
+            SyncManager(SmType.MAILBOX_OUT, 0x1000, 128, 0x26),
+            SyncManager(SmType.MAILBOX_IN, 0x1080, 128, 0x22),
+            SyncManager(SmType.OUTPUTS, 0x1100, 2, 0x66),
+            SyncManager(SmType.INPUTS, 0x1200, 2, 0x22),
+        )
+
+    bench = Bench(OneBuffer()).safeop().op(b"\7\0").run()
+    assert bench.device[0x7000, 1] == 7
+    assert [bench.write(0x1100, bytes([n, 0])) for n in (8, 9)] == [1, 0]
+    bench.run()
+    assert bench.device[0x7000, 1] == 8
+    bench.run()
+    assert bench.device[0x7000, 1] == 8, "the last ones hold"
+    assert bench.read(0x1200, 2) is not None
+    assert bench.read(0x1200, 2) is None
+    bench.device[0x6000, 1] = 5
+    bench.run()
+    bench.device[0x6000, 1] = 6
+    bench.run()
+    assert bench.read(0x1200, 2) == b"\5\0", "the master has not read it before"
 
 
 def test_slow_state_changes():

@@ -239,6 +239,20 @@ def test_arrival_at_branches(make):
     assert port_times(segment, 0, [1, 2]) == expected[:2]
 
 
+def test_a_slave_with_exchanged_ports_is_found_behind_the_others(make):
+    segment = make(*[EBUS2] * 3)
+    segment.exchange_ports(1)
+    assert segment.order() == [0, 2, 1]
+    assert count(segment) == (3, 0)
+    assert lost_links(segment, 1) == [0] * 4
+    segment.exchange_ports(1)
+    segment.exchange_ports(2)
+    segment.exchange_ports(0)
+    assert segment.order() == [1, 2, 0]
+    with pytest.raises(UsageError, match=naming("slave 0", "port 1")):
+        make(MII1).exchange_ports(0)
+
+
 # --- loops -----------------------------------------------------------------------------------
 
 

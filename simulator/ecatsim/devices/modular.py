@@ -10,10 +10,12 @@ from ecatd.model.pdo import Entry, Pdo
 
 from ..slave.device import Device
 from ..slave.sii import Mailbox
+from ..slave.sync_managers import default_size, derive
 from .parameters import Parameter, revision_of
 
 _DISTANCE = 0x10  # between the objects of two neighbouring slots
 _SLOTS = 16
+_WIDEST = 4  # bytes of a module
 _EMPTY = "-"
 
 
@@ -75,7 +77,11 @@ class ModularIO(Device):
         ]
         self.rx_pdos = tuple(pdo for module, pdo in pdos if module.output)
         self.tx_pdos = tuple(pdo for module, pdo in pdos if not module.output)
-        self.revision = revision_of(self.parameters, ", ".join(names), slots)
+        # Modules come and go, and the island is the same. So process data begin where they do with
+        # any modules: a master may have read the EEPROM of another island of this identity only.
+        sizes = default_size(self.rx_pdos), default_size(self.tx_pdos)
+        self.sync_managers = derive(self.mailbox, *sizes, _WIDEST * slots)
+        self.revision = revision_of(self.parameters[1:], slots)
         super().__init__()
 
     def with_module(self, slot: int, module: str) -> Device:
@@ -84,10 +90,7 @@ class ModularIO(Device):
             raise UsageError(f"{self.order} has slots 1 to {len(self._names)}, not {slot}")
         names = self._names.copy()
         names[slot - 1] = module
-        made = ModularIO(", ".join(names), len(names))
-        made.revision = self.revision  # the island is the same, whatever is plugged in later
-        made[0x1018, 3] = self.revision
-        return made
+        return ModularIO(", ".join(names), len(names))
 
 
 def _find(name: str) -> _Module | None:

@@ -22,7 +22,7 @@ from .esi import device_from_esi
 
 _KEYS = ("name", "ring", "slave", "wire", "waveform", "plant", "fault")
 _IDENTITY = ("alias", "serial", "device_id")
-_PLACE = ("at", *_IDENTITY)
+_PLACE = ("at", "ports_exchanged", *_IDENTITY)
 _SOURCES = ("device", "esi")
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
 _SHOWN = 8
@@ -47,7 +47,9 @@ def load(path: Path) -> Rig:
     if len(rows) > MAX_SLAVES:
         table.fail("slave", f"has {len(rows)} slaves, but a segment has at most {MAX_SLAVES}")
     rig.devices = [_slave(row, number) for number, row in enumerate(rows)]
+    slaves = list(zip(rows, rig.devices, strict=True))
     rig_links.connect(table, rows, rig)
+    rig.exchanged = [device for row, device in slaves if row.boolean("ports_exchanged", False)]
     driven: set[Terminal] = set()
     for row in table.tables("wire"):
         row.only(("from", "to", "scale", "offset"))

@@ -14,7 +14,7 @@ from .state_machine import AlCode, RefusedError
 
 _REGISTERS = struct.Struct("<HHBBBB")
 _BASE = 0x0800
-_MODE_MASK, _MODE_MAILBOX, _MODE_BUFFERED = 0x03, 0x02, 0x00
+_MODE_MASK, _MODE_MAILBOX = 0x03, 0x02
 _DIRECTION_MASK, _MASTER_WRITES, _MASTER_READS = 0x0C, 0x04, 0x00
 _WATCHDOG = 0x40
 _ENABLED = 0x01
@@ -133,7 +133,8 @@ def check_process_data(
                 raise _refusal(code, channel, _LENGTH, wanted)
             if wanted and start != sync_managers[channel].start:
                 raise _refusal(code, channel, _ADDRESS, sync_managers[channel].start)
-            mode = control & _MODE_MASK == _MODE_BUFFERED and control & _DIRECTION_MASK == direction
+            same = (control ^ sync_managers[channel].control) & _MODE_MASK == 0
+            mode = same and control & _DIRECTION_MASK == direction
             if wanted and not mode:
                 raise _refusal(code, channel, _SETTINGS, sync_managers[channel].control)
 
