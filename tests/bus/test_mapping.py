@@ -15,6 +15,7 @@ from ecatd.bus.start import mapping
 from ecatd.model.al import AlState
 from ecatd.model.config import Config
 from ecatd.model.errors import EcatError
+from ecatd.model.patience import Patience
 from ecatd.model.pdo import Entry, Pdo
 from ecatsim import Rig
 from ecatsim.control import Simulator
@@ -104,8 +105,8 @@ def master_that_scans(*trouble: str) -> Any:
     master = Master([FIRST])
     try:
         with Simulator() as simulator:
-            master.scan(60)
-            master.al_states.wait_for(AlState.PREOP, 60)
+            master.scan(Patience(60))
+            master.al_states.wait_for(AlState.PREOP, Patience(60))
             found = mapping.identify_slaves(master)
             mapping.configure_slaves(master, found, Config())
     except EcatError as error:

@@ -28,6 +28,7 @@ from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.config import read_config
 from ecatd.model.errors import NoAnswerError, StateError
+from ecatd.model.patience import Patience
 from ecatd.model.requests.registers import ReadRegister
 from ecatsim.control import Simulator
 
@@ -243,9 +244,9 @@ def master_on_a_ring() -> Any:
     with Simulator() as simulator:
         master = Master([FIRST, SECOND])
         try:
-            master.scan(60)
+            master.scan(Patience(60))
             count = len(master.stations)
-            master.al_states.wait_for(AlState.PREOP, 60)
+            master.al_states.wait_for(AlState.PREOP, Patience(60))
             found = [count, looks(master)]
             for broken in (1, 4, 7):
                 simulator.faults.break_link(broken)

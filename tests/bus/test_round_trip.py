@@ -23,10 +23,11 @@ def rig():
 def master_measures():
     from ecatd.bus.master.master import Master
     from ecatd.bus.start.round_trip import measure_round_trip
+    from ecatd.model.patience import Patience
 
     master = Master([INTERFACE])
     try:
-        master.scan(60)
+        master.scan(Patience(60))
         return [measure_round_trip(master) for _ in range(3)]
     finally:
         master.close()

@@ -12,6 +12,7 @@ from test_simulator_topology import FIRST, SECOND, run
 from ecatd.bus.frames import soem
 from ecatd.bus.master.master import Master
 from ecatd.model.al import AlState
+from ecatd.model.patience import Patience
 from ecatsim.control import Simulator
 
 if TYPE_CHECKING:
@@ -27,8 +28,8 @@ def scan(simulator: Simulator, *interfaces: str) -> list[Any]:
     """Why SOEM's numbers were not taken, station addresses by slave, and what slaves answer."""
     master = Master(interfaces)
     try:
-        why = master.scan(60)
-        master.al_states.wait_for(AlState.PREOP, 60)
+        why = master.scan(Patience(60))
+        master.al_states.wait_for(AlState.PREOP, Patience(60))
         registers = [simulator.registers(place, 0x0010, 2) for place in range(LAST + 1)]
         return [
             why,
@@ -121,8 +122,8 @@ def test_r12_more_slaves_than_soem_has_room_for(start_daemon: Callable[..., Daem
 def master_with_mailboxes() -> Any:
     master = Master([FIRST])
     try:
-        why = master.scan(60)
-        master.al_states.wait_for(AlState.PREOP, 60)
+        why = master.scan(Patience(60))
+        master.al_states.wait_for(AlState.PREOP, Patience(60))
         return [why, [read_vendor(master, place) for place in range(0, 240, 8)]]
     finally:
         master.close()
