@@ -43,7 +43,7 @@ def master_that_writes(*tables: str) -> Any:
                 config = load_config(Path(file.name)) if table else Config()
                 try:
                     mapping.configure_slaves(master, scanned, config)
-                    refused = list(scanned[AXIS].refused)
+                    refused = [*scanned[AXIS].refused, *scanned[AXIS].settled]
                 except EcatError as error:
                     refused = [str(error)]
             pdos = (*scanned[AXIS].slave.outputs, *scanned[AXIS].slave.inputs)

@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 def test_slaves_lists_the_rig(troll: Daemon) -> None:
     lines = troll.ctl("slaves").stdout.splitlines()
     assert lines[0].startswith("POS  ALIAS  IDENT  STATE  NAME  ")
-    assert len(lines) == 9
+    assert len([line for line in lines[1:] if line[:3].strip().isdigit()]) == 8
     assert lines[3].split()[:6] == ["2", "0", "0", "OP", "EL1018", "0x00000002"]
     document = troll.ctl_json("slaves")
     assert [slave["position"] for slave in document["slaves"]] == list(range(8))

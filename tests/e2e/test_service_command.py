@@ -216,8 +216,8 @@ def test_without_purge_files_of_the_administrator_stay_and_are_named(tmp_path: P
 def test_a_purge_of_the_package_leaves_only_what_is_not_of_ecatd() -> None:
     """The script of the Debian package, in a file system of its own."""
     script = """
-        for folder in etc run var; do mount -t tmpfs none /$folder; done
-        mkdir -p /run/ecatd/ecat0 /etc/ecatd /var/lib/ecatd /var/log/ecatd
+        for folder in etc run var dev/shm; do mount -t tmpfs none /$folder; done
+        mkdir -p /dev/shm/ecat /run/ecatd/ecat0 /etc/ecatd /var/lib/ecatd /var/log/ecatd
         touch /run/ecatd-doctor.json
         mkdir -p /etc/systemd/system; cd /etc/systemd/system
         mkdir multi-user.target.wants cell.target.requires ecatd.service.d
@@ -230,6 +230,7 @@ def test_a_purge_of_the_package_leaves_only_what_is_not_of_ecatd() -> None:
         test -L multi-user.target.wants/ecatd@press.service
         sh -c "$0" postrm purge
         find /etc /run /var ! -type d
+        find /dev/shm -mindepth 1
     """
     user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
     command = ["unshare", *user, "--mount", "sh", "-ec", script, POSTRM.read_text()]

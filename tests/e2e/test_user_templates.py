@@ -37,10 +37,10 @@ def test_templates_replace_files(generate: Generate, tmp_path: Path) -> None:
     standard = tmp_path / "config" / "ecatd" / "templates"
     folder(standard, "users_guide.mo.j2", "standard\n")
     folder(standard, "examples.mo.j2", "standard\n")
-    given = folder(tmp_path / "one", "users_guide.mo.j2", "given {{ library.bus }}\n")
+    given = folder(tmp_path / "one", "users_guide.mo.j2", "given {{ library.bus | string }}\n")
     assert generate("--templates", given).returncode == 0
     library = tmp_path / "out" / "P"
-    assert (library / "UsersGuide.mo").read_text() == "given ecat0\n"
+    assert (library / "UsersGuide.mo").read_text() == 'given "ecat0"\n'
     assert (library / "Examples" / "package.mo").read_text() == "standard\n"
 
 

@@ -34,7 +34,7 @@ from ..mailbox.talks import Talk, converse
 from ..master.master import Master
 from .assignment import Assignment
 from .modules import Modules
-from .pdo_writer import choose_from_sii, warn_of_none
+from .pdo_writer import choose_from_sii, tell_of_none, warn_of_none
 from .refused import RefusedError
 from .slave_configuration import SlaveConfiguration
 from .telegrams import Telegrams
@@ -66,7 +66,8 @@ class Scanned:
             are; `STUCK` if it does not reach PREOP; else empty.
         why: The reason for `doubt`.
         notes: Sentences about what is wrong with its process data, and how it is taken.
-        settled: Sentences about witnesses that differ, where it is clear which one is right.
+        settled: Sentences about witnesses that differ where it is clear which one is right, and
+            about a slave that describes its PDOs nowhere.
         read_at: When its SII was read, in Unix seconds; None if it has never been there.
         known: Whether its SII is known; false for a slave that has been absent since the start.
     """
@@ -206,6 +207,7 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
         take_believed(item, found)
         if not item.doubt:
             item.refused = [*item.refused, *warn_of_none(item.slave, item.sii, item.settings)]
+            item.settled += tell_of_none(item.slave, item.sii, item.settings)
     except RefusedError:
         raise
     except (NoAnswerError, StateError, SdoAbortError) as error:

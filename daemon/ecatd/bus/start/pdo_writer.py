@@ -292,20 +292,26 @@ def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
     slave.inputs = [pdo for pdo in chosen if pdo.index >= INPUT_PDOS.start]
 
 
+def tell_of_none(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
+    """Returns what to say of a slave that describes its PDOs nowhere; a coupler may have none."""
+    if settings.pdos is not None or settings.mapped:
+        return []
+    if any(pdo.entries for pdo in (*slave.outputs, *slave.inputs, *sii.outputs, *sii.inputs)):
+        return []
+    return [
+        f"{slave.label} has no process data: neither its PDO assignment nor its EEPROM names PDOs. "
+        "If it should have some, plug in its modules, or write the `pdos` and the [[slave.pdo]] "
+        "tables of its manual into its [[slave]] table"
+    ]
+
+
 def warn_of_none(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
     """Returns warnings about a slave without process data in a direction in which it has PDOs.
 
-    This happens when a program has begun to write its PDO assignment, and has not finished. And
-    some slaves describe their PDOs neither in their dictionary nor in their EEPROM.
+    This happens when a program has begun to write its PDO assignment, and has not finished.
     """
     if settings.pdos is not None or settings.mapped:
         return []
-    if not any(pdo.entries for pdo in (*slave.outputs, *slave.inputs, *sii.outputs, *sii.inputs)):
-        return [
-            f"{slave.label} has no process data: neither its PDO assignment nor its EEPROM names "
-            "PDOs. If it should have some, plug in its modules, or write the `pdos` and the "
-            "[[slave.pdo]] tables of its manual into its [[slave]] table"
-        ]
     return [
         f"{slave.label} has no {what} now, though its EEPROM assigns {indices_text(offered)}: "
         "switch its power off and on, or name the PDOs in its [[slave]] table"
