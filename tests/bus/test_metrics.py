@@ -157,8 +157,8 @@ def test_alerts_and_dashboard_name_what_there_is(served: tuple[Daemon, str], fil
     asked = set(re.findall(r"\becat_[a-z_]+", text))
     there = {name for name, _ in parsed(daemon.ctl("metrics").stdout)}
     assert asked
-    # Only with distributed clocks, and with a second interface.
-    assert asked - there <= {"ecat_dc_locked", "ecat_ring_closed"}
+    # Only with distributed clocks, with a second interface, and with a fault.
+    assert asked - there <= {"ecat_dc_locked", "ecat_ring_closed", "ecat_fault"}
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,9 @@ publish_hz = 5
 slaves = "none"
 [outputs]
 lease_max_ms = 60000
+[health]
+lost = 1.0
+late = 1.0
 """
 
 TORQUE = """
