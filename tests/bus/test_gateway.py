@@ -233,7 +233,8 @@ def test_r34_who_reads_eeproms_without_end_keeps_nobody_from_changes(daemon: Dae
         gateway.sendall(b"".join(map(frame, asked)))
         while len(answers) < len(asked):
             answer = unpack(replies.read(LENGTH.unpack(replies.read(LENGTH.size))[0]))
-            answers[answer["id"]] = answer
+            if "id" in answer:  # the others are events, such as that of the change
+                answers[answer["id"]] = answer
     read = [len(answers[number].get("ok", {"data": b""})["data"]) for number in range(40)]
     assert read == 24 * [256] + 16 * [0]
     errors = [answers[number]["error"] for number in range(24, 40)]
