@@ -89,6 +89,18 @@ device = "EL1018"
 """
 
 
+def eeprom(slave):
+    """Its EEPROM up to the mark behind its categories; to read what is empty takes much longer."""
+    image, end = b"", 2 * 0x40
+    while True:
+        while len(image) < end + 4:
+            image += slave.eeprom_read(len(image) // 2)[:4]
+        category, words = struct.unpack_from("<HH", image, end)
+        end += 4 + 2 * words
+        if category == 0xFFFF:
+            return image
+
+
 def master_look(count):
     """Everything that a master can read of a segment, in each of `count` looks."""
     import pysoem
@@ -123,8 +135,7 @@ def master_look(count):
         if master.config_init() > 0:
             assert master.state_check(PREOP, 2_000_000) == PREOP
             for slave in master.slaves:
-                size = 64 * (1 + int.from_bytes(slave.eeprom_read(0x3E)[:2], "little"))
-                image = b"".join(slave.eeprom_read(word)[:4] for word in range(0, size, 2))
+                image = eeprom(slave)
                 registers = slave._fprd(0, 10).hex(), slave._fprd(0x12, 2).hex()
                 coe = slave._fprd(0x800, 8) and image[2 * 0x1C] & 4
                 objects = describe(slave) if coe else {}
