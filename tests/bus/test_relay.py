@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from test_simulator_topology import FIRST, SECOND, run
 
+from conftest import SHM
 from ecatd import stats
 from ecatd.bus.frames.datagrams import brd, fprd
 from ecatd.bus.mailbox.talks import converse
@@ -85,7 +86,7 @@ def bus(**settings: Any) -> Iterator[BringUp]:
             **settings,
         }
     )
-    up = BringUp(config, FIRST, Log("test"), lambda: False)
+    up = BringUp(config, FIRST, Log("test"), lambda: False, SHM)
     try:
         up.run()
         yield up
