@@ -100,8 +100,11 @@ def test_what_the_capture_lacks_is_named(tmp_path: Path) -> None:
     assert document(capture)["process_data"][0]["exchanges"] == CYCLES
     with pytest.raises(StateError, match=naming("what the slaves are", "before the master starts")):
         captured_slaves(capture.segment)
-    part = next(n for n, f in enumerate(FRAMES) if f.data[18:22] == b"\0\0\x02\x05") + 60
-    path.write_bytes(pcapng(FRAMES[:part]))
+    writes = (2, 5)  # APWR, FPWR
+    commands = [
+        n for n, f in enumerate(FRAMES) if f.data[16] in writes and f.data[18:22] == b"\0\0\x02\x05"
+    ]
+    path.write_bytes(pcapng(FRAMES[: commands[len(commands) // 2]]))
     capture = read_capture(path)
     assert any("a part of its EEPROM" in text for text in unknown(capture))
     (slave,) = captured_slaves(capture.segment)
