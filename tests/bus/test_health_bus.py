@@ -98,7 +98,7 @@ def test_a_slave_whose_registers_are_others_is_found_by_asking(bench: Bench) -> 
         text = problem(bench, "wrong working counter", "FMMU")
         names(text, "slave 5 (EL3008)", "FMMU 0", "0x0600", difference)
         # What the message advises mends it.
-        for command in re.findall(r"`ecatctl (state \w+ -p 5)`", text):
+        for command in re.findall(r"`ecatctl (state 5 \w+)`", text):
             bench.daemon.ctl(*command.split(), "--yes")
         bench.wait_for(lambda: check(bench) == (WELL, []))
     told = [event for event in bench.events[before:] if event["event"] == "exchange"]
