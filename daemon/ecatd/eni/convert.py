@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from ecatd.esi.device import IdnCommand
 from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import DOMAINS_MAX, Config, DcSlaveConfig, DomainConfig, Mark
 from ecatd.model.config.clocks import SYNC_MAX_US
@@ -27,7 +28,7 @@ from ecatd.model.idns import idn_text
 from ecatd.model.object_types import ObjectTypes
 
 from .modules import find_modules, is_about_modules
-from .network import EniNetwork, EniSlave, EniTask
+from .network import CoeCommand, EniNetwork, EniSlave, EniTask
 from .process_data import find_process_data, is_about_pdos
 from .registers import Memory, Sync, whose
 from .report import Report
@@ -272,17 +273,9 @@ class _Converter:
                     )
                     late = ""
                 continue
-            if command.disabled or not command.data:
-                why = "is switched off" if command.disabled else "reads, and writes nothing"
-                self._report.leave(command.line, settings.position, f"{what} {why}")
-                continue
-            others = [name for name in command.transitions if name not in TRANSITIONS]
-            if others or not command.transitions:
-                text = f"{what} in transition {', '.join(others) or 'none'}"
-                self._report.leave(command.line, settings.position, text)
-            for transition in TRANSITIONS:
-                if transition not in command.transitions:
-                    continue
+            for transition in self._transitions(
+                command, settings, what, "reads, and writes nothing"
+            ):
                 try:
                     parameter = startup_parameter(
                         types.find(command.index, command.subindex),
@@ -301,20 +294,24 @@ class _Converter:
         if count:
             self._report.take(settings.position, f"{count} start-up parameter{'s' * (count != 1)}")
 
+    def _transitions(
+        self, command: CoeCommand | IdnCommand, settings: SlaveConfig, what: str, nothing: str
+    ) -> list[str]:
+        """The transitions in which ecatd writes a command; the report names the others."""
+        if command.disabled or not command.data:
+            why = "is switched off" if command.disabled else nothing
+            self._report.leave(command.line, settings.position, f"{what} {why}")
+            return []
+        others = [name for name in command.transitions if name not in TRANSITIONS]
+        if others or not command.transitions:
+            text = f"{what} in transition {', '.join(others) or 'none'}"
+            self._report.leave(command.line, settings.position, text)
+        return [name for name in TRANSITIONS if name in command.transitions]
+
     def _take_idns(self, slave: EniSlave, settings: SlaveConfig) -> None:
         for command in slave.idns:
             what = f"<InitCmd> for {idn_text(command.idn)} of drive {command.drive}"
-            if command.disabled or not command.data:
-                why = "is switched off" if command.disabled else "writes no value"
-                self._report.leave(command.line, settings.position, f"{what} {why}")
-                continue
-            others = [name for name in command.transitions if name not in TRANSITIONS]
-            if others or not command.transitions:
-                text = f"{what} in transition {', '.join(others) or 'none'}"
-                self._report.leave(command.line, settings.position, text)
-            for transition in TRANSITIONS:
-                if transition not in command.transitions:
-                    continue
+            for transition in self._transitions(command, settings, what, "writes no value"):
                 try:
                     parameter = startup_idn(
                         command.idn,
