@@ -115,6 +115,23 @@ def _long_query(folder: Path) -> None:
             list(bob.get(key, payload=bytes(900_000_000), timeout=30.0))
 
 
+def _slow_reader(folder: Path) -> None:
+    """A user who may read asks again and again, and takes no answers."""
+    key = bus_key(_BUS, "ro", "slaves")
+    config = session_config("client", _settings(folder, "bob"))
+    while True:
+        if (pid := os.fork()) == 0:
+            with suppress(zenoh.ZError):
+                session = zenoh.open(config)
+                for _ in range(5000):
+                    session.get(key, lambda reply: None, timeout=60.0)
+                os.kill(os.getpid(), signal.SIGSTOP)
+            os._exit(0)
+        time.sleep(4.0)
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+
+
 _ATTACKS: dict[str, tuple[Callable[[Path], None] | None, int]] = {
     "nobody": (None, 0),
     "1000 sessions of a user without rights": (_sessions, 4),
@@ -122,6 +139,7 @@ _ATTACKS: dict[str, tuple[Callable[[Path], None] | None, int]] = {
     "20 TLS handshakes a second without certificate": (_no_certificate, 1),
     "150 silent connections, again and again": (_silent, 1),
     "queries of 900 MB by a user without rights": (_long_query, 1),
+    "two sessions that ask and take no answers": (_slow_reader, 2),
 }
 
 

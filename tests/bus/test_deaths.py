@@ -8,7 +8,8 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -65,9 +66,20 @@ def daemon(start_shared: Callable[..., Daemon]) -> Daemon:
     return start_shared("troll", config=stop_rule("quick_stop", more))
 
 
+@contextmanager
+def run(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[bytes]]:
+    """A client, which does not outlive the block, and neither do its children."""
+    with subprocess.Popen(command, process_group=0, **options) as client:
+        try:
+            yield client
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(client.pid, signal.SIGKILL)
+
+
 def row(daemon: Daemon, table: str, number: int) -> Any:
     """What the engine publishes about a slot (`slot_status`) or an output (`outputs`)."""
-    data = (SHM / f"ecat.{daemon.bus}").read_bytes()
+    data = (SHM / daemon.bus).read_bytes()
     header = shm.struct("ecat_shm_header").from_buffer_copy(data)
     kind = shm.struct(shm.TABLES[table].struct)
     at = getattr(header, f"{table}_offset") + number * shm.size(kind.__name__)
@@ -87,10 +99,7 @@ def test_r15_a_drive_whose_client_is_killed_stops_at_once(
     if kind == "FMU":
         pytest.importorskip("fmpy", reason="FMPy is not installed (extra 'test')")
     generate = partial(daemon.ctl, "generate")
-    with (
-        Drive(daemon) as eye,
-        subprocess.Popen(command(kind, daemon.bus, LEASE, tmp_path, generate)) as client,
-    ):
+    with Drive(daemon) as eye, run(command(kind, daemon.bus, LEASE, tmp_path, generate)) as client:
 
         def turns() -> bool:
             assert client.poll() is None, "the client has ended"
@@ -120,32 +129,27 @@ def test_r15_a_forked_child_does_not_keep_the_outputs(daemon: Daemon) -> None:
     """It keeps the lock of the slot, which is why the lock does not tell."""
     with (
         daemon.client() as eye,
-        subprocess.Popen([sys.executable, "-c", FORKED, daemon.bus], process_group=0) as client,
+        run([sys.executable, "-c", FORKED, daemon.bus]) as client,
     ):
         lamp = eye.signal(3, 0x7000, 1)
         wait_for(lambda: eye.output(lamp).state is Outputs.ACTIVE, daemon)
         wait_for(
             lambda: Path(f"/proc/{client.pid}/task/{client.pid}/children").read_text() != "", daemon
         )
-        try:
-            client.kill()
-            wait_for(lambda: eye.output(lamp).owner is None, daemon)
-            assert eye.output(lamp).reason is Reason.DIED
-            (row,) = daemon.ctl_json("claims")["slots"]
-            assert row["held"]
-        finally:
-            os.killpg(client.pid, signal.SIGKILL)
+        client.kill()
+        wait_for(lambda: eye.output(lamp).owner is None, daemon)
+        assert eye.output(lamp).reason is Reason.DIED
+        slots = daemon.ctl_json("claims")["slots"]
+        assert [row["held"] for row in slots if row["pid"] == client.pid] == [True]
 
 
 def test_the_end_of_a_thread_is_not_the_end_of_its_process(daemon: Daemon) -> None:
     with (
         daemon.client() as eye,
-        subprocess.Popen(
-            [sys.executable, "-c", THREAD, daemon.bus], stdout=subprocess.PIPE, text=True
-        ) as client,
+        run([sys.executable, "-c", THREAD, daemon.bus], stdout=subprocess.PIPE) as client,
     ):
         assert client.stdout
-        assert client.stdout.readline() == "over\n"
+        assert client.stdout.readline() == b"over\n"
         lamp = eye.signal(3, 0x7000, 1)
         for _ in range(20):
             eye.wait()

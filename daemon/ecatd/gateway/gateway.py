@@ -55,6 +55,7 @@ from .entrance import RELAYED, Entrance
 from .listening import Listening
 from .metrics import MetricsServer
 from .publisher import Publisher, publish_stats
+from .replies import TAKEN_WITHIN_S, Replies
 from .routers import watch_routers
 from .sessions import Sessions
 from .streams import Streams
@@ -63,6 +64,7 @@ _OPEN_PATIENCE, _OPEN_PAUSE = Patience(5.0), 0.005
 """Seconds that Zenoh has to listen on the local socket, and seconds between two looks."""
 _LOOK_PATIENCE, _LOOK_AGAIN = 1.0, 0.1
 """Seconds for an answer when the gateway looks whether clients get one, and between two looks."""
+_WAIT_KEY = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _RECEIVED_MAX = 2 * MAX_MESSAGE
 """Most bytes of a message that Zenoh puts together: it does so before anybody knows the sender's
 rights. A longer one is dropped, and one of half the length is told that it is too long."""
@@ -100,6 +102,7 @@ class Gateway:
         self._rates: dict[str, Rate] = {}
         self._refusals = Refusals(log)
         self._description: Answer | None = None
+        self._packed: tuple[Answer, bytes] | None = None
         self._slaves: dict[str, Any] = {}  # the last bus description
         self._named = Bus(name, 0)  # has slaves if the rights of users name some
 
@@ -160,8 +163,8 @@ class Gateway:
         self._streams = Streams(sessions, self._name, self._full_name)
         loop = asyncio.get_running_loop()
 
-        def receive(query: zenoh.Query) -> None:
-            loop.call_soon_threadsafe(self._receive, query)
+        def receive(query: zenoh.Query, replies: Replies | None) -> None:
+            loop.call_soon_threadsafe(self._receive, query, replies)
 
         for part in ("ro", "rw", AS):
             key = bus_key(self._full_name, part, "**")
@@ -208,8 +211,11 @@ class Gateway:
                     )
                 await asyncio.sleep(_OPEN_PAUSE)
             if remote or connect:
-                places = {"transport/unicast/max_sessions": entrance.sessions_max + len(connect)}
-                network = self._session_config(remote, connect, places)
+                limits = {
+                    "transport/unicast/max_sessions": entrance.sessions_max + len(connect),
+                    _WAIT_KEY: int(TAKEN_WITHIN_S * 1e6),
+                }
+                network = self._session_config(remote, connect, limits)
                 sessions.append(zenoh.open(network))
         except zenoh.ZError as error:
             raise UnreachableError(f"Zenoh does not open: {_reason(error)}") from error
@@ -240,7 +246,7 @@ class Gateway:
             },
         )
 
-    def _receive(self, query: zenoh.Query) -> None:
+    def _receive(self, query: zenoh.Query, replies: Replies | None) -> None:
         """Starts to answer a query; the reply is sent when the bus server has answered."""
         begin = time.monotonic()
         parts = str(query.key_expr).split("/")[3:]  # those that follow the name of the bus
@@ -249,28 +255,48 @@ class Gateway:
         except Exception as error:
             answer = asyncio.get_running_loop().create_future()
             answer.set_exception(error)
-        answer.add_done_callback(partial(self._reply, query, parts, begin))
+        answer.add_done_callback(partial(self._reply, query, replies, parts, begin))
 
-    def _reply(self, query: zenoh.Query, parts: list[str], begin: float, answer: Answer) -> None:
-        with query:
-            if self._sessions is None:  # it is being closed, so there is no way to reply
-                answer.exception()  # else asyncio complains that the exception was never retrieved
-                return
-            if self._log.writes_debug:
-                how = answer.exception() or "answered"
-                took_ms = 1e3 * (time.monotonic() - begin)
-                self._log.debug(f"{str(query.selector)!r}: {how} after {took_ms:.1f} ms")
-            try:
-                # The query may be for all buses, so the answer says which one this is.
-                key = bus_key(self._full_name, *parts)
-                query.reply(key, pack({"schema": SCHEMA, **answer.result()}))
-            except EcatError as error:
-                query.reply_err(pack({"schema": SCHEMA, "error": error.to_reply()}))
-            except Exception as error:
-                # A defect in one answer must not stop the gateway. The caller gets an error.
-                self._log.error(f"defect while answering {query.key_expr}: {error!r}")
-                reply = EcatError(f"defect in the gateway: {error!r}").to_reply()
-                query.reply_err(pack({"schema": SCHEMA, "error": reply}))
+    def _reply(
+        self,
+        query: zenoh.Query,
+        replies: Replies | None,
+        parts: list[str],
+        begin: float,
+        answer: Answer,
+    ) -> None:
+        if self._sessions is None:  # it is being closed, so there is no way to reply
+            answer.exception()  # else asyncio complains that the exception was never retrieved
+            return
+        if self._log.writes_debug:
+            how = answer.exception() or "answered"
+            took_ms = 1e3 * (time.monotonic() - begin)
+            self._log.debug(f"{str(query.selector)!r}: {how} after {took_ms:.1f} ms")
+        try:
+            content = self._pack(answer)
+            # The query may be for all buses, so the answer says which one this is.
+            send = partial(query.reply, bus_key(self._full_name, *parts), content)
+        except EcatError as error:
+            content = pack({"schema": SCHEMA, "error": error.to_reply()})
+            send = partial(query.reply_err, content)
+        except Exception as error:
+            # A defect in one answer must not stop the gateway. The caller gets an error.
+            self._log.error(f"defect while answering {query.key_expr}: {error!r}")
+            reply = EcatError(f"defect in the gateway: {error!r}").to_reply()
+            content = pack({"schema": SCHEMA, "error": reply})
+            send = partial(query.reply_err, content)
+        if replies is None:
+            _send(query, send)
+        else:
+            replies.send(partial(_send, query, send))
+
+    def _pack(self, answer: Answer) -> bytes:
+        """Packs an answer; that with the description, which may be large, is kept like it."""
+        if answer is not self._description:
+            return pack({"schema": SCHEMA, **answer.result()})
+        if self._packed is None or self._packed[0] is not answer:
+            self._packed = answer, pack({"schema": SCHEMA, **answer.result()})
+        return self._packed[1]
 
     def _carry_out(self, query: zenoh.Query, parts: list[str]) -> Answer:
         payload = b"" if query.payload is None else bytes(query.payload)
@@ -440,6 +466,12 @@ def _known(parameters: str, make: Callable[..., dict[str, Any]], *flags: str) ->
     answer: Answer = asyncio.get_running_loop().create_future()
     answer.set_result(make(**{name: read_flag(name, given.get(name, "0")) for name in flags}))
     return answer
+
+
+def _send(query: zenoh.Query, send: Callable[[], None]) -> None:
+    """Sends the reply to a query, unless its client has gone."""
+    with query, suppress(zenoh.ZError):
+        send()
 
 
 def _reason(error: Exception) -> str:

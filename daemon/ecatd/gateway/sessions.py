@@ -11,6 +11,8 @@ from collections.abc import Callable, Sequence
 
 import zenoh
 
+from .replies import Replies
+
 _CLOSE_PATIENCE = 1.0
 """Seconds that Zenoh has to close its sessions."""
 
@@ -24,6 +26,7 @@ class Sessions:
 
     def __init__(self, sessions: Sequence[zenoh.Session]) -> None:
         self._sessions = sessions
+        self._replies = Replies() if len(sessions) > 1 else None
         self._kept: list[object] = []  # else Zenoh ends them
 
     @property
@@ -31,9 +34,17 @@ class Sessions:
         """The one that connects to routers."""
         return self._sessions[-1]
 
-    def serve(self, key: str, receive: Callable[[zenoh.Query], None]) -> None:
-        """Answers queries at a key."""
-        self._kept += [item.declare_queryable(key, receive) for item in self._sessions]
+    def serve(self, key: str, receive: Callable[[zenoh.Query, Replies | None], None]) -> None:
+        """Calls `receive` with queries at a key; those of the network bring their replies."""
+
+        def from_network(query: zenoh.Query) -> None:
+            assert self._replies is not None
+            self._replies.enter()
+            receive(query, self._replies)
+
+        here, *network = self._sessions
+        self._kept.append(here.declare_queryable(key, lambda query: receive(query, None)))
+        self._kept += [item.declare_queryable(key, from_network) for item in network]
 
     def be_alive(self, key: str) -> None:
         """Declares a liveliness token."""
