@@ -10,7 +10,7 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo pictures test test-all test-long test-system test-system-short soak fuzz wheel deb site death torn bench bench-full check clean
+.PHONY: help demo pictures test test-all test-long test-system test-system-short test-debian13 soak fuzz wheel deb site death torn bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
@@ -21,6 +21,8 @@ help:
 	@echo "make test-system"
 	@echo "             run the tests on a whole machine in QEMU, as root; needs mmdebstrap, qemu-system-x86"
 	@echo "             test-system-short: from installing to removing the package, with the most important between"
+	@echo "make test-debian13"
+	@echo "             run the tests of make test in Debian 13 with Python 3.13, as root; needs mmdebstrap"
 	@echo "make death   those about dying and hostile processes at length, some minutes (SEED=number)"
 	@echo "make soak    a bus with random faults for half an hour (SECONDS=number SEED=number)"
 	@echo "make fuzz    a million wrong inputs for each parser and way into the daemon, some hours (INPUTS=number, 60000 or more)"
@@ -118,6 +120,9 @@ build/machine: tests/system/system_machine.py tests/system/agent.py | $(VENV)/.t
 test-system test-system-short: $(VENV)/.test deb build/machine
 	day() { unshare --net $(call pytest,system) -m "system$(if $(filter %-short,$@), and not long)" tests/system; }; \
 	  day || { [ $$? = 75 ] && echo "The day on the machine begins again." && day; }
+
+test-debian13:
+	@tests/debian13.sh build/debian13
 
 # What the tests name in their first lines; each of these is a part of make test in small.
 death: $(VENV)/.test
