@@ -22,11 +22,11 @@ listen = []
 publish_hz = 5
 [recovery]
 slaves = "none"
-[outputs]
-lease_max_ms = 60000
 [health]
 lost = 1.0
 late = 1.0
+[outputs]
+lease_max_ms = 60000
 """
 
 TORQUE = """

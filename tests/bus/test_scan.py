@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.bus
 
+MAILBOXES = Path(__file__).parents[1] / "rigs" / "mailboxes.py"
 LAST = 7
 """The last slave of `troll`; from its port 1 a cable leads to the second interface of a ring."""
 
@@ -129,16 +131,8 @@ def master_with_mailboxes() -> Any:
         master.close()
 
 
-def rig() -> Any:
-    """More slaves with mailboxes than SOEM has room for. This file is a rig file, too."""
-    from ecatsim import Rig
-    from ecatsim.devices.generic import AnalogIO
-
-    return Rig("mailboxes", [AnalogIO() for _ in range(240)])
-
-
 def test_mailboxes_of_slaves_that_soem_has_no_room_for() -> None:
     assert IDENTITY == 0x1018
-    why, vendors = run(__file__, master_with_mailboxes)
+    why, vendors = run(MAILBOXES, master_with_mailboxes)
     assert why == "SOEM has room for 199"
     assert vendors == [0xFFFF] * 30
