@@ -11,22 +11,13 @@
 #include "drive_calls.c"
 
 int main(int argc, char **argv) {
-  ecatm_drive_settings settings = {.mode = 9,
-                                   .reference = ECATM_RELATIVE,
-                                   .entries = 31,
-                                   .encoder = 65536,
-                                   .gear = 1,
-                                   .velocity_scale = 65536,
-                                   .rated_torque = 1,
-                                   .rated_current = 1,
-                                   .max_torque = 1,
-                                   .approach_speed = 10,
-                                   .standstill_speed = 0.1,
-                                   .max_dropout = 0.2};
+  ecatm_drive_settings settings;
   double time, step;
   ecat_t *bus;
   axis *a;
   (void)argc;
+  ecatm_drive_defaults(&settings, 9, 65536);
+  settings.max_dropout = 30; /* a busy machine loses frames */
   if (ecat_open(&bus, argv[1]) != 0) return 1;
   step = ecat_cycle_time(bus);
   ecat_close(bus);

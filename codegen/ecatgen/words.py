@@ -26,9 +26,14 @@ _MODELICA_BUILT_IN = _set("""
 """)
 
 _C = _set("""
-    asm auto break case char const continue default do double else enum extern float for goto if
-    inline int linux long register restrict return short signed sizeof static struct switch typedef
-    typeof union unix unsigned void volatile while
+    alignas alignof asm auto bool break case catch char class complex concept const consteval
+    constexpr constinit continue decltype default delete do double else enum errno explicit
+    export extern false float for friend goto if imaginary inline int linux long mutable
+    namespace new noexcept noreturn nullptr operator private protected public register requires
+    restrict return short signed sizeof static stderr stdin stdout struct switch template this
+    throw true try typedef typeid typename typeof union unix unsigned using virtual void
+    volatile while xor
 """)
+"""Of C and C++, with macros of the standard headers."""
 
 WORDS = _MODELICA | _MODELICA_BUILT_IN | _C

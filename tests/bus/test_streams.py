@@ -20,6 +20,7 @@ from ecatd.encoding import pack, unpack
 from ecatd.gateway.sessions import Sessions
 from ecatd.gateway.streams import Streams
 from ecatd.model.errors import NoAnswerError, StateError, UnreachableError, UsageError
+from ecatd.model.patience import Patience
 from ecatd.zenoh_keys import session_config
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -167,11 +168,11 @@ def test_a_stream_ends_with_its_daemon(
         next(iter(stream))
         gateway = daemon.child_pid("ecatd.gateway")
         stop_process(gateway)
-        stream._patience_s = 0.5
+        stream._patience = Patience(0.5)
         with pytest.raises(NoAnswerError, match=naming("0.5 s")):
             for _ in stream:
                 pass
-        stream._patience_s = PATIENCE
+        stream._patience = Patience(PATIENCE)
         os.kill(gateway, signal.SIGCONT)
         daemon.stop()
         with pytest.raises(UnreachableError, match="ended"):

@@ -67,6 +67,7 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "mailbox_tries": ["1", "10"],
         "mailbox_poll_ms": ["0", "10", "60_000"],
         "pdos": ['["0x1600", 0x1A00]'],
+        "pdo_source": ['"coe"', '"sii"', '"soe"'],
     },
     "[[slave.module]]": {
         "slot": ["1", "2", "254"],
@@ -86,6 +87,15 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "complete": ["false"],
         "transition": ['"IP"', '"PS"', '"SO"', '"OS"', '"SP"'],
         "optional": ["true", "false"],
+        "comment": ['"why"'],
+    },
+    "[[slave.idn]]": {
+        "idn": ['"S-0-0047"', '"P-0-0010"'],
+        "value": ["100", "-2.5", '"S-0-0051, S-0-0040"'],
+        "hex": ['"64 00"'],
+        "drive": ["0", "7"],
+        "transition": ['"IP"', '"PS"', '"SO"'],
+        "optional": ["true"],
         "comment": ['"why"'],
     },
     "[slave.eoe]": {
@@ -113,6 +123,13 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "sync0_us": ["0", "4_000_000"],
         "shift_us": ["-4e6", "0", "30.5"],
         "sync1_us": ["0", "125.0"],
+    },
+    "[health]": {
+        "window_s": ["1", "600"],
+        "wrong_counters": ["0.0001", "1"],
+        "lost": ["0.5"],
+        "unsent": ["1.0"],
+        "late": ["0.01"],
     },
     "[mailbox]": {"share": ["0.01", "1"]},
     "[recovery]": {"slaves": ['"all"', '"watchdog"', '"none"'], "retry_s": ["0.1", "3600"]},
@@ -165,12 +182,14 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "key": ['""', '"/etc/ecatd/tls/daemon.key"'],
         "users_ca": ['"/etc/ecatd/tls/authority.pem"'],
         "anonymous_reading": ["true", "false"],
+        "guests_max": ["2", "1000"],
     },
     "[[gateway.user]]": {
         "name": ['"anna"', '"a.b@c"'],
         "write": ["[]", '["sdo", "state"]'],
         "slaves": ["[]", '[0, "drive"]'],
         "changes_max": ["0.1", "10000"],
+        "sessions_max": ["1", "1000"],
     },
 }
 REQUIRED = {
@@ -179,6 +198,7 @@ REQUIRED = {
     "[[slave.module]]": ["slot", "ident"],
     "[[slave.pdo]]": ["index", "entries"],
     "[[slave.startup]]": ["object"],
+    "[[slave.idn]]": ["idn"],
     "[[domain]]": ["slaves"],
     "[[dc.slave]]": ["slave"],
     "[[outputs.safe]]": ["slave"],
@@ -195,7 +215,7 @@ ONCE = ("[[slave]]", "[[slave.module]]", "[[slave.pdo]]", "[[dc.slave]]", "[[sig
 """Tables of which two with the same slave, slot, index or entry contradict each other."""
 
 MARKS = {"alias", "identification"}
-INNER = {"slave", "safe", "module", "pdo", "startup", "domain", "signal", "copy", "eoe"}
+INNER = {"slave", "safe", "module", "pdo", "startup", "idn", "domain", "signal", "copy", "eoe"}
 NUMBER = re.compile(r"-?[0-9][0-9_.e]*|0x[0-9A-F]+")
 
 
@@ -272,6 +292,10 @@ def slave_parts(dice: Random, number: int, name: str) -> Iterator[Part]:
             startup.keys |= {"type": '"uint32"', "value": "5"}
         yield startup
     if dice.random() < 0.4:
+        idn = some_keys(dice, "[[slave.idn]]", value="100")
+        idn.keys.pop("hex", None)
+        yield idn
+    if dice.random() < 0.4:
         own = {"mac": f'"02:00:00:00:00:0{number}"', "address": f'"192.168.7.{number + 2}/24"'}
         yield some_keys(dice, "[slave.eoe]", **own)
 
@@ -280,7 +304,8 @@ def configuration(dice: Random) -> list[Part]:
     """A valid configuration."""
     parts = [some_keys(dice, "", bus='"ecat0"', cycle_time_us="1000")]
     parts += [*slave_parts(dice, 0, "press"), *slave_parts(dice, 1, "lamp")]
-    for header in ("[expected]", "[mailbox]", "[recovery]", "[realtime]", "[eoe]", "[gateway]"):
+    tables = ("expected", "mailbox", "recovery", "realtime", "eoe", "gateway", "health")
+    for header in (f"[{name}]" for name in tables):
         if dice.random() < 0.5:
             parts.append(some_keys(dice, header))
     if dice.random() < 0.5:

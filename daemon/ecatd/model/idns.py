@@ -90,7 +90,7 @@ def parse_idn(text: str) -> int:
     """
     match = _IDN.fullmatch(text)
     if match is None or int(match[3]) > _BLOCK:
-        raise UsageError(f"'{text}' is not an IDN: write S-0-0047, P-0-0100, or the like")
+        raise UsageError(f"{text[:40]!r} is not an IDN: write S-0-0047, P-0-0100, or the like")
     return _OWN * (match[1].upper() == "P") | int(match[2]) << _SET | int(match[3])
 
 
@@ -197,7 +197,7 @@ class Attribute:
         except OverflowError:
             raise UsageError(f"{text} does not fit into {self.size} bytes") from None
         except ValueError:
-            raise UsageError(f"'{text}' is not a number") from None
+            raise UsageError(f"{text[:40]!r} is not a number") from None
 
 
 @dataclass(slots=True)

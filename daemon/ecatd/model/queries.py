@@ -191,5 +191,5 @@ def _from_text(name: str, text: str, types: frozenset[str], where: str) -> Any:
         with suppress(ValueError):
             return int(text, 0)
         if "str" not in types:
-            raise UsageError(f"'{text}' in {where} is not a valid {name}")
+            raise UsageError(f"{text[:40]!r} in {where} is not a valid {name}")
     return unquote(text)

@@ -58,8 +58,8 @@ def code(text: str) -> int:
         power, top = _POWER[top[0]], top[1:]
     if top not in _INDEX or (bottom and bottom not in _INDEX):
         raise UsageError(
-            f"'{text}' is not a unit with a code in CiA 303-2: use a prefix (k, m, µ, …) with one "
-            f"of {', '.join(_INDEX)}, a quotient such as m/s, or one of "
+            f"{text[:40]!r} is not a unit with a code in CiA 303-2: use a prefix (k, m, µ, …) "
+            f"with one of {', '.join(_INDEX)}, a quotient such as m/s, or one of "
             f"{', '.join(name for name in _NAMES if name)}"
         )
     return (power & 0xFF) << 24 | _INDEX[top] << 16 | _INDEX.get(bottom, 0) << 8

@@ -118,8 +118,10 @@ class BringUp:
         self.limits = Limits(found, shared, engine, files.profiles)
         ToOp(found, shared, data.clocks, self._cancelled, self._log).run()
         engine.restart_counting()  # working counters were not complete before OP
-        self.summary = self._summarise(found, data)
-        self.begin = self._say_how(finish(find_failing(shared, self.bus), MAILBOX_PAUSE_S))
+        facts = self._summarise(found, data)
+        self.summary = f"bus '{self.bus.name}' is in OP: {facts}"
+        failing = finish(find_failing(shared, self.bus), MAILBOX_PAUSE_S)
+        self.begin = self._say_how(failing, facts)
         return RunningBus(
             self.bus,
             self.interfaces,
@@ -227,14 +229,13 @@ class BringUp:
         found.master.relay.follow(engine)
         return engine
 
-    def _say_how(self, failing: list[str]) -> str:
+    def _say_how(self, failing: list[str], facts: str) -> str:
         """What the start says at its end. Slaves in OP are no proof that the exchange succeeds."""
         if not failing:
             return self.summary
-        which = ", ".join(failing)
         return (
-            f"bus '{self.bus.name}' has begun, but no exchange of {which} has succeeded: "
-            f"`ecatctl check` says why"
+            f"bus '{self.bus.name}' has begun, but no exchange of {', '.join(failing)} has "
+            f"succeeded: `ecatctl check` says why; {facts}"
         )
 
     def _summarise(self, found: FoundBus, data: ProcessData) -> str:
@@ -245,7 +246,7 @@ class BringUp:
         differences = len(found.expectation.differences)
         differs = f"; {differences} difference{'s' * (differences != 1)} from the expected bus"
         return (
-            f"bus '{self.bus.name}' is in OP: {count} slave{'s' * (count != 1)}{away}, "
+            f"{count} slave{'s' * (count != 1)}{away}, "
             f"{data.image.output_bytes} bytes of outputs, "
             f"{sum(domain.input_bytes for domain in data.image.domains)} of inputs, every "
             f"{self.config.cycle_time_us} µs (after {time.monotonic() - self._begin:.1f} s)"
