@@ -14,14 +14,16 @@ from conftest import Daemon, names, wait_for
 pytestmark = pytest.mark.bus
 
 RIG = Path(__file__).parents[1] / "rigs" / "witnesses.py"
-OUT, PADDED, CHOSEN, DESCRIBED, HOLE, UNKNOWN, SHORT, UNSIZED, WORDLESS, EXCHANGED, STUCK, IN = (
-    range(12)
+OUT, PADDED, CHOSEN, DESCRIBED, HOLE, UNKNOWN, SHORT, UNSIZED, WORDLESS, EXCHANGED, STUCK = range(
+    11
 )
+OVERLAPPING, SWAPPED, IN = range(11, 14)
 BY_ITSELF = {
     PADDED: ("PREOP", "contradicted"),
     UNKNOWN: ("PREOP", "unreadable"),
     SHORT: ("PREOP", "unreadable"),
     STUCK: ("INIT+ERROR", "stuck"),
+    OVERLAPPING: ("PREOP", "damaged"),
 }
 
 
@@ -104,16 +106,19 @@ def test_the_log_says_who_says_what(daemon: Daemon) -> None:
     names(warning(daemon, WORDLESS), "words 0x18 to 0x1B", "sync managers count", "with CoE")
     names(warning(daemon, EXCHANGED), "0x1C13:01 is 0x001A", "0x1A00")
     names(warning(daemon, STUCK), "PREOP", "0x0051")
+    names(warning(daemon, OVERLAPPING), "sync managers 2 and 3 overlap", "SAFEOP", "0x001E")
+    names(warning(daemon, SWAPPED), "usage is 3 (outputs)", "its PDOs count: inputs")
     assert not any(warning(daemon, n) for n in (OUT, CHOSEN, DESCRIBED, UNSIZED, IN))
 
 
 def test_the_numbers_are_right(daemon: Daemon) -> None:
     with daemon.client() as client:
-        for n in (CHOSEN, DESCRIBED, UNSIZED):
+        for n in (CHOSEN, DESCRIBED, UNSIZED, SWAPPED):
             client.claim(n, lease=30)
         client.signal(CHOSEN, 0x7016, 0).raw = 1000
         client.signal(DESCRIBED, 0x7016, 0).raw = 2000
         client.signal(UNSIZED, 0x7000, 1).raw = 3000
+        client.signal(SWAPPED, 0x7000, 1).raw = 4000
         client.commit()
 
         def read() -> list[float]:
@@ -121,11 +126,11 @@ def test_the_numbers_are_right(daemon: Daemon) -> None:
             client.sample()
             return [
                 *(client.signal(n, 0x6016, 0).raw for n in (CHOSEN, DESCRIBED)),
-                client.signal(UNSIZED, 0x6000, 1).raw,
+                *(client.signal(n, 0x6000, 1).raw for n in (UNSIZED, SWAPPED)),
                 *(client.signal(HOLE, 0x6000 + 16 * at, 1).raw for at in range(3)),
             ]
 
-        expected = [1000 + 0x1234, 2000 + 0x1234, 3000, 0x1111, 0x2222, 0x3333]
+        expected = [1000 + 0x1234, 2000 + 0x1234, 3000, 4000, 0x1111, 0x2222, 0x3333]
         wait_for(lambda: read() == expected, daemon)
 
 

@@ -114,6 +114,33 @@ class Stuck(Plain):
             raise RefusedError(0x0051)
 
 
+class Overlapping(Plain):
+    """By its EEPROM, its inputs begin within its outputs, which it refuses."""
+
+    product, order = 0x7, "Overlapping"
+
+    def sii_image(self) -> bytes:
+        image = bytearray(super().sii_image())
+        at = image.index(b"\x02\x00\x20\x00", 128)  # length and control of the inputs
+        image[at - 2 : at] = image[at - 10 : at - 8]
+        image[at - 2] += 1
+        return bytes(image)
+
+
+class Swapped(Plain):
+    """Its EEPROM has the usages of its sync managers swapped."""
+
+    product, order = 0x8, "Swapped"
+
+    def sii_image(self) -> bytes:
+        image = bytearray(super().sii_image())
+        at = image.index(b"\x02\x00\x20\x00", 128) + 5
+        image[at], image[at - 8] = image[at - 8], image[at]
+        return bytes(image)
+
+
 def rig() -> Rig:
     odd = [Padded(), Padded(), Described(), Hole(), Unknown(), Short(), Unsized(), Wordless()]
-    return Rig("witnesses", [EL2008(), *odd, Exchanged(), Stuck(), EL1018()])
+    return Rig(
+        "witnesses", [EL2008(), *odd, Exchanged(), Stuck(), Overlapping(), Swapped(), EL1018()]
+    )

@@ -9,14 +9,16 @@ from typing import TypeVar
 import pytest
 from wire_bench import FIRST_STATION, Correspondent, corresponding, in_preop
 
-from conftest import naming
+from conftest import names, naming
 from ecatd.bus.mailbox import line as line_module
 from ecatd.bus.mailbox.coe import Coe
 from ecatd.bus.mailbox.line import Line
 from ecatd.bus.mailbox.talks import Talk, converse
 from ecatd.bus.start.assignment import Assignment
+from ecatd.model.applied.believed import Believed
 from ecatd.model.bus import Slave
 from ecatd.model.config import SlaveConfig
+from ecatd.model.doubts import UNREADABLE
 from ecatd.model.errors import SdoAbortError, StateError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import Sii
@@ -186,6 +188,11 @@ def test_a_slave_that_describes_nothing_is_not_asked_for_ever(
 
 def lists(objects: dict[tuple[int, int], bytes]) -> Slave:
     """A slave with these objects only, up to four bytes each."""
+    return told(objects, Sii())[0]
+
+
+def told(objects: dict[tuple[int, int], bytes], image: Sii) -> tuple[Slave, Believed]:
+    """A slave with these objects only, and what is believed of it."""
 
     def answers(request: bytes) -> list[bytes]:
         index, subindex = struct.unpack_from("<HB", request, 9)
@@ -200,11 +207,9 @@ def lists(objects: dict[tuple[int, int], bytes]) -> Slave:
     slave = Correspondent(answers)
     with corresponding(slave) as (registers, _wire):
         found = Slave(0, "Odd", 1, 2, 3)
-        converse(
-            registers,
-            [Assignment(found, Sii(), Coe(0, FIRST_STATION, Line()), SlaveConfig(0)).read()],
-        )
-    return found
+        coe = Coe(0, FIRST_STATION, Line())
+        (known,) = converse(registers, [Assignment(found, image, coe, SlaveConfig(0)).read()])
+    return found, known
 
 
 @pytest.mark.parametrize(
@@ -242,3 +247,27 @@ def test_an_index_with_exchanged_bytes() -> None:
     found = lists(objects)
     assert [pdo.index for pdo in found.inputs] == [0x1A00, 0x6000]
     assert [pdo.bit_length for pdo in found.inputs] == [16, 0]
+
+
+def test_assignments_that_make_no_sense() -> None:
+    pdo, other = (Pdo(n, "", 3, [Entry(0x6000, 1, "", 6, 16)]) for n in (0x1A00, 0x1600))
+    objects = {
+        (0x1C13, 0): b"\x04",
+        (0x1C13, 1): b"\x00\x00",
+        (0x1C13, 2): b"\x00\x1a",
+        (0x1C13, 3): b"\x00\x1a",
+        (0x1C13, 4): b"\x00\x16",
+        **{(n, 0): b"\x01" for n in (0x1A00, 0x1600)},
+        **{(n, 1): bytes.fromhex("10 01 00 60") for n in (0x1A00, 0x1600)},
+    }
+    known = told(objects, Sii(inputs=[pdo], outputs=[other]))[1]
+    assert known.doubt == UNREADABLE
+    names(known.why, "0x1C13:04", "PDO 0x1600", "outputs", "EEPROM")
+    unknown = told(objects, Sii())[1]
+    assert [pdo.index for pdo in unknown.inputs] == [0x1A00, 0x1A00, 0x1600]
+    names(
+        "; ".join(unknown.notes),
+        *("0x1C13:01 is 0", "0x1C13:03", "0x1A00 a second time", "0x1C13:04", "outputs"),
+    )
+    agreed = told(objects, Sii(inputs=[pdo, other]))[1]
+    assert not any("outputs" in note for note in agreed.notes)

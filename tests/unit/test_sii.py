@@ -244,6 +244,7 @@ def test_texts_that_are_not_there_are_no_damage() -> None:
         (((0x1000, 0x20, 1, 4),), 255, ""),
         (((0x1000, 0x26, 1, 1),), 0, "usage | 1 (the mailbox | 4 (inputs)"),
         (((0x1000, 0x64, 1, 3),), 0, "usage | 3 (outputs) | 4 (inputs)"),
+        (((0x1000, 0x22, 1, 3),), 0, "usage | 3 (outputs) | 4 (inputs)"),
         (((0x1000, 0x20, 1, 0),), 0, ""),  # its control register says what it is for
         (((0x1000, 0x64, 1, 0),), 0, "usage | 0 (unknown) | 4 (inputs)"),
         (((0x1000, 0x20, 0, 4),), 0, ""),  # a master turns on what it uses, as SOEM does
@@ -266,6 +267,33 @@ def test_where_a_pdo_can_lie(
         assert mapped.sync_manager == place
 
 
+@pytest.mark.parametrize(
+    ("control", "usage", "told"),
+    [
+        (0x20, 3, "usage is 3 (outputs) | control register (0x20) | count: inputs"),
+        (0x64, 4, "control register 0x64 | outputs | its usage (4) | count: inputs"),
+    ],
+)
+def test_two_witnesses_of_a_direction_outvote_the_third(
+    control: int, usage: int, told: str
+) -> None:
+    pdos = 50, pdo(0x1A00, 0) + pdo(0x1A01, 0)
+    sii = read(image(STRINGS, general(), sync_managers((0x1000, control, 1, usage)), pdos))
+    assert (sii.sync_managers[0].usage, sii.sync_managers[0].control & 0x0F) == (4, 0)
+    assert [item.sync_manager for item in sii.inputs] == [0, 0]
+    (problem,) = sii.problems
+    assert not problem.damage
+    names(str(problem), "sync manager 0", *told.split(" | "))
+
+
+@pytest.mark.parametrize(("start", "told"), [(0x1002, False), (0x1001, True)])
+def test_sync_managers_that_overlap(start: int, told: bool) -> None:
+    rows = sync_managers((0x1000, 0x20, 1, 4), (start, 0x20, 1, 4))
+    sii = read(image(STRINGS, general(), rows, (50, pdo(0x1A00, 0, bits=16) + pdo(0x1A01, 1))))
+    assert not sii.damaged
+    assert [item.text for item in sii.problems] == ["sync managers 0 and 1 overlap"] * told
+
+
 def test_the_memory_of_a_sync_manager_holds_its_first_pdos() -> None:
     pdos = pdo(0x1A00, 0) + pdo(0x1A01, 0, bits=4) + pdo(0x1A02, 0, bits=5) + pdo(0x1A03, 0, bits=4)
     sii = read(image(STRINGS, general(), sync_managers((0xFFFE, 0x20, 1, 4)), (50, pdos)))
@@ -275,6 +303,18 @@ def test_the_memory_of_a_sync_manager_holds_its_first_pdos() -> None:
 @given(st.binary(min_size=0, max_size=600))
 def test_any_content_is_read(content: bytes) -> None:
     read(image()[:128] + content)
+
+
+def test_mailboxes_that_overlap_are_those_of_the_words() -> None:
+    rows = struct.pack("<HHBBBBHHBBBB", 0x1000, 128, 0x26, 0, 1, 1, 0x1040, 96, 0x22, 0, 1, 2)
+    data = image(STRINGS, general(), (41, rows))
+    (told,) = read(data).problems
+    assert not told.damage
+    names(str(told), "sync managers 0 and 1", "0x1040", "overlap", "the words count")
+    assert [(m.start, m.length) for m in mailbox(data, *STANDARD)] == [(0x1000, 128), (0x1080, 96)]
+    # Where the words are no better, the sync managers count.
+    (first, second) = mailbox(data, 0x1000, 128, 0x1050, 96)
+    assert (first.start, second.start) == (0x1000, 0x1040)
 
 
 MAILBOXES = 41, struct.pack("<HHBBBBHHBBBB", 0x1000, 128, 0x26, 0, 1, 1, 0x1080, 96, 0x22, 0, 1, 2)

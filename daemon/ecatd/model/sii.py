@@ -132,6 +132,14 @@ class SiiMailbox:
         """Whether somebody has written its words."""
         return self.receive_size not in (0, UNPROGRAMMED)
 
+    @property
+    def overlaps(self) -> bool:
+        """Whether the two areas share bytes, so that the slave can have no such mailbox."""
+        return (
+            self.receive < self.send + self.send_size
+            and self.send < self.receive + self.receive_size
+        )
+
     def fits(self, other: SiiMailbox) -> bool:
         """Whether it is the same. One without a size of the second area has that of the first."""
         size = self.send_size or self.receive_size
@@ -147,6 +155,25 @@ def mailbox_managers(managers: list[SiiSyncManager]) -> list[SiiSyncManager]:
     """Sync managers 0 and 1, if they are a mailbox; else none."""
     first = managers[:2]
     return first if [item.usage for item in first if item.length] == [1, 2] else []
+
+
+def replace_overlapping(managers: list[SiiSyncManager], words: SiiMailbox) -> bool:
+    """Puts the mailbox where its words say, if its sync managers overlap and the words do not.
+
+    Args:
+        managers: The two sync managers of the mailbox; they are changed.
+        words: Words 0x18 to 0x1B.
+
+    Returns:
+        Whether they were changed.
+    """
+    out, back = managers
+    here = SiiMailbox(out.start, out.length, back.start, back.length)
+    if not here.overlaps or not words.exists or words.overlaps:
+        return False
+    out.start, out.length = words.receive, words.receive_size
+    back.start, back.length = words.send, words.send_size
+    return True
 
 
 @dataclass(slots=True)

@@ -14,6 +14,7 @@ from .sii import (
     SiiMailbox,
     SiiSyncManager,
     mailbox_managers,
+    replace_overlapping,
 )
 from .sii_categories import Words
 from .sii_reader import SiiReader
@@ -51,6 +52,7 @@ def read_mailbox(words: Words) -> list[SiiSyncManager]:
     sii = _MailboxReader(words).read()
     box = sii.mailbox
     if managers := mailbox_managers(sii.sync_managers):
+        replace_overlapping(managers, box)
         return managers
     if not box.written:
         return []

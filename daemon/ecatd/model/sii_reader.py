@@ -28,6 +28,7 @@ from .sii import (
     SiiMailbox,
     SiiSyncManager,
     mailbox_managers,
+    replace_overlapping,
 )
 from .sii_categories import FIRST_CATEGORY, CategoryReader, Stop, Words
 from .sii_placement import Placement
@@ -101,6 +102,13 @@ class SiiReader(CategoryReader):
                 with suppress(Stop):
                     decode(at, data)
         self.compare_mailboxes()
+        for number, wrong, counts in self._placement.outvoted:
+            at = categories[CATEGORY_SYNC_MANAGER][0][0] + _SYNC_MANAGER_BYTES * number
+            self.note(at, f"sync manager {number}: {wrong}", counts, damage=False)
+        for one, other in self._placement.overlaps():
+            at = categories[CATEGORY_SYNC_MANAGER][0][0] + _SYNC_MANAGER_BYTES * other
+            text = f"sync managers {one} and {other} overlap"
+            self.note(at, text, "the slave may refuse them", damage=False)
         if CATEGORY_SYNC_MANAGER in categories and not self.sii.mailbox_protocols:
             self._check_use(categories[CATEGORY_SYNC_MANAGER][0][0])
         return self.sii
@@ -121,6 +129,15 @@ class SiiReader(CategoryReader):
             return
         out, back = managers
         described = SiiMailbox(out.start, out.length, back.start, back.length)
+        if replace_overlapping(managers, words):
+            self.note(
+                2 * _MAILBOX,
+                f"sync managers 0 and 1 are {described.text}, which overlap, but the words 0x18 to "
+                f"0x1B describe {words.text}",
+                "the words count",
+                damage=False,
+            )
+            described = words
         if not words.written or (sii.mailbox_protocols and not words.fits(described)):
             what = words.text if words.written else "no mailbox"
             self.note(

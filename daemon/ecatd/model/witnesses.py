@@ -77,13 +77,14 @@ def clash(
         one: The first account.
         other: The second one.
         changeable: Whether a master can map other entries. Then other entries are no contradiction:
-            somebody has mapped them. Other gaps between the same entries are.
+            somebody has mapped them. Other gaps between the same entries are, and so are other
+            lengths of the same entry, which nobody can choose.
         before: Bits in front of the PDO in its sync manager.
         last: Whether no PDO follows in its sync manager. Then only the whole bytes count.
     """
     ours, theirs = _spoken(one, other), _spoken(other, one)
-    if changeable and [_object(item) for item in ours] != [_object(item) for item in theirs]:
-        return None
+    if changeable and [item[0] for item in ours] != [item[0] for item in theirs]:
+        return _other_length(ours, theirs)
     for mine, its in zip_longest(ours, theirs):
         if mine != its:
             return _first_clash(mine, its, ours, theirs)
@@ -123,8 +124,14 @@ def _place_in(placed: list[_Placed], address: tuple[int, int]) -> Place | None:
     return next((place for known, place in placed if known == address), None)
 
 
-def _object(item: _Placed) -> tuple[tuple[int, int], int]:
-    return item[0], item[1].bits
+def _other_length(ours: list[_Placed], theirs: list[_Placed]) -> Clash | None:
+    """The first object that both accounts have, but not with the same length."""
+    known = dict(theirs)
+    for address, place in ours:
+        other = known.get(address)
+        if other is not None and other.bits != place.bits:
+            return Clash(address, place, other)
+    return None
 
 
 def _placed(pdo: Pdo) -> Iterator[_Placed]:

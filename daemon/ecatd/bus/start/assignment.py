@@ -115,6 +115,15 @@ class Assignment:
                 list_ = ASSIGNMENT + number
                 for at, value in enumerate((yield from self._lists.read(list_, 2, _PDOS_MAX)), 1):
                     index = _as_index(value, usage)
+                    if not index:
+                        told.notes.append(f"0x{list_:04X}:{at:02X} is 0, so it assigns no PDO")
+                        continue
+                    if any(pdo.index == index for pdo in pdos):
+                        told.notes.append(
+                            f"0x{list_:04X}:{at:02X} assigns PDO 0x{index:04X} a second time, so "
+                            "its entries are in two places"
+                        )
+                    self._look_at_direction(f"0x{list_:04X}:{at:02X}", index, usage, told)
                     if index != value:
                         told.notes.append(
                             f"0x{list_:04X}:{at:02X} is 0x{value:04X}, which is no PDO, so it is "
@@ -126,6 +135,24 @@ class Assignment:
                         told.unreadable[index] = reason(abort)
                         pdos.append(Pdo(index, "", number, []))
         return told
+
+    def _look_at_direction(self, where: str, index: int, usage: int, told: Told) -> None:
+        """Tells a PDO whose index is one of the other direction, unless the EEPROM says so, too."""
+        ours, others = OUTPUT_PDOS, self._sii.inputs
+        own, kind = self._sii.outputs, "inputs"
+        if usage == USAGE_INPUTS:
+            ours, others, own, kind = INPUT_PDOS, own, others, "outputs"
+        if index in ours or any(pdo.index == index for pdo in own):
+            return
+        if any(pdo.index == index for pdo in others):
+            told.impossible.append(
+                f"{where} assigns PDO 0x{index:04X}, which is one for {kind} by its EEPROM"
+            )
+        elif index in (*OUTPUT_PDOS, *INPUT_PDOS):
+            told.notes.append(
+                f"{where} assigns PDO 0x{index:04X}, whose index is one for {kind}; the assignment "
+                "counts"
+            )
 
     def pdo(self, index: int, sync_manager: int) -> Talk[Pdo]:
         """Reads the mapping of one PDO, as a part of a conversation.

@@ -2,15 +2,16 @@
 
 These are slaves with CoE whose mailbox does not answer or answers with nonsense, slaves with a
 damaged EEPROM, which may describe only a part of the process data, slaves whose CoE and EEPROM
-contradict each other, slaves that do not reach PREOP, and slaves other than the expected ones. A
-doubtful slave must not keep the others from OP. If some of its process data are known, and it
-reaches SAFEOP with them, it is used. Otherwise it stays in PREOP and takes no part in the exchange:
-in OP it would look like a slave without process data.
+contradict each other, slaves that do not reach PREOP, and slaves other than the expected ones.
+Slaves with lesser contradictions are in doubt if they do not reach SAFEOP. A doubtful slave must
+not keep the others from OP. If some of its process data are known, and it reaches SAFEOP with them,
+it is used. Otherwise it stays in PREOP and takes no part in the exchange: in OP it would look like
+a slave without process data.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from ecatd.coroutine_steps import Steps, finish
@@ -59,6 +60,7 @@ def settle(
     master: Master,
     scanned: Sequence[Scanned],
     unexpected: Mapping[int, str],
+    synchronised: Collection[int],
     patience: Patience,
     tell: Callable[[str], None],
 ) -> dict[int, Doubt]:
@@ -68,6 +70,7 @@ def settle(
         master: The master.
         scanned: All slaves. Doubtful slaves that are not used lose their process data here.
         unexpected: By position, why a slave is not the expected one. These slaves are not used.
+        synchronised: Positions of slaves with SYNC signals, without which they may refuse SAFEOP.
         patience: Time that slaves have to reach a state.
         tell: Called with a warning about each other doubtful slave, and about each EEPROM with
             lesser mistakes.
@@ -87,7 +90,15 @@ def settle(
         for item in doubtful
         if (item.slave.outputs or item.slave.inputs) and not item.doubt and not item.unplaced
     ]
-    refused = finish(_try(master, described, patience))
+    suspects = [
+        item
+        for item in scanned
+        if item not in doubtful
+        and item.slave.position not in synchronised
+        and _is_suspect(item, unexpected)
+    ]
+    refused = finish(_try(master, [*described, *suspects], patience))
+    doubtful += (item for item in suspects if item.slave.position in refused)
     doubts = {}
     for item in scanned:
         slave = item.slave
@@ -118,6 +129,17 @@ def settle(
     return doubts
 
 
+def _is_suspect(item: Scanned, unexpected: Mapping[int, str]) -> bool:
+    """Whether the slave may refuse its process data, because its witnesses differ in something."""
+    slave = item.slave
+    return (
+        item.known
+        and slave.position not in unexpected
+        and bool(slave.problems or item.notes or item.settled)
+        and bool(slave.outputs or slave.inputs)
+    )
+
+
 def _doubt(item: Scanned, *, used: bool, why: str) -> Doubt:
     if item.doubt and not item.silence:
         return Doubt(item.doubt, f"{_REASONS[item.doubt]}: {item.why}")
@@ -135,9 +157,10 @@ def _doubt(item: Scanned, *, used: bool, why: str) -> Doubt:
         text = f"{_STAYS}: {why or 'no process data are known of it'}"
     if item.silence:
         text = f"{text}; {item.silence}"
-    if not item.sii.damaged:
+    if not item.slave.problems:
         return Doubt(DAMAGED, f"it {text}")
-    return Doubt(DAMAGED, f"its EEPROM is damaged: {_problems(item.slave)}. It {text}")
+    what = "its EEPROM is damaged" if item.sii.damaged else "there are mistakes in its EEPROM"
+    return Doubt(DAMAGED, f"{what}: {_problems(item.slave)}. It {text}")
 
 
 def _problems(slave: Slave) -> str:

@@ -117,7 +117,8 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
             log.info(text)
         tell_emergencies(mailbox_log, [(item.slave, *emergency) for emergency in item.emergencies])
     patience = found.config.state_patience
-    found.doubtful = settle(master, found.scanned, unexpected, patience, log.warning)
+    with_sync = {item.slave for item in found.config.dc.slave}
+    found.doubtful = settle(master, found.scanned, unexpected, with_sync, patience, log.warning)
     for position, bits in clock_bits(master).items():
         found.scanned[position].slave.dc_bits = bits
     found.bus.slaves = [item.slave for item in found.scanned]

@@ -42,6 +42,8 @@ class Told:
         unreadable: By index, why the mapping of a PDO cannot be read. Such a PDO has no entries.
         changeable: Indices of PDOs into which a master can map other entries.
         notes: Sentences without a subject about answers that make no sense, and how they are taken.
+        impossible: The same about PDOs that cannot be where they are assigned. The slave is not
+            used.
         silent: Whether it has CoE or SoE, but does not answer or tell. Then its EEPROM says all
             this.
     """
@@ -51,6 +53,7 @@ class Told:
     unreadable: dict[int, str] = field(default_factory=dict)
     changeable: set[int] = field(default_factory=set)
     notes: list[str] = field(default_factory=list)
+    impossible: list[str] = field(default_factory=list)
     silent: bool = False
 
 
@@ -158,7 +161,7 @@ class _Judge:
         self._usual = SII if told.silent else usual_witness(slave)
         self._in_sii = {pdo.index: pdo for pdo in (*sii.outputs, *sii.inputs) if pdo.entries}
         self._found = Believed(notes=list(told.notes))
-        self._unknown: list[str] = []
+        self._unknown = list(told.impossible)
 
     def judge(self) -> Believed:
         found, told = self._found, self._told
