@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from conftest import names_at, naming
+from conftest import names, names_at, naming
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError, SdoAbortError
 from ecatsim import Access, Chip, Device, Mailbox, Rig, Simulation
@@ -392,12 +392,28 @@ def test_an_image_in_intel_hex(tmp_path: Path, upper: str) -> None:
         (":00000001FF", "", "eeprom.hex | no end | cut off"),
         (":00000001FF", ":0000000AF6\n", "eeprom.hex:| type 10"),
         (":00000001FF", "x", "eeprom.hex:| colon"),
+        (":00000001FF", ":0100000012ED\n:00000001FF", "eeprom.hex:| byte 0x0 | another value"),
+        (":", "S00600004844521B\n:", "eeprom.hex | Motorola | objcopy"),
     ):
         (tmp_path / "eeprom.hex").write_text(intel_hex(data).replace(old, new, 1))
         with pytest.raises(ConfigError) as error:
             load(tmp_path, 'sii = "eeprom.hex"')
         for token in tokens.split("| "):
             assert token.strip() in str(error.value)
+
+
+@pytest.mark.parametrize("head", ["\ufeff", "; made by a tool\n", "# made\n\n"])
+def test_an_image_in_intel_hex_with_something_before_it(tmp_path: Path, head: str) -> None:
+    data = image()
+    (tmp_path / "eeprom.hex").write_text(head + intel_hex(data), "utf-8")
+    assert load(tmp_path, 'sii = "eeprom.hex"').sii_image() == data
+
+
+def test_blocks_that_are_missing_in_intel_hex_are_told(tmp_path: Path) -> None:
+    lines = intel_hex(image()).splitlines(keepends=True)
+    (tmp_path / "eeprom.hex").write_text("".join([*lines[:4], *lines[6:]]))
+    remarks = load(tmp_path, 'sii = "eeprom.hex"').remarks
+    names(remarks[0], "eeprom.hex", "0x40 to 0x5F", "0xFF")
 
 
 def intel_hex(data: bytes) -> str:

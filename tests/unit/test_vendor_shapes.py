@@ -7,6 +7,7 @@ from vendor_shapes import ENCODINGS, SHAPES, entry, esi, pdo
 
 from conftest import names, naming
 from ecatd.esi import EsiDevice, Findings, choose, list_devices, read_device
+from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
 from ecatd.model.sii_check import check_sii
 from ecatsim.esc import Segment
@@ -64,6 +65,14 @@ def test_entries_with_the_index_of_a_pdo_have_values_and_the_mapping_stays(tmp_p
     assert device.dictionary[0x1A00, 1].value == 0x1A000110
     device.reset()
     assert device[0x1600, 1] == 0
+
+
+def test_a_signed_number_stays_signed_in_a_longer_entry(tmp_path: Path) -> None:
+    path = written(tmp_path, SHAPES["a data type that is shorter than its entry"].text)
+    device = device_from_esi(path)
+    assert device.tx_pdos[0].entries[0].data_type == DataType.INTEGER32
+    device[0x6000, 1] = -2
+    assert device.give() == b"\xfe\xff\xff\xff"
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)

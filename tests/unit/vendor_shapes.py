@@ -111,6 +111,23 @@ SHAPES = {
         esi(profile=limited("USINT", 8, "<DefaultData>112233</DefaultData>")),
         "<DefaultData> | 3 bytes | this default is left out",
     ),
+    "a data type that is shorter than its entry": Shape(
+        esi(MAILBOX, DATA, OUT, pdo("TxPdo", 3, 0x1A00, entry(0x6000, 1, 32, "INT")), COE, EEPROM),
+        "'INT' | 16 bits | <BitLen> is 32 | DINT is used",
+        inputs=4,
+    ),
+    "a length that is there twice": Shape(
+        esi(
+            *(MAILBOX, DATA, OUT),
+            IN.replace("<BitLen>", "<BitLen>8</BitLen><BitLen>"),
+            *(COE, EEPROM),
+        ),
+        "two <BitLen> | '8' | '16' | this PDO is left out",
+        inputs=0,
+    ),
+    "Enable in words": Shape(
+        esi(MAILBOX, DATA.replace('Enable="1"', 'Enable="true"'), OUT, IN, COE, EEPROM)
+    ),
     "EK1960: a disabled sync manager at 0": Shape(
         esi(
             MAILBOX,

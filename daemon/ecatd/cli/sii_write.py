@@ -107,7 +107,7 @@ def _read(path: Path) -> bytes:
     Raises:
         UsageError: The file cannot be read, or cannot be an EEPROM.
     """
-    image = image_bytes(read_bytes(path, _MAX_FILE), str(path))
+    image = image_bytes(read_bytes(path, _MAX_FILE), str(path), _warn)
     least = 2 * FIRST_CATEGORY
     if len(image) % 2 or not least <= len(image) <= MAX_IMAGE:
         raise UsageError(
@@ -115,6 +115,10 @@ def _read(path: Path) -> bytes:
             f"at least {least} and at most {MAX_IMAGE} bytes"
         )
     return image
+
+
+def _warn(text: str) -> None:
+    print(f"ecatctl: warning: {text}", file=sys.stderr)
 
 
 def _check(options: argparse.Namespace, new: Sii) -> None:

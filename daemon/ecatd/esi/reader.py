@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from ecatd.model.datatypes import DataType, type_of_bits
+from ecatd.model.datatypes import DataType, is_real, is_signed, type_of_bits
 from ecatd.model.errors import ConfigError
 from ecatd.model.pdo import Entry
 from ecatd.model.sii import (
@@ -282,7 +282,7 @@ def _sync_manager(element: Element) -> EsiSyncManager:
         element.attribute("StartAddress", high=0xFFFF),
         element.attribute_or("DefaultSize", 0, high=0xFFFF),
         control,
-        element.attribute_or("Enable", 0, high=0xFF)
+        element.switch("Enable", 0xFF)
         | _VIRTUAL * element.flag("Virtual")
         | _IN_OP_ONLY * element.flag("OpOnly"),
         element.line,
@@ -479,6 +479,11 @@ def read_entry(element: Element, shift: Shift = UNMOVED) -> Entry:
     if type_name and simple is None and bits in _NATURAL_BITS:
         text = f"<DataType> is '{type_name}', which is unknown"
         element.note(text, f"{type_in_esi(kind)} is used, as it has {bits} bits")
+    declared, size = simple_type(type_name, 0) or (kind, 0)
+    if (is_signed(declared) and bits > size) or (is_real(declared) and bits != size):
+        kind = type_of_bits(bits, signed=is_signed(declared))
+        text = f"<DataType> is '{type_name}', which has {size} bits, but <BitLen> is {bits}"
+        element.note(text, f"{type_in_esi(kind)} is used")
     subindex = element.number_of("SubIndex", 0, high=0xFF)
     return Entry(index, subindex, name, kind, bits)
 

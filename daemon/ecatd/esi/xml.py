@@ -94,13 +94,28 @@ class Element:
         return here
 
     def need(self, tag: str) -> Element:
-        """Returns the first child with this name.
+        """Returns the child with this name.
 
         Raises:
-            MalformedError: There is no such child.
+            MalformedError: There is no such child, or there are several with different texts.
         """
-        child = self.find(tag)
-        return child if child else self.fail(f"<{self.tag}> has no <{tag}>")
+        return self._only(tag) or self.fail(f"<{self.tag}> has no <{tag}>")
+
+    def _only(self, tag: str) -> Element | None:
+        """The child with this name; None if there is none.
+
+        Raises:
+            MalformedError: There are several with different texts: nobody knows which counts.
+        """
+        found = list(self.all(tag))
+        if not found:
+            return None
+        child = found[0]
+        for other in found[1:]:
+            if child.text != other.text:
+                first, second = _short(child.text), _short(other.text)
+                other.fail(f"<{self.tag}> has two <{tag}>, '{first}' and '{second}'")
+        return child
 
     def text_of(self, *tags: str) -> str:
         """The text of a descendant (see `find`); empty if there is none."""
@@ -130,7 +145,7 @@ class Element:
             MalformedError: The text is no number or out of range, or the child is missing and there
                 is no default.
         """
-        child = self.need(tag) if default is None else self.find(tag)
+        child = self.need(tag) if default is None else self._only(tag)
         if child is None or (default is not None and not child.text):
             return 0 if default is None else default
         return child.number(low, high)
@@ -157,6 +172,13 @@ class Element:
         with self.instead(f"{default} is used"):
             return self.attribute(name, default, low, high)
         return default
+
+    def switch(self, name: str, high: int) -> int:
+        """As `attribute_or` with the default 0, but `true` and `false` are 1 and 0, too."""
+        word = self.attributes.get(name, "").strip().lower()
+        if word.isalpha() and word in _YES + _NO:
+            return int(word in _YES)
+        return self.attribute_or(name, 0, high=high)
 
     def flag(self, name: str) -> bool:
         """A boolean attribute; false if it is missing, or if it is none, which is noted."""

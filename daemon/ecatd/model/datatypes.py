@@ -150,12 +150,17 @@ def type_by_size(bits: int) -> int:
     return {1: 0x0001, 8: 0x0005, 16: 0x0006, 32: 0x0007, 64: 0x001B}.get(bits, 0x0000)
 
 
-def type_of_bits(bits: int) -> DataType:
+def type_of_bits(bits: int, *, signed: bool = False) -> DataType:
     """The type to assume for `bits` bits of unknown type.
 
     1 bit is BOOLEAN, up to 8 bits are a BIT type, up to 64 bits the next longer of UNSIGNED16, 32
-    and 64. More bits are OCTET_STRING if they are whole bytes.
+    and 64. More bits are OCTET_STRING if they are whole bytes. If they are known to be a signed
+    number, it is the next longer of INTEGER8, 16, 32 and 64.
     """
+    if signed:
+        kinds = DataType.INTEGER8, DataType.INTEGER16, DataType.INTEGER32, DataType.INTEGER64
+        if kind := next((kind for kind in kinds if bits <= bit_length(kind)), None):
+            return kind
     if bits == 1:
         return DataType.BOOLEAN
     if bits <= 8:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from ecatd.model.errors import ConfigError, UsageError
@@ -36,7 +37,10 @@ def make(device: str) -> Device:
     if path.suffix == ".toml":
         return device_file.load(path)
     if path.suffix in _IMAGES:
-        return sii_image.device_from_sii(read_image(path), device)
+        told: list[str] = []
+        made = sii_image.device_from_sii(read_image(path, told.append), device)
+        made.remarks = [*told, *made.remarks]
+        return made
     file, _, name = device.rpartition(":")
     if path.suffix == ".py":
         raise UsageError(f"'{device}' names no class: write {path.name}:Class")
@@ -52,8 +56,12 @@ def make(device: str) -> Device:
     return library.make(device)
 
 
-def read_image(path: Path) -> bytes:
+def read_image(path: Path, tell: Callable[[str], None] = lambda _: None) -> bytes:
     """Reads an SII image.
+
+    Args:
+        path: The file.
+        tell: Called with what is missing in it. As the content of a fault, it may be anything.
 
     Raises:
         UsageError: The file cannot be read, or is too large.
@@ -62,7 +70,7 @@ def read_image(path: Path) -> bytes:
         if not path.is_file():
             raise UsageError(f"there is no file '{path}'")
         with path.open("rb") as file:
-            image = image_bytes(file.read(4 * MAX_IMAGE), str(path))
+            image = image_bytes(file.read(4 * MAX_IMAGE), str(path), tell)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise UsageError(f"'{path}' cannot be read: {reason}") from error

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import count
 
-from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, type_of_bits
+from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, is_signed, type_of_bits
 from ecatd.model.errors import ConfigError, UsageError
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.sii import Sii, SiiMailbox, SiiSyncManager, in_memory
@@ -195,4 +195,4 @@ def _type(data_type: int, bits: int) -> DataType:
     size = bit_length(known)
     if (known in STRINGS and bits % 8 == 0) or bits == size or (bits < size and not is_real(known)):
         return known
-    return type_of_bits(bits)
+    return type_of_bits(bits, signed=is_signed(known))

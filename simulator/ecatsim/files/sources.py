@@ -60,8 +60,11 @@ def sii(table: Table, key: str, *, strict: bool | None = None) -> Device:
     """
     inside = table.text(key).startswith(_PREFIX)
     source = table.where(key) if inside else str(table.file(key))
-    image = image_bytes(content(table, key, _MAX_IMAGE_FILE), source)
-    return device_from_sii(image, source, strict=strict)
+    told: list[str] = []
+    image = image_bytes(content(table, key, _MAX_IMAGE_FILE), source, told.append)
+    device = device_from_sii(image, source, strict=strict)
+    device.remarks = [*told, *device.remarks]
+    return device
 
 
 def patched(image: bytes, alias: int, serial: int) -> bytes:
