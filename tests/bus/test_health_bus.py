@@ -118,6 +118,15 @@ def test_half_of_all_frames_are_lost_or_late(bench: Bench, simulator: Simulator)
     names(problem(bench, "came back too late"), "domain 0", "`ecatctl doctor`", "cycle_time_us")
 
 
+def test_damaged_counters_are_no_new_slaves(bench: Bench, simulator: Simulator) -> None:
+    before = simulator.status().frames
+    simulator.faults.corrupt(seed=1, count=0)
+    bench.wait_for(lambda: simulator.status().frames > before + 3000)
+    simulator.faults.clear()
+    told = [line for line in bench.daemon.log.splitlines() if "slave count changed" in line]
+    assert not told
+
+
 def test_an_mtu_that_is_too_small_is_a_fault_of_the_interface(bench: Bench) -> None:
     bench.inside("mtu", MASTER, "100")
     text = problem(bench, "MTU")

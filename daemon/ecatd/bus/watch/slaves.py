@@ -189,6 +189,9 @@ class SlaveWatch:
     def _find_strangers(self, present: int) -> None:
         """Looks who is there beside the slaves that answer at their address; on the worker."""
         self._added, self._twice = 0, []
+        stations = self._master.stations
+        if self._found > len(stations) and not self._answers(self._found - 1):
+            self._found = len(stations)  # the counter of a damaged frame: it says any number
         if self._found <= present:
             return
         answers = self._master.registers.exchange(
@@ -197,12 +200,16 @@ class SlaveWatch:
         wire = [
             int.from_bytes(answer.data, "little") if answer.wkc == 1 else None for answer in answers
         ]
-        stations = self._master.stations
         self._twice = [n for n, station in enumerate(stations) if wire.count(station) > 1]
         if self._found > len(stations):
             pairs = zip(wire, stations, strict=False)
             new = (n for n, (at, station) in enumerate(pairs) if at not in (None, station))
             self._added = next(new, len(stations))
+
+    def _answers(self, position: int) -> bool:
+        """Whether a slave answers at a place on the wire."""
+        asked = [aprd(position, _STATION_ADDRESS, 2)]
+        return any(self._master.registers.exchange(asked)[0].wkc for _ in range(_TRIES))
 
     async def watch(self) -> None:
         """Waits for the next change, or for a while, and looks."""

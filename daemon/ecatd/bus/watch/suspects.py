@@ -99,6 +99,11 @@ def find_suspects(running: RunningBus, domain: DomainImage, offset: int, wrong_b
     ]
     there = [slave for slave, _ in members if not _by_state(states[slave.position])]
     suspects += _by_registers(running, there)
+    suspects = suspects or [
+        Suspect(slave.position, reason)
+        for slave in there
+        if (reason := _short_of_op(states[slave.position]))
+    ]
     suspects.sort(key=lambda item: item.position)
     able = () if suspects else tuple(s.position for s, adds in members if adds == -wrong_by)
     return Finding(tuple(suspects), able)
@@ -131,6 +136,15 @@ def _by_state(state: SlaveState) -> str:
             f"brings it back, or says why not"
         )
     return ""
+
+
+def _short_of_op(state: SlaveState) -> str:
+    """What keeps a slave in SAFEOP or with an error, which may explain a counter; else empty."""
+    if state.al_state == AlState.OP:
+        return ""
+    position = state.position
+    again = f"`ecatctl state {position} OP` brings it there, or says why not"
+    return f"is not in OP ({state.describe()}): {again}"
 
 
 def _by_registers(running: RunningBus, slaves: Sequence[Slave]) -> Iterator[Suspect]:
