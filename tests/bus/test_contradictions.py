@@ -140,6 +140,8 @@ def test_uploads_without_a_size_have_that_of_their_type(daemon: Daemon) -> None:
         (("0x7000", "1"), 0),
         (("0x1C12", "0"), 1),
         (("0x1C12", "1"), 0x1600),
+        (("0x2000",), "ab"),
+        (("0x2001",), "01 02 03"),
     ):
         found = daemon.ctl_json("sdo-read", str(UNSIZED), *arguments)
         assert found["value"] == value, found

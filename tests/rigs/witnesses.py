@@ -85,6 +85,10 @@ class Unsized(Plain):
     mailbox = Mailbox(coe_details=0x01)
     sized_uploads = False
 
+    def describe(self) -> None:
+        self.dictionary.variable(0x2000, "Text", DataType.VISIBLE_STRING, "ab")
+        self.dictionary.variable(0x2001, "Bytes", DataType.OCTET_STRING, b"\x01\x02\x03")
+
 
 class Wordless(Plain):
     """The words of its EEPROM about the mailbox are 0, those about its protocols, too."""

@@ -57,7 +57,7 @@ class Objects:
             known = ObjectType(self._type(slave, request.index, request.subindex).name)
         else:
             known = await self._asked_type(slave, request.index, request.subindex)
-            data = _sized(data, known)
+            data = await self._sized(slave, request.index, request.subindex, data, known)
         return {"data": data, **known.of(data).to_map()}
 
     async def write(self, request: SdoWrite, slot: int = ZENOH) -> dict[str, Any]:
@@ -101,8 +101,24 @@ class Objects:
                 lambda coe: coe.upload(index, subindex, complete=complete, tries=1),
                 changes=True,
             )
-            return _sized(data, self._type(slave, index, subindex))
+            known = self._type(slave, index, subindex)
+            return await self._sized(slave, index, subindex, data, known)
         return None
+
+    async def _sized(
+        self, slave: Slave, index: int, subindex: int, data: bytes, known: ObjectType
+    ) -> bytes:
+        """The bytes that belong to a value, if the slave has not said how many that are.
+
+        Those of its type; the dictionary of the slave says how long a text is.
+        """
+        if not isinstance(data, UnsizedBytes):
+            return data
+        bits = bit_length(known.data_type)
+        if not bits:
+            entry = await self._dictionaries.entry(slave, index, subindex)
+            bits = entry.bit_length if entry is not None else 0
+        return data.cut((bits + 7) // 8)
 
     async def _upload(self, slave: Slave, index: int, subindex: int, complete: bool) -> bytes:
         return await self._conversations.coe(
@@ -163,13 +179,6 @@ class Objects:
                 "bytes; give it with --type"
             )
         return found
-
-
-def _sized(data: bytes, known: ObjectType) -> bytes:
-    """The bytes that belong to a value, if the slave has not said how many that are."""
-    if not isinstance(data, UnsizedBytes):
-        return data
-    return data.cut((bit_length(known.data_type) + 7) // 8)
 
 
 def _shown(data: bytes, known: ObjectType | None) -> str:
