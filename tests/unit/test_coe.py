@@ -639,6 +639,34 @@ def test_segments_without_data_end_some_time(short: None) -> None:
         ask(registers, 1, (0x2000, 0))
 
 
+def byte_by_byte(index: int) -> Correspondent:
+    """A slave that sends a byte in each segment of this object, and others as they are."""
+    toggle = [0x10]
+
+    def answers(request: bytes) -> list[bytes]:
+        if request[9:11] == index.to_bytes(2, "little") and request[8] & 0xE0 == 0x40:
+            toggle[0] = 0x10
+            return [mail(RESPONSE, b"\x41" + request[9:12] + struct.pack("<I", 60_000))]
+        if request[8] & 0xE0 == 0x40:
+            return [mail(RESPONSE, b"\x4f" + request[9:12] + b"x\0\0\0")]
+        toggle[0] ^= 0x10
+        return [mail(RESPONSE, bytes([toggle[0] | 0x0C]) + bytes(7))]
+
+    return Correspondent(answers)
+
+
+def test_an_object_that_comes_byte_by_byte_is_given_up(
+    short: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each answer is prompt, so only the whole takes too long."""
+    monkeypatch.setattr(line_module, "_WHOLE", 2)
+    with corresponding(byte_by_byte(0x2000)) as (registers, _wire):
+        for _ in range(2):  # the second conversation begins anew
+            with pytest.raises(NoAnswerError, match=naming("0x2000:00", "0.4 s", "without end")):
+                ask(registers, 1, (0x2000, 0))
+        assert ask(registers, 1, (0x2001, 0))[1] == [[b"x"]]
+
+
 def test_a_flood_of_messages_is_not_waited_for(short: None) -> None:
     """A mailbox that is always full of something else."""
     slave = Correspondent(lambda _request: [mail(EMERGENCY, bytes(8))] * 100_000)
@@ -655,6 +683,13 @@ DESCRIPTIONS = {
     "without end": (
         lambda _request: [mail(INFORMATION, b"\x84\0\x01\0\x00\x20" + bytes(100))] * 1000,
         "65536 bytes",
+    ),
+    "without end or data": (
+        always(
+            mail(INFORMATION, b"\x84\0\x01\0\x00\x20"),
+            *[mail(INFORMATION, b"\x84\0\x01\0")] * 20_000,
+        ),
+        "fragment without data",
     ),
     "of another object": (always(mail(INFORMATION, b"\x04\0\0\0\x01\x20" + bytes(9))), SILENCE),
     "with a part missing": (

@@ -5,11 +5,13 @@ from collections.abc import Callable
 
 import pytest
 
-from conftest import names
+from conftest import names, naming
+from ecatd.bus.mailbox import foe
 from ecatd.bus.mailbox.foe import FileRead, FileTransfer, FileWrite
 from ecatd.bus.mailbox.mailbox import HEADER_BYTES, Mailbox, Protocol
 from ecatd.bus.mailbox.talks import Talk
 from ecatd.model.errors import NoAnswerError, StateError
+from ecatd.model.patience import Patience
 from ecatsim.slave.foe import FoeServer
 
 SIZE = 64
@@ -108,6 +110,20 @@ def test_a_file_without_end_is_given_up() -> None:
 
     with pytest.raises(StateError, match=str(MOST)):
         finish(FileRead("a", 0, MOST), Wire(endless))
+
+
+@pytest.mark.parametrize("file", [FileRead("a", 0, MOST), FileWrite("a", 0, bytearray(9))])
+def test_a_slave_that_is_busy_for_ever(file: FileTransfer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others get their turns meanwhile, and the transfer has an end."""
+    monkeypatch.setattr(foe, "_TURN_S", 0.01)
+    monkeypatch.setattr(foe, "_PATIENCE", Patience(0.2))
+    wire, turns = Wire(lambda _: [b"\6\0\1\0\2\0soon"]), 0
+    with pytest.raises(NoAnswerError, match=naming("0.2 s", "'1 of 2, soon'", "off")):
+        while not file.ended:
+            turns += 1
+            for _ in file.go_on(wire, 3):
+                pass
+    assert turns > 2
 
 
 def test_late_and_malformed_answers() -> None:

@@ -7,9 +7,11 @@ nothing to answer, so another conversation may come there.
 
 from __future__ import annotations
 
+import itertools
 import struct
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 
 from ecatd.model.errors import NoAnswerError, StateError
 from ecatd.model.foe_codes import foe_text
@@ -28,6 +30,8 @@ _PATIENCE = Patience(60.0)
 """Seconds that a slave has for a packet. Some slaves erase their flash meanwhile."""
 _BUSY_PAUSE_S, _BUSY_LONGEST_S = 0.001, 0.05
 """Seconds after which a packet is sent to a busy slave again: the first time, and at most."""
+_TURN_S = 1.0
+"""Seconds after which other conversations with the slave get their turn, even if it is busy."""
 
 
 class FileTransfer(ABC):
@@ -53,10 +57,12 @@ class FileTransfer(ABC):
         self._name = name.encode("latin-1")
         self._password = password
         self._packet = 0
+        self._busy_until = 0.0  # the time at which a slave that is still busy is given up
+        self._turn_until = 0.0
 
     @abstractmethod
     def go_on(self, mailbox: Mailbox, packets: int) -> Talk[None]:
-        """Transfers some more packets.
+        """Transfers some more packets, for `_TURN_S` at most while the slave answers.
 
         Args:
             mailbox: The mailbox of the slave, open.
@@ -78,8 +84,12 @@ class FileTransfer(ABC):
     def _begin(self, operation: int) -> bytes:
         return _HEADER.pack(operation, self._password) + self._name
 
-    def _exchange(self, mailbox: Mailbox, request: bytes, wanted: int, number: int) -> Talk[bytes]:
+    def _exchange(
+        self, mailbox: Mailbox, request: bytes, wanted: int, number: int
+    ) -> Talk[bytes | None]:
         """Sends a packet, again while the slave is busy; returns the data of its answer.
+
+        None: the slave is still busy at the end of this turn, so the next one sends it again.
 
         Args:
             mailbox: The mailbox.
@@ -103,16 +113,30 @@ class FileTransfer(ABC):
                 return True, rest
             return None  # it is a late answer, of a transfer that was cancelled
 
-        deadline, pause = time.monotonic() + _PATIENCE.seconds, _BUSY_PAUSE_S
+        pause = _BUSY_PAUSE_S
         while True:
             ready, rest = yield from mailbox.ask(Protocol.FOE, request, take, _PATIENCE.seconds)
+            now = time.monotonic()
             if ready:
+                self._busy_until = 0.0
                 return rest
-            if time.monotonic() > deadline:
-                raise NoAnswerError(f"it is busy for more than {_PATIENCE} ({self.busy})")
-            again, pause = time.monotonic() + pause, min(2 * pause, _BUSY_LONGEST_S)
+            self._busy_until = self._busy_until or now + _PATIENCE.seconds
+            if now > self._busy_until:
+                says = f", and says '{self.busy}'" if self.busy else ""
+                raise NoAnswerError(
+                    f"it is busy with one packet for more than {_PATIENCE}{says}; switch it off "
+                    "and on if it stays so, and begin again"
+                )
+            again, pause = now + pause, min(2 * pause, _BUSY_LONGEST_S)
             while time.monotonic() < again:
                 yield []
+            if again > self._turn_until:
+                return None
+
+    def _turns(self, packets: int) -> Iterator[int]:
+        """The packets of one turn."""
+        self._turn_until = time.monotonic() + _TURN_S
+        return itertools.takewhile(lambda _: time.monotonic() < self._turn_until, range(packets))
 
 
 class FileRead(FileTransfer):
@@ -131,9 +155,11 @@ class FileRead(FileTransfer):
     def go_on(self, mailbox: Mailbox, packets: int) -> Talk[None]:
         """See `FileTransfer`. A packet that is not full is the last one."""
         full = mailbox.size_in - HEADER_BYTES - _HEADER.size
-        for _ in range(packets):
+        for _ in self._turns(packets):
             ask = self._acknowledge() if self._packet else self._begin(_READ)
             part = yield from self._exchange(mailbox, ask, _DATA, self._packet + 1)
+            if part is None:
+                return
             self._packet += 1
             self.data += part
             self.moved += len(part)
@@ -164,14 +190,18 @@ class FileWrite(FileTransfer):
     def go_on(self, mailbox: Mailbox, packets: int) -> Talk[None]:
         """See `FileTransfer`. The last packet is not full, so it may be empty."""
         full = mailbox.size - HEADER_BYTES - _HEADER.size
-        for _ in range(packets):
+        for _ in self._turns(packets):
             if not self._is_open:
-                yield from self._exchange(mailbox, self._begin(_WRITE), _ACKNOWLEDGED, 0)
+                taken = yield from self._exchange(mailbox, self._begin(_WRITE), _ACKNOWLEDGED, 0)
+                if taken is None:
+                    return
                 self._is_open = True
                 continue
             part = bytes(self.data[self.moved : self.moved + full])
             packet = _HEADER.pack(_DATA, self._packet + 1) + part
-            yield from self._exchange(mailbox, packet, _ACKNOWLEDGED, self._packet + 1)
+            number = self._packet + 1
+            if (yield from self._exchange(mailbox, packet, _ACKNOWLEDGED, number)) is None:
+                return
             self._packet += 1
             self.moved += len(part)
             if len(part) < full:

@@ -6,6 +6,7 @@ is repeated blindly: the sync managers show whether a lost frame had reached the
 
 from __future__ import annotations
 
+import math
 import struct
 import time
 from collections.abc import Callable
@@ -122,6 +123,7 @@ class Mailbox:
         self._has_mail = False  # the half that the master reads is full
         self._deadline = 0.0
         self._patience = Patience(0.0)
+        self._end = math.inf  # of the conversation
 
     def wait_for_turn(self, turn: Turn) -> Talk[None]:
         """Waits until the conversations before `turn` have ended.
@@ -147,7 +149,7 @@ class Mailbox:
             yield []
 
     def open(self, least: int) -> Talk[None]:
-        """Reads address and size of the mailbox from the sync managers.
+        """Reads address and size of the mailbox from the sync managers; `Line.whole` begins.
 
         Args:
             least: Least number of bytes of the mailbox in each direction.
@@ -156,6 +158,7 @@ class Mailbox:
             NoAnswerError: The slave does not answer.
             StateError: No usable mailbox is set up in the slave.
         """
+        self._end = time.monotonic() + self._line.whole.seconds
         self._begin(self._line.patience())
         managers = self._managers or (yield from self._look())
         self._out = _area(managers, 0, _WRITTEN_BY_MASTER, least)
@@ -394,8 +397,13 @@ class Mailbox:
         self._line.log.debug(f"slave with station address 0x{self._station:04X}: {text}")
 
     def _begin(self, patience: Patience) -> None:
-        self._patience = patience
-        self._deadline = time.monotonic() + patience.seconds
+        self._patience, now = patience, time.monotonic()
+        self._deadline = now + patience.seconds
+        if now > self._end:
+            raise NoAnswerError(
+                f"the slave answers, but all that it is asked for takes longer than "
+                f"{self._line.whole}: it sends too little at a time, or without end"
+            )
 
     def _check_time(self, reason: str) -> None:
         if time.monotonic() > self._deadline:

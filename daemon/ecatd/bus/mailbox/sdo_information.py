@@ -163,6 +163,8 @@ def _ask(coe: Coe, opcode: int, wanted: bytes, begin: bytes, least: int) -> Talk
             raise SdoAbortError(int.from_bytes(data[:4], "little"))
         if kind & ~_INFO_MORE != opcode + 1 or not (body or data.startswith(begin)):
             return None
+        if not data:
+            raise StateError("the slave answered with a wrong frame: a fragment without data")
         body += data
         if len(body) > OBJECT_MAX:
             raise StateError(f"the slave describes an object with more than {OBJECT_MAX} bytes")

@@ -41,7 +41,8 @@ _PACKETS = 32
 _AGAIN_S = 0.1
 """Seconds after which a transfer tries again if other requests have filled the queue."""
 _ABANDONED = Patience(60.0)
-"""Seconds after which a file that does not arrive from its client is dropped."""
+"""Seconds after which a file is dropped that does not arrive from its client, or that its client
+no longer asks for while it is read."""
 _NAME_SHOWN = 40
 _KEPT_S = 600.0
 """Seconds for which a transfer that has ended is kept."""
@@ -93,10 +94,13 @@ class _Transfer:
     @property
     def is_under_way(self) -> bool:
         """Whether the slave cannot have another transfer meanwhile."""
-        abandoned = self.step == _Step.RECEIVING and (
-            time.monotonic() - self.touched > _ABANDONED.seconds
-        )
+        abandoned = self.step == _Step.RECEIVING and self.age > _ABANDONED.seconds
         return self.step not in _ENDED and not abandoned
+
+    @property
+    def age(self) -> float:
+        """Seconds since its client has last asked about it."""
+        return time.monotonic() - self.touched
 
     @property
     def announced(self) -> str:
@@ -168,6 +172,7 @@ class Files:
         for item in self._transfers.values():
             if item.slave is slave and item.is_under_way:
                 if _is_same(item.request, request):
+                    item.touched = time.monotonic()
                     return item.to_map()
                 raise BusyError(_why_busy(item))
         if request.only_find:
@@ -233,7 +238,9 @@ class Files:
         Raises:
             StateError: There is no such transfer.
         """
-        return self._find(number).to_map()
+        item = self._find(number)
+        item.touched = time.monotonic()
+        return item.to_map()
 
     def put(self, request: PutFoe) -> dict[str, Any]:
         """Takes a part of a file from the client; the reply has the fields of that of `describe`.
@@ -357,6 +364,8 @@ class Files:
                     )
                 except BusyError:  # nothing was sent
                     await asyncio.sleep(_AGAIN_S)
+                if not item.request.write and item.age > _ABANDONED.seconds:
+                    raise StateError(f"nobody has asked for it for {_ABANDONED}, so it ends here")
                 if self._taken > _ROOM:
                     raise StateError(
                         "ecatd has no more memory for files that are read; try again when other "
@@ -388,7 +397,7 @@ def _is_same(one: StartFoe, other: StartFoe) -> bool:
 def _why_busy(item: _Transfer) -> str:
     file = item.request.file[:_NAME_SHOWN]
     if item.step == _Step.RECEIVING:
-        left = _ABANDONED.seconds - (time.monotonic() - item.touched)
+        left = _ABANDONED.seconds - item.age
         return (
             f"{item.slave.label} waits for the rest of file '{file}' from another client, for "
             f"{left:.0f} s more"
