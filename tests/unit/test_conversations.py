@@ -320,6 +320,14 @@ def test_a_slave_that_is_missing_is_told_at_once() -> None:
             asyncio.run(made.read())
 
 
+def test_a_storm_of_different_emergencies_has_few_lines() -> None:
+    said: list[str] = []
+    log = cast("Log", SimpleNamespace(warning=lambda text, *_: said.append(text)))
+    tell_emergencies(log, [(SLAVES[n % 2], 0x1000 + n, 1) for n in range(1000)], 7)
+    assert len(said) < 25
+    names("\n".join(said), "7 emergencies are left out", "slave 1 (Number) sent 492 other")
+
+
 def test_equal_emergencies_are_told_together() -> None:
     with bench() as made:
         (device,) = made.devices

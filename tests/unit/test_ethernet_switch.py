@@ -57,7 +57,11 @@ def test_groups_are_no_senders_and_short_frames_go_nowhere() -> None:
 
 def test_the_table_does_not_grow_for_ever() -> None:
     bench = Bench(2)
+    bench.ports(ALL, mac(5000), 0)
     for number in range(3000):
         bench.ports(ALL, mac(number), 1)
-    assert len(bench.switch.addresses(1)) == 1024
-    assert bench.ports(mac(2999), mac(1), 0) == [1]
+    assert len(bench.switch.addresses(1)) == 256
+    assert bench.ports(mac(2999), mac(5000), 0) == [1]
+    # A device that invents addresses makes others forget only its own.
+    assert bench.ports(mac(5000), mac(2999), 1) == [0]
+    assert len(bench.switch.addresses(0)) == 1

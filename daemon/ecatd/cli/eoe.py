@@ -15,6 +15,8 @@ from .output import print_json, print_table
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
+_MACS_SHOWN = 4
+"""Most addresses at one slave in the table: a device can invent any number of them."""
 _WHAT = {
     "address": "IP address",
     "mask": "network mask",
@@ -96,11 +98,17 @@ def eoe(remote: Remote, options: argparse.Namespace) -> None:
         (
             (
                 *(row[key] for key in ("slave", "name", "sent", "received", "dropped", "lost")),
-                " ".join(row["macs"]),
+                _first(row["macs"]),
             )
             for row in found["slaves"]
         ),
     )
+
+
+def _first(macs: list[str]) -> str:
+    """The first addresses; `--json` has all."""
+    more = len(macs) - _MACS_SHOWN
+    return " ".join(macs[:_MACS_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 def eoe_read(remote: Remote, options: argparse.Namespace) -> None:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 
 _GROUP = 0x01
 _ADDRESS = 6
-_KNOWN_MAX = 1024
+_KNOWN_MAX = 256
+"""Most addresses at one port. A device that invents addresses makes others forget only its own."""
 _AGE_S = 300.0
 """Seconds after which an address is forgotten that has sent nothing."""
 
@@ -23,7 +24,8 @@ class Switch:
 
     def __init__(self, ports: Sequence[Send]) -> None:
         self._ports = ports
-        self._known: dict[bytes, tuple[int, float]] = {}  # port, and when it was last seen
+        self._port: dict[bytes, int] = {}  # where each known address is
+        self._seen: list[dict[bytes, float]] = [{} for _ in ports]  # when, the oldest first
 
     def forward(self, frame: bytes, port: int) -> None:
         """Takes a frame from a port, and sends it out of those where its receiver may be."""
@@ -33,8 +35,8 @@ class Switch:
             return
         if not sender[0] & _GROUP:
             self._learn(sender, port, now)
-        found, seen = self._known.get(receiver, (-1, 0.0))
-        if found >= 0 and now - seen < _AGE_S:
+        found = self._port.get(receiver, -1)
+        if found >= 0 and now - self._seen[found][receiver] < _AGE_S:
             ports = [] if found == port else [found]
         else:
             ports = [number for number in range(len(self._ports)) if number != port]
@@ -42,13 +44,15 @@ class Switch:
             self._ports[number](frame)
 
     def _learn(self, sender: bytes, port: int, now: float) -> None:
-        if sender not in self._known and len(self._known) >= _KNOWN_MAX:
-            oldest = min(self._known, key=lambda address: self._known[address][1])
-            del self._known[oldest]
-        self._known[sender] = port, now
+        before = self._port.get(sender, port)
+        self._seen[before].pop(sender, None)
+        self._seen[port][sender] = now
+        self._port[sender] = port
+        if len(self._seen[port]) > _KNOWN_MAX:
+            oldest = next(iter(self._seen[port]))
+            del self._seen[port][oldest], self._port[oldest]
 
     def addresses(self, port: int) -> list[str]:
         """The addresses that were seen at a port, as texts."""
         limit = time.monotonic() - _AGE_S
-        known = list(self._known.items())
-        return sorted(mac.hex(":") for mac, (at, seen) in known if at == port and seen > limit)
+        return sorted(mac.hex(":") for mac, seen in self._seen[port].items() if seen > limit)
