@@ -1,16 +1,21 @@
-"""Clients of the network that take no answers hold up neither each other nor this machine."""
+"""Clients that take no answers hold up nobody."""
 
 import threading
 from collections.abc import Callable
+from pathlib import Path
+
+import zenoh
 
 from ecatd.gateway.replies import Replies
+from ecatd.gateway.sessions import Sessions
+from ecatd.zenoh_keys import session_config
 
 PATIENCE = 60.0
 
 
 def test_a_client_that_takes_nothing_holds_up_nobody() -> None:
     """Sending blocks, as Zenoh does, and another reply is sent nevertheless."""
-    replies, taken, sent = Replies(), threading.Event(), threading.Event()
+    replies, taken, sent = Replies(64), threading.Event(), threading.Event()
     begun = threading.Semaphore(0)
 
     def blocked() -> None:
@@ -26,7 +31,7 @@ def test_a_client_that_takes_nothing_holds_up_nobody() -> None:
 
 
 def test_queries_are_limited_and_their_places_come_back() -> None:
-    replies, taken = Replies(), threading.Event()
+    replies, taken = Replies(64), threading.Event()
     entered: list[int] = []
 
     def wait() -> None:
@@ -44,6 +49,34 @@ def test_queries_are_limited_and_their_places_come_back() -> None:
     taken.set()
     asking.join(PATIENCE)
     assert len(entered) == 1000
+
+
+def test_a_program_of_this_machine_that_is_stopped_holds_up_no_other(tmp_path: Path) -> None:
+    """Zenoh waits while it sends a reply, and another one is sent nevertheless."""
+    endpoint = f"unixsock-stream/{tmp_path}/z"
+    taken = threading.Event()
+
+    def receive(query: zenoh.Query, replies: Replies) -> None:
+        def reply() -> None:
+            with query:
+                if str(query.key_expr) == "a/stopped":
+                    taken.wait(PATIENCE)
+                query.reply(query.key_expr, b"answer")
+
+        replies.send(reply)
+
+    sessions = Sessions([zenoh.open(session_config("peer", {"listen/endpoints": [endpoint]}))])
+    try:
+        sessions.serve("a/**", receive)
+        client = session_config("client", {"connect/endpoints": [endpoint]})
+        with zenoh.open(client) as one, zenoh.open(client) as other:
+            waits = one.get("a/stopped", timeout=PATIENCE)
+            assert [reply.ok.payload.to_bytes() for reply in other.get("a/b")] == [b"answer"]
+            taken.set()
+            assert [reply.ok.payload.to_bytes() for reply in waits] == [b"answer"]
+    finally:
+        taken.set()
+        sessions.close()
 
 
 def send(replies: Replies, reply: Callable[[], None]) -> None:

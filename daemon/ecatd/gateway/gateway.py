@@ -163,7 +163,7 @@ class Gateway:
         self._streams = Streams(sessions, self._name, self._full_name)
         loop = asyncio.get_running_loop()
 
-        def receive(query: zenoh.Query, replies: Replies | None) -> None:
+        def receive(query: zenoh.Query, replies: Replies) -> None:
             loop.call_soon_threadsafe(self._receive, query, replies)
 
         for part in ("ro", "rw", AS):
@@ -211,10 +211,7 @@ class Gateway:
                     )
                 await asyncio.sleep(_OPEN_PAUSE)
             if remote or connect:
-                limits = {
-                    "transport/unicast/max_sessions": entrance.sessions_max + len(connect),
-                    _WAIT_KEY: int(TAKEN_WITHIN_S * 1e6),
-                }
+                limits = {"transport/unicast/max_sessions": entrance.sessions_max + len(connect)}
                 network = self._session_config(remote, connect, limits)
                 sessions.append(zenoh.open(network))
         except zenoh.ZError as error:
@@ -233,6 +230,7 @@ class Gateway:
             "peer",
             {
                 "transport/link/rx/max_message_size": _RECEIVED_MAX,
+                _WAIT_KEY: int(TAKEN_WITHIN_S * 1e6),
                 "listen/endpoints": endpoints,
                 # Zenoh tries an address again that does not exist yet, and uses the others already.
                 "listen/timeout_ms": -1,
@@ -246,7 +244,7 @@ class Gateway:
             },
         )
 
-    def _receive(self, query: zenoh.Query, replies: Replies | None) -> None:
+    def _receive(self, query: zenoh.Query, replies: Replies) -> None:
         """Starts to answer a query; the reply is sent when the bus server has answered."""
         begin = time.monotonic()
         parts = str(query.key_expr).split("/")[3:]  # those that follow the name of the bus
@@ -260,7 +258,7 @@ class Gateway:
     def _reply(
         self,
         query: zenoh.Query,
-        replies: Replies | None,
+        replies: Replies,
         parts: list[str],
         begin: float,
         answer: Answer,
@@ -285,10 +283,7 @@ class Gateway:
             reply = EcatError(f"defect in the gateway: {error!r}").to_reply()
             content = pack({"schema": SCHEMA, "error": reply})
             send = partial(query.reply_err, content)
-        if replies is None:
-            _send(query, send)
-        else:
-            replies.send(partial(_send, query, send))
+        replies.send(partial(_send, query, send))
 
     def _pack(self, answer: Answer) -> bytes:
         """Packs an answer; that with the description, which may be large, is kept like it."""

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import zenoh
 
-from .replies import Replies
+from .replies import UNDER_WAY_HERE_MAX, UNDER_WAY_MAX, Replies
 
 _CLOSE_PATIENCE = 1.0
 """Seconds that Zenoh has to close its sessions."""
@@ -26,7 +27,8 @@ class Sessions:
 
     def __init__(self, sessions: Sequence[zenoh.Session]) -> None:
         self._sessions = sessions
-        self._replies = Replies() if len(sessions) > 1 else None
+        network = sessions[1:]
+        self._replies = [Replies(UNDER_WAY_HERE_MAX), *(Replies(UNDER_WAY_MAX) for _ in network)]
         self._kept: list[object] = []  # else Zenoh ends them
 
     @property
@@ -34,17 +36,18 @@ class Sessions:
         """The one that connects to routers."""
         return self._sessions[-1]
 
-    def serve(self, key: str, receive: Callable[[zenoh.Query, Replies | None], None]) -> None:
-        """Calls `receive` with queries at a key; those of the network bring their replies."""
+    def serve(self, key: str, receive: Callable[[zenoh.Query, Replies], None]) -> None:
+        """Calls `receive` with each query at a key, and with what sends its reply."""
+        for session, replies in zip(self._sessions, self._replies, strict=True):
+            take = partial(self._take, replies, receive)
+            self._kept.append(session.declare_queryable(key, take))
 
-        def from_network(query: zenoh.Query) -> None:
-            assert self._replies is not None
-            self._replies.enter()
-            receive(query, self._replies)
-
-        here, *network = self._sessions
-        self._kept.append(here.declare_queryable(key, lambda query: receive(query, None)))
-        self._kept += [item.declare_queryable(key, from_network) for item in network]
+    @staticmethod
+    def _take(
+        replies: Replies, receive: Callable[[zenoh.Query, Replies], None], query: zenoh.Query
+    ) -> None:
+        replies.enter()
+        receive(query, replies)
 
     def be_alive(self, key: str) -> None:
         """Declares a liveliness token."""
