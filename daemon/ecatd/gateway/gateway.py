@@ -164,7 +164,8 @@ class Gateway:
         loop = asyncio.get_running_loop()
 
         def receive(query: zenoh.Query, replies: Replies) -> None:
-            loop.call_soon_threadsafe(self._receive, query, replies)
+            with suppress(RuntimeError):  # the gateway ends
+                loop.call_soon_threadsafe(self._receive, query, replies)
 
         for part in ("ro", "rw", AS):
             key = bus_key(self._full_name, part, "**")

@@ -46,8 +46,8 @@ class Sessions:
     def _take(
         replies: Replies, receive: Callable[[zenoh.Query, Replies], None], query: zenoh.Query
     ) -> None:
-        replies.enter()
-        receive(query, replies)
+        size = 0 if query.payload is None else len(query.payload)
+        replies.take(partial(receive, query, replies), size)
 
     def be_alive(self, key: str) -> None:
         """Declares a liveliness token."""
