@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.bus, pytest.mark.long]
 RIG = Path(__file__).parents[1] / "rigs" / "endless.py"
 
 
-def test_slaves_that_never_come_to_an_end(
+def test_r24_slaves_that_never_come_to_an_end(
     start_daemon: Callable[..., Daemon], tmp_path: Path
 ) -> None:
     bus = start_daemon(str(RIG))

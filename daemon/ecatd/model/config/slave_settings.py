@@ -176,7 +176,8 @@ class SlaveConfig(Placed):
         pdi_watchdog_ms: Time of the watchdog between its ESC and its processor (PDI); 0: off.
             Default: that of the slave, usually 100.
         mailbox_timeout_ms: Time that the slave has to answer over its mailbox (SDO). Set it for a
-            slave that needs more. Default: `1000`.
+            slave that needs more. A whole request, such as one for a long object, has 30 times as
+            long, and 30 s at least. Default: `1000`.
         mailbox_tries: Number of times that ecatd asks the slave for an object before it counts as a
             slave that does not answer. From the second time on the slave has 2 s, or
             `mailbox_timeout_ms` if that is longer. ecatd writes an object only once, since writing
