@@ -29,7 +29,7 @@ def test_r24_slaves_that_never_come_to_an_end(
             assert bus.ctl_json("sdo-read", "1", "0x1018", "1")["value"]
         error = reader.communicate()[1]
     assert reader.returncode == 4
-    names(one_line_error(error, "ecatctl"), "slave 0", hex(DRIP)[2:], "without end")
+    names(one_line_error(error, "ecatctl"), "slave 0", "0x5001:00", "without end")
     assert bus.ctl_json("sdo-read", "0", "0x1018", "1")["value"] == 0xFFFF
     refused = bus.ctl("sdos", "0", check=False)
     names(one_line_error(refused.stderr, "ecatctl"), "slave 0", "fragment without data", "--esi")
