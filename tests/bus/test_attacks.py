@@ -217,7 +217,14 @@ class Attack:
 
 
 SDO, OTHER_SDO = (f"rw/sdo/{where}" for where in OBJECTS)
-SAYS = ("ro/info", "ro/event", "ro/pdo/0/0x6041:00", "alive", "ecat/v1/forged/ro/info")
+SAYS = (
+    "ro/info",
+    "ro/event",
+    "ro/log/lines",
+    "ro/pdo/0/0x6041:00",
+    "alive",
+    "ecat/v1/forged/ro/info",
+)
 CHANGES = (SDO, f"as/{{me}}/{SDO}", f"as/{{other}}/{SDO}")
 WILD = ("ro/**", "rw/**", "as/*/**", "as/{me}/**", "**", "ecat/v1/**", "ecat/**")
 ATTEMPTS: dict[str, tuple[str, Sequence[str], str]] = {

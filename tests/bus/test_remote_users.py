@@ -175,6 +175,13 @@ def test_r36_who_is_not_let_in(site: Site, tmp_path: Path) -> None:
             carl.info()
         with pytest.raises(NotPermittedError, match="carl"):
             carl.rights()
+    # That of another user, in whose file somebody has written a name with more rights.
+    renamed = tmp_path / "renamed.pem"
+    renamed.write_text(site["bob"].read_text().replace("ecatd user: bob", "ecatd user: anna"))
+    with Remote(site.daemon.bus, site.endpoint, PATIENCE, renamed) as bob:
+        assert bob.info()["host"]
+        with pytest.raises(NotPermittedError, match=naming("'anna'", str(renamed), "another name")):
+            bob.sdo_write(0, 0x6060, 0, b"\x08")
     # One of another authority, with the same name.
     other = tmp_path / "other"
     assert remote_command("init", "--dir", str(other)).returncode == 0

@@ -228,9 +228,11 @@ class Session:
             return UnreachableError(f"no ecatd serves bus '{self.bus}' there; {start}")
         silent = f"the daemon of bus '{self.bus}' gave no answer"
         if key[0] == AS and not self._is_known:
+            assert self._identity is not None, "only a user has such keys"
             return NotPermittedError(
                 f"{silent} to user '{self.user}': it does not know this user (`[[gateway.user]]` "
-                "of its configuration)"
+                f"of its configuration), or the certificate in {self._identity.path} has another "
+                "name"
             )
         if key[0] == "rw" and not self._is_local:
             return NotPermittedError(
