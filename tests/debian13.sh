@@ -26,13 +26,20 @@ git ls-files -z --cached --others --exclude-standard | tar -c --null --ignore-fa
 for file in /etc/resolv.conf /etc/hosts /etc/pip.conf /etc/ssl/certs/ca-certificates.crt; do
   if [ -e "$file" ]; then cp -L "$file" "$tree$file"; fi
 done
+# The tree becomes the root, and not by chroot: what is in a chroot can make no namespaces of users.
 exec unshare --mount --pid --fork --kill-child bash -euc '
   tree=$1
+  mount --bind "$tree" "$tree"
   mount --rbind /dev "$tree/dev"
   mount -t tmpfs -o mode=1777 shm "$tree/dev/shm"
   mount -t proc proc "$tree/proc"
   mount --rbind /sys "$tree/sys"
   mount -t tmpfs -o mode=755 run "$tree/run"
   mount -t tmpfs -o mode=1777 tmp "$tree/tmp"
-  exec chroot "$tree" bash -euc "cd /checkout && .ci/install && make PYTHON=/usr/bin/python3 test"
+  cd "$tree"
+  pivot_root . .
+  umount -l .
+  cd /checkout
+  .ci/install
+  make PYTHON=/usr/bin/python3 test
 ' - "$tree"

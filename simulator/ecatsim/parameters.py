@@ -12,6 +12,7 @@ message.
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import types
 import typing
 from collections.abc import Mapping
@@ -193,6 +194,11 @@ class Described:
     def summary(cls) -> str:
         """Returns the first line of the docstring, which is the help text."""
         return (cls.__doc__ or "").strip().splitlines()[0].rstrip(".")
+
+    @classmethod
+    def description(cls) -> str:
+        """Returns the docstring without the indentation that it has in the source."""
+        return inspect.cleandoc(cls.__doc__ or "")
 
     @classmethod
     def from_values(cls, values: Mapping[str, object]) -> Self:

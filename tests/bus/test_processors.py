@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -15,14 +16,12 @@ MODULES = ("ecatd.bus", "ecatd.gateway", "ecatsim")
 
 def threads(pid: int) -> dict[int, tuple[str, set[int]]]:
     """Name and processors of each thread of a process, by its number."""
-    numbers = [int(task.name) for task in Path(f"/proc/{pid}/task").iterdir()]
-    return {
-        number: (
-            Path(f"/proc/{pid}/task/{number}/comm").read_text().strip(),
-            os.sched_getaffinity(number),
-        )
-        for number in numbers
-    }
+    found = {}
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with suppress(FileNotFoundError, ProcessLookupError):  # it ends meanwhile
+            number = int(task.name)
+            found[number] = (task / "comm").read_text().strip(), os.sched_getaffinity(number)
+    return found
 
 
 def of(daemon: Daemon) -> tuple[dict[str, set[int]], list[set[int]]]:

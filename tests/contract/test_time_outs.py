@@ -25,7 +25,9 @@ SOURCES = [
 ]
 PASSED = re.compile(r"deadline|monotonic\(\)|ETIMEOUT|_until\b|waited >|now >")
 """In the condition of an `if`: a time has passed."""
-SAYS = re.compile(r"patience|_LIMIT\b|_CARRIER|_REPEAT|FIRST_ANSWER|_ABANDONED", re.IGNORECASE)
+SAYS = re.compile(
+    r"patience|_LIMIT\b|_CARRIER|_REPEAT|FIRST_ANSWER|_ABANDONED|\.whole\b", re.IGNORECASE
+)
 """In a message: how long."""
 OTHERS = {
     # They say it by a method whose message has it, or pass on an error that does.

@@ -47,7 +47,7 @@ def _add_common(parser: Parser, **defaults: Any) -> None:
 def _add_request(commands: Commands, request: type[Described]) -> None:
     summary = request.summary()
     text = summary[0].lower() + summary[1:]
-    parser = commands.add_parser(request.kind, help=text, description=request.__doc__)
+    parser = commands.add_parser(request.kind, help=text, description=request.description())
     for parameter in parameters(request):
         _add_parameter(parser, parameter)
     _add_common(parser, name=argparse.SUPPRESS, json=argparse.SUPPRESS)
