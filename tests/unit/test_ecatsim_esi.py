@@ -14,6 +14,7 @@ from ecatd.model.sii import SiiDc
 from ecatd.model.sii_check import check_sii
 from ecatsim.esc import Segment
 from ecatsim.files.esi import device_from_esi
+from ecatsim.rigs import library as rigs
 from ecatsim.slave.device import Device
 from ecatsim.slave.objects import Access, ObjectCode
 from ecatsim.slave.sii import Mailbox, SmType, SyncManager, checksum
@@ -218,3 +219,45 @@ def test_contradictions_are_named(tmp_path: Path, old: str, new: str, message: s
     assert int(line) > 0
     with pytest.raises(ConfigError, match=naming(*message.split(" | "))):
         device_from_esi(tmp_path / "x.xml", "AX2", revision=0x00020001, strict=True)
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        'type = "AX2:0x00010000"',
+        'type = "0x1234:65536"',
+        'product = "0x1234"\nrevision = "#x10000"',
+        'type = "0x1234"\nrevision = 0x10000',
+        'type = "AX2:0x00010000"\nproduct = 0x1234',
+    ],
+)
+@pytest.mark.parametrize("source", ["a/b/x.xml", "a"])
+def test_a_rig_names_a_device_as_commands_do(tmp_path: Path, source: str, wanted: str) -> None:
+    inside = tmp_path / "a" / "b"
+    inside.mkdir(parents=True)
+    (inside / "x.xml").write_text(SAMPLE, "utf-8")
+    (inside / "same.xml").write_text(SAMPLE, "utf-8")
+    (tmp_path / "a" / "damaged.xml").write_text("<")
+    rig = tmp_path / "rig.toml"
+    rig.write_text(f'[[slave]]\nesi = "{source}"\n{wanted}\n')
+    made = rigs.make(str(rig))
+    assert (made.devices[0].product, made.devices[0].revision) == (0x1234, 0x00010000)
+    assert any("damaged.xml" in text for text in made.remarks) == (source == "a")
+
+
+@pytest.mark.parametrize(
+    ("wanted", "said"),
+    [
+        ('type = "AX2"', "2 devices | AX2"),
+        ('type = "AX2:0x3"', "no device | 0x00000003"),
+        ('type = "AX2:9999999999"', "32 bits | AX2:9999999999"),
+        ('type = "AX2:0x00010000"\nrevision = 1', "revision | 0x00000001 | 0x00010000"),
+        ('product = "three"', "product | three | 0x03FA3052"),
+    ],
+)
+def test_a_device_that_a_rig_cannot_mean(tmp_path: Path, wanted: str, said: str) -> None:
+    (tmp_path / "x.xml").write_text(SAMPLE, "utf-8")
+    rig = tmp_path / "rig.toml"
+    rig.write_text(f'[[slave]]\nesi = "."\n{wanted}\n')
+    with pytest.raises(ConfigError, match=naming(*said.split(" | "))):
+        rigs.make(str(rig))

@@ -55,6 +55,17 @@ def test_r33_vendors_files_are_used_and_what_is_left_out_is_named(
         segment.close()
 
 
+@pytest.mark.parametrize("name", ["ProductCode", "RevisionNo"])
+def test_a_file_whose_devices_are_all_left_out_says_why(tmp_path: Path, name: str) -> None:
+    text = esi().replace('ProductCode="#x1" RevisionNo="1"', f'{name}="2.147"')
+    with pytest.raises(ConfigError, match=naming(name, "2.147", "x.xml:3")):
+        device_from_esi(written(tmp_path, text))
+    with pytest.raises(ConfigError, match=naming("<device>", "<Device>", "left out")):
+        device_from_esi(
+            written(tmp_path, esi().replace("Device ", "device ").replace("/Device>", "/device>"))
+        )
+
+
 def test_entries_with_the_index_of_a_pdo_have_values_and_the_mapping_stays(tmp_path: Path) -> None:
     path = written(tmp_path, SHAPES["Synapticon: entries with the index of a PDO"].text)
     device = device_from_esi(path)

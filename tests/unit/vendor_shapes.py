@@ -94,6 +94,7 @@ class Shape:
     refused: bool = False
 
 
+_DC = "<Dc><OpMode><Name>{}</Name><AssignActivate>#x300</AssignActivate></OpMode></Dc>"
 _NO_INDEX = '<RxPdo Sm="2" Ref="Outputs16"/>'
 _TWICE = '<Device Physics="YY"><Type ProductCode="#x1" RevisionNo="1">Shape</Type></Device>'
 _WIDE = pdo("TxPdo", 3, 0x1A00, entry(0x6000, 1, 600, "ARRAY [0..74] OF BYTE"), entry(0x6001, 1))
@@ -220,6 +221,46 @@ SHAPES = {
             *(pdo("TxPdo", 3, 0x1A00, entry(0x6000, 1, 32, "DINT32")), COE, EEPROM),
         ),
         inputs=4,
+    ),
+    "PDOs in small letters": Shape(
+        esi(MAILBOX, DATA, OUT, IN.replace("TxPdo", "txpdo"), COE, EEPROM),
+        "<txpdo> | <TxPdo> | left out",
+        inputs=0,
+    ),
+    "an attribute in capitals": Shape(
+        esi(MAILBOX, DATA, OUT, IN.replace("Sm=", "SM="), COE, EEPROM),
+        "SM of <TxPdo> should be Sm",
+        inputs=0,
+    ),
+    "a second mailbox": Shape(
+        esi(MAILBOX, DATA, OUT, IN, COE, '<Mailbox><CoE PdoAssign="1"/></Mailbox>', EEPROM),
+        "<Device> | another <Mailbox> | left out",
+    ),
+    "a second EEPROM": Shape(
+        esi(MAILBOX, DATA, OUT, IN, COE, EEPROM, category(2000, "11")), "another <Eeprom> | left"
+    ),
+    "a second description of the clocks": Shape(
+        esi(MAILBOX, DATA, OUT, IN, COE, _DC.format("A"), _DC.format("B"), EEPROM), "another <Dc>"
+    ),
+    "the same mailbox twice": Shape(esi(MAILBOX, DATA, OUT, IN, COE, COE, EEPROM)),
+    "an empty sync manager": Shape(
+        esi(MAILBOX, DATA, OUT, IN.replace('Sm="3"', 'Sm=""'), COE, EEPROM),
+        "Sm of <TxPdo> is empty | not assigned by default",
+        inputs=0,
+    ),
+    "PDOs that exclude each other by default": Shape(
+        esi(
+            *(MAILBOX, DATA, OUT, IN.replace("<Name>", "<Exclude>#x1A01</Exclude><Name>", 1)),
+            *(pdo("TxPdo", 3, 0x1A01, entry(0x6001, 1)), COE, EEPROM),
+        ),
+        "0x1A00 excludes 0x1A01 | both",
+        inputs=4,
+    ),
+    "a device without a revision": Shape(
+        esi().replace(' RevisionNo="1"', ""), "<Type> has no RevisionNo | 0 is used"
+    ),
+    "a device without a product code": Shape(
+        esi().replace(' ProductCode="#x1"', ""), "<Type> has no ProductCode | 0 is used"
     ),
     "a vendor without an ID": Shape(
         esi().replace("<Id>#xFF02</Id>", "<Id></Id>"), "<Id> | its vendor ID is 0"

@@ -1,70 +1,15 @@
-"""Finds the descriptions of slaves in ESI files.
-
-A file that the user names must be an ESI file. In a folder, files that are none are left out with a
-warning, since folders of vendors' files are untidy.
-"""
+"""Finds the descriptions of slaves in ESI files."""
 
 from __future__ import annotations
 
-import os
 import sys
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
-from ecatd.esi import EsiChoice, EsiDevice, Findings, list_devices, read_device
+from ecatd.esi import Described, EsiDevice, Findings, devices_in, read_device
 from ecatd.model.bus import Slave
-from ecatd.model.errors import ConfigError, StateError, UsageError
-from ecatd.model.text_file import is_folder
-
-Described = tuple[Path, EsiChoice]
-"""A device, and the file that describes it."""
+from ecatd.model.errors import StateError
 
 _WARNED = 10
-
-
-def esi_devices(sources: Sequence[str], findings: Findings) -> list[Described]:
-    """Lists the devices of ESI files, also of those in folders and in the folders there.
-
-    Args:
-        sources: Files and folders.
-        findings: Takes what is left out, such as files in a folder that are no ESI files.
-
-    Raises:
-        UsageError: A folder has no ESI files.
-        ConfigError: A file is malformed, or all of a folder are; or one is, and findings are
-            strict.
-    """
-    found: dict[Path, list[EsiChoice]] = {}
-    for source in map(Path, sources):
-        if not is_folder(source):
-            found[source] = list_devices(source, findings)
-            continue
-        files = list(_inside(source))
-        if not files:
-            raise UsageError(f"{source}: there are no ESI files (.xml) in this folder")
-        good = 0
-        refused: list[ConfigError] = []
-        for path in files:
-            try:
-                found.setdefault(path, list_devices(path, findings))
-                good += 1
-            except ConfigError as error:
-                if findings.strict:
-                    raise
-                refused.append(error)
-                findings.say(f"{error}; this file is left out")
-        if not good:
-            raise refused[0]
-    return [(path, choice) for path, choices in found.items() for choice in choices]
-
-
-def _inside(folder: Path) -> Iterator[Path]:
-    """The XML files in a folder and in those in it, without hidden ones."""
-    for here, folders, files in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        for name in sorted(files):
-            if name.lower().endswith(".xml") and not name.startswith("."):
-                yield Path(here) / name
 
 
 def describe(
@@ -82,7 +27,7 @@ def describe(
         ConfigError: A file is malformed; of a folder, if all are.
     """
     told = Findings() if findings is None else findings
-    devices = esi_devices([source], told)
+    devices = devices_in([source], told)
     found: dict[tuple[int, int, int], EsiDevice | None] = {}
     for slave in slaves:
         identity = slave.vendor, slave.product, slave.revision

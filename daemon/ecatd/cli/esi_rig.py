@@ -10,27 +10,24 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ecatd.esi import EsiDevice, Findings, read_device
+from ecatd.esi import Described, Findings, code, devices_in, fitting, parse_name
 from ecatd.model.config import POSITION_MAX, load_config
 from ecatd.model.config.writer import value_text
 from ecatd.model.errors import ConfigError, UsageError
 from ecatd.model.quoting import toml_string
 from ecatd.model.text_file import read_text
 
-from .esi_devices import Described, esi_devices, warn
+from .esi_devices import warn
 
 _ITEM = re.compile(
     r"(?:(\d{1,4})\s*\*\s*)?"  # how many
-    r"([^[\]]+?)"  # type or product code
-    r"(?:\s*:\s*([0#]x[0-9A-Fa-f]{1,8}|\d{1,10}))?"  # revision
+    r"([^[\]]+?)"  # type or product code, and revision
     r"(?:\s*\[([^[\]]*)\])?"  # modules
 )
 _COMMA = re.compile(r",(?![^[]*\])")
 """A comma that is not between the modules of a device."""
-_PRODUCT = re.compile(r"[0#]x[0-9A-Fa-f]{1,8}")
 _SLAVES_MAX = 1024
 _NAMED = 12  # devices in one message
-_U32 = 0xFFFF_FFFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +87,13 @@ def rig(sources: Sequence[str], wanted: Sequence[Wanted], *, strict: bool = Fals
     if sum(item.count for item in wanted) > _SLAVES_MAX:
         raise UsageError(f"{wanted[0].source} has more than {_SLAVES_MAX} devices")
     findings = Findings(strict=strict)
-    devices = esi_devices(sources, findings)
+    try:
+        return _rig(devices_in(sources, findings), wanted, findings)
+    finally:
+        warn(findings)
+
+
+def _rig(devices: Sequence[Described], wanted: Sequence[Wanted], findings: Findings) -> str:
     lines = ['name = "esi"']
     for item in wanted:
         path, choice = _find(item, devices, findings)
@@ -101,10 +104,9 @@ def rig(sources: Sequence[str], wanted: Sequence[Wanted], *, strict: bool = Fals
             f"product = {choice.product}",
             f"revision = {choice.revision}",
             f"modules = {value_text('modules', item.modules)}",
-            f"strict = {value_text('strict', strict)}",
+            f"strict = {value_text('strict', findings.strict)}",
             *(f"{key} = {number}" for key, number in item.place.items()),
         ]
-    warn(findings)
     return "\n".join(lines) + "\n"
 
 
@@ -174,28 +176,24 @@ def _listed(devices: str) -> Iterator[Wanted]:
     for where, text in places:
         match = _ITEM.fullmatch(text)
         count = int(match[1] or 1) if match else 0
-        revision = _number(match[3]) if match and match[3] else None
-        if match is None or not count or (revision or 0) > _U32:
+        try:
+            if match is None or not count:
+                raise UsageError("")
+            kind, product, revision = parse_name(match[2])
+        except UsageError:
             raise UsageError(
                 f"{where}: '{text}' is no device: write EL1018, 3*EL1018, EL1018:0x00110000 (with "
                 "its revision) or 0x03FA3052 (its product code), and a comma between two; the "
                 "modules in its slots follow in brackets, as in Island[DI8, -, AI2]"
-            )
-        name = match[2]
-        product = _number(name) if _PRODUCT.fullmatch(name) else None
-        modules = [_module(item.strip()) for item in match[4].split(",")] if match[4] else []
-        kind = None if product is not None else name
+            ) from None
+        modules = [_module(item.strip()) for item in match[3].split(",")] if match[3] else []
         yield Wanted("--devices", text, count, kind, product, revision, modules)
 
 
 def _module(text: str) -> str | int:
     """The type or the ident of a module; `-` for an empty slot."""
-    return _number(text) if _PRODUCT.fullmatch(text) else text.removeprefix("-")
-
-
-def _number(text: str) -> int:
-    """A number; hexadecimal after 0x, or after #x as in ESI files."""
-    return int(text.replace("#", "0", 1), 0)
+    ident = code(text)
+    return text.removeprefix("-") if ident is None else ident
 
 
 def _is_file(path: Path) -> bool:
@@ -211,19 +209,18 @@ def _find(wanted: Wanted, devices: Sequence[Described], findings: Findings) -> D
     Raises:
         ConfigError: None fits, or several do.
     """
-    fitting = [
-        (path, choice)
-        for path, choice in devices
-        if choice.fits(wanted.type, wanted.product, wanted.revision)
-    ]
-    if wanted.revision_min is not None:
-        newest = max((choice.revision for _, choice in fitting), default=0)
-        fitting = [item for item in fitting if item[1].revision == newest >= wanted.revision_min]
-    if len(fitting) > 1:
-        fitting = _different(fitting, wanted.vendor, findings)
-    if len(fitting) == 1:
-        return fitting[0]
-    if not fitting:
+
+    def new_enough(found: list[Described]) -> list[Described]:
+        if wanted.revision_min is None:
+            return found
+        newest = max((choice.revision for _, choice in found), default=0)
+        return [item for item in found if item[1].revision == newest >= wanted.revision_min]
+
+    name = wanted.type, wanted.product, wanted.revision
+    found = fitting(devices, name, findings, vendor=wanted.vendor, also=new_enough)
+    if len(found) == 1:
+        return found[0]
+    if not found:
         files = len({path for path, _ in devices})
         named = ", ".join(str(choice) for _, choice in devices[:_NAMED])
         more = f" and {len(devices) - _NAMED} more" if len(devices) > _NAMED else ""
@@ -231,29 +228,12 @@ def _find(wanted: Wanted, devices: Sequence[Described], findings: Findings) -> D
             f"{wanted.source}: no device {wanted.description} in the ESI files ({files}); there "
             f"are {named or 'none'}{more}"
         )
-    listed = "; ".join(f"{path}: {choice}" for path, choice in fitting[:4])
-    more = f"; and {len(fitting) - 4} more" if len(fitting) > 4 else ""
-    path, choice = fitting[-1]
-    name = choice.type if wanted.product is None else f"0x{choice.product:08X}"
+    listed = "; ".join(f"{path}: {choice}" for path, choice in found[:4])
+    more = f"; and {len(found) - 4} more" if len(found) > 4 else ""
+    path, choice = found[-1]
+    example = choice.type if wanted.product is None else f"0x{choice.product:08X}"
     raise ConfigError(
-        f"{wanted.source}: '{wanted.text}' is {len(fitting)} devices: choose one by its revision, "
-        f"as {name}:0x{choice.revision:08X}, or by its product code, as 0x{choice.product:08X}, or "
-        f"give only its file, {path}: {listed}{more}"
+        f"{wanted.source}: '{wanted.text}' is {len(found)} devices: choose one by its revision, "
+        f"as {example}:0x{choice.revision:08X}, or by its product code, as 0x{choice.product:08X}, "
+        f"or give only its file, {path}: {listed}{more}"
     )
-
-
-def _different(
-    fitting: Sequence[Described], vendor: int | None, findings: Findings
-) -> list[Described]:
-    """Leaves out devices of other vendors, and the same device in further files."""
-    kept: list[tuple[Described, EsiDevice]] = []
-    for path, choice in fitting:
-        device = read_device(path, choice)
-        if vendor not in (None, device.vendor):
-            continue
-        same = [at for (at, _), other in kept if other.is_like(device)]
-        if same:
-            findings.say(f"{path}: {choice} is left out: it is in {same[0]}, too")
-        else:
-            kept.append(((path, choice), device))
-    return [item for item, _ in kept]

@@ -209,11 +209,7 @@ def _read_mailbox(element: Element, slave: EniSlave) -> None:
     slave.idns = read_idn_commands(soe) if soe else []
     for item in element.children:
         inside = item.find("InitCmds")
-        if (
-            item.tag not in ("CoE", "SoE")
-            and inside is not None
-            and inside.find("InitCmd") is not None
-        ):
+        if item.tag not in ("CoE", "SoE") and inside is not None and inside.has("InitCmd"):
             slave.others.append((item.line, item.tag))
 
 

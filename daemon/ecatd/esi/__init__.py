@@ -12,10 +12,10 @@ read; `EsiDevice.dictionary_file` says whether a device has one.
 Vendors' files are untidy. `Findings` takes what is wrong in them; what can be understood is used.
 
 `reader` reads files, `dictionary` reads object dictionaries, and both use `xml`, with
-`xml_text` for the encoding. `device` has the
-classes of the result. `modules` puts modules into slots, and `shift` moves the indices that depend
-on the slot. `configure` adds the facts of a file to a configuration, and `check` compares the PDOs
-of a configuration with a file. The daemon itself reads no ESI files.
+`xml_text` for the encoding. `selection` finds the device that somebody means, also in folders.
+`device` has the classes of the result. `modules` puts modules into slots, and `shift` moves the
+indices that depend on the slot. `configure` adds the facts of a file to a configuration, and
+`check` compares the PDOs of a configuration with a file. The daemon itself reads no ESI files.
 """
 
 from .device import (
@@ -32,8 +32,10 @@ from .dictionary import EsiEntry, EsiObject
 from .findings import Findings
 from .modules import module_problems, plug
 from .reader import choose, list_devices, read_device
+from .selection import Described, Name, code, devices_in, files_in, fitting, parse_name
 
 __all__ = [
+    "Described",
     "EsiChoice",
     "EsiCommand",
     "EsiDcMode",
@@ -45,9 +47,15 @@ __all__ = [
     "EsiSlot",
     "EsiSyncManager",
     "Findings",
+    "Name",
     "choose",
+    "code",
+    "devices_in",
+    "files_in",
+    "fitting",
     "list_devices",
     "module_problems",
+    "parse_name",
     "plug",
     "read_device",
 ]

@@ -102,7 +102,7 @@ class EsiEntry:
     maximum: bytes | None = None
     unit: int = 0
     values: dict[int, str] = field(default_factory=dict)
-    line: int = 0
+    line: int = field(default=0, compare=False)
 
 
 @dataclass(slots=True)
@@ -121,7 +121,7 @@ class EsiObject:
     name: str
     code: ObjectCode
     entries: list[EsiEntry] = field(default_factory=list)
-    line: int = 0
+    line: int = field(default=0, compare=False)
 
 
 def simple_type(name: str, bits: int) -> tuple[DataType, int] | None:
@@ -206,7 +206,7 @@ class _Reader:
         definition = self._types.get(type_name)
         flags = element.find("Flags")
         self._whole = True
-        if definition is not None and definition.find("SubItem") is not None:
+        if definition is not None and definition.has("SubItem"):
             entries, code = self._members(definition, flags)
         else:
             size = element.number_of("BitSize", 0, high=_MAX_BITS)
@@ -301,7 +301,7 @@ class _Reader:
                 break
             bits = bits or definition.number_of("BitSize", 0, high=_MAX_BITS)
             name = definition.text_of("BaseType")
-            if definition.find("ArrayInfo") is not None and simple_type(name, 0):
+            if definition.has("ArrayInfo") and simple_type(name, 0):
                 return (DataType.OCTET_STRING if bits % 8 == 0 else type_of_bits(bits)), bits
         if not bits:
             where.fail(f"the data type '{name}' is not defined, and there is no <BitSize>")
@@ -310,7 +310,7 @@ class _Reader:
 
 def _is_array(item: Element, array: Element) -> bool:
     """Whether a member is an array of entries; an array of bytes at one subindex is one entry."""
-    octets = array.text_of("BaseType").upper() in ("BYTE", "USINT") and item.find("SubIdx")
+    octets = array.text_of("BaseType").upper() in ("BYTE", "USINT") and item.has("SubIdx")
     return array.find("ArrayInfo") is not None and not octets
 
 
@@ -338,11 +338,11 @@ def _access(flags: Element | None) -> Access:
 
 def _states(access: Element, name: str) -> int:
     """States in which access is allowed: bits 0 to 2 for PREOP, SAFEOP and OP; default: all."""
-    words = access.attributes.get(name, "").lower().replace("_", " ").split()
+    words = access.given(name).lower().replace("_", " ").split()
     for word in words:
         if word not in _STATES:
             access.note(
-                f"{name} is '{access.attributes[name]}': PreOP, SafeOP and OP are allowed, "
+                f"{name} is '{access.given(name)}': PreOP, SafeOP and OP are allowed, "
                 "with _ between them",
                 f"'{word}' is left out",
             )

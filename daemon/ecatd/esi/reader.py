@@ -37,12 +37,13 @@ from .shift import UNMOVED, Shift
 from .xml import LEFT_OUT, Element, read_xml
 
 _OUTLINE = (
-    {"EtherCATInfo"},
-    {"Vendor", "Descriptions"},
-    {"Id", "Name", "Groups", "Devices"},
-    {"Group", "Device"},
-    {"Type", "Name"},
+    {"ethercatinfo"},
+    {"vendor", "descriptions"},
+    {"id", "name", "groups", "devices"},
+    {"group", "device"},
+    {"type", "name"},
 )
+"""What lists the devices, in small letters: elements in the wrong case are read, and told."""
 _DEVICE_DEPTH = 3
 _LISTED = 12
 _SM_USAGES = {"mboxout": 1, "mboxin": 2, "outputs": 3, "inputs": 4}
@@ -80,7 +81,8 @@ def list_devices(path: Path, findings: Findings | None = None) -> list[EsiChoice
         findings: Takes what is wrong in it, such as devices without a product code.
 
     Raises:
-        ConfigError: The file cannot be read, or is not an ESI file.
+        ConfigError: The file cannot be read, or is not an ESI file, or no device in it says which
+            one it is.
     """
     lists = 0
 
@@ -90,20 +92,27 @@ def list_devices(path: Path, findings: Findings | None = None) -> list[EsiChoice
             lists = element.tag == _LIST
             return True
         depth -= lists
-        return depth < len(_OUTLINE) and element.tag in _OUTLINE[depth]
+        return depth < len(_OUTLINE) and _in_outline(element, depth)
 
     choices: list[EsiChoice] = []
+    refused: list[MalformedError] = []
     number = 0
     for info in _infos(read_xml(path, wanted, findings)):
         devices = info.find("Descriptions", "Devices")
         for element in devices.all("Device") if devices else ():
             with element.instead("this device is left out"):
-                choice = _choice(number, element)
+                try:
+                    choice = _choice(number, element)
+                except MalformedError as error:
+                    refused.append(error)
+                    raise
                 identity = choice.type, choice.product, choice.revision
                 if any(item.fits(*identity) for item in choices):
                     element.fail(f"{choice} is described a second time")
                 choices.append(choice)
             number += 1
+    if refused and not choices:
+        raise refused[0]
     return choices
 
 
@@ -114,6 +123,7 @@ def choose(
     type: str | None = None,
     product: int | None = None,
     revision: int | None = None,
+    findings: Findings | None = None,
 ) -> EsiChoice:
     """Finds the only device with a type, product code and revision.
 
@@ -123,6 +133,7 @@ def choose(
         type: Name of the type, or None for any.
         product: Product code, or None for any.
         revision: Revision number, or None for any.
+        findings: What was left out of the file, which the message has, too.
 
     Raises:
         ConfigError: No device fits, or several do; the message lists them.
@@ -131,7 +142,7 @@ def choose(
     if len(fitting) == 1:
         return fitting[0]
     if not choices:
-        raise ConfigError(f"{path}: the file describes no devices")
+        raise ConfigError(f"{path}: the file describes no devices{_first(findings)}")
     listed = ", ".join(str(item) for item in (fitting or choices)[:_LISTED])
     left = len(fitting or choices) - _LISTED
     listed += f" and {left} more" if left > 0 else ""
@@ -143,7 +154,15 @@ def choose(
     wanted = [f"type '{type}'"] if type is not None else []
     wanted += [f"product 0x{product:08X}"] if product is not None else []
     wanted += [f"revision 0x{revision:08X}"] if revision is not None else []
-    raise ConfigError(f"{path}: no device has {' and '.join(wanted)}; there are {listed}")
+    raise ConfigError(
+        f"{path}: no device has {' and '.join(wanted)}; there are {listed}{_first(findings)}"
+    )
+
+
+def _first(findings: Findings | None) -> str:
+    """The first finding, which may be the reason why a device is not there."""
+    texts = findings.texts if findings else []
+    return f" ({texts[0]})" if texts else ""
 
 
 def read_device(path: Path, choice: EsiChoice, findings: Findings | None = None) -> EsiDevice:
@@ -177,8 +196,8 @@ def read_device(path: Path, choice: EsiChoice, findings: Findings | None = None)
             seen += 1
             return seen == choice.number
         if depth <= 1:
-            return element.tag in _OUTLINE[depth]
-        return element.tag in _OUTLINE[2] if depth == 2 else element.tag not in _UNUSED
+            return _in_outline(element, depth)
+        return _in_outline(element, 2) if depth == 2 else element.tag not in _UNUSED
 
     for root in _infos(read_xml(path, wanted, findings)):
         element = root.find("Descriptions", "Devices", "Device")
@@ -205,13 +224,17 @@ def _device(
         revision=choice.revision,
         group=group,
         group_name=_group_name(groups, group),
-        physics=element.attributes.get("Physics", ""),
+        physics=element.given("Physics"),
         fmmus=[_fmmu(item) for item in element.all("Fmmu")],
         sync_managers=[_sync_manager(item) for item in element.all("Sm")],
     )
     electrical = element.find("Info", "Electrical")
     if electrical is not None:
         device.ebus_current = electrical.number_or("EBusCurrent", 0, -0x8000, 0x7FFF)
+    kind = element.need("Type")
+    for name in ("ProductCode", "RevisionNo"):
+        if not kind.given(name).strip():
+            kind.note(f"<Type> has no {name}", "0 is used")
     info = element.find("Info")
     if info is not None:
         device.tells_identification = info.flag_of("IdentificationReg134")
@@ -234,6 +257,10 @@ def _device(
             if any(slot.takes(module) for slot in device.slots):
                 device.modules.append(module)
     return device
+
+
+def _in_outline(element: Element, depth: int) -> bool:
+    return element.tag.lower() in _OUTLINE[depth]
 
 
 def _infos(root: Element) -> list[Element]:
@@ -344,7 +371,7 @@ def _module(element: Element) -> EsiModule:
     kind = element.need("Type")
     return EsiModule(
         kind.attribute("ModuleIdent"),
-        kind.attributes.get("ModuleClass", ""),
+        kind.given("ModuleClass"),
         kind.text,
         element.name(),
         element,
@@ -365,6 +392,7 @@ def read_pdos(
         shift: How far the slot moves their indices.
     """
     result: dict[int, EsiPdo] = {}
+    found: dict[int, Element] = {}
     lost: dict[int, str] = {}  # by sync manager, why the place of what follows is not known
     for element in elements:
         manager = _place(element, device)
@@ -381,7 +409,12 @@ def read_pdos(
             )
         if _counts(element, pdo, result.get(pdo.index), device):
             result.pop(pdo.index, None)
-            result[pdo.index] = pdo
+            result[pdo.index], found[pdo.index] = pdo, element
+    assigned = {i for i, pdo in result.items() if pdo.sync_manager != UNASSIGNED}
+    for index in sorted(assigned):
+        for other in sorted(assigned.intersection(result[index].excludes) - {index}):
+            label = f"PDO 0x{index:04X} excludes 0x{other:04X}, but both are assigned by default"
+            found[index].note(label, "both are used")
     return list(result.values())
 
 
@@ -411,6 +444,8 @@ def _place(element: Element, device: EsiDevice) -> int:
         device.misplaced.append(f"{error}; so nobody knows where this PDO lies")
         element.note(error.text, effect)
         return UNASSIGNED
+    if not element.given("Sm", "-").strip():
+        element.note(f"Sm of <{element.tag}> is empty", effect)
     if count <= manager != UNASSIGNED:
         text = f"Sm of <{element.tag}> is {manager}, but there are {count} sync managers"
         element.note(text, effect)
@@ -419,8 +454,8 @@ def _place(element: Element, device: EsiDevice) -> int:
 
 
 def _pdo(element: Element, manager: int, shift: Shift) -> EsiPdo:
-    template = element.attributes.get("Ref")
-    if template is not None and element.find("Index") is None:
+    template = element.given("Ref")
+    if template and not element.has("Index"):
         element.fail(f"<{element.tag}> refers to '{template}', which is not in this file")
     index = shift.index(element.need("Index"))
     excludes = []
@@ -513,9 +548,10 @@ def _read_mailbox(element: Element, device: EsiDevice) -> None:
         if protocol is None:
             continue
         device.protocols |= bit
-        command = protocol.find("InitCmd") or protocol.find("InitCmds", "InitCmd")
-        if command is not None and tag not in _TAKEN:
-            command.note(f"there are start-up commands of {tag}", "they are left out")
+        together = protocol.find("InitCmds")
+        commands = (*protocol.all("InitCmd"), *(together.all("InitCmd") if together else ()))
+        if commands and tag not in _TAKEN:
+            commands[0].note(f"there are start-up commands of {tag}", "they are left out")
     coe = mailbox.find("CoE")
     if coe is not None:
         device.coe_details = _SDO
@@ -643,10 +679,14 @@ def _read_profile(element: Element, device: EsiDevice) -> None:
         for message in messages.all("DiagMessage") if messages else ():
             with message.instead():
                 number = message.number_of("TextId", high=0xFFFF)
-                device.diagnosis_texts[number] = message.name("MessageText")
+                text = message.name("MessageText")
+                if device.diagnosis_texts.setdefault(number, text) != text:
+                    message.fail(f"the text 0x{number:04X} is there a second time")
         dictionary = profile.find("Dictionary")
         for item in read_dictionary(dictionary) if dictionary else ():
-            objects.setdefault(item.index, item)  # that of the first profile counts
+            if objects.setdefault(item.index, item) != item:
+                label = f"object 0x{item.index:04X} is in another <Profile>, with other content"
+                element.findings.add(element.path, item.line, label, LEFT_OUT)
         device.dictionary_file = device.dictionary_file or profile.text_of("DictionaryFile")
     device.objects = [objects[index] for index in sorted(objects)]
     if device.objects:

@@ -83,15 +83,33 @@ class Element:
         )
 
     def all(self, tag: str) -> Iterator[Element]:
-        """Returns the children with this name."""
-        return (child for child in self.children if child.tag == tag)
+        """Yields the children with this name; notes those that only look like it."""
+        for child in self.children:
+            if child.tag == tag:
+                yield child
+            elif len(child.tag) == len(tag) and child.tag.lower() == tag.lower():
+                child.note(f"<{child.tag}> should be <{tag}>", LEFT_OUT)
 
     def find(self, *tags: str) -> Element | None:
-        """Finds the first child of the first name, its first child of the second, and so on."""
+        """Finds the child of the first name, its child of the second, and so on.
+
+        If there are several, the first one counts, and others with other content are noted.
+        """
         here: Element | None = self
         for tag in tags:
-            here = next(here.all(tag), None) if here else None
+            here = here._first(tag) if here else None
         return here
+
+    def _first(self, tag: str) -> Element | None:
+        found = list(self.all(tag))
+        for other in found[1:]:
+            if not found[0].is_like(other):
+                other.note(f"<{self.tag}> has another <{tag}> already", LEFT_OUT)
+        return found[0] if found else None
+
+    def has(self, tag: str) -> bool:
+        """Whether there are children with this name."""
+        return any(True for _ in self.all(tag))
 
     def need(self, tag: str) -> Element:
         """Returns the child with this name.
@@ -118,14 +136,16 @@ class Element:
         return child
 
     def text_of(self, *tags: str) -> str:
-        """The text of a descendant (see `find`); empty if there is none."""
-        found = self.find(*tags)
-        return found.text if found else ""
+        """The text of the first such descendant (see `find`); empty if there is none."""
+        here: Element | None = self
+        for tag in tags:  # texts may be there in several languages
+            here = next(here.all(tag), None) if here else None
+        return here.text if here else ""
 
     def name(self, tag: str = "Name") -> str:
         """The text of <Name>, if there are several languages that in English (LcId 1033)."""
         names = list(self.all(tag))
-        english = [name for name in names if name.attributes.get("LcId") == "1033"]
+        english = [name for name in names if name.given("LcId") == "1033"]
         return next((name.text for name in (*english, *names) if name.text), "")
 
     def number(self, low: int = 0, high: int = 0xFFFFFFFF) -> int:
@@ -156,13 +176,21 @@ class Element:
             return self.number_of(tag, default, low, high)
         return default
 
+    def given(self, name: str, default: str = "") -> str:
+        """The text of an attribute; `default` if there is none. One that looks like it is noted."""
+        if name not in self.attributes:
+            for other in self.attributes:
+                if other.lower() == name.lower():
+                    self.note(f"{other} of <{self.tag}> should be {name}", LEFT_OUT)
+        return self.attributes.get(name, default)
+
     def attribute(self, name: str, default: int = 0, low: int = 0, high: int = 0xFFFFFFFF) -> int:
         """The number in an attribute; `default` if there is no such attribute, or it is empty.
 
         Raises:
             MalformedError: The attribute is no number, or out of range.
         """
-        text = self.attributes.get(name, "").strip()
+        text = self.given(name).strip()
         if not text:
             return default
         return self._number(text, f"{name} of <{self.tag}>", low, high)
@@ -175,14 +203,14 @@ class Element:
 
     def switch(self, name: str, high: int) -> int:
         """As `attribute_or` with the default 0, but `true` and `false` are 1 and 0, too."""
-        word = self.attributes.get(name, "").strip().lower()
+        word = self.given(name).strip().lower()
         if word.isalpha() and word in _YES + _NO:
             return int(word in _YES)
         return self.attribute_or(name, 0, high=high)
 
     def flag(self, name: str) -> bool:
         """A boolean attribute; false if it is missing, or if it is none, which is noted."""
-        return self._flag(self.attributes.get(name, ""), f"{name} of <{self.tag}>")
+        return self._flag(self.given(name), f"{name} of <{self.tag}>")
 
     def flag_of(self, tag: str) -> bool:
         """The boolean in a child; false if there is no such child, or it is no boolean."""

@@ -8,15 +8,21 @@ from functools import lru_cache
 from pathlib import Path
 
 from ecatd.esi import (
+    Described,
     EsiChoice,
     EsiDevice,
     EsiEntry,
     EsiObject,
     EsiPdo,
     Findings,
+    Name,
     choose,
-    list_devices,
+    code,
+    devices_in,
+    files_in,
+    fitting,
     module_problems,
+    parse_name,
     plug,
     read_device,
 )
@@ -25,6 +31,7 @@ from ecatd.model.datatypes import STRINGS, DataType
 from ecatd.model.errors import ConfigError, SdoAbortError, UsageError
 from ecatd.model.sii import SiiProblem
 from ecatd.model.sii_check import check_sii, is_description
+from ecatd.model.text_file import is_folder
 
 from ..slave import sii
 from ..slave.device import Device
@@ -45,8 +52,8 @@ _MAPPABLE = Access.RX_PDO | Access.TX_PDO
 def device_from_esi(
     path: Path | str,
     type: str | None = None,
-    product: int | None = None,
-    revision: int | None = None,
+    product: int | str | None = None,
+    revision: int | str | None = None,
     modules: Sequence[str | int] = (),
     *,
     strict: bool = False,
@@ -54,10 +61,11 @@ def device_from_esi(
     """Makes a device from its description in an ESI file; `remarks` has what is wrong in it.
 
     Args:
-        path: The file.
-        type: Name of the type (the text of <Type>), or None for any.
-        product: Product code, or None for any.
-        revision: Revision number, or None for any.
+        path: The file, or a folder of ESI files; the folders in it are searched, too.
+        type: Name of the type (the text of <Type>), or None for any. As in `ecatctl --devices`, it
+            may be `TYPE:REVISION` or a product code such as "0x03FA3052", too.
+        product: Product code, also as a text such as "0x03FA3052"; None for any.
+        revision: Revision number, also as a text; None for any.
         modules: Type or ident of the module in each slot, slot 1 first; "" or 0 for an empty slot.
             Slots after the last one are empty.
         strict: Whether to refuse a file with mistakes.
@@ -66,11 +74,12 @@ def device_from_esi(
         ConfigError: The file cannot be used, or it has no matching device or module, or several; or
             the device would have its process data in other places than a real one.
     """
-    path = Path(path)
-    state = _state(path)
-    choices, findings = _devices(path, state, strict)
-    chosen = choose(choices, path, type=type, product=product, revision=revision)
-    esi = _device(path, state, chosen, strict)
+    source = Path(path)
+    devices, listed = _devices(source, _states(source), strict)
+    findings = Findings(strict=strict)
+    findings.take(listed)
+    path, chosen = _choose(source, devices, findings, type, product, revision)
+    esi = _device(path, _state(path), chosen, strict)
     where = f"{path}:{esi.line}"
     try:
         idents = _idents(esi, modules)
@@ -90,6 +99,51 @@ def device_from_esi(
         raise ConfigError(f"{where}: {error}") from error
 
 
+def _choose(
+    source: Path,
+    devices: Sequence[Described],
+    findings: Findings,
+    type: str | None,
+    product: int | str | None,
+    revision: int | str | None,
+) -> Described:
+    """Finds the only device; arguments as for `device_from_esi`.
+
+    Raises:
+        ConfigError: None fits, several do, or type, product and revision contradict each other.
+    """
+    name: Name = type, None, None
+    if type is not None and not any(choice.type == type for _, choice in devices):
+        try:
+            name = parse_name(type)
+        except UsageError as error:
+            raise ConfigError(f"{source}: type is {error}") from error
+    wanted = (
+        name[0],
+        _number(source, "product", product, name[1]),
+        _number(source, "revision", revision, name[2]),
+    )
+    found = fitting(devices, wanted, findings)
+    if len(found) == 1:
+        return found[0]
+    choices = [choice for _, choice in found or devices]
+    kind, with_code, with_revision = wanted
+    choose(choices, source, type=kind, product=with_code, revision=with_revision, findings=findings)
+    raise AssertionError("several devices fit, or none")
+
+
+def _number(source: Path, key: str, value: int | str | None, named: int | None) -> int | None:
+    """A product code or revision, which the name of the type may say, too."""
+    number = code(value) if isinstance(value, str) else value
+    if number is None and value is not None:
+        raise ConfigError(f"{source}: {key} is '{value}': a number such as 0x03FA3052 is allowed")
+    if number is not None and named is not None and number != named:
+        raise ConfigError(
+            f"{source}: {key} is 0x{number:08X}, but type says 0x{named:08X}: remove one of them"
+        )
+    return named if number is None else number
+
+
 def _idents(esi: EsiDevice, modules: Sequence[str | int]) -> list[int]:
     """Finds the ident of the module in each slot of a device, slot 1 first.
 
@@ -99,8 +153,9 @@ def _idents(esi: EsiDevice, modules: Sequence[str | int]) -> list[int]:
     idents: list[int] = []
     for module in modules:
         found = {item.ident for item in esi.modules if module == item.type}
-        if module == "" or isinstance(module, int):
-            found = {int(module or 0)}
+        ident = code(module) if isinstance(module, str) and not found else module
+        if module == "" or isinstance(ident, int):
+            found = {int(ident or 0)}
         if len(found) != 1:
             known = ", ".join(item.type for item in esi.modules[:_SHOWN]) or "none"
             count = f"{len(found)} modules have" if found else "no module has"
@@ -121,11 +176,18 @@ def _state(path: Path) -> tuple[int, int]:
     return info.st_mtime_ns, info.st_size
 
 
+def _states(source: Path) -> tuple[tuple[int, int], ...]:
+    """The state of a file, or those of all files in a folder."""
+    return tuple(map(_state, files_in(source) if is_folder(source) else [source]))
+
+
 # Cached: files can have tens of megabytes, and a rig may have many devices from each.
 @lru_cache(maxsize=16)
-def _devices(path: Path, _state: tuple[int, int], strict: bool) -> tuple[list[EsiChoice], Findings]:
+def _devices(
+    source: Path, _states: tuple[tuple[int, int], ...], strict: bool
+) -> tuple[list[Described], Findings]:
     findings = Findings(strict=strict)
-    return list_devices(path, findings), findings
+    return devices_in([source], findings), findings
 
 
 @lru_cache(maxsize=64)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.model.errors import ConfigError
+from ecatd.model.text_file import is_folder
 from ecatd.model.toml_file import Key, Table, read_toml, show
 
 from .. import faults
@@ -135,10 +136,10 @@ def _parameters(table: Table) -> dict[str, Any]:
     return parameters.data if parameters is not None else {}
 
 
-def _existing(table: Table, key: str, text: str) -> Path:
+def _existing(table: Table, key: str, text: str, *, folder: bool = False) -> Path:
     path = table.document.folder / text
     try:
-        found = path.is_file()
+        found = path.is_file() or (folder and is_folder(path))
     except ValueError:  # a path with a NUL character
         found = False
     if not found:
@@ -155,9 +156,8 @@ def _call(path: Path, function: Any, parameters: dict[str, Any], *arguments: obj
 
 def _esi_device(table: Table) -> Device:
     table.only(("esi", "type", "product", "revision", "modules", "strict", *_PLACE))
-    path = _existing(table, "esi", table.text("esi"))
-    product = table.integer("product", 0, _U32, None)
-    revision = table.integer("revision", 0, _U32, None)
+    path = _existing(table, "esi", table.text("esi"), folder=True)
+    product, revision = _code(table, "product"), _code(table, "revision")
     kind = table.text("type") if "type" in table else None
     modules = table.array("modules", _module) if "modules" in table else []
     device: Device = table.explain(
@@ -167,6 +167,13 @@ def _esi_device(table: Table) -> Device:
         ),
     )
     return device
+
+
+def _code(table: Table, key: Key) -> str | int | None:
+    """Reads a product code or revision: a number, or a text such as "0x03FA3052"."""
+    if isinstance(table.data.get(key), str):
+        return table.text(key)
+    return table.integer(key, 0, _U32, None)
 
 
 def _module(table: Table, key: Key) -> str | int:
