@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from ecatd.model.atomic_write import check_owners
+from ecatd.model.atomic_write import open_new
 from ecatd.model.errors import StateError, UsageError
 
 from .esc import Segment
@@ -100,8 +101,9 @@ class Simulation:
         if self.rig.trace is None:
             raise UsageError(f"rig {self.rig.name} has nothing to trace")
         try:
-            check_owners(path)
-            self._trace_file = path.open("w", encoding="ascii")
+            self._trace_file = os.fdopen(open_new(path, force=True), "w", encoding="ascii")
+            if path.is_file():
+                self._trace_file.truncate(0)
         except OSError as error:
             raise UsageError(f"cannot write '{path}': {error.strerror}") from error
         self._trace_file.write(",".join(("time_ns", *self.rig.trace.columns)) + "\n")

@@ -9,7 +9,7 @@ import pytest
 from conftest import names
 from ecatd.cli.saving import check_target, save_bytes
 from ecatd.model.atomic_write import open_new
-from ecatd.model.errors import NotPermittedError, UsageError
+from ecatd.model.errors import NotPermittedError, StateError, UsageError
 
 OTHER = 12345
 ROOT = pytest.mark.skipif(os.geteuid() != 0, reason="only root can make files of others")
@@ -96,3 +96,22 @@ def test_a_stream_of_the_shell_is_written(tmp_path: Path) -> None:
     finally:
         os.close(ours)
         os.close(theirs_)
+
+
+@pytest.mark.parametrize("write", WAYS)
+def test_no_write_waits_for_the_reader_of_a_pipe(
+    tmp_path: Path, write: Callable[[Path], None]
+) -> None:
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo)
+    with pytest.raises((StateError, OSError)) as refused:
+        write(fifo)
+    names(refused.value, "nobody reads", "start its reader")
+    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write(fifo)
+        assert fifo.is_fifo()
+        assert os.read(reader, 9) == (b"new" if write is not grow else b"")
+    finally:
+        os.close(reader)
+    write(Path("/dev/null"))

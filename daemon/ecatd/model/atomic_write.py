@@ -26,7 +26,7 @@ def write_whole(path: Path, data: bytes, prefix: str) -> None:
     """Writes a temporary file in the folder of the target, then renames it to the target.
 
     If that fails, the old file stays. If the path is a symbolic link, the link stays, and its
-    target is replaced. A device or a pipe gets the data.
+    target is replaced. A character device gets the data, and so does a pipe that somebody reads.
 
     Args:
         path: The target. The new file gets the permissions of the one that it replaces.
@@ -38,7 +38,8 @@ def write_whole(path: Path, data: bytes, prefix: str) -> None:
     """
     check_owners(path)
     if path.exists() and not path.is_file() and not path.is_dir():
-        path.write_bytes(data)
+        with os.fdopen(_open_special(path), "wb") as special:
+            special.write(data)
         return
     target = path.resolve()
     number, name = tempfile.mkstemp(prefix=prefix, dir=target.parent)
@@ -65,7 +66,7 @@ def check_new(path: Path, *, force: bool) -> None:
 
 
 def open_new(path: Path, *, force: bool) -> int:
-    """Opens a new file, or a device or a pipe, for writing; returns its descriptor.
+    """Opens a new file for writing, or what `write_whole` may write to; returns its descriptor.
 
     Args:
         path: The file.
@@ -76,14 +77,33 @@ def open_new(path: Path, *, force: bool) -> int:
             to another user.
     """
     check_new(path, force=force)
-    flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC
     if _is_stream(path) or (path.exists() and not path.is_file()):
-        return os.open(path, flags & ~os.O_CREAT)
+        return _open_special(path)
+    flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC
     target = path.resolve() if force else path
     number = os.open(target, flags | os.O_NOFOLLOW | (0 if force else os.O_EXCL), 0o666)
     if os.fstat(number).st_uid != os.geteuid():  # it was exchanged meanwhile
         os.close(number)
         raise _not_ours(target)
+    return number
+
+
+def _open_special(path: Path) -> int:
+    """Opens a pipe or a character device without waiting for somebody at the other end.
+
+    Raises:
+        OSError: Nobody reads the pipe, or it is another kind of file, such as a disk.
+    """
+    if stat.S_ISBLK(path.stat().st_mode):
+        raise OSError(errno.EINVAL, "it is a block device, which would be overwritten", str(path))
+    try:
+        number = os.open(path, os.O_WRONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    except OSError as error:
+        if error.errno != errno.ENXIO or not path.is_fifo():
+            raise
+        text = "nobody reads this pipe: start its reader first, or choose another name"
+        raise OSError(errno.ENXIO, text, str(path)) from error
+    os.set_blocking(number, True)
     return number
 
 
