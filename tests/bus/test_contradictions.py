@@ -17,13 +17,14 @@ RIG = Path(__file__).parents[1] / "rigs" / "witnesses.py"
 OUT, PADDED, CHOSEN, DESCRIBED, HOLE, UNKNOWN, SHORT, UNSIZED, WORDLESS, EXCHANGED, STUCK = range(
     11
 )
-OVERLAPPING, SWAPPED, IN = range(11, 14)
+OVERLAPPING, SWAPPED, REFUSING, IN = range(11, 15)
 BY_ITSELF = {
     PADDED: ("PREOP", "contradicted"),
     UNKNOWN: ("PREOP", "unreadable"),
     SHORT: ("PREOP", "unreadable"),
     STUCK: ("INIT+ERROR", "stuck"),
     OVERLAPPING: ("PREOP", "damaged"),
+    REFUSING: ("PREOP", "stuck"),
 }
 
 
@@ -107,6 +108,7 @@ def test_the_log_says_who_says_what(daemon: Daemon) -> None:
     names(warning(daemon, EXCHANGED), "0x1C13:01 is 0x001A", "0x1A00")
     names(warning(daemon, STUCK), "PREOP", "0x0051")
     names(warning(daemon, OVERLAPPING), "sync managers 2 and 3 overlap", "SAFEOP", "0x001E")
+    names(warning(daemon, REFUSING), "stays in PREOP", "SAFEOP", "0x001E")
     names(warning(daemon, SWAPPED), "usage is 3 (outputs)", "its PDOs count: inputs")
     assert not any(warning(daemon, n) for n in (OUT, CHOSEN, DESCRIBED, UNSIZED, IN))
 

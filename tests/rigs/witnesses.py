@@ -143,8 +143,19 @@ class Swapped(Plain):
         return bytes(image)
 
 
+class Refusing(Plain):
+    """It does not reach SAFEOP, and nothing tells why."""
+
+    product, order = 0x9, "Refusing"
+
+    def check(self, old: AlState, new: AlState) -> None:
+        if new == AlState.SAFEOP:
+            raise RefusedError(0x001E)
+
+
 def rig() -> Rig:
     odd = [Padded(), Padded(), Described(), Hole(), Unknown(), Short(), Unsized(), Wordless()]
     return Rig(
-        "witnesses", [EL2008(), *odd, Exchanged(), Stuck(), Overlapping(), Swapped(), EL1018()]
+        "witnesses",
+        [EL2008(), *odd, Exchanged(), Stuck(), Overlapping(), Swapped(), Refusing(), EL1018()],
     )

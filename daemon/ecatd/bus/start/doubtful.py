@@ -3,10 +3,10 @@
 These are slaves with CoE whose mailbox does not answer or answers with nonsense, slaves with a
 damaged EEPROM, which may describe only a part of the process data, slaves whose CoE and EEPROM
 contradict each other, slaves that do not reach PREOP, and slaves other than the expected ones.
-Slaves with lesser contradictions are in doubt if they do not reach SAFEOP. A doubtful slave must
-not keep the others from OP. If some of its process data are known, and it reaches SAFEOP with them,
-it is used. Otherwise it stays in PREOP and takes no part in the exchange: in OP it would look like
-a slave without process data.
+Slaves with lesser contradictions, and slaves without which the bus may start, are in doubt if they
+do not reach SAFEOP. A doubtful slave must not keep the others from OP. If some of its process data
+are known, and it reaches SAFEOP with them, it is used. Otherwise it stays in PREOP and takes no
+part in the exchange: in OP it would look like a slave without process data.
 """
 
 from __future__ import annotations
@@ -61,6 +61,7 @@ def settle(
     scanned: Sequence[Scanned],
     unexpected: Mapping[int, str],
     synchronised: Collection[int],
+    dispensable: Collection[int],
     patience: Patience,
     tell: Callable[[str], None],
 ) -> dict[int, Doubt]:
@@ -71,6 +72,7 @@ def settle(
         scanned: All slaves. Doubtful slaves that are not used lose their process data here.
         unexpected: By position, why a slave is not the expected one. These slaves are not used.
         synchronised: Positions of slaves with SYNC signals, without which they may refuse SAFEOP.
+        dispensable: Positions of slaves without which the bus may start.
         patience: Time that slaves have to reach a state.
         tell: Called with a warning about each other doubtful slave, and about each EEPROM with
             lesser mistakes.
@@ -95,7 +97,10 @@ def settle(
         for item in scanned
         if item not in doubtful
         and item.slave.position not in synchronised
-        and _is_suspect(item, unexpected)
+        and item.slave.position not in unexpected
+        and (item.slave.position in dispensable or _is_suspect(item))
+        and (item.slave.outputs or item.slave.inputs)
+        and item.known
     ]
     refused = finish(_try(master, [*described, *suspects], patience))
     doubtful += (item for item in suspects if item.slave.position in refused)
@@ -117,7 +122,11 @@ def settle(
         why = item.why or refused.get(slave.position) or unplaced
         if not used:
             slave.outputs, slave.inputs = [], []
-        doubts[slave.position] = doubt = _doubt(item, used=used, why=why)
+        if item in suspects and not _is_suspect(item):  # nothing but its refusal is known
+            doubt = Doubt(STUCK, f"it {_STAYS}: {why}")
+        else:
+            doubt = _doubt(item, used=used, why=why)
+        doubts[slave.position] = doubt
         if slave.problems and doubt.word in _REASONS:
             tell(f"{slave.label}: there are mistakes in its EEPROM: {_problems(slave)}")
         if unplaced and not item.doubt:
@@ -129,15 +138,9 @@ def settle(
     return doubts
 
 
-def _is_suspect(item: Scanned, unexpected: Mapping[int, str]) -> bool:
+def _is_suspect(item: Scanned) -> bool:
     """Whether the slave may refuse its process data, because its witnesses differ in something."""
-    slave = item.slave
-    return (
-        item.known
-        and slave.position not in unexpected
-        and bool(slave.problems or item.notes or item.settled)
-        and bool(slave.outputs or slave.inputs)
-    )
+    return bool(item.slave.problems or item.notes or item.settled)
 
 
 def _doubt(item: Scanned, *, used: bool, why: str) -> Doubt:

@@ -118,7 +118,14 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
         tell_emergencies(mailbox_log, [(item.slave, *emergency) for emergency in item.emergencies])
     patience = found.config.state_patience
     with_sync = {item.slave for item in found.config.dc.slave}
-    found.doubtful = settle(master, found.scanned, unexpected, with_sync, patience, log.warning)
+    dispensable = {
+        item.slave.position
+        for item in found.scanned
+        if item.known and not found.must_be_there(item.slave.position)
+    }
+    found.doubtful = settle(
+        master, found.scanned, unexpected, with_sync, dispensable, patience, log.warning
+    )
     for position, bits in clock_bits(master).items():
         found.scanned[position].slave.dc_bits = bits
     found.bus.slaves = [item.slave for item in found.scanned]
