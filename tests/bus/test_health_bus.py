@@ -122,6 +122,7 @@ def test_damaged_counters_are_no_new_slaves(bench: Bench, simulator: Simulator) 
     before = simulator.status().frames
     simulator.faults.corrupt(seed=1, count=0)
     bench.wait_for(lambda: simulator.status().frames > before + 3000)
+    names(problem(bench, "damaged frames"), "domain 0", "`ecatctl errors`", "cable")
     simulator.faults.clear()
     told = [line for line in bench.daemon.log.splitlines() if "slave count changed" in line]
     assert not told

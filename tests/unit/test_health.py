@@ -5,8 +5,10 @@ from typing import Any
 
 from conftest import names
 from ecatd.bus.watch.exchange import Counts, Window, is_well
+from ecatd.bus.watch.suspects import Finding, are_damaged
 from ecatd.interface_state import LEAST_MTU, InterfaceState, read_interfaces, remarks
 from ecatd.model.al import AlState
+from ecatd.model.bus import Bus
 from ecatd.model.faults import LATE, LOST, UNSENT, WORKING_COUNTER, Fault
 from ecatd.model.health import look_at
 
@@ -104,3 +106,14 @@ def test_the_kernel_is_asked_for_interfaces() -> None:
     (loopback,) = read_interfaces(["lo", "no such interface"])
     assert loopback.name == "lo"
     assert loopback.mtu >= LEAST_MTU
+
+
+def test_counters_that_no_device_makes_are_those_of_damaged_frames() -> None:
+    assert are_damaged([8192])
+    assert are_damaged([4, -2, 64])
+    assert not are_damaged([1, 1, 1]), "another device adds the same each time"
+    assert not are_damaged([-1, -2, -3]), "slaves come and go"
+    assert not are_damaged([])
+    text = Finding((), (), damaged=True).text(Bus("b", 1000, []), 64)
+    names(text, "damaged frames", "`ecatctl errors`", "another device")
+    assert text.index("damaged") < text.index("another device")

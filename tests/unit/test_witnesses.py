@@ -193,6 +193,10 @@ def test_a_length_that_its_sync_manager_contradicts_is_not_guessed() -> None:
     told = judge(KNOWN, KNOWN, length=6)
     assert told.doubt == "", "the slave itself checks that before SAFEOP"
     names(" ".join(told.settled), "sync manager 3", "5 bytes", "6", "count")
+    unsure = judge([pdo("abw")], [pdo("ab6w")], length=9)
+    assert unsure.doubt == CONTRADICTED
+    names(" ".join(unsure.settled), "sync manager 3", "9")
+    assert "count" not in " ".join(unsure.settled), "nothing counts yet"
     other = judge(THREE[:2], KNOWN, unreadable={0x1A14: ""}, length=6)
     assert other.doubt == "", "the length is that of another assignment"
 

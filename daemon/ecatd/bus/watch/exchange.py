@@ -22,7 +22,7 @@ from ecatd.model.faults import EXCHANGE, LATE, LOST, UNSENT, WORKING_COUNTER, Fa
 from ..engine.layout import DomainImage
 from ..master.worker import Worker
 from ..start.running import RunningBus
-from .suspects import Finding, find_suspects
+from .suspects import Finding, are_damaged, find_suspects
 
 _PERIOD = 0.5
 """Seconds between two looks at the counters."""
@@ -30,6 +30,8 @@ _ASK_AGAIN = 2.0
 """Seconds after which slaves are asked again why the working counter is wrong."""
 _TELL_AGAIN = 10.0
 """Seconds after which the log has another reason, if there is one."""
+_SEEN = 8
+"""Wrong counters, one of each look, that are compared with each other."""
 _FEWEST = 3
 """Failures below this number are told only if no exchange succeeds."""
 _MANY, _QUIET_S = 0.1, 1.0
@@ -126,6 +128,7 @@ class _Kind:
     reason: str = ""
     slaves: tuple[int, ...] = ()
     exonerated: bool = False  # asked once more, the slaves explain nothing
+    seen: deque[int] = field(default_factory=lambda: deque(maxlen=_SEEN))  # counters: wrong by
 
 
 @dataclass(slots=True)
@@ -238,6 +241,8 @@ class ExchangeWatch:
             UNSENT: self._config.unsent,
         }[kind]
         begins = known.fault is None
+        if kind == WORKING_COUNTER and goes_on and domain is not None:
+            known.seen.append(int(self._shared.domain_status[domain.number].wrong_by))
         if is_well(counts, kind, limit, before=begins):
             if not begins:
                 self._end(domain, known, kind)
@@ -272,6 +277,7 @@ class ExchangeWatch:
         fault = known.fault
         assert fault is not None, "it has not begun"
         known.fault, known.reason, known.slaves, known.asked = None, "", (), -_ASK_AGAIN
+        known.seen.clear()
         text = f"{self._label(domain)}: {_OVER[kind]} again"
         over = Fault(kind, text, fault.since, fault.domain)
         self._report(over, None, over=True)
@@ -309,6 +315,8 @@ class ExchangeWatch:
             finding = await self._worker.run(ask)
         except StateError:
             finding = Finding((), ())
+        if are_damaged(known.seen):
+            finding = Finding((), (), damaged=True)
         if known.slaves and not finding.suspects and not known.exonerated:
             known.exonerated = True  # they may be well again, and the counter right in a moment
             return False

@@ -7,7 +7,7 @@ is asked for its AL state and for these registers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 from ecatd.model.al import AlState
@@ -25,6 +25,15 @@ _ENABLED, _SWITCHED_OFF = 0x01, 0x01
 _MANAGER_BYTES, _FMMU_BYTES = 8, 16
 _CONTROL_BITS = 0x7F
 """Bits of the control of a sync manager that belong to the master."""
+
+
+_ADDED_MOST = 255
+"""More than any other device on the wire adds to a counter; one adds 3 at most."""
+_VARIED = 3
+_OTHER_DEVICE = (
+    "another device takes part in it: `ecatctl rescan` shows what is on the wire, and "
+    "`ecatctl capture -o FILE` writes the frames"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +56,12 @@ class Finding:
     Attributes:
         suspects: Slaves that explain the counter.
         able: Positions of those that add just as much as is missing, if no slave explains it.
+        damaged: Whether the counters show that frames are damaged.
     """
 
     suspects: tuple[Suspect, ...]
     able: tuple[int, ...]
+    damaged: bool = False
 
     def text(self, bus: Bus, wrong_by: int) -> str:
         """Why the counter is wrong, in words, and what to do.
@@ -63,11 +74,13 @@ class Finding:
             return "; ".join(
                 f"{bus.slaves[item.position].label} {item.reason}" for item in self.suspects
             )
-        if wrong_by > 0:
+        if self.damaged:
             return (
-                "another device takes part in it: `ecatctl rescan` shows what is on the wire, and "
-                "`ecatctl capture -o FILE` writes the frames"
+                "counters like that come from damaged frames: `ecatctl errors` shows which cable "
+                f"damages them; check it and its plugs. If none does, {_OTHER_DEVICE}"
             )
+        if wrong_by > 0:
+            return _OTHER_DEVICE
         asked = "all its slaves answer, are in OP, and have the registers that ecatd has set"
         more = "`ecatctl capture -o FILE` writes the frames; exchange the slave to find out"
         if not self.able:
@@ -76,6 +89,17 @@ class Finding:
         names = positions_text(self.able)
         which = bus.slaves[self.able[0]].label if len(self.able) == 1 else f"slaves {names}"
         return f"{asked}; {which} {each} {-wrong_by}, as much as is missing: {more}"
+
+
+def are_damaged(seen: Collection[int]) -> bool:
+    """Whether wrong counters come from damaged frames, since no device counts like that.
+
+    Args:
+        seen: Some of the last wrong counters, each less the expected one. A device that takes part
+            adds the same each time, and slaves that are missing add nothing.
+    """
+    most = max(seen, default=0)
+    return most > _ADDED_MOST or (most > 0 and len({*seen}) >= _VARIED)
 
 
 def find_suspects(running: RunningBus, domain: DomainImage, offset: int, wrong_by: int) -> Finding:

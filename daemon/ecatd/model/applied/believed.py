@@ -167,6 +167,7 @@ class _Judge:
         found, told = self._found, self._told
         found.outputs = [*self._pdos(told.outputs)]
         found.inputs = [*self._pdos(told.inputs)]
+        undecided = [item for item in found.contradictions if not item.believed]
         if not self._unknown:
             pdos = (*found.outputs, *found.inputs)
             guessed = any(pdo.index in told.unreadable and pdo.witness == SII for pdo in pdos)
@@ -174,8 +175,8 @@ class _Judge:
             if guessed:
                 self._unknown += filter(None, lengths)
             elif not self._settings.remapped:  # the slave itself checks its lengths before SAFEOP
-                found.settled += (f"{text}; the PDOs count" for text in lengths if text)
-        undecided = [item for item in found.contradictions if not item.believed]
+                counts = "" if undecided else "; the PDOs count"
+                found.settled += (f"{text}{counts}" for text in lengths if text)
         if self._unknown:
             found.doubt, found.why = UNREADABLE, "; ".join(self._unknown)
             found.notes = list(told.notes)  # nobody is believed
