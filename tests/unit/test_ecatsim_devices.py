@@ -9,10 +9,11 @@ from ecatd.model.al import AlState
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError, UsageError
 from ecatd.model.pdo import Entry, Pdo
-from ecatsim.devices.beckhoff import EL3008
+from ecatsim.devices.beckhoff import EL1018, EL3008
 from ecatsim.devices.cia402 import PowerState, PowerStateMachine
 from ecatsim.devices.elmo import ElmoGold
 from ecatsim.devices.library import make
+from ecatsim.esc import Segment
 from ecatsim.plants.motor import Control, Motor
 from ecatsim.rig import Rig
 from ecatsim.rigs import library as rigs
@@ -486,3 +487,21 @@ def test_float_scale_of_the_encoder():
     drive.step(0.0)
     assert drive[0x6064, 0] == drive[0x608F, 1]
     assert DataType(drive.dictionary[0x608F, 1].type) is DataType.UNSIGNED32
+
+
+@pytest.mark.parametrize(
+    ("given", "said"), [(b"\0" * 5, "5 bytes"), (None, "None"), ("ab", "'ab'")]
+)
+def test_inputs_of_a_wrong_size_are_an_error_with_both_sizes(given, said):
+    class Odd(EL1018):
+        def give(self):
+            return given
+
+    device, segment = Odd(), Segment()
+    try:
+        device.attach(segment, 0, 0)
+        device.machine.state = AlState.SAFEOP
+        with pytest.raises(UsageError, match=naming("slave 0", "give()", "Odd", said, "1")):
+            device.run(0.0)
+    finally:
+        segment.close()

@@ -135,7 +135,7 @@ class Device(DeviceType):
         self._process_data.outputs.unpack(data)
 
     def give(self) -> bytes:
-        """Returns the inputs; by default it reads them from the dictionary."""
+        """Returns the bytes of the mapped inputs; by default it reads them from the dictionary."""
         return self._process_data.inputs.pack()
 
     def on_file(self, name: str, data: bytes, password: int) -> None:
@@ -390,7 +390,22 @@ class Device(DeviceType):
         size = self._process_data.inputs.size
         if size and self.machine.state >= AlState.SAFEOP:
             at = self._process_data.at[1]
-            self._segment.inputs[at : at + size] = self.give()
+            self._segment.inputs[at : at + size] = self._given(size)
+
+    def _given(self, size: int) -> bytes:
+        """The inputs, after a check: `give` may be that of a user's file.
+
+        Raises:
+            UsageError: They are no bytes, or not as many as are mapped.
+        """
+        data: object = self.give()
+        if isinstance(data, bytes | bytearray) and len(data) == size:
+            return bytes(data)
+        what = f"{len(data)} bytes" if isinstance(data, bytes | bytearray) else repr(data)[:40]
+        raise UsageError(
+            f"slave {self.position}: give() of {type(self).__name__} returns {what}, but its "
+            f"mapped inputs have {size}"
+        )
 
     def _read(self, register: int, size: int) -> int:
         return int.from_bytes(self._segment.read(self.position, register, size), "little")
