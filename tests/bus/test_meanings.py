@@ -10,6 +10,7 @@ from ecatd.client.remote import Remote
 from ecatd.model.pdo import Entry
 
 pytestmark = pytest.mark.bus
+RIGS = Path(__file__).parents[1] / "rigs"
 
 PROFILE = """
 [[device]]
@@ -133,3 +134,21 @@ def test_a_wrong_profile_ends_the_start_before_anything_is_sent(
         assert done.returncode == 2
         names(one_line_error(done.stderr, "ecatd"), *message.split(" | "))
         assert "slaves found" not in done.stderr
+
+
+def test_a_type_that_no_slave_tells_is_told_and_can_be_configured(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    config = '[[signal]]\nslave = 1\nentry = "0x1A00:01"\ntype = "int16"\n[gateway]\nlisten = []\n'
+    daemon = start_daemon(str(RIGS / "typeless.py"), config=config)
+    (told,) = [line for line in daemon.log.splitlines() if "type" in line]
+    names(told, "slave 0 (Typeless)", "0x1A00:01", "unsigned", "[[signal]]", "--esi")
+    with daemon.client() as client:
+        both = [client.signal(slave, 0x1A00, 1) for slave in (0, 1)]
+
+        def are_there() -> bool:
+            client.wait()
+            client.sample()
+            return [signal.raw for signal in both] == [0xFFFE, -2]
+
+        wait_for(are_there, daemon)

@@ -126,6 +126,16 @@ def test_how_a_slave_tells_who_it_is(tmp_path: Path, info: str, tokens: list[str
     assert "wherever it stands" not in added(device(tmp_path), Config(), bus([]))[1]
 
 
+def test_a_type_that_the_slave_does_not_tell_is_that_of_the_file(tmp_path: Path) -> None:
+    guessed = Entry(0x2100, 0, "", DataType.UNSIGNED16, 16)
+    on = bus([guessed, Entry(0x2103, 0, "", DataType.INTEGER32, 32)])
+    on.slaves[0].inputs = []
+    found = device(tmp_path, SAMPLE.replace("<Objects>", OBJECTS))
+    config, _ = added(found, Config(), on)
+    types = {rule.entry: rule.type for rule in config.signal}
+    assert types == {"0x2100:00": "int16"}
+
+
 def test_what_is_configured_stays(tmp_path: Path) -> None:
     text = SAMPLE.replace(
         '<CoE SdoInfo="true" PdoAssign="1" PdoConfig="1" CompleteAccess="0"/>', COMMANDS

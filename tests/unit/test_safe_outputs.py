@@ -13,7 +13,7 @@ from ecatd.model.bus_reader import read_bus
 from ecatd.model.config import SafeConfig, SignalConfig
 from ecatd.model.datatypes import DataType
 from ecatd.model.errors import ConfigError
-from ecatd.model.meanings import give_meanings
+from ecatd.model.meanings import give_meanings, untold_types
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.profiles import Profiles
 
@@ -253,6 +253,8 @@ def test_what_the_configuration_says_is_in_the_description() -> None:
         (SignalConfig(0, "0x6040:00", minimum=-5.0, maximum=-1.0), "0x6040:00 | -5 | -1"),
         (SignalConfig(0, "0x6040:00", minimum=0.2, maximum=0.8), "0x6040:00 | 0.2 | 0.8"),
         (SignalConfig(0, "0x6040:00", minimum=7e4), "0x6040:00 | 70000"),
+        (SignalConfig(0, "0x6040:00", type="real"), "0x6040:00 | 16 bits | REAL32 | 32"),
+        (SignalConfig(0, "0x6040:00", type="int8"), "0x6040:00 | 16 bits | INTEGER8 | 8"),
     ],
 )
 def test_wrong_signals_are_refused(rule: SignalConfig, what: str) -> None:
@@ -327,3 +329,17 @@ def test_a_target_position_starts_within_its_range() -> None:
     target.minimum, target.maximum = 100.0, 200.0
     value, _hold = image(safe_outputs(made, []))
     assert value[3:7] == (100).to_bytes(4, "little")
+
+
+def test_the_type_that_nobody_tells_is_told_and_can_be_configured() -> None:
+    entries = [entry(0x7000, U16, 16), entry(0x7001, REAL32, 16), entry(0x7002, U16, 16)]
+    text = entry(0x7003, DataType.VISIBLE_STRING, 32)
+    slave = Slave(0, "S", 1, 2, 3, outputs=[Pdo(0x1600, "", 2, [*entries, text])])
+    unknown, odd = untold_types(slave, {(0x7000, 0)})
+    names(unknown, "slave 0 (S)", "0x7000:00", "[[signal]]", "--esi")
+    names(odd, "0x7001:00", "REAL32", "16 bits", "0x7003:00", "VISIBLE_STRING", "32 bits")
+    assert "0x7002" not in unknown + odd
+    assert untold_types(slave, {(0x7000, 0)}, [(0x7000, 0), (0x7001, 0), (0x7003, 0)]) == []
+    give_meanings(bus(slave), Profiles(), [SignalConfig(0, "0x7000:00", type="int16")])
+    found = {e.index: e for _, e, _ in slave.entries(outputs=True)}
+    assert (found[0x7000].data_type, found[0x7000].raw_range()) == (I16, (-math.inf, math.inf))

@@ -22,7 +22,16 @@ from ecatd.model.config.slave_settings import (
 )
 from ecatd.model.config.startup import TRANSITIONS
 from ecatd.model.config.writer import Notes
-from ecatd.model.datatypes import decode, is_real, value_range
+from ecatd.model.datatypes import (
+    STRINGS,
+    bit_length,
+    decode,
+    is_real,
+    is_signed,
+    type_alias,
+    type_by_size,
+    value_range,
+)
 from ecatd.model.errors import UsageError
 from ecatd.model.idns import idn_text
 from ecatd.model.object_types import ObjectType, ObjectTypes
@@ -72,6 +81,16 @@ def add_esi(config: Config, bus: Bus, devices: Mapping[int, EsiDevice]) -> Notes
     return notes
 
 
+def _type(entry: Entry, kind: int) -> str | None:
+    """The type of a `[[signal]]` table; None if the slave tells no other numbers than its file."""
+    if not is_signed(kind) and not is_real(kind):
+        return None
+    guess = entry.data_type in (0, type_by_size(entry.bit_length)) or entry.data_type in STRINGS
+    odd = is_real(entry.data_type) and bit_length(entry.data_type) != entry.bit_length
+    fits = bit_length(kind) == entry.bit_length
+    return type_alias(kind) if fits and (guess or odd) else None
+
+
 class _Adder:
     """Adds the facts of one device to the configuration of its slave."""
 
@@ -96,16 +115,17 @@ class _Adder:
         self._add_identification()
         self._name_modules()
         described = [*device.outputs, *device.inputs]
-        names = {(e.index, e.subindex): e.name for pdo in described for e in pdo.entries if e.name}
+        told = {(e.index, e.subindex): e for pdo in described for e in pdo.entries if not e.is_gap}
         configured = {rule.address for rule in self._config.signal if rule.slave == slave.position}
         for outputs in (True, False):
             for _, entry, _ in slave.entries(outputs=outputs):
                 address = entry.index, entry.subindex
-                known = self._known.get(address)
-                entry.name = entry.name or names.get(address, known.name if known else "")
-                if known is not None and address not in configured:
+                known, mapped = self._known.get(address), told.get(address)
+                name = (mapped.name if mapped else "") or (known.name if known else "")
+                entry.name = entry.name or name
+                if address not in configured and (known or mapped):
                     configured.add(address)
-                    self._add_signal(entry, known, outputs=outputs)
+                    self._add_signal(entry, known, mapped, outputs=outputs)
         self._describe_pdos()
         self._choose_witness()
         if slave.coe:
@@ -182,13 +202,24 @@ class _Adder:
             "says: check that on the machine."
         )
 
-    def _add_signal(self, entry: Entry, known: EsiEntry, *, outputs: bool) -> None:
+    def _add_signal(
+        self, entry: Entry, known: EsiEntry | None, mapped: Entry | None, *, outputs: bool
+    ) -> None:
+        rule = SignalConfig(self._slave.position, entry.address)
+        rule.type = _type(entry, mapped.data_type if mapped else known.data_type if known else 0)
+        if known is not None:
+            self._add_meaning(rule, entry, known, outputs=outputs)
+        if rule != SignalConfig(self._slave.position, entry.address):
+            self._config.signal.append(rule)
+
+    def _add_meaning(
+        self, rule: SignalConfig, entry: Entry, known: EsiEntry, *, outputs: bool
+    ) -> None:
         if entry.bit_length > _SIGNAL_BITS:
             if known.unit or known.values:
                 text = f"{entry.address} has {entry.bit_length} bits"
                 self._about.append(f"{text}, so it gets neither unit nor names of values")
             return
-        rule = SignalConfig(self._slave.position, entry.address)
         scale = entry.scale
         if known.unit and not entry.is_physical:
             found = meaning(known.unit)
@@ -206,8 +237,6 @@ class _Adder:
         offset = entry.offset if entry.is_physical else 0.0
         if outputs and entry.minimum is None and entry.maximum is None:
             self._add_limits(rule, entry, known, scale, offset)
-        if rule != SignalConfig(self._slave.position, entry.address):
-            self._config.signal.append(rule)
 
     def _add_limits(
         self, rule: SignalConfig, entry: Entry, known: EsiEntry, scale: float, offset: float

@@ -13,12 +13,13 @@ from dataclasses import replace
 
 from .bus import Bus, Slave
 from .config import SignalConfig, SlaveConfig
-from .datatypes import is_real, type_name, value_range
+from .datatypes import STRINGS, bit_length, is_real, parse_type, type_name, value_range
 from .errors import ConfigError, UsageError
 from .pdo import Entry, Pdo, Value
 from .problems import AT_ONCE, Problems
 from .profiles import DeviceProfile, Profiles
 
+_NAMED = 4  # entries in one message
 _BITS_MAX = 64  # longest entry that can be a signal in the shared memory
 
 
@@ -210,6 +211,8 @@ def _declared(slave: Slave, entry: Entry, rule: SignalConfig, *, output: bool) -
             f"to {_BITS_MAX} are signals: remove the table",
         )
     known = replace(entry, name=rule.name or entry.name)
+    if rule.type:
+        known.data_type = _typed(slave, entry, rule)
     if rule.is_scaled:  # the profile gives its limits in its own unit
         known = replace(rule.scaled(known), minimum=None, maximum=None)
     if rule.values:
@@ -221,6 +224,68 @@ def _declared(slave: Slave, entry: Entry, rule: SignalConfig, *, output: bool) -
     limit = "minimum" if rule.maximum is None else "maximum"
     _check_limits(known, f"{rule.table.where(limit)}: {entry.address} of {slave.label}")
     return known
+
+
+def _typed(slave: Slave, entry: Entry, rule: SignalConfig) -> int:
+    kind = parse_type(rule.type or "")
+    size, bits = bit_length(kind), entry.bit_length
+    if size != bits if is_real(kind) else size < bits:
+        rule.table.fail(
+            "type",
+            f"{entry.address} of {slave.label} has {bits} bits, but {type_name(kind)} has {size}: "
+            f"choose a type of {bits} bits",
+        )
+    return kind
+
+
+def untold_types(
+    slave: Slave,
+    guessed: Collection[tuple[int, int]],
+    configured: Collection[tuple[int, int]] = (),
+) -> list[str]:
+    """Says which entries have a type that nobody tells, or one that their bits cannot have.
+
+    Args:
+        slave: The slave, before `give_meanings`.
+        guessed: Index and subindex of entries whose type nobody tells.
+        configured: Those of entries whose type the configuration tells.
+    """
+    entries = [
+        entry
+        for pdo in (*slave.outputs, *slave.inputs)
+        for entry in pdo.entries
+        if not entry.is_gap
+        and 1 < entry.bit_length <= _BITS_MAX
+        and (entry.index, entry.subindex) not in configured
+    ]
+    unknown = [e.address for e in entries if (e.index, e.subindex) in guessed]
+    odd = [
+        f"{e.address} is {type_name(e.data_type)}, but has {e.bit_length} bits"
+        for e in entries
+        if (e.index, e.subindex) not in guessed
+        and (
+            e.data_type in STRINGS
+            or (is_real(e.data_type) and bit_length(e.data_type) != e.bit_length)
+        )
+    ]
+    remedy = (
+        'write type, such as "int16", into a [[signal]] table, or have `ecatctl config init --esi '
+        "FILE` write it"
+    )
+    texts = []
+    if unknown:
+        texts.append(
+            f"{slave.label} does not tell the type of {_some(unknown)}, so unsigned numbers are "
+            f"read: if they are others, {remedy}"
+        )
+    if odd:
+        texts.append(f"{slave.label}: {_some(odd)}, so unsigned numbers are read: {remedy}")
+    return texts
+
+
+def _some(texts: list[str]) -> str:
+    more = len(texts) - _NAMED
+    return ", ".join(texts[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _check_limits(entry: Entry, where: str) -> None:

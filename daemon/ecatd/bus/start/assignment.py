@@ -46,6 +46,9 @@ class Assignment:
         sii: Its SII.
         coe: CoE of the slave.
         settings: Its table in the configuration.
+
+    Attributes:
+        guessed: Index and subindex of the entries whose type nobody tells, once they are read.
     """
 
     def __init__(self, slave: Slave, sii: Sii, coe: Coe, settings: SlaveConfig) -> None:
@@ -54,6 +57,7 @@ class Assignment:
         self._coe = coe
         self._settings = settings
         self._lists = ValueLists(coe, slave.label, sii)
+        self.guessed: set[tuple[int, int]] = set()
         self._describes = True  # until the SDO information service has failed once
         self._tries = 3 if sii.coe & INFORMATION else 1
 
@@ -188,9 +192,11 @@ class Assignment:
             nameless = [pdo.index for pdo in pdos if not pdo_names.get(pdo.index)]
             pdo_names |= yield from self._object_names(nameless)
         for entry in entries:
-            entry.name, entry.data_type = known.get(
-                (entry.index, entry.subindex), ("", type_by_size(entry.bit_length))
-            )
+            address = entry.index, entry.subindex
+            entry.name, entry.data_type = known.get(address, ("", 0))
+            if not entry.data_type:
+                entry.data_type = type_by_size(entry.bit_length)
+                self.guessed.add(address)
         for pdo in pdos:
             pdo.name = pdo_names.get(pdo.index, "")
 

@@ -16,6 +16,7 @@ from ecatd.coroutine_steps import Steps
 from ecatd.model.applied.believed import Believed, Told, believe
 from ecatd.model.bus import Slave
 from ecatd.model.config import Config, SlaveConfig
+from ecatd.model.datatypes import type_by_size
 from ecatd.model.doubts import STUCK
 from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.model.pdo import Pdo
@@ -68,6 +69,7 @@ class Scanned:
         notes: Sentences about what is wrong with its process data, and how it is taken.
         settled: Sentences about witnesses that differ where it is clear which one is right, and
             about a slave that describes its PDOs nowhere.
+        guessed: Index and subindex of the entries whose type nobody tells.
         read_at: When its SII was read, in Unix seconds; None if it has never been there.
         known: Whether its SII is known; false for a slave that has been absent since the start.
     """
@@ -83,6 +85,7 @@ class Scanned:
     why: str = ""
     notes: list[str] = field(default_factory=list)
     settled: list[str] = field(default_factory=list)
+    guessed: set[tuple[int, int]] = field(default_factory=set)
     read_at: float | None = None
     known: bool = True
 
@@ -203,8 +206,10 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
             item.refused = yield from talk
         if not item.speaks:
             return
-        found = yield from describer(item, coe).read()
+        reader = describer(item, coe)
+        found = yield from reader.read()
         take_believed(item, found)
+        item.guessed = reader.guessed
         if not item.doubt:
             item.refused = [*item.refused, *warn_of_none(item.slave, item.sii, item.settings)]
             item.settled += tell_of_none(item.slave, item.sii, item.settings)
@@ -230,6 +235,11 @@ def take_pdos_from_sii(item: Scanned) -> None:
     slave.outputs, slave.inputs = _default(sii.outputs), _default(sii.inputs)
     choose_from_sii(slave, sii, item.settings)
     take_believed(item, believe(slave, sii, item.settings, Told(slave.outputs, slave.inputs)))
+    for pdo in (*slave.outputs, *slave.inputs):
+        for entry in pdo.entries:
+            if not entry.is_gap and not entry.data_type:
+                entry.data_type = type_by_size(entry.bit_length)
+                item.guessed.add((entry.index, entry.subindex))
 
 
 def take_believed(item: Scanned, found: Believed) -> None:

@@ -13,7 +13,7 @@ from ecatd.model.bus import Bus, Slave
 from ecatd.model.config import Config
 from ecatd.model.doubts import STUCK
 from ecatd.model.errors import StateError, UnreachableError
-from ecatd.model.meanings import raw_parameters
+from ecatd.model.meanings import raw_parameters, untold_types
 from ecatd.model.profiles import Profiles, load_profiles
 from ecatd.model.sii import Sii
 from ecatd.paths import profile_folders
@@ -116,6 +116,11 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
         for text in item.settled:
             log.info(text)
         tell_emergencies(mailbox_log, [(item.slave, *emergency) for emergency in item.emergencies])
+    said = {(rule.slave, rule.address) for rule in found.config.signal if rule.type}
+    for item in found.scanned:
+        configured = {address for at, address in said if at == item.slave.position}
+        for text in untold_types(item.slave, item.guessed, configured) if not item.doubt else ():
+            log.info(text)
     patience = found.config.state_patience
     with_sync = {item.slave for item in found.config.dc.slave}
     dispensable = {

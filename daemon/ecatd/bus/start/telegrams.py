@@ -58,6 +58,7 @@ class Telegrams:
         self._sii = sii
         self._coe = coe
         self._settings = settings
+        self.guessed: set[tuple[int, int]] = set()  # attributes tell all types
         self._known: dict[tuple[int, int], IdnValue] = {}
 
     def read(self) -> Talk[Believed]:

@@ -115,7 +115,12 @@ def _with_limits(before: Config, wanted: Config) -> list[tuple[SignalConfig, tup
     for number in there.values():
         new = wanted.signal[number]
         limits = SignalConfig(new.slave, new.entry, minimum=new.minimum, maximum=new.maximum)
-        if same_bus and not new.is_scaled and (new.minimum, new.maximum) != (None, None):
+        if (
+            same_bus
+            and not new.type
+            and not new.is_scaled
+            and (new.minimum, new.maximum) != (None, None)
+        ):
             rules.append((limits, (True, number)))
     return rules
 
@@ -129,7 +134,7 @@ def _expected(config: Config) -> list[tuple[object, ...]]:
 
 
 def _meaning(rule: SignalConfig) -> tuple[object, ...]:
-    return rule.unit, rule.scale, rule.offset
+    return rule.type, rule.unit, rule.scale, rule.offset
 
 
 def _by_number(origins: Mapping[str, str]) -> dict[int, dict[str, str]]:

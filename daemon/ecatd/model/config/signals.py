@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 from ..addresses import address_text, parse_address
+from ..datatypes import bit_length, parse_type
 from ..pdo import Entry, Value
 from ..toml_file import Key, Rules, Table, accepts, number, printable, show
 from .placed import Placed, read, rules_of
@@ -55,6 +56,14 @@ def read_values(table: Table, key: Key) -> list[Value]:
     return [values[number] for number in sorted(values)]
 
 
+@accepts("a number type with a fixed length")
+def _type(table: Table, key: Key) -> str:
+    name = table.text(key)
+    if not bit_length(table.explain(key, lambda: parse_type(name))):
+        table.fail(key, f'\'{name}\' is no number: write one such as "int16" or "real"')
+    return name
+
+
 @accepts(_VALUES)
 def _names(table: Table, key: Key) -> dict[str, str]:
     return {str(value.number): value.name for value in read_values(table, key)}
@@ -79,6 +88,8 @@ class SignalConfig(Placed):
         maximum: Largest physical value that an output may get. Default: from the profile, else the
             limit of the type.
         values: What the numbers stand for. Default: from the profile, else nothing.
+        type: Data type of the raw value, such as `"int16"`. Default: from the slave; if it tells
+            none, an unsigned number.
     """
 
     slave: Annotated[int, slave_reference]
@@ -90,6 +101,7 @@ class SignalConfig(Placed):
     minimum: Annotated[float | None, number()] = None
     maximum: Annotated[float | None, number()] = None
     values: Annotated[dict[str, str], _names] = field(default_factory=dict)
+    type: Annotated[str | None, _type] = None
 
     @property
     def address(self) -> tuple[int, int]:
@@ -139,6 +151,8 @@ def check_limits(table: Table) -> None:
 
 
 MEANING: Rules = {
-    key: rule for key, rule in rules_of(SignalConfig).items() if key not in ("slave", "entry")
+    key: rule
+    for key, rule in rules_of(SignalConfig).items()
+    if key not in ("slave", "entry", "type")
 } | {"values": read_values}
 """The keys about an entry that `[[signal]]` and device profiles have in common."""
