@@ -20,7 +20,6 @@ from ecatd.model.datatypes import (
 from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.model.pdo import Entry, Pdo
 from ecatd.model.quoting import printable, toml_string
-from ecatd.model.wire_text import decode_text, encode_text
 
 from ..capture import CapturedSlave, Upload, topology
 from ..chip import Chip, from_registers
@@ -204,9 +203,7 @@ def _value(entry: DictionaryEntry, data: bytes) -> str:
     except Exception:  # the length does not fit the type
         return raw
     if kind == DataType.VISIBLE_STRING and 8 * len(data) <= bits:
-        text = decode_text(data)
-        same_bytes = encode_text(text) == data.rstrip(b"\0")
-        return f"value = {toml_string(text)}" if same_bytes else raw
+        return f"value = {toml_string(str(value))}" if same else raw
     if kind == DataType.OCTET_STRING and 8 * len(data) <= bits:
         return f'value = "{data.hex(" ")}"'
     if not same or not bit_length(kind):
