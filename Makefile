@@ -104,7 +104,7 @@ test: $(VENV)/.test
 
 test-all: test test-long
 
-# LEFT_OUT: folders of tests that do not run.
+# LEFT_OUT: files and folders of tests that do not run.
 test-long: $(VENV)/.test
 	$(call run_tests,long,,-m "long and not system" $(addprefix --ignore=,$(LEFT_OUT)))
 	@if [ "$$(id -u)" = 0 ]; then echo "The first steps, as an ordinary user:"; fi

@@ -156,6 +156,7 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "slave": SLAVES,
         "entry": ENTRIES,
         "name": ['"speed"'],
+        "type": ['"int16"', '"real32"'],
         "unit": ['"rpm"'],
         "scale": ["-0.5", "2"],
         "offset": ["1e3"],
