@@ -36,6 +36,13 @@ def mtu(interface, size=""):
             print(struct.unpack("16xi12x", answer)[0])
 
 
+def bridge(interface, name):
+    """Makes a bridge, and an interface a part of it."""
+    subprocess.run(["ip", "link", "add", name, "type", "bridge"], check=True)
+    subprocess.run(["ip", "link", "set", interface, "master", name], check=True)
+    subprocess.run(["ip", "link", "set", name, "up"], check=True)
+
+
 def is_on(interface):
     """Whether it is switched on."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
@@ -192,5 +199,18 @@ HTTPServer(("{address}", 80), Handler).handle_request()
 
 if __name__ == "__main__":
     namespace.join(int(sys.argv[1]))
-    commands = (switch, mtu, delete, make, send, replay, echo, fetch, soem, soem_scan, kickcat_scan)
+    commands = (
+        switch,
+        mtu,
+        bridge,
+        delete,
+        make,
+        send,
+        replay,
+        echo,
+        fetch,
+        soem,
+        soem_scan,
+        kickcat_scan,
+    )
     {command.__name__: command for command in commands}[sys.argv[2]](*sys.argv[3:])

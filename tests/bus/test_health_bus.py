@@ -222,6 +222,22 @@ def test_a_ring_with_one_interface_or_exchanged_ones(
     assert "cable" not in log
 
 
+def test_a_bridge_is_no_end_of_a_ring(
+    segment: Callable[..., Segment], start_daemon: Callable[..., Daemon]
+) -> None:
+    wire = segment("troll")
+    command = [sys.executable, str(INSIDE), str(wire.pid), "bridge", MASTER, "br0"]
+    if subprocess.run(command, check=False).returncode:
+        pytest.skip("this kernel makes no bridge")
+    config = "[gateway]\nlisten = []\n"
+    daemon = start_daemon("", "--interface", MASTER, ready=False, config=config, preexec=wire.join)
+    status, log = daemon.wait_end()
+    assert status != 0
+    names(log, f"{MASTER} is a part of br0", f"`ip link set {MASTER} nomaster`")
+    assert "ring" not in log
+    assert "cable" not in log
+
+
 def test_an_mtu_that_is_too_small_at_the_start_is_raised_until_the_end(
     segment: Callable[..., Segment], start_daemon: Callable[..., Daemon]
 ) -> None:

@@ -105,6 +105,11 @@ def test_telegrams_are_process_data_and_the_axes_turn(
         assert client.signal(1, SPEED, 0).value == pytest.approx(300, rel=0.1)
         (limited,) = daemon.ctl_json("soe-read", "1", "S-0-0040", "--drive", "1")["idns"]
         assert limited["value"] == pytest.approx(200, rel=0.1)
+        (speed,) = daemon.ctl_json("soe-read", "1", "S-0-0040")["idns"]
+        assert speed["value"] == pytest.approx(300, rel=0.1)
+        (elsewhere,) = daemon.ctl_json("soe-read", "1", "S-0-0047")["idns"]  # in no telegram
+        assert elsewhere["value"] == 0
+        assert elsewhere["data"] == "00000000"
         # It forgets its telegrams without power, and gets them again.
         simulator.faults.power_off(1)
         wait_for(lambda: "no answer" in str(daemon.slave_rows()), daemon)

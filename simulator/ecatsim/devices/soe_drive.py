@@ -165,6 +165,7 @@ class SoeDrive(Device):
             for idn, (name, kind, _) in known.items():
                 if idn not in self.dictionary:
                     self.dictionary.record(idn, name, [], code=ObjectCode.RECORD)
+                    del self.dictionary.object(idn).entries[0]  # of CoE; here it is drive 0
                 entries = self.dictionary.object(idn).entries
                 for number in range(len(self.axes)):
                     entries.setdefault(

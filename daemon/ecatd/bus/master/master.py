@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from ecatd import shm
 from ecatd.coroutine_steps import Steps, finish
-from ecatd.interface_state import read_interfaces, remarks
+from ecatd.interface_state import InterfaceState, read_interfaces, remarks
 from ecatd.log import Log
 from ecatd.model.al import AlState
 from ecatd.model.errors import StateError, UnreachableError
@@ -401,6 +401,9 @@ def _why_none(interfaces: Sequence[str]) -> str:
     first = interfaces[0]
     where = " and ".join(f"'{name}'" for name in interfaces)
     none = f"no EtherCAT slave answers on {where} within {FIRST_ANSWER}"
+    states = read_interfaces(interfaces)
+    if any(state.master for state in states):  # it takes the frames that come back
+        return f"{none}: {_said(states)}"
     end = find_other_end(first) if len(interfaces) == 1 else None
     if end is not None and end.slaves:
         return (
@@ -415,12 +418,16 @@ def _why_none(interfaces: Sequence[str]) -> str:
             f'end of a ring: then write interface = "{end.interface}" and second_interface = '
             f'"{first}"'
         )
-    said = "; ".join(str(item) for state in read_interfaces(interfaces) for item in remarks(state))
+    said = _said(states)
     more = f" ({said})" if said else ""
     return (
         f"{none}: check cable and power of the first slave, and that this is the right interface"
         f"{more}"
     )
+
+
+def _said(states: Sequence[InterfaceState]) -> str:
+    return "; ".join(str(item) for state in states for item in remarks(state))
 
 
 def _check_direction(interfaces: Sequence[str]) -> None:
