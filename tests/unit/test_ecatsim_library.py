@@ -94,6 +94,21 @@ def test_the_revision_of_an_island_follows_its_slots_and_not_its_modules():
     assert make("ModularIO", slots=9).revision != make("ModularIO", slots=10).revision != 1
 
 
+def test_devices_of_one_identity_have_the_same_eeprom():
+    """Of each device with a parameter: the EEPROM with another value of it."""
+    numbers = [
+        (item.name, parameter.name, parameter.default)
+        for item in library()
+        for parameter in item.parameters
+        if type(parameter.default) is int and not parameter.choices
+    ]
+    assert ("SoeDrive", "axes", 1) in numbers
+    for device, parameter, default in numbers:
+        usual, other = make(device), make(device, **{parameter: default + 1})
+        same = usual.sii_image() == other.sii_image()
+        assert same or usual.revision != other.revision, (device, parameter)
+
+
 def test_the_command_lists_all_devices(capsys):
     assert main(["devices"]) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -20,7 +20,7 @@ from ..slave.sii import DcMode, Mailbox
 from ..slave.soe import Idn
 from ..slave.state_machine import AlCode, RefusedError
 from ..slave.telegrams import list_all, telegram_idns
-from .parameters import Parameter
+from .parameters import Parameter, revision_of
 
 _U16, _I16, _I32 = DataType.UNSIGNED16, DataType.INTEGER16, DataType.INTEGER32
 _MODE, _LIMIT, _RESOLUTION = 32, 91, 79
@@ -119,6 +119,7 @@ class SoeDrive(Device):
     def __init__(
         self, axes: int = 1, encoder: int = 1 << 20, inertia: float = 2.5e-4, seed: int = 1
     ) -> None:
+        self.revision = revision_of(self.parameters[:1], axes)
         data = MotorData(encoder=encoder, inertia=inertia)
         self.axes = [_Axis(self, number, Motor(data, seed + number)) for number in range(axes)]
         self.rx_pdos = tuple(
