@@ -139,6 +139,8 @@ def test_a_claim_after_a_lapse_holds_what_an_older_one_has_lost(troll: Daemon) -
         assert not bus.output(output).owned
         with pytest.raises(UsageError, match=naming("empty")):
             bus.claim([])
+        with pytest.raises(TypeError):  # a second output is no lease
+            bus.claim(output, channel(bus, 1)[0])  # type: ignore[misc]
 
 
 def test_who_does_not_sample_loses_the_outputs(troll: Daemon) -> None:

@@ -108,8 +108,9 @@ def test_what_cannot_be_replaced_is_named(suffix: str) -> None:
     path = SHM / f"{bus.name}{suffix}"
     path.mkdir()
     try:
-        with pytest.raises(EcatError, match=naming(path, "directory")):
+        with pytest.raises(EcatError, match=naming(path, "directory")) as told:
             SharedMemory(bus.name, SHM).fill(bus, lay_out(bus, set()), 1, 1)
+        assert "another user" not in str(told.value)
     finally:
         path.rmdir()
         (SHM / bus.name).unlink(missing_ok=True)

@@ -346,7 +346,9 @@ class Client:
 
     # --- outputs ----------------------------------------------------------------------------------
 
-    def claim(self, what: int | str | Signal | Iterable[str | Signal], lease: float = 0.0) -> Claim:
+    def claim(
+        self, what: int | str | Signal | Iterable[str | Signal], *, lease: float = 0.0
+    ) -> Claim:
         """Makes this client the owner of outputs until `Claim.release`, or the end of a `with`.
 
         They stay at their safe values until they are written and committed.

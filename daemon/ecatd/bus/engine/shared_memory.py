@@ -224,6 +224,8 @@ class SharedMemory:
             old = os.open(self.path, os.O_RDWR | flags)
         except FileNotFoundError:
             return
+        except IsADirectoryError:
+            raise  # `_explained` says it
         except OSError as error:
             raise NotPermittedError(
                 f"{self.path} belongs to another user and cannot be replaced ({error.strerror}); "

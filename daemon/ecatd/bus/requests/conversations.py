@@ -182,7 +182,8 @@ async def _patiently(called: asyncio.Event, slave: Slave) -> None:
 def silent(slave: Slave) -> NoAnswerError:
     """The error for a slave that does not answer."""
     return NoAnswerError(
-        f"{slave.label} does not answer: it is switched off, or a cable before it is broken"
+        f"{slave.label} does not answer: it is switched off or exchanged, or a cable before it is "
+        f"broken; `ecatctl check` says more"
     )
 
 
