@@ -179,15 +179,16 @@ def test_r42_the_bus_starts(machine: Machine, drive: str) -> None:
 
 
 def test_the_service_misses_nothing(machine: Machine) -> None:
-    """With the rights of its unit, the service has all that it wants, and warns of nothing."""
+    """With the rights of its unit, the service has all that it wants, and warns of nothing else."""
     settings = json.loads(machine.text("ecatctl info --json"))["settings"]
     assert settings
     assert not [row for row in settings if row["wanted"] and not row["granted"]]
     text = machine.text("journalctl -q -u ecatd -p warning -o json --no-pager")
     told = [json.loads(line) for line in text.splitlines()]
-    (first, *others) = [x["MESSAGE"] for x in told if x.get("ECAT_EVENT") not in LATE]
-    assert "[eoe]" in first, "the rig has no slave with EoE, and the configuration asks for it"
-    assert not others
+    lines = [x["MESSAGE"] for x in told if x.get("ECAT_EVENT") not in LATE]
+    assert any("[eoe]" in line for line in lines), "the rig has no slave with EoE"
+    fast = "works at 1000 Mbit/s"  # as the cards of QEMU do, and no slave
+    assert not [line for line in lines if "[eoe]" not in line and fast not in line]
 
 
 def test_r31_who_may_use_the_bus(machine: Machine) -> None:
