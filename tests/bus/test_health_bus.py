@@ -222,19 +222,30 @@ def test_a_ring_with_one_interface_or_exchanged_ones(
     assert "cable" not in log
 
 
+@pytest.mark.parametrize(
+    ("more", "port", "tokens"),
+    [
+        ((), MASTER, (f"{MASTER} is a part of br0", f"`ip link set {MASTER} nomaster`")),
+        (("--ring",), SECOND, ("come out at br0", "this bridge", "`ip link set PORT nomaster`")),
+    ],
+)
 def test_a_bridge_is_no_end_of_a_ring(
-    segment: Callable[..., Segment], start_daemon: Callable[..., Daemon]
+    segment: Callable[..., Segment],
+    start_daemon: Callable[..., Daemon],
+    more: tuple[str, ...],
+    port: str,
+    tokens: tuple[str, ...],
 ) -> None:
-    wire = segment("troll")
-    command = [sys.executable, str(INSIDE), str(wire.pid), "bridge", MASTER, "br0"]
+    wire = segment("troll", *more)
+    command = [sys.executable, str(INSIDE), str(wire.pid), "bridge", port, "br0"]
     if subprocess.run(command, check=False).returncode:
         pytest.skip("this kernel makes no bridge")
     config = "[gateway]\nlisten = []\n"
     daemon = start_daemon("", "--interface", MASTER, ready=False, config=config, preexec=wire.join)
     status, log = daemon.wait_end()
     assert status != 0
-    names(log, f"{MASTER} is a part of br0", f"`ip link set {MASTER} nomaster`")
-    assert "ring" not in log
+    names(log, *tokens)
+    assert 'second_interface = "br0"' not in log
     assert "cable" not in log
 
 

@@ -406,10 +406,17 @@ def _why_none(interfaces: Sequence[str]) -> str:
         return f"{none}: {_said(states)}"
     end = find_other_end(first) if len(interfaces) == 1 else None
     if end is not None and end.slaves:
+        # A bridge takes what its ports receive: one of them is the end.
+        bridge = any(state.kind == "bridge" for state in read_interfaces([end.interface]))
+        remedy = (
+            "take the port with the slaves out of this bridge (`ip link set PORT nomaster`), and "
+            "write it as second_interface"
+            if bridge
+            else f'write second_interface = "{end.interface}"'
+        )
         return (
             f"{none}, because the slaves form a ring: frames that are sent on {first} pass "
-            f"{end.slaves} slaves and come out at {end.interface}: write second_interface = "
-            f'"{end.interface}", or unplug one end'
+            f"{end.slaves} slaves and come out at {end.interface}: {remedy}, or unplug one end"
         )
     if end is not None:
         return (
