@@ -20,6 +20,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 _RPM = 30 / math.pi  # revolutions per minute at 1 rad/s
+_TURNS, _RESTS = 100, 10  # revolutions per minute
+_SOME = 0.2  # seconds
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,13 @@ def plot(result: Result, picture: Path) -> None:
     plt.close(figure)
 
 
+def seconds_at_rest(result: Result) -> float:
+    """How long the motor does not turn although the reference does."""
+    pairs = zip(result.reference, result.speed, strict=True)
+    at_rest = sum(abs(reference) > _TURNS and abs(speed) < _RESTS for reference, speed in pairs)
+    return at_rest / len(result.time) * (result.time[-1] - result.time[0]) if at_rest else 0.0
+
+
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description="Plots the result of the experiment.")
@@ -84,7 +93,14 @@ def main() -> None:
         "picture", type=Path, nargs="?", default=Path("figure9.png"), help="picture to write"
     )
     options = parser.parse_args()
-    plot(read(options.result), options.picture)
+    result = read(options.result)
+    plot(result, options.picture)
+    if (lost := seconds_at_rest(result)) > _SOME:
+        print(
+            f"The motor stands still for {lost:.1f} s of its movement: ecatd lost the drive, on a "
+            "simulated bus because other programs took the processor, and a drive starts again "
+            "only after a new edge of `enable`. Repeat the experiment while the machine is idle."
+        )
 
 
 if __name__ == "__main__":

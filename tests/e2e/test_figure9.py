@@ -198,3 +198,16 @@ def test_the_demo_uses_openmodelica_where_it_is(tmp_path: Path) -> None:
     )
     assert result.returncode == 0, result.stdout + result.stderr
     assert "TrollPlant.Examples.PointToPointMovement, with " in result.stdout
+
+
+def test_a_plot_says_that_the_motor_was_lost(tmp_path: Path) -> None:
+    record = tmp_path / "record.csv"
+    rows = (f"{n / 100},60,{60 if n < 40 else 0},0" for n in range(101))
+    record.write_text("\n".join(["time,w_ref,w_m,i_m", *rows]) + "\n")
+    result = subprocess.run(
+        [sys.executable, FIGURE9 / "plot.py", record, tmp_path / "x.png"],
+        text=True,
+        capture_output=True,
+        check=True,
+    )
+    names(result.stdout, "stands still", "0.6 s", "`enable`")
