@@ -15,6 +15,13 @@ from ecatd.model.health import look_at
 LIMIT = 0.01
 
 
+def test_failures_of_several_kinds_can_spoil_all_exchanges() -> None:
+    assert Counts(100, wrong=97, lost=3, late=3).none_succeeds
+    assert not Counts(100, wrong=97, lost=2, late=2).none_succeeds
+    assert Counts(10, lost=4, unsent=6).none_succeeds
+    assert not Counts().none_succeeds
+
+
 def test_a_window_forgets_what_is_older() -> None:
     window = Window(Counts(), 0.0)
     assert window.add(Counts(100, lost=50), 1.0, 5.0) == (Counts(100, lost=50), 1.0)
@@ -60,7 +67,7 @@ def row(position: int, state: int = AlState.OP) -> dict[str, Any]:
 
 def test_a_fault_of_the_interface_is_none_of_slaves() -> None:
     link = Fault("link", "eth1: no carrier", interface="eth1", blinds=True)
-    lost = Fault(LOST, "domain 0: nothing comes back", domain=0, share=1.0)
+    lost = Fault(LOST, "domain 0: nothing comes back", domain=0, share=1.0, none_succeeds=True)
     faults = [fault.to_map() for fault in (link, lost)]
     found = look_at({"slaves": [row(0, 0), row(1, 0)], "faults": faults})
     assert found.problems == ["eth1: no carrier"]
@@ -69,7 +76,9 @@ def test_a_fault_of_the_interface_is_none_of_slaves() -> None:
 
 
 def test_a_slave_that_is_not_well_explains_the_counter_and_another_does_not() -> None:
-    wrong = Fault(WORKING_COUNTER, "domain 1: wrong", domain=1, share=1.0, slaves=(1,))
+    wrong = Fault(
+        WORKING_COUNTER, "domain 1: wrong", domain=1, share=1.0, none_succeeds=True, slaves=(1,)
+    )
     reply = {"slaves": [row(0), row(1, 0)], "faults": [wrong.to_map()]}
     (text,) = look_at(reply).problems
     names(text, "slave 1 (EL1)", "no answer", "domain 1", "wrong working counter")
@@ -77,7 +86,7 @@ def test_a_slave_that_is_not_well_explains_the_counter_and_another_does_not() ->
     in_op = look_at({"slaves": [row(0), row(1)], "faults": [wrong.to_map()]})
     assert in_op.problems == ["domain 1: wrong"]
     assert in_op.is_down, "no exchange succeeds, whatever the slaves say"
-    half = replace(wrong, share=0.5).to_map()
+    half = replace(wrong, share=0.5, none_succeeds=False).to_map()
     assert not look_at({"slaves": [row(0), row(1)], "faults": [half]}).is_down
 
 

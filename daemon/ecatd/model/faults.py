@@ -23,6 +23,7 @@ class Fault:
         domain: Number of the domain; None if it is not about one.
         interface: Name of the interface; empty if it is not about one.
         share: Share of the exchanges that it spoils, 0 to 1.
+        none_succeeds: Whether no exchange succeeds while it is so, whatever spoils the others.
         slaves: Positions of the slaves that explain it.
         blinds: Whether no frame can come back because of it, so that nothing is known of slaves.
     """
@@ -33,13 +34,14 @@ class Fault:
     domain: int | None = None
     interface: str = ""
     share: float = 0.0
+    none_succeeds: bool = False
     slaves: tuple[int, ...] = ()
     blinds: bool = False
 
     @property
     def stops(self) -> bool:
         """Whether no exchange succeeds because of it."""
-        return self.blinds or self.share >= 1.0
+        return self.blinds or self.none_succeeds
 
     def to_map(self) -> dict[str, Any]:
         """The fault as the bus server tells it."""

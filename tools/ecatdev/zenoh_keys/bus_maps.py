@@ -112,6 +112,7 @@ class Fault(TypedDict):
         domain: Number of the domain; None if it is not about one.
         interface: Name of the interface; empty if it is not about one.
         share: Share of the exchanges that it spoils, 0 to 1.
+        none_succeeds: Whether no exchange succeeds while it is so, whatever spoils the others.
         slaves: Positions of the slaves that explain it.
         blinds: Whether no frame can come back because of it.
     """
@@ -122,6 +123,7 @@ class Fault(TypedDict):
     domain: int | None
     interface: str
     share: float
+    none_succeeds: bool
     slaves: list[int]
     blinds: bool
 

@@ -68,6 +68,11 @@ class Counts:
             return max(0, self.lost - self.late)
         return {WORKING_COUNTER: self.wrong, LATE: self.late, UNSENT: self.unsent}[kind]
 
+    @property
+    def none_succeeds(self) -> bool:
+        """Whether failures of all kinds together have spoilt all exchanges."""
+        return 0 < self.exchanges <= self.wrong + self.lost + self.unsent
+
     def share(self, kind: str) -> float:
         """Share of the exchanges that failures of one kind have spoilt, 0 to 1."""
         return min(1.0, self.of(kind) / self.exchanges) if self.exchanges else 0.0
@@ -258,6 +263,7 @@ class ExchangeWatch:
             known.since,
             None if domain is None else domain.number,
             share=round(counts.share(kind), 6),
+            none_succeeds=counts.none_succeeds,
             slaves=known.slaves,
         )
         now = time.monotonic()
