@@ -25,7 +25,7 @@ PROCESSES = ("main", "ecatd.bus", "ecatd.gateway")
 PRUNED = ("/files", "/tmp", "/var/log", "/run/systemd", "/run/udev")
 """Folders in which others may keep names of ecatd: the tests, the journal, systemd, udev."""
 START_LIMIT_S = 15
-LATE = ("disturbance", "al_state", "recovery")
+LATE = ("disturbance", "al_state", "recovery", "exchange")
 """Events that a slow processor causes: the emulated one stands still at times."""
 FIGURES: list[tuple[str, str]] = []
 """What was measured, printed at the end."""
@@ -43,6 +43,11 @@ listen = []
 [eoe]
 interface = "eoe0"
 address = "192.168.7.1/24"
+
+[health]
+wrong_counters = 1.0
+lost = 1.0
+late = 1.0
 
 [[outputs.safe]]
 slave = 0
