@@ -16,9 +16,13 @@ LIMIT = 0.01
 
 
 def test_failures_of_several_kinds_can_spoil_all_exchanges() -> None:
-    assert Counts(100, wrong=97, lost=3, late=3).none_succeeds
-    assert not Counts(100, wrong=97, lost=2, late=2).none_succeeds
-    assert Counts(10, lost=4, unsent=6).none_succeeds
+    assert Counts(100, wrong=97, lost=3, late=3, failed=100).none_succeeds
+    assert not Counts(100, wrong=97, lost=2, late=2, failed=99).none_succeeds
+    both = Counts(
+        100, lost=100, failed=50
+    )  # two frames in an exchange, both lost in every other one
+    assert both.share(LOST) == 1.0
+    assert not both.none_succeeds
     assert not Counts().none_succeeds
 
 

@@ -50,6 +50,7 @@ class Counts:
         lost: Frames that did not come back in time.
         late: Frames that came back too late; they are part of `lost`.
         unsent: Frames that could not be sent.
+        failed: Exchanges that have failed, for any of these reasons or several.
     """
 
     exchanges: int = 0
@@ -57,6 +58,7 @@ class Counts:
     lost: int = 0
     late: int = 0
     unsent: int = 0
+    failed: int = 0
 
     def __sub__(self, other: Counts) -> Counts:
         pairs = zip(astuple(self), astuple(other), strict=True)
@@ -70,8 +72,8 @@ class Counts:
 
     @property
     def none_succeeds(self) -> bool:
-        """Whether failures of all kinds together have spoilt all exchanges."""
-        return 0 < self.exchanges <= self.wrong + self.lost + self.unsent
+        """Whether all exchanges have failed."""
+        return 0 < self.exchanges <= self.failed
 
     def share(self, kind: str) -> float:
         """Share of the exchanges that failures of one kind have spoilt, 0 to 1."""
@@ -224,9 +226,10 @@ class ExchangeWatch:
             # With two interfaces a frame that one of them does not take leaves by the other one.
             one = len(self._running.interfaces) == 1
             unsent = health.send_errors if one else 0
-            return Counts(health.cycles, 0, health.lost, health.late, unsent)
+            failed = health.lost + unsent  # one frame in a cycle, which looks for slaves
+            return Counts(health.cycles, 0, health.lost, health.late, unsent, failed)
         row = self._shared.domain_status[domain.number]
-        return Counts(row.exchanges, row.wkc_wrong, row.lost, row.late, row.unsent)
+        return Counts(row.exchanges, row.wkc_wrong, row.lost, row.late, row.unsent, row.wkc_bad)
 
     async def _judge(
         self,
