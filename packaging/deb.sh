@@ -19,19 +19,12 @@ ecatd ($version) unstable; urgency=medium
 
  -- the ecatd authors <ecatd@packages.invalid>  $(git log -1 --format=%cD 2>/dev/null || date -R)
 C
-# Where Debian's packages come from is the same as for this machine.
-sources=$(ls /etc/apt/sources.list.d/debian.sources 2>/dev/null || echo /etc/apt/sources.list)
-options=()
-for file in /etc/apt/apt.conf.d/*; do
-  if grep -qiE 'proxy|Acquire|Verify' "$file"; then options+=("--aptopt=$file"); fi
-done
-mmdebstrap --quiet --variant=apt "${options[@]}" \
+packaging/mmdebstrap.sh bookworm /dev/null --variant=apt \
   --include=build-essential,debhelper,lintian,cmake,python3,python3-pip \
   --customize-hook="copy-in $source /" \
   --customize-hook="chroot \"\$1\" sh -euc 'cd /ecatd-$version && dpkg-buildpackage -b -us -uc >/log 2>&1 || { cat /log; exit 1; }'" \
   --customize-hook="chroot \"\$1\" sh -uc 'cd / && lintian --allow-root --fail-on error --suppress-tags-from-file /ecatd-$version/debian/lintian-tags *.changes'" \
   --customize-hook="mkdir \"\$1/out\" && mv \"\$1\"/*.deb \"\$1/out\"" \
-  --customize-hook="sync-out /out $work/debs" \
-  bookworm /dev/null "$sources"
+  --customize-hook="sync-out /out $work/debs"
 cp "$work"/debs/*.deb "$out"  # mmdebstrap splits the words of a hook, and $out may have a space
 ls -l "$out"/*.deb

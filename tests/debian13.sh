@@ -8,14 +8,7 @@ tree=$(realpath -m "$1")
 if [ ! -e "$tree/complete" ]; then
   rm -rf "$tree"
   mkdir -p "$(dirname "$tree")"
-  # Where Debian's packages come from is the same as for this machine.
-  sources=$(ls /etc/apt/sources.list.d/debian.sources 2>/dev/null || echo /etc/apt/sources.list)
-  options=()
-  for file in /etc/apt/apt.conf.d/*; do
-    if grep -qiE 'proxy|Acquire|Verify' "$file"; then options+=("--aptopt=$file"); fi
-  done
-  sed 's/\b\(bookworm\|stable\|testing\|sid\)\b/trixie/g' "$sources" |
-    mmdebstrap --quiet --variant=apt "${options[@]}" --include=ca-certificates trixie "$tree" -
+  packaging/mmdebstrap.sh trixie "$tree" --variant=apt --include=ca-certificates
   touch "$tree/complete"
 fi
 rm -rf "$tree/checkout"

@@ -24,6 +24,7 @@ from typing import Any, NoReturn, Self
 import pytest
 
 HERE = Path(__file__).parent
+MMDEBSTRAP = HERE.parents[1] / "packaging" / "mmdebstrap.sh"
 PATIENCE_S = 300.0
 EMULATOR_CRASHED = 75
 """Exit status of the tests if QEMU crashed: version 7.2 does so in one boot of some fifteen."""
@@ -50,19 +51,11 @@ def build(folder: Path) -> None:
     work = folder.with_name(folder.name + ".new")
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
-    sources = Path("/etc/apt/sources.list.d/debian.sources")
-    if not sources.exists():
-        sources = Path("/etc/apt/sources.list")
-    options = [
-        f"--aptopt={path}"
-        for path in sorted(Path("/etc/apt/apt.conf.d").iterdir())
-        if any(word in path.read_text().lower() for word in ("proxy", "acquire", "verify"))
-    ]
     root = work / "root"
     subprocess.run(
         [
-            *("mmdebstrap", "--quiet", "--variant=minbase", *options),
-            *("--include=" + ",".join(PACKAGES), "bookworm", str(root), str(sources)),
+            *(str(MMDEBSTRAP), "bookworm", str(root), "--variant=minbase"),
+            "--include=" + ",".join(PACKAGES),
         ],
         check=True,
     )
