@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ecatd.esi import Described, Findings, code, devices_in, fitting, parse_name
+from ecatd.esi import Described, Findings, devices_in, fitting, parse_code, parse_name
 from ecatd.model.config import POSITION_MAX, load_config
 from ecatd.model.config.writer import value_text
 from ecatd.model.errors import ConfigError, UsageError
@@ -192,7 +192,7 @@ def _listed(devices: str) -> Iterator[Wanted]:
 
 def _module(text: str) -> str | int:
     """The type or the ident of a module; `-` for an empty slot."""
-    ident = code(text)
+    ident = parse_code(text)
     return text.removeprefix("-") if ident is None else ident
 
 

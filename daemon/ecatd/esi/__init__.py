@@ -31,8 +31,17 @@ from .device import (
 from .dictionary import EsiEntry, EsiObject
 from .findings import Findings
 from .modules import module_problems, plug
-from .reader import choose, list_devices, read_device
-from .selection import Described, Name, code, devices_in, files_in, fitting, parse_name
+from .reader import list_devices, read_device
+from .selection import (
+    Described,
+    Name,
+    choose,
+    devices_in,
+    files_in,
+    fitting,
+    parse_code,
+    parse_name,
+)
 
 __all__ = [
     "Described",
@@ -49,12 +58,12 @@ __all__ = [
     "Findings",
     "Name",
     "choose",
-    "code",
     "devices_in",
     "files_in",
     "fitting",
     "list_devices",
     "module_problems",
+    "parse_code",
     "parse_name",
     "plug",
     "read_device",

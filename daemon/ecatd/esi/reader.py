@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
@@ -45,7 +45,6 @@ _OUTLINE = (
 )
 """What lists the devices, in small letters: elements in the wrong case are read, and told."""
 _DEVICE_DEPTH = 3
-_LISTED = 12
 _SM_USAGES = {"mboxout": 1, "mboxin": 2, "outputs": 3, "inputs": 4}
 _MODE, _MAILBOX = 0x03, 0x02  # in the control byte of a sync manager
 _VIRTUAL, _IN_OP_ONLY = 0x04, 0x08  # bits of the enable byte in the SII
@@ -114,55 +113,6 @@ def list_devices(path: Path, findings: Findings | None = None) -> list[EsiChoice
     if refused and not choices:
         raise refused[0]
     return choices
-
-
-def choose(
-    choices: Sequence[EsiChoice],
-    path: Path,
-    *,
-    type: str | None = None,
-    product: int | None = None,
-    revision: int | None = None,
-    findings: Findings | None = None,
-) -> EsiChoice:
-    """Finds the only device with a type, product code and revision.
-
-    Args:
-        choices: The devices of the file.
-        path: The file, for messages.
-        type: Name of the type, or None for any.
-        product: Product code, or None for any.
-        revision: Revision number, or None for any.
-        findings: What was left out of the file, which the message has, too.
-
-    Raises:
-        ConfigError: No device fits, or several do; the message lists them.
-    """
-    fitting = [item for item in choices if item.fits(type, product, revision)]
-    if len(fitting) == 1:
-        return fitting[0]
-    if not choices:
-        raise ConfigError(f"{path}: the file describes no devices{_first(findings)}")
-    listed = ", ".join(str(item) for item in (fitting or choices)[:_LISTED])
-    left = len(fitting or choices) - _LISTED
-    listed += f" and {left} more" if left > 0 else ""
-    if fitting:
-        raise ConfigError(
-            f"{path}: {len(fitting)} devices fit: choose one by type, product and revision: "
-            f"{listed}"
-        )
-    wanted = [f"type '{type}'"] if type is not None else []
-    wanted += [f"product 0x{product:08X}"] if product is not None else []
-    wanted += [f"revision 0x{revision:08X}"] if revision is not None else []
-    raise ConfigError(
-        f"{path}: no device has {' and '.join(wanted)}; there are {listed}{_first(findings)}"
-    )
-
-
-def _first(findings: Findings | None) -> str:
-    """The first finding, which may be the reason why a device is not there."""
-    texts = findings.texts if findings else []
-    return f" ({texts[0]})" if texts else ""
 
 
 def read_device(path: Path, choice: EsiChoice, findings: Findings | None = None) -> EsiDevice:

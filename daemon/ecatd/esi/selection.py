@@ -31,9 +31,10 @@ Name = tuple[str | None, int | None, int | None]
 _CODE = re.compile(r"[0#]x[0-9A-Fa-f]{1,8}")
 _NAME = re.compile(r"(.+?)\s*:\s*([0#]x[0-9A-Fa-f]{1,8}|\d{1,10})")
 _U32 = 0xFFFF_FFFF
+_LISTED = 12  # devices in one message
 
 
-def code(text: str) -> int | None:
+def parse_code(text: str) -> int | None:
     """The number that a text such as `0x302` is, or `#x302` as in ESI files; None if it is none."""
     return int(text[2:], 16) if _CODE.fullmatch(text) else None
 
@@ -46,11 +47,11 @@ def parse_name(text: str) -> Name:
     """
     match = _NAME.fullmatch(text.strip())
     name, number = (match[1], match[2]) if match else (text.strip(), None)
-    given = None if number is None else code(number)
+    given = None if number is None else parse_code(number)
     revision = int(number) if number is not None and given is None else given
     if (revision or 0) > _U32:
         raise UsageError(f"'{text}': a revision has 32 bits")
-    product = code(name)
+    product = parse_code(name)
     return None if product is not None else name, product, revision
 
 
@@ -134,3 +135,51 @@ def fitting(
         else:
             kept.append(((path, choice), device))
     return [item for item, _ in kept]
+
+
+def choose(
+    choices: Sequence[EsiChoice],
+    path: Path,
+    *,
+    type: str | None = None,
+    product: int | None = None,
+    revision: int | None = None,
+    findings: Findings | None = None,
+) -> EsiChoice:
+    """Finds the only device with a type, product code and revision.
+
+    Args:
+        choices: The devices of the file.
+        path: The file, for messages.
+        type: Name of the type, or None for any.
+        product: Product code, or None for any.
+        revision: Revision number, or None for any.
+        findings: What was left out of the file, which the message has, too.
+
+    Raises:
+        ConfigError: No device fits, or several do; the message lists them.
+    """
+    found = [item for item in choices if item.fits(type, product, revision)]
+    if len(found) == 1:
+        return found[0]
+    if not choices:
+        raise ConfigError(f"{path}: the file describes no devices{_first(findings)}")
+    listed = ", ".join(str(item) for item in (found or choices)[:_LISTED])
+    left = len(found or choices) - _LISTED
+    listed += f" and {left} more" if left > 0 else ""
+    if found:
+        raise ConfigError(
+            f"{path}: {len(found)} devices fit: choose one by type, product and revision: {listed}"
+        )
+    wanted = [f"type '{type}'"] if type is not None else []
+    wanted += [f"product 0x{product:08X}"] if product is not None else []
+    wanted += [f"revision 0x{revision:08X}"] if revision is not None else []
+    raise ConfigError(
+        f"{path}: no device has {' and '.join(wanted)}; there are {listed}{_first(findings)}"
+    )
+
+
+def _first(findings: Findings | None) -> str:
+    """The first finding, which may be the reason why a device is not there."""
+    texts = findings.texts if findings else []
+    return f" ({texts[0]})" if texts else ""

@@ -17,11 +17,11 @@ from ecatd.esi import (
     Findings,
     Name,
     choose,
-    code,
     devices_in,
     files_in,
     fitting,
     module_problems,
+    parse_code,
     parse_name,
     plug,
     read_device,
@@ -134,7 +134,7 @@ def _choose(
 
 def _number(source: Path, key: str, value: int | str | None, named: int | None) -> int | None:
     """A product code or revision, which the name of the type may say, too."""
-    number = code(value) if isinstance(value, str) else value
+    number = parse_code(value) if isinstance(value, str) else value
     if number is None and value is not None:
         raise ConfigError(f"{source}: {key} is '{value}': a number such as 0x03FA3052 is allowed")
     if number is not None and named is not None and number != named:
@@ -153,7 +153,7 @@ def _idents(esi: EsiDevice, modules: Sequence[str | int]) -> list[int]:
     idents: list[int] = []
     for module in modules:
         found = {item.ident for item in esi.modules if module == item.type}
-        ident = code(module) if isinstance(module, str) and not found else module
+        ident = parse_code(module) if isinstance(module, str) and not found else module
         if module == "" or isinstance(ident, int):
             found = {int(ident or 0)}
         if len(found) != 1:
