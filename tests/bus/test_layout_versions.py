@@ -221,7 +221,7 @@ def test_a_client_works_with_a_later_daemon(
     assert contents(daemon.bus)["problems"] == []
     with daemon.client() as client:
         output, input_ = client.signal(EL2008, 0x7000, 1), client.signal(EL1018, 0x6000, 1)
-        client.claim(EL2008, 30.0)
+        client.claim(EL2008, lease=30.0)
         for value in (1.0, 0.0, 1.0):
 
             def arrived(value: float = value) -> bool:

@@ -89,7 +89,7 @@ class Drive:
 
     def run(self) -> None:
         """Takes the drive over and up to speed, in cyclic synchronous velocity mode."""
-        self.claim = self.client.claim(DRIVE, self._lease)
+        self.claim = self.client.claim(DRIVE, lease=self._lease)
         self.put(0x6060, 9)
         self.put(0x60FF, SPEED)
         self.put(0x6072, 1000)
@@ -178,7 +178,7 @@ def test_a_new_owner_takes_over_while_the_drive_is_stopped(braking: Daemon) -> N
         owner.run()
         owner.client.close()
         heir.until(lambda: heir.state == QUICK_STOP)
-        claim = heir.client.claim(DRIVE, 30.0)
+        claim = heir.client.claim(DRIVE, lease=30.0)
         heir.until(lambda: heir.output()[0] == shm.Outputs.CLAIMED)
         assert (heir.control, heir.state) == (0x0002, QUICK_STOP)  # a claim alone ends nothing
         heir.put(0x6040, 0)
@@ -192,7 +192,7 @@ def test_a_stop_goes_on_under_an_owner_that_writes_nothing(braking: Daemon) -> N
     with Drive(braking) as owner, Drive(braking) as heir:
         owner.run()
         owner.client.close()
-        heir.client.claim(DRIVE, 30.0)
+        heir.client.claim(DRIVE, lease=30.0)
         words, speed = heir.until_off()
         assert words - {15} == {0x0002}
         assert speed < SPEED / 50
@@ -281,7 +281,7 @@ def test_without_a_limit_wrong_working_counters_change_nothing(
 ) -> None:
     daemon = start_daemon("troll")
     with Drive(daemon) as drive:
-        drive.client.claim(DRIVE, 30.0)
+        drive.client.claim(DRIVE, lease=30.0)
         drive.put(0x6060, 9)
         cut = break_link(daemon)
         wrong = shm.WkcState.INCOMPLETE
@@ -319,7 +319,7 @@ def test_declared_signals_reach_clients_and_hold(start_daemon: Callable[..., Dae
         speed = client.signal(DRIVE, 0x60FF)
         assert (speed.name, speed.unit, speed.scale, speed.offset) == ("speed", "rpm", 0.1, 0.0)
         assert (speed.minimum, speed.maximum) == (-300, 300)
-        client.claim(DRIVE, 30.0)
+        client.claim(DRIVE, lease=30.0)
         speed.value = 30.0
         with pytest.raises(UsageError, match=naming(301, "out of range", "0x60FF:00", -300, 300)):
             speed.raw = 301

@@ -214,7 +214,7 @@ def test_r35_values_out_of_their_range_are_told_and_not_sent(
     daemon = start_daemon("troll", config=f"[gateway]\nlisten = []\n{declared}")
     with daemon.client() as client, daemon.client() as reader:
         torque = client.signal(DRIVE, 0x6071)
-        client.claim(DRIVE, 30.0)
+        client.claim(DRIVE, lease=30.0)
         torque.raw = 150
         client.commit()
         raw = RawSlot(daemon.bus)

@@ -39,7 +39,7 @@ def test_a_drive_that_is_enabled_without_a_target_stays_where_it_is(
     with Drive(daemon) as drive:
         drive.step()
         assert drive.output(TARGET)[0] is shm.Outputs.SAFE
-        drive.claim = drive.client.claim(0, 30)
+        drive.claim = drive.client.claim(0, lease=30)
         enable(drive, 8)
         for _ in range(100):
             drive.step(commit=True)

@@ -23,7 +23,7 @@ OWNER = """
 import sys, time
 from ecatd.client import Client
 with Client() as bus:
-    bus.claim({slave}, {lease})
+    bus.claim({slave}, lease={lease})
     bus.signal({slave}, 0x7000, 1).raw = 1
     bus.commit()
     print("ready", flush=True)
