@@ -3,17 +3,19 @@
 The others come to OP in every case.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from conftest import Daemon, names, wait_for
+from ecatd.shm import WkcState
 
 pytestmark = pytest.mark.bus
 
 RIG = Path(__file__).parents[1] / "rigs" / "witnesses.py"
+REFUSING_RIG = RIG.with_name("refusing.py")
 OUT, PADDED, CHOSEN, DESCRIBED, HOLE, UNKNOWN, SHORT, UNSIZED, WORDLESS, EXCHANGED, STUCK = range(
     11
 )
@@ -222,3 +224,48 @@ def test_slaves_says_of_when_it_is(daemon: Daemon) -> None:
     wait_for(is_back, daemon)
     last = daemon.ctl("slaves").stdout.splitlines()[-1]
     names(last, "STATE and ALIAS are of now", "read at")
+
+
+CLOCKS = """
+cycle_time_us = 10000
+[gateway]
+listen = []
+[dc]
+lock_us = 400.0
+timeout_s = 30.0
+[[dc.slave]]
+slave = 0
+[[dc.slave]]
+slave = 1
+[expected]
+policy = "POLICY"
+"""
+
+
+def test_slaves_that_only_the_exchange_can_try(start_daemon: Callable[..., Daemon]) -> None:
+    """They are left out of it, so the values of the others are good."""
+    daemon = start_daemon(str(REFUSING_RIG), config=CLOCKS.replace("POLICY", "tolerant"))
+    rows = daemon.slave_rows("state")
+    left_out = ("PREOP", "stuck")
+    assert [(row["text"], row["recovery"]) for row in rows] == [
+        ("OP", ""),
+        left_out,
+        left_out,
+        ("OP", ""),
+    ]
+    why = "AL status 0x0036: DC: SYNC0 cycle time does not fit the application"
+    names(rows[1]["recovery_text"], "PREOP", "SAFEOP", why)
+    names(warning(daemon, 1), "the start begins again without it", why, "then restart ecatd")
+    names(warning(daemon, 2), "OP", "SAFEOP+ERROR", "AL status 0x001D: Invalid output")
+    names(daemon.ctl("check", check=False).stdout, "2 of 4 slaves in OP", "slave 1 (Slow)", why)
+    with daemon.client() as client:
+        client.wait()
+        client.sample()
+        assert client.domain(0).wkc_state == WkcState.COMPLETE
+
+
+def test_they_end_a_strict_start(start_daemon: Callable[..., Daemon]) -> None:
+    config = CLOCKS.replace("POLICY", "strict")
+    status, log = start_daemon(str(REFUSING_RIG), config=config, ready=False).wait_end()
+    assert status == 7
+    names(log, "slave 1 (Slow) does not reach SAFEOP", "0x0036", 'policy = "tolerant"')

@@ -23,6 +23,18 @@ _ASK_AGAIN = 0.5
 _ACKNOWLEDGE_TIMEOUT = 0.5
 
 
+class NotReachedError(StateError):
+    """Slaves did not reach a state.
+
+    Attributes:
+        missed: By position, which state a slave has not reached, and why: see `why_not_reached`.
+    """
+
+    def __init__(self, message: str, missed: dict[int, str]) -> None:
+        super().__init__(message)
+        self.missed = missed
+
+
 @dataclass(slots=True)
 class SlaveState:
     """AL status of one slave: register 0x0130 (0: no answer), and the code in register 0x0134."""
@@ -213,7 +225,8 @@ class AlStates:
             optional: Slaves that need not reach the state: they cause no error.
 
         Raises:
-            StateError: Slaves did not reach it; the message names each, with its AL status.
+            NotReachedError: Slaves did not reach it; the message names each, with its AL status.
+            StateError: `cancelled` returned true.
         """
         finish(self.require(state, patience, positions, optional=optional))
 
@@ -231,13 +244,14 @@ class AlStates:
         # If slaves refused, only these are named: the others may have been waiting for them.
         refused = [item for item in missed if item.al_state & AL_ERROR_FLAG and item.al_code]
         if missed:
-            raise StateError(self._missed(refused or missed, state, patience))
+            why = {n.position: why_not_reached(n, state, patience) for n in refused or missed}
+            raise NotReachedError(self._missed(why), why)
 
-    def _missed(self, wrong: list[SlaveState], state: AlState, patience: Patience) -> str:
+    def _missed(self, why: dict[int, str]) -> str:
         """Returns a text about slaves that miss a state, grouped by their AL status."""
         alike: dict[str, list[int]] = {}
-        for item in wrong:
-            alike.setdefault(why_not_reached(item, state, patience), []).append(item.position)
+        for position, text in why.items():
+            alike.setdefault(text, []).append(position)
         return "; ".join(
             f"{self._label(positions[0])} does not reach {why}"
             if len(positions) == 1

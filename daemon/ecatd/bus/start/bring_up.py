@@ -37,7 +37,7 @@ from .reading import Files, read, read_files, scan
 from .running import RunningBus
 from .set_up import SetUp
 from .telling import leave
-from .to_op import MAILBOX_PAUSE_S, ToOp
+from .to_op import MAILBOX_PAUSE_S, LeftOutError, ToOp
 from .wire_time import WireTime
 
 _TRIES = 3  # most tries, if slaves lose their power while they are read
@@ -108,15 +108,27 @@ class BringUp:
         """
         files = self._read_files()
         self.profiles = files.profiles
-        # This reserves the bus, before anything is sent: another daemon may run it.
-        assert self._memory is not None, "only `describe` needs no folder"
-        self.shared = shared = SharedMemory(self.config.bus, self._memory)
         if size := self.config.capture.memory_mb * _MIB:
             self.frame_rings = {name: FrameRing(size // 2) for name in RINGS}
-        found, data = self._describe(files)
-        engine = self._exchange(shared, found, data)
-        self.limits = Limits(found, shared, engine, files.profiles)
-        ToOp(found, shared, data.clocks, self._cancelled, self._log).run()
+        asked, refused = self.config, dict[int, str]()
+        while True:
+            self.config = asked  # "map" gives it the positions that it has found
+            # This reserves the bus, before anything is sent: another daemon may run it.
+            assert self._memory is not None, "only `describe` needs no folder"
+            self.shared = shared = SharedMemory(self.config.bus, self._memory)
+            found, data = self._describe(files, refused)
+            engine = self._exchange(shared, found, data)
+            self.limits = Limits(found, shared, engine, files.profiles)
+            try:
+                ToOp(found, shared, data.clocks, self._cancelled, self._log).run()
+                break
+            except LeftOutError as error:
+                if self._cancelled():
+                    raise
+                refused |= error.why
+                them = "it" if len(error.why) == 1 else "them"
+                self._log.warning(f"{error}; the start begins again without {them}")
+                self._take_back(shared, engine, found.master)
         engine.restart_counting()  # working counters were not complete before OP
         facts = self._summarise(found, data)
         self.summary = f"bus '{self.bus.name}' is in OP: {facts}"
@@ -158,7 +170,7 @@ class BringUp:
         Raises:
             EcatError: As `run`.
         """
-        self._describe(self._read_files())
+        self._describe(self._read_files(), {})
         return self.bus
 
     def leave(self, state: AlState, patience: Patience) -> None:
@@ -175,13 +187,29 @@ class BringUp:
             self._log.warning(warning)
         return files
 
-    def _describe(self, files: Files) -> tuple[FoundBus, ProcessData]:
-        """Scans, reads and maps the bus; begins again if slaves lose their power meanwhile."""
+    def _take_back(self, shared: SharedMemory, engine: Engine, master: Master) -> None:
+        """Ends an exchange that no client has seen yet; slaves that have left PREOP go back."""
+        self.leave(AlState.PREOP, self.config.state_patience)
+        there = [item.position for item in master.al_states.read() if item.al_state > AlState.PREOP]
+        finish(master.al_states.request(AlState.PREOP, self.config.state_patience, there))
+        self.engine = self.limits = self.shared = self.clocks = self.master = self._found = None
+        engine.close()
+        master.close()
+        shared.close()
+        self.bus.slaves = []
+
+    def _describe(self, files: Files, refused: dict[int, str]) -> tuple[FoundBus, ProcessData]:
+        """Scans, reads and maps the bus; begins again if slaves lose their power meanwhile.
+
+        Args:
+            files: The files of the configuration.
+            refused: See `FoundBus.refused`.
+        """
         tries = 0
         while True:
             tries += 1
             self.master = master = self._open_master()
-            self._found = found = FoundBus(self.bus, master, self.config)
+            self._found = found = FoundBus(self.bus, master, self.config, refused=refused)
             try:
                 scan(found, self._interface, files, self._log)
                 read(found, files, self._cancelled, self._log)

@@ -7,6 +7,9 @@ Slaves with lesser contradictions, and slaves without which the bus may start, a
 do not reach SAFEOP. A doubtful slave must not keep the others from OP. If some of its process data
 are known, and it reaches SAFEOP with them, it is used. Otherwise it stays in PREOP and takes no
 part in the exchange: in OP it would look like a slave without process data.
+
+A slave with SYNC signals cannot be tried, since these need the exchange. If it refuses SAFEOP or OP
+later, the start begins again without it (`to_op.py`).
 """
 
 from __future__ import annotations
@@ -62,6 +65,7 @@ def settle(
     unexpected: Mapping[int, str],
     synchronised: Collection[int],
     dispensable: Collection[int],
+    left_out: Mapping[int, str],
     patience: Patience,
     tell: Callable[[str], None],
 ) -> dict[int, Doubt]:
@@ -73,6 +77,8 @@ def settle(
         unexpected: By position, why a slave is not the expected one. These slaves are not used.
         synchronised: Positions of slaves with SYNC signals, without which they may refuse SAFEOP.
         dispensable: Positions of slaves without which the bus may start.
+        left_out: By position, why slaves refuse to go on, as an earlier try of the start has shown.
+            These slaves are not used.
         patience: Time that slaves have to reach a state.
         tell: Called with a warning about each other doubtful slave, and about each EEPROM with
             lesser mistakes.
@@ -96,14 +102,14 @@ def settle(
         item
         for item in scanned
         if item not in doubtful
-        and item.slave.position not in synchronised
+        and item.slave.position not in (*synchronised, *left_out)
         and item.slave.position not in unexpected
         and (item.slave.position in dispensable or _is_suspect(item))
         and (item.slave.outputs or item.slave.inputs)
         and item.known
     ]
-    refused = finish(_try(master, [*described, *suspects], patience))
-    doubtful += (item for item in suspects if item.slave.position in refused)
+    refused = finish(_try(master, [*described, *suspects], patience)) | {**left_out}
+    doubtful += (n for n in scanned if n not in doubtful and n.slave.position in refused)
     doubts = {}
     for item in scanned:
         slave = item.slave
@@ -122,7 +128,8 @@ def settle(
         why = item.why or refused.get(slave.position) or unplaced
         if not used:
             slave.outputs, slave.inputs = [], []
-        if item in suspects and not _is_suspect(item):  # nothing but its refusal is known
+        if slave.position in left_out or (item in suspects and not _is_suspect(item)):
+            # Nothing but its refusal is known.
             doubt = Doubt(STUCK, f"it {_STAYS}: {why}")
         else:
             doubt = _doubt(item, used=used, why=why)

@@ -15,6 +15,9 @@ from .doubtful import Doubt
 from .identify import Finder
 from .mapping import Scanned
 
+STARTS_OTHERS = 'policy = "tolerant" in [expected] or in a [[slave]] table starts the others'
+"""What a message says about a slave without which the bus must not start."""
+
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
@@ -85,6 +88,8 @@ class FoundBus:
         lost: Positions of slaves that have lost their power or cable since they were read.
         awaited: Positions of slaves that are not optional, but were missing, and are used when they
             come.
+        refused: By position, why slaves did not come to OP in an earlier try of this start, though
+            their process data were exchanged. They are left out of this one.
     """
 
     bus: Bus
@@ -98,6 +103,7 @@ class FoundBus:
     ends: list[int] = field(default_factory=list)
     lost: set[int] = field(default_factory=set)
     awaited: set[int] = field(default_factory=set)
+    refused: dict[int, str] = field(default_factory=dict)
 
     @property
     def absent(self) -> set[int]:

@@ -25,7 +25,7 @@ from .absent import may_be_empty, waits_for_slaves
 from .clocks import clock_bits
 from .doubtful import settle
 from .expectation import follow_expectation
-from .found import FoundBus
+from .found import STARTS_OTHERS, FoundBus
 from .gone import find_gone
 from .mapping import Scanned, configure_slaves, identify_slaves, read_modules
 from .matching import branch_ends
@@ -129,7 +129,8 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
         if item.known and not found.must_be_there(item.slave.position)
     }
     found.doubtful = settle(
-        master, found.scanned, unexpected, with_sync, dispensable, patience, log.warning
+        *(master, found.scanned, unexpected, with_sync, dispensable, found.refused),
+        *(patience, log.warning),
     )
     for position, bits in clock_bits(master).items():
         found.scanned[position].slave.dc_bits = bits
@@ -151,10 +152,7 @@ def _leave_out_stuck(found: FoundBus) -> None:
             + "".join(f"; its EEPROM: {problem}" for problem in item.slave.problems)
             for item in must
         ]
-        raise StateError(
-            f'{"; ".join(texts)} (policy = "tolerant" in [expected] or in a [[slave]] table '
-            "starts the others)"
-        )
+        raise StateError(f"{'; '.join(texts)} ({STARTS_OTHERS})")
 
 
 def _identify(found: FoundBus, scanned: Sequence[Scanned]) -> None:

@@ -1,7 +1,8 @@
 """Brings the slaves from PREOP to OP while the engine exchanges safe outputs.
 
 If a slave loses its power meanwhile, the start goes on without it, and recovery brings it back when
-it comes. Under the policy "strict", the start fails.
+it comes. If a slave refuses to go on, the start begins again without it: in the exchange it would
+spoil the working counter, and so the values of others. Under the policy "strict", the start fails.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from ecatd.model.al import AlState
 from ecatd.model.errors import StateError
 
 from ..engine.shared_memory import SharedMemory
+from ..master.al_states import NotReachedError
 from .clocks import Clocks
-from .found import FoundBus
+from .found import STARTS_OTHERS, FoundBus
 from .gone import find_gone
 from .set_up import wait_for_outputs
 from .telling import write_parameters
@@ -25,6 +27,18 @@ MAILBOX_PAUSE_S = 0.0005
 
 _CLOCK_PAUSE = 0.01
 """Seconds between two reads of the state of SYNC signals."""
+
+
+class LeftOutError(StateError):
+    """Slaves refuse to go on, and the bus may start without them.
+
+    Attributes:
+        why: By position, why.
+    """
+
+    def __init__(self, message: str, why: dict[int, str]) -> None:
+        super().__init__(message)
+        self.why = why
 
 
 class ToOp:
@@ -57,6 +71,7 @@ class ToOp:
         """Brings the slaves to OP.
 
         Raises:
+            LeftOutError: Slaves do not reach it, and the bus may start without them.
             StateError: Slaves do not reach it.
         """
         self._repeat(self._synchronise)
@@ -91,7 +106,7 @@ class ToOp:
         if must:
             raise StateError(
                 f"{found.labels(must)} answered at first, but no longer: check power and cable "
-                '(policy = "tolerant" in [expected] or in a [[slave]] table starts the others)'
+                f"({STARTS_OTHERS})"
             ) from error
         found.lost.update(gone)
         self._log.warning(
@@ -112,10 +127,11 @@ class ToOp:
             f"cycle and {count} clock{'s' * (count != 1)} follow that of "
             f"{clocks.reference.label} (after {seconds:.1f} s)"
         )
-        here = {item.slave.position for item in self._found.present}
+        here = {item.slave.position for item in self._found.present} - {*self._found.idle}
         failed = finish(clocks.sync_signals.start(self._shared, here), _CLOCK_PAUSE)
-        for position, why in failed.items():
-            raise StateError(f"{self._found.bus.slaves[position].label}: {why}")
+        if failed:
+            labels = ((self._found.bus.slaves[n].label, why) for n, why in failed.items())
+            raise self._refused("; ".join(f"{label}: {why}" for label, why in labels), failed)
 
     def _bring_to(self, state: AlState) -> None:
         """Brings all slaves to a state, except those that stay in PREOP.
@@ -126,7 +142,26 @@ class ToOp:
         out = {*found.idle, *found.absent, *found.missing}
         used = [n for n in range(len(found.bus.slaves)) if n not in out] if out else None
         patience = found.config.state_patience
-        found.master.al_states.wait_for(state, patience, used, optional=found.doubtful)
+        try:
+            found.master.al_states.wait_for(state, patience, used, optional=found.doubtful)
+        except NotReachedError as error:
+            why = {n: f"it does not reach {text}" for n, text in error.missed.items()}
+            raise self._refused(str(error), why) from error
+
+    def _refused(self, message: str, why: dict[int, str]) -> StateError:
+        """The error about slaves that do not go on.
+
+        If all slaves with process data are among them, there is nobody whom they could keep from
+        OP, and what is wrong may be the exchange itself.
+        """
+        found = self._found
+        others = [item for item in found.present if item.slave.outputs or item.slave.inputs]
+        others = [item for item in others if item.slave.position not in why]
+        if not others:
+            return StateError(message)
+        if any(map(found.must_be_there, why)):
+            return StateError(f"{message} ({STARTS_OTHERS})")
+        return LeftOutError(message, why)
 
     def _tell_before_op(self) -> None:
         """Writes the start-up parameters of SO to all slaves but the doubtful ones.
@@ -142,4 +177,5 @@ class ToOp:
         self._told.update(item.slave.position for item in waiting)
         self._told -= refused.keys()
         if refused:
-            raise StateError("; ".join(missed.text for missed in refused.values()))
+            why = {position: missed.text for position, missed in refused.items()}
+            raise self._refused("; ".join(why.values()), why)
