@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon, names, one_line_error, wait_for
+from ecatsim.control import Simulator
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -80,3 +81,17 @@ def test_a_slave_that_refuses_op_keeps_its_reason(start_daemon: Callable[..., Da
     refused(daemon, str(TIRED), "OP")
     wait_for(lambda: bool(re.search(r"slave 4 \(EL2008\) .*0x001D", daemon.log)), daemon)
     assert states(daemon)[TIRED].startswith("PREOP+ERROR (AL status 0x001D")
+
+
+def test_nobody_waits_for_a_slave_without_power(start_daemon: Callable[..., Daemon]) -> None:
+    """It is named at once, and a request for all slaves brings the others there."""
+    daemon = start_daemon(str(RIG), config="state_timeout_s = 60.0\n[gateway]\nlisten = []\n")
+    daemon.ctl("state", str(BOOTABLE), "PREOP", "--yes")
+    with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
+        rig.faults.power_off(TIRED)
+    wait_for(lambda: states(daemon)[TIRED] == "no answer", daemon)
+    for arguments in ((str(TIRED), "OP"), ("OP",)):
+        text = refused(daemon, *arguments)
+        names(text, "slave 4 (EL2008)", "does not answer", "switched off", "`ecatctl check`")
+        assert "within" not in text, "it has waited"
+    assert states(daemon) == [*(4 * ["OP"]), "no answer"]

@@ -23,6 +23,7 @@ from ..mailbox.line import Line
 from ..mailbox.mailbox import Mailbox, UnknownProtocolError
 from ..mailbox.soe import SOE_LEAST
 from ..mailbox.talks import Talk, talk_alone
+from ..master.al_states import NO_ANSWER
 from ..master.emergencies import Emergency
 from ..master.master import Master
 from ..master.worker import Worker
@@ -181,10 +182,7 @@ async def _patiently(called: asyncio.Event, slave: Slave) -> None:
 
 def silent(slave: Slave) -> NoAnswerError:
     """The error for a slave that does not answer."""
-    return NoAnswerError(
-        f"{slave.label} does not answer: it is switched off or exchanged, or a cable before it is "
-        f"broken; `ecatctl check` says more"
-    )
+    return NoAnswerError(f"{slave.label} {NO_ANSWER}")
 
 
 def _check_state(slave: Slave, status: int | None, without: Mapping[AlState, str]) -> None:

@@ -17,7 +17,7 @@ from ecatd.model.errors import EcatError, StateError
 
 from ..frames.datagrams import Place
 from ..frames.wire import WireChangedError
-from ..master.al_states import SlaveState
+from ..master.al_states import NO_ANSWER, SlaveState
 from ..master.master import SilentSlaveError
 from ..master.worker import Worker
 from ..start.matching import Found
@@ -26,6 +26,7 @@ from ..start.telling import Missed
 from .presence import name_slaves
 from .recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
 
+_LOOKS = 3
 _NAMES_MAX = 3
 _LEFT_ALONE = (Condition.EXCHANGED, Condition.MISSING)
 
@@ -148,32 +149,44 @@ class Repair:
             self._recovery.want([position], before[position])
 
     def _change(self, positions: Sequence[int], state: AlState) -> Steps[None]:
-        """Takes slaves to a state. Sets up those that have restarted. Runs on the worker."""
+        """Takes slaves to a state. Sets up those that have restarted. Runs on the worker.
+
+        Nobody waits for slaves that do not answer: they are named when the others are there.
+        """
         running, patience = self._running, self._state_patience
         yield from self._leave(positions, state)
-        seen = {item.position: item.al_state & 0x0F for item in running.master.al_states.read()}
-        lost = [position for position in positions if not seen[position]]
-        found, failures = self._find(lost)
+        seen = yield from self._see(positions)
+        found, failures = self._find([position for position in positions if not seen[position]])
         _refuse(self._bus, {p: failure for p, failure in failures.items() if failure.text})
-        if failures:  # no slave is there: wait for them, and name those that do not come
-            yield from running.master.al_states.require(
-                min(state, AlState.PREOP), patience, failures
-            )
+        silent = {p: Failure(f"it {NO_ANSWER}") for p in failures}
+        positions = [p for p in positions if p not in silent]
         if state == AlState.BOOT:
-            elsewhere = [p for p in positions if seen[p] != AlState.BOOT and p not in failures]
+            elsewhere = [p for p in positions if seen[p] != AlState.BOOT]
             yield from self._bring(elsewhere, state, AlState.INIT)
         if state in (AlState.PREOP, AlState.SAFEOP, AlState.OP):
             below = (AlState.INIT, AlState.BOOT)
             anew = [*found, *(p for p in positions if seen[p] in below)]
             yield from self._bring(anew, state, AlState.INIT)
         if state in (AlState.SAFEOP, AlState.OP):
-            mapped_anew = [p for p in positions if seen[p] == AlState.PREOP or p in failures]
+            mapped_anew = [p for p in positions if seen[p] == AlState.PREOP]
             yield from self._bring(mapped_anew, state, AlState.PREOP)
         if state == AlState.OP:
             in_safeop = [p for p in positions if seen[p] == AlState.SAFEOP]
             missed = yield from running.set_up.tell_before_op(in_safeop)
             _refuse(self._bus, {position: _failure(item) for position, item in missed.items()})
         yield from running.master.al_states.require(state, patience, positions)
+        _refuse(self._bus, silent)
+
+    def _see(self, positions: Sequence[int]) -> Steps[dict[int, int]]:
+        """The AL states of slaves by position, 0 without an answer; a frame may get lost."""
+        seen: dict[int, int] = {}
+        for _ in range(_LOOKS):
+            states = self._running.master.al_states.read()
+            seen |= {item.position: item.al_state & 0x0F for item in states if item.al_state}
+            if seen.keys() >= {*positions}:
+                break
+            yield
+        return {position: seen.get(position, 0) for position in positions}
 
     def _leave(self, positions: Sequence[int], state: AlState) -> Steps[None]:
         for text in (yield from self._running.set_up.leave(positions, state)):
