@@ -12,9 +12,11 @@ from pathlib import Path
 import pytest
 
 from conftest import names
+from ecatd.bus.mailbox.line import Line
 from ecatd.bus.master.al_states import SlaveState, why_not_reached
 from ecatd.model.al import AlState
-from ecatd.model.config import Config
+from ecatd.model.config import Config, load_config
+from ecatd.model.errors import ConfigError
 from ecatd.model.patience import Patience
 
 ROOT = Path(__file__).parents[2]
@@ -87,18 +89,46 @@ def test_no_message_writes_a_time_by_itself() -> None:
 @pytest.mark.parametrize(
     ("patience", "text"),
     [
-        (Config().state_patience, "10 s (state_timeout_s)"),
-        (Config().dc.patience, "5 s (dc.timeout_s)"),
-        (Patience(0.5), "0.5 s"),
+        (Config().state_patience, "10 s (state_timeout_s above all tables)"),
+        (Config().dc.patience, "5 s (timeout_s in [dc])"),
+        (Line().patience(), "1 s (mailbox_timeout_ms in its [[slave]] table)"),
+        (Patience(0.5), "0.5 s (fixed)"),
     ],
 )
 def test_a_time_with_its_key(patience: Patience, text: str) -> None:
     assert str(patience) == text
 
 
+KEYS = {
+    node.value
+    for file in SOURCES
+    for node in ast.walk(ast.parse(file.read_text()))
+    if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    if re.fullmatch(r"\w+ (above all tables|in (its )?\[.+\]( table)?)", node.value)
+    if re.match(r"\w+_(s|ms|us) ", node.value)
+}
+"""Keys with their tables, as messages about time-outs say them."""
+
+
+def test_a_key_can_be_written_as_the_message_says(tmp_path: Path) -> None:
+    assert len(KEYS) > 4
+    for text in KEYS:
+        key, _, where = text.partition(" ")
+        (table,) = re.findall(r"\[.+\]", where) or [""]
+        file = tmp_path / "ecatd.toml"
+        for name, known in ((key, True), (f"{key}x", False)):
+            file.write_text(f"{table}\n{name} = 1000\n")
+            try:
+                load_config(file)
+                said = ""
+            except ConfigError as error:  # such as a table that lacks others
+                said = str(error)
+            assert ("is not a key" not in said) == known, f"{text}: {said}"
+
+
 def test_a_state_that_is_not_reached() -> None:
     patience = Config().state_patience
     late = SlaveState(0, AlState.PREOP, 0)
-    names(why_not_reached(late, AlState.OP, patience), "OP within 10 s (state_timeout_s)", "PREOP")
+    names(why_not_reached(late, AlState.OP, patience), "OP within 10 s (state_timeout_s", "PREOP")
     refused = SlaveState(0, 0x12, 0x0036)
     assert "within" not in why_not_reached(refused, AlState.OP, patience), "nobody has waited"

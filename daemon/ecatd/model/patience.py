@@ -8,17 +8,17 @@ from typing import NamedTuple
 class Patience(NamedTuple):
     """How long something is waited for, and what changes that.
 
-    In a message: `f"no answer within {patience}"` becomes "no answer within 10 s
-    (state_timeout_s)".
+    In a message: `f"no answer within {patience}"` becomes "no answer within 5 s (timeout_s in
+    [dc])", or "no answer within 2 s (fixed)" if nothing changes it.
 
     Attributes:
         seconds: How long.
-        changed_by: The key of the configuration, the option or the argument that changes it; empty
-            if nothing does.
+        changed_by: The option or the argument that changes it, or the key of the configuration with
+            its table, as somebody must write it; empty if nothing does.
     """
 
     seconds: float
     changed_by: str = ""
 
     def __str__(self) -> str:
-        return f"{self.seconds:g} s" + f" ({self.changed_by})" * bool(self.changed_by)
+        return f"{self.seconds:g} s ({self.changed_by or 'fixed'})"

@@ -411,11 +411,12 @@ class Supervisor:
     async def _end(self) -> None:
         """Ends the children, the last one first, and gives each time to clean up."""
         mailboxes = max((item.mailbox_timeout_ms or 0 for item in self._config.slave), default=0)
-        patience = STOP_PATIENCE_S + self._config.outputs.stop_patience + mailboxes / 1e3
+        seconds = STOP_PATIENCE_S + self._config.outputs.stop_patience + mailboxes / 1e3
+        patience = Patience(seconds, "stop_timeout_s in [[outputs.safe]]")
         for child in reversed(self._children):
             self._log.debug(f"{child} is asked to end")
-            if not await child.stop(patience):
-                self._log.error(f"{child} did not end within {Patience(patience)} and was killed")
+            if not await child.stop(patience.seconds):
+                self._log.error(f"{child} did not end within {patience} and was killed")
         if folder := self._settings.get("runtime_dir"):
             remove_dir(Path(folder), self._config.bus)
 

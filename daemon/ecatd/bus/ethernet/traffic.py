@@ -12,7 +12,6 @@ from ecatd.model.bus import Bus, Slave
 from ecatd.model.config.eoe import EoeConfig
 from ecatd.model.eoe import FRAME_MAX
 from ecatd.model.errors import EcatError, StateError
-from ecatd.model.patience import Patience
 from ecatd.tap import Tap
 
 from ..mailbox.talks import talk_alone
@@ -164,7 +163,7 @@ class EthernetTraffic:
                 self._switch.forward(frame, 0)
         except StateError as error:
             self._problem = str(error)
-            self._log.warning(f"{error}; ecatd makes it again within {Patience(_RETRY_S)}")
+            self._log.warning(f"{error}; ecatd tries every {_RETRY_S:g} s to make it again")
             self._close()
 
     def _to_computer(self, frame: bytes) -> None:

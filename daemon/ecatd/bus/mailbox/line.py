@@ -18,6 +18,7 @@ Most slaves need less than 1 ms."""
 
 _TRIES = 3
 
+_KEY = "mailbox_timeout_ms in its [[slave]] table"
 _WHOLE = 30
 """How many times `Line.answer_s` a conversation has, whatever it reads: half a minute, unless the
 slave is known to be slow."""
@@ -58,7 +59,7 @@ class Line:
 
     def patience(self, least_s: float = 0.0) -> Patience:
         """Time that the slave has to take a message and answer it, `least_s` at least."""
-        return Patience(max(least_s, self.answer_s), "mailbox_timeout_ms")
+        return Patience(max(least_s, self.answer_s), _KEY)
 
     @property
     def whole(self) -> Patience:
@@ -66,7 +67,7 @@ class Line:
 
         A slave may send an object byte by byte, or a description without end.
         """
-        return Patience(_WHOLE * max(self.answer_s, _ANSWER_S), "mailbox_timeout_ms")
+        return Patience(_WHOLE * max(self.answer_s, _ANSWER_S), _KEY)
 
     def __len__(self) -> int:
         """Number of conversations in the queue, including the one that has its turn."""

@@ -269,7 +269,7 @@ class AlStates:
 def why_not_reached(item: SlaveState, state: AlState, patience: Patience) -> str:
     """A state that a slave has refused, or has not reached in time, and what it says.
 
-    Such as `OP within 10 s (state_timeout_s): SAFEOP`.
+    Such as `OP within 10 s (state_timeout_s above all tables): SAFEOP`.
     """
     refused = item.al_state & AL_ERROR_FLAG and item.al_code
     return f"{state.name}{'' if refused else f' within {patience}'}: {item.describe()}"

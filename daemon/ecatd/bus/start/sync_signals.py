@@ -149,7 +149,7 @@ class SyncSignals:
         period, phase = self._bus.cycle_time_us * 1000, round(self._config.dc.phase_us * 1000)
 
         def zero() -> int:
-            patience = Patience(1 + 10 * period * 1e-9)
+            patience = Patience(1 + 10 * period * 1e-9, "cycle_time_us above all tables")
             before, deadline = shared.header.cycle, time.monotonic() + patience.seconds
             while shared.header.cycle == before:
                 if time.monotonic() > deadline:
@@ -205,4 +205,5 @@ class SyncSignals:
 
 def _patience(slave: Slave) -> Patience:
     """Returns the time within which the first pulse must come."""
-    return Patience((_TRIES * LEAD_NS + 2 * whole_period(slave)) * 1e-9 + 1.0)
+    seconds = (_TRIES * LEAD_NS + 2 * whole_period(slave)) * 1e-9 + 1.0
+    return Patience(seconds, "sync0_us in its [[dc.slave]] table")

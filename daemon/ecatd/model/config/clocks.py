@@ -68,7 +68,7 @@ class DcConfig(Placed):
     @property
     def patience(self) -> Patience:
         """How long a start waits for the lock."""
-        return Patience(self.timeout_s, "dc.timeout_s")
+        return Patience(self.timeout_s, "timeout_s in [dc]")
 
 
 def read_clocks(top: Table, key: Key) -> DcConfig:

@@ -217,7 +217,7 @@ class Config(Placed):
     @property
     def state_patience(self) -> Patience:
         """Time in which the slaves must reach a state."""
-        return Patience(self.state_timeout_s, "state_timeout_s")
+        return Patience(self.state_timeout_s, "state_timeout_s above all tables")
 
     def settings_of(self, position: int) -> SlaveConfig:
         """The `[[slave]]` table of a slave; an empty one if it has none."""
