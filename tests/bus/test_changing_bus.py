@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from conftest import Daemon, names, run_module, wait_for
+from conftest import Daemon, names, one_line_error, run_module, wait_for
 from ecatd.client.remote import Remote
 from ecatd.shm import Validity
 from ecatsim.control import Simulator
@@ -298,6 +298,44 @@ def test_an_exchanged_slave_is_named_with_both_identities(start: Start) -> None:
         wait_for(lambda: states(daemon) == ["OP"] * 4, daemon)
     assert differences(daemon) == []
     assert told(daemon) == [], "recovery has told it"
+
+
+def test_commands_say_that_a_slave_is_no_longer_what_it_was(start: Start, tmp_path: Path) -> None:
+    """Slave 1 is the same kind with another serial number, slave 3 is another device."""
+    daemon = start(config())
+    library = ("generate", "Plant", str(tmp_path / "out"))
+    assert not daemon.ctl("pdos").stderr
+    assert daemon.ctl_json("scan", "-o", str(tmp_path / "bus.json"))["outdated"] == []
+    with simulator_of(daemon) as rig:
+        rig.faults.power_off(1)
+        rig.faults.swap(1, f"{tmp_path / 'spares.py'}:Numbered")
+        rig.faults.swap(3, "EL2004")
+        rig.faults.power_on(1)
+
+        def are_exchanged() -> bool:
+            rows = daemon.slave_rows("state")
+            return (rows[1]["text"], rows[3]["recovery"]) == ("OP", "exchanged")
+
+        wait_for(are_exchanged, daemon)
+        assert daemon.slave_rows("slaves")[1]["serial"] == 12
+        for command in (("pdos",), ("scan",), ("cstruct",), ("xml",), ("config", "init"), library):
+            said = one_line_error(daemon.ctl(*command).stderr, "ecatctl")
+            names(
+                said, "warning", "slave 1 (EL2008): a device with serial number 12 is in its place"
+            )
+            names(said, "slave 3 (EL3008): another device is in its place", "ecatd read at")
+            names(said, "`ecatctl check`", "restart of ecatd")
+        assert not daemon.ctl("pdos", "0").stderr
+        assert "EL3008" in daemon.ctl("pdos", "3").stderr
+        for command in (("pdos",), ("config", "init"), (*library, "--check")):
+            (first, second) = daemon.ctl_json(*command)["outdated"]
+            assert (first["position"], second["position"]) == (1, 3)
+            assert first["read_at"] > second["read_at"] > 1e9
+            assert second["text"] == "another device is in its place"
+        rig.faults.swap(3, "original")
+        rig.faults.swap(1, "original")
+        wait_for(lambda: states(daemon) == ["OP"] * 4, daemon)
+    assert not daemon.ctl("pdos").stderr
 
 
 @pytest.mark.long

@@ -260,16 +260,17 @@ def test_slaves_that_do_not_answer_are_told(machine: Callable[..., Daemon], tmp_
         simulator.faults.break_link(1)
         wait_for(lambda: daemon.slave_rows("state")[2]["al_state"] == 0, daemon)
         told = one_line_error(daemon.ctl("config", "init", "-o", again).stderr, "ecatctl")
-        names(told, "slave 1 (EL1008)", "slave 2 (EL2008)", "start of ecatd")
+        names(told, "slave 1 (EL1008), slave 2 (EL2008): no answer", "ecatd read at", "restart")
         checked = daemon.ctl("config", "check", file, check=False)
         assert checked.returncode == 7
         names(checked.stdout, "missing", "slaves 1 to 2", "EL1008", "EL2008", "power")
         found = json.loads(daemon.ctl("config", "check", file, "--json", check=False).stdout)
-        assert found["silent"] == [1, 2]
+        assert [row["position"] for row in found["outdated"]] == [1, 2]
         assert [item["expected"] for item in found["differences"]] == [[1, 2]]
         told = daemon.ctl("config", "check", str(daemon.config_file))  # which expects no slaves
-        names(one_line_error(told.stderr, "ecatctl"), "slave 1 (EL1008)", "start of ecatd")
-        assert daemon.ctl_json("config", "init")["silent"] == [1, 2]
+        names(one_line_error(told.stderr, "ecatctl"), "slave 1 (EL1008)", "ecatd read at")
+        found = daemon.ctl_json("config", "init")
+        assert [row["position"] for row in found["outdated"]] == [1, 2]
 
 
 DOUBTFUL = """

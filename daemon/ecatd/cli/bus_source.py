@@ -11,9 +11,8 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from ecatd.model import bus_file
 from ecatd.model.bus import Bus
@@ -22,11 +21,12 @@ from ecatd.model.config import Config, load_config
 from ecatd.model.config.origins import find_origins
 from ecatd.model.errors import EcatError, UsageError, error_class
 
+from .outdated import tell_outdated
+
 Kind = Literal["scan", "rig", "esi"]
 
 _FILES = (".json", ".toml", ".py", ".xml")
 _PEEK = 4096
-_TOLD = 8  # slaves in one message
 _WARNING = "ecatsim: warning: "
 _BOMS = (b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")
 
@@ -68,24 +68,34 @@ def use_bus_of(options: argparse.Namespace, config: Config) -> None:
         options.bus = config.bus
 
 
-def get_bus(options: argparse.Namespace) -> Bus:
-    """Returns the description of the bus that the options choose.
+def get_bus(options: argparse.Namespace) -> tuple[Bus, dict[str, Any]]:
+    """Gets the description of the bus that the options choose.
+
+    Returns:
+        The description; and for `--json`, `outdated`: see `tell_outdated`. It is empty if no daemon
+        was asked.
 
     Raises:
         EcatError: There is no description, or the options or files are wrong.
     """
-    sources: list[str] = options.sources
     kinds = check_options(options)
-    if not sources:
+    if not kinds:
         from ecatd.client.remote import Remote  # loading Zenoh is slow
 
         with Remote(options.bus, options.connect, options.timeout) as remote:
-            return remote.describe()
-    if kinds[0] == "scan":
+            bus, rows = remote.describe(), remote.states()
+        return bus, {"outdated": tell_outdated(bus, rows)}
+    return _without_daemon(options, kinds[0]), {"outdated": []}
+
+
+def _without_daemon(options: argparse.Namespace, kind: Kind) -> Bus:
+    """The description from a saved scan, a rig, or ESI files."""
+    sources: list[str] = options.sources
+    if kind == "scan":
         bus = bus_file.load(Path(sources[0]))
         bus.name = check_bus_name(options.given_bus or bus.name)
         return bus
-    if kinds[0] == "rig":
+    if kind == "rig":
         return _described(sources[0], options)
     from . import esi_rig
 
@@ -102,20 +112,6 @@ def get_bus(options: argparse.Namespace) -> Bus:
         except EcatError as error:  # about a temporary file that the user does not know
             text = re.sub(rf"{re.escape(str(rig))}(:\d+)?", source, str(error))
             raise type(error)(text) from None
-
-
-def warn_of_silent(bus: Bus, silent: Sequence[int]) -> None:
-    """Warns about slaves that do not answer: the description of them is old."""
-    if not silent:
-        return
-    labels = [bus.slaves[position].label for position in silent]
-    more = f" and {len(labels) - _TOLD} more" if len(labels) > _TOLD else ""
-    who = "it" if len(labels) == 1 else "them"
-    print(
-        f"ecatctl: warning: no answer at the moment from {', '.join(labels[:_TOLD])}{more}: the "
-        f"description of {who} is that of the start of ecatd",
-        file=sys.stderr,
-    )
 
 
 def _kind(source: str) -> Kind:

@@ -18,12 +18,12 @@ from ecatd.model.config.origins import COMMAND_LINE, DEFAULT, flatten
 from ecatd.model.config.writer import number_of, value_text, write_config
 from ecatd.model.errors import StateError, UsageError
 from ecatd.model.expected_bus import compare
-from ecatd.model.health import silent_slaves
 from ecatd.version import VERSION
 
-from .bus_source import add_options, check_options, get_bus, use_bus_of, warn_of_silent
+from .bus_source import add_options, check_options, get_bus, use_bus_of
 from .config_check import check, described
 from .named_objects import refresh_modules
+from .outdated import tell_outdated
 from .output import print_json, print_table, shortened
 from .saving import save
 
@@ -113,10 +113,9 @@ def _remote(options: argparse.Namespace) -> tuple[Bus, Config, dict[str, str]]:
 
 def _init(options: argparse.Namespace) -> int:
     if options.sources:
-        bus = get_bus(options)
+        bus, more = get_bus(options)
         known = load_config(options.config) if options.config else Config(bus=bus.name)
         known.cycle_time_us = bus.cycle_time_us
-        silent: list[int] = []
     else:
         check_options(options)
         from ecatd.client.remote import Remote  # loading Zenoh is slow
@@ -124,10 +123,9 @@ def _init(options: argparse.Namespace) -> int:
         with Remote(options.bus, options.connect, options.timeout) as remote:
             bus, (known, _), rows = remote.describe(), remote.configuration(), remote.states()
             refresh_modules(remote, bus, rows)
-        silent = silent_slaves(rows)
+        more = {"outdated": tell_outdated(bus, rows)}
     known = known.moved(compare(known, bus.slaves).places)
-    notes, more = None, dict[str, Any](silent=silent)
-    warn_of_silent(bus, silent)
+    notes = None
     if options.esi is not None:
         from ecatd.esi import Findings
         from ecatd.esi.configure import add_esi

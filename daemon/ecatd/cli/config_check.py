@@ -23,15 +23,15 @@ from ecatd.model.config.placed import Placed
 from ecatd.model.doubts import CONTRADICTED, REMEDIES, SILENT
 from ecatd.model.errors import ConfigError, StateError
 from ecatd.model.expected_bus import Difference, compare
-from ecatd.model.health import silent_slaves
 from ecatd.model.problems import Collected
 from ecatd.model.profiles import load_profiles
 from ecatd.model.sii import Sii
 from ecatd.model.wire import found_slaves, known_slaves
 from ecatd.paths import profile_folders
 
-from .bus_source import check_options, get_bus, use_bus_of, warn_of_silent
+from .bus_source import check_options, get_bus, use_bus_of
 from .named_objects import Told, ask_slaves, esi_objects, refresh_modules
+from .outdated import tell_outdated
 from .output import print_json
 from .witness_check import contradictions
 
@@ -50,8 +50,7 @@ def check(options: argparse.Namespace) -> int:
     gone = {row["position"] for row in states if not row["al_state"]}
     found = compare(wanted, bus.slaves, gone)
     missing = [found.places.get(n) for item in found.differences for n in item.expected]
-    silent = silent_slaves(states)
-    warn_of_silent(bus, [n for n in silent if n not in missing])
+    old = tell_outdated(bus, states, [n for n in missing if n is not None])
     moved = wanted.moved(found.places)
     doubtful = {
         row["position"]: row
@@ -130,7 +129,7 @@ def check(options: argparse.Namespace) -> int:
             for item in differences
         ]
         document = {"bus": bus.name, "file": str(options.file), "differences": rows}
-        more = {"wrong": wrong, "warnings": warnings, "notes": notes, "silent": silent}
+        more = {"wrong": wrong, "warnings": warnings, "notes": notes, "outdated": old}
         print_json({**document, **more})
     elif differences or wrong or warnings or notes:
         for item in differences:
@@ -163,7 +162,7 @@ def _bus(
     have told; all of these are empty for a bus that does not run.
     """
     if options.sources:
-        bus = get_bus(options)
+        bus, _ = get_bus(options)
         return bus, None, set(), [], Told()
     check_options(options)
     from ecatd.client.remote import Remote  # loading Zenoh is slow

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 from ecatd.version import VERSION
 
@@ -24,24 +25,24 @@ def cstruct(options: argparse.Namespace) -> None:
     """Prints or saves a C header."""
     from ecatgen.c_header import c_header
 
-    bus = get_bus(options)
-    _give(options, bus.name, c_header(bus, VERSION))
+    bus, more = get_bus(options)
+    _give(options, bus.name, c_header(bus, VERSION), more)
 
 
 def xml(options: argparse.Namespace) -> None:
     """Prints or saves XML."""
     from ecatd.esi.writer import bus_document
 
-    bus = get_bus(options)
-    _give(options, bus.name, bus_document(bus, VERSION))
+    bus, more = get_bus(options)
+    _give(options, bus.name, bus_document(bus, VERSION), more)
 
 
-def _give(options: argparse.Namespace, bus: str, text: str) -> None:
+def _give(options: argparse.Namespace, bus: str, text: str, more: dict[str, Any]) -> None:
     if options.out is not None:
         save(options.out, text)
     if options.json:
         document = {"text": text} if options.out is None else {"file": str(options.out)}
-        print_json({"bus": bus, **document})
+        print_json({"bus": bus, **document, **more})
     elif options.out is None:
         sys.stdout.write(text)
     else:

@@ -111,8 +111,8 @@ def generate(options: argparse.Namespace) -> int:
         raise UsageError("--fmi is the version of an FMU: give --fmu, too")
     if options.fmu and (options.force or options.templates):
         raise UsageError("--force and --templates are about libraries: leave them out with --fmu")
-    bus = get_bus(options)
-    return _tell_report(options, _generate(bus, options), {"bus": bus.name})
+    bus, more = get_bus(options)
+    return _tell_report(options, _generate(bus, options), {"bus": bus.name, **more})
 
 
 def _generate(bus: Bus, options: argparse.Namespace) -> Report | FmuReport:

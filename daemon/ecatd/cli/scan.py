@@ -24,7 +24,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 
 def scan(options: argparse.Namespace) -> None:
     """Prints the description of the bus, or saves it to a file."""
-    bus = get_bus(options)
+    bus, more = get_bus(options)
     text = dump(bus, VERSION)
     if options.out is None:
         sys.stdout.write(text)
@@ -40,6 +40,7 @@ def scan(options: argparse.Namespace) -> None:
                 "slaves": len(bus.slaves),
                 "inputs": inputs,
                 "outputs": outputs,
+                **more,
             }
         )
         return

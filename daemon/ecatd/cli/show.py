@@ -20,6 +20,7 @@ from ecatd.model.witnesses import contradiction_text, witness_name
 from .answering import check_slaves
 from .arguments import add_slave
 from .confirm import add_yes, confirm
+from .outdated import tell_outdated
 from .output import print_json, print_table
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> int:
                 "vendor": slave.vendor,
                 "product": slave.product,
                 "revision": states[slave.position]["revision"],
-                "serial": slave.serial,
+                "serial": states[slave.position]["serial"],
                 "read_at": states[slave.position]["read_at"],
                 "address": slave.address,
                 "coe": slave.coe,
@@ -178,13 +179,15 @@ def _state(row: dict[str, Any]) -> str:
 
 def pdos(remote: Remote, options: argparse.Namespace) -> None:
     """Lists the process data of one slave or all."""
-    bus = remote.describe()
+    bus, rows = remote.describe(), remote.states()
     chosen = bus.slaves if options.slave is None else [bus.find(options.slave)]
+    old = tell_outdated(bus, [rows[slave.position] for slave in chosen])
     if options.json:
         document = bus.to_dict()
         positions = {slave.position for slave in chosen}
         document["slaves"] = [s for s in document["slaves"] if s["position"] in positions]
-        print_json({"bus": bus.name, "domains": document["domains"], "slaves": document["slaves"]})
+        document = {"domains": document["domains"], "slaves": document["slaves"]}
+        print_json({"bus": bus.name, **document, "outdated": old})
         return
     for slave in chosen:
         domain = f"  ({bus.domain_label(slave.domain)})" if len(bus.domains) > 1 else ""

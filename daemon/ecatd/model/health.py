@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from .al import AlState
-from .bus import display_name
+from .bus import Slave, display_name
 from .faults import Fault
 
-_ABSENT = "absent"
+_ABSENT, _EXCHANGED = "absent", "exchanged"
 _DAY = 86400.0
 _SILENT_S = 12.0
 """Seconds without a question of the main process, which comes every second, before that counts."""
@@ -127,9 +127,25 @@ def required(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     return [row for row in rows if row.get("recovery") != _ABSENT]
 
 
-def silent_slaves(rows: Iterable[dict[str, Any]]) -> list[int]:
-    """Positions of the slaves that do not answer, without optional ones that are absent."""
-    return [row["position"] for row in required(rows) if not row["al_state"]]
+def outdated(slaves: Sequence[Slave], rows: Iterable[dict[str, Any]]) -> dict[int, str]:
+    """Says which slaves need not be what ecatd has read of them, by position, and why.
+
+    Args:
+        slaves: The slaves of the description.
+        rows: Their AL states, as `Remote.states` returns them.
+    """
+    why = {}
+    for row in required(rows):
+        slave = slaves[row["position"]]
+        if row["recovery"] == _EXCHANGED:
+            why[slave.position] = "another device is in its place"
+        elif not row["al_state"]:
+            why[slave.position] = "no answer"
+        elif row["revision"] != slave.revision:
+            why[slave.position] = f"a device with revision 0x{row['revision']:08X} is in its place"
+        elif row["serial"] != slave.serial:
+            why[slave.position] = f"a device with serial number {row['serial']} is in its place"
+    return why
 
 
 def _told(row: Mapping[str, Any], consequences: Iterable[Fault] = ()) -> str:

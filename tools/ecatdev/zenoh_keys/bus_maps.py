@@ -159,7 +159,8 @@ class AlState(TypedDict):
         since: Unix time since which it is not in OP, in seconds; None if it is.
         alias: The station alias that it uses now (register 0x0012); None if it does not answer.
         revision: Revision number of the device that was there last. It differs from that of the
-            description if another revision that is accepted has taken its place.
+            description if another device that is accepted has taken its place.
+        serial: Its serial number; the same holds for it.
         read_at: Unix time at which ecatd read its EEPROM. All that the description says of it, but
             for the configuration, is of that time. None if it has never been there.
     """
@@ -176,6 +177,7 @@ class AlState(TypedDict):
     since: float | None
     alias: int | None
     revision: int
+    serial: int
     read_at: float | None
 
 

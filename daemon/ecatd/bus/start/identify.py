@@ -52,7 +52,7 @@ class Finder:
         self._ends = ends
         self._anywhere = anywhere
         self._identified = identified
-        self._revisions = [slave.revision for slave in slaves]
+        self._devices = [_device(slave) for slave in slaves]
         self._there: dict[int, Slave] = {}  # devices without an address of the bus, by place
 
     def look(self) -> Found:
@@ -87,10 +87,10 @@ class Finder:
         found.unclear |= fixed.unclear
         found.strangers = [places[n] for n in fixed.strangers]
         self._name_strangers(found, there)
-        found.other_revision = {
+        found.other_device = {
             position
             for position, place in found.places.items()
-            if there[place].revision != self._revisions[position]
+            if _device(there[place]) != self._devices[position]
         }
         return found
 
@@ -212,7 +212,12 @@ class Finder:
         """
         slave = self._slaves[position].slave
         self._wire.write_address(place, slave.address, f"{slave.label} came back")
-        self._revisions[position] = self._there[place].revision
+        self._devices[position] = _device(self._there[place])
+
+
+def _device(slave: Slave) -> tuple[int, int]:
+    """What can differ between two devices of which a slave accepts both."""
+    return slave.revision, slave.serial
 
 
 def _no_identification(label: str, wanted: int) -> str:

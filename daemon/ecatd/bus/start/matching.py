@@ -30,15 +30,15 @@ class Found:
         exchanged: Messages about slaves that were replaced by another device.
         unclear: Messages about slaves that may be back, but cannot be identified.
         strangers: Places of devices where no slave is missing.
-        other_revision: Positions in `places` where the device has another revision than the one
-            before, so that the known facts about that one may be wrong for it.
+        other_device: Positions in `places` where the device has another revision or serial number
+            than the one before, so that the known facts about that one may be wrong for it.
     """
 
     places: dict[int, int] = field(default_factory=dict)
     exchanged: dict[int, str] = field(default_factory=dict)
     unclear: dict[int, str] = field(default_factory=dict)
     strangers: list[int] = field(default_factory=list)
-    other_revision: set[int] = field(default_factory=set)
+    other_device: set[int] = field(default_factory=set)
 
 
 @dataclass(frozen=True, slots=True)

@@ -173,10 +173,11 @@ class SetUp:
         """When the EEPROM of a slave was read, in Unix seconds; None if it was never there."""
         return self._scanned[position].read_at
 
-    def revision(self, position: int) -> int:
-        """Revision number of the device that was there last; an accepted one may be another one."""
+    def device(self, position: int) -> dict[str, int]:
+        """Revision and serial number of the device that was there last; it may be another one."""
         item = self._scanned[position]
-        return item.sii.revision if item.read_at else item.slave.revision
+        last = item.sii if item.read_at else item.slave
+        return {"revision": last.revision, "serial": last.serial}
 
     def registers(self, position: int) -> list[tuple[int, bytes]]:
         """Sync managers and FMMUs for process data as a slave got them: registers and contents."""

@@ -248,7 +248,7 @@ class Repair:
         for position in lost:
             if position in found.places:
                 self._give_address(position, found.places[position])
-                if position in found.other_revision:
+                if position in found.other_device:
                     self._running.set_up.is_new(position)
                 here.append(position)
             elif position in found.exchanged:

@@ -159,7 +159,7 @@ class SlaveWatch:
         """What is known of a slave now and may differ from its description."""
         return {
             "alias": self._aliases[position],
-            "revision": self._set_up.revision(position),
+            **self._set_up.device(position),
             "read_at": self._set_up.read_at(position),
         }
 
