@@ -396,6 +396,7 @@ def test_files_that_are_refused(tmp_path: Path, text: str, tokens: list[object])
             eni(slave("Axis", ids(2, 3), objects=coe(1, 0, "0"))),
             ["<Data>", "'Axis'", "hexadecimal", "this command is left out"],
         ),
+        (eni(slave("x", ids(2, 3))).replace("Press", "Gr&ouml;&szlig;e"), ["&ouml;", "HTML"]),
         (eni(slave("Axis", ids(2, 3), objects=coe(1, 0, "00", ccs=7))), ["<Ccs>", 7, "'Axis'"]),
         (eni(slave("x", ids(2, 3), registers="<InitCmd/>")), ["<Cmd>", "'x'"]),
         (eni(slave("x", ids(2, 3)), "<Cyclic><CycleTime>a</CycleTime></Cyclic>"), ["<CycleTime>"]),

@@ -268,6 +268,10 @@ SHAPES = {
     "a document type": Shape(
         esi().replace("?>\n", '?>\n<!DOCTYPE EtherCATInfo SYSTEM "EtherCATInfo.dtd">', 1)
     ),
+    "names of HTML": Shape(
+        esi(name="St&ouml;rung&nbsp;&copy; &amp; &#246;", profile="<!-- &uuml; -->"),
+        "'&copy;', '&nbsp;', '&ouml;' | HTML | the characters that they mean are used",
+    ),
     "empty lines in front": Shape("\n \r\n" + esi()),
     "zeros behind the end": Shape(esi() + "\0" * 64, "control characters | left out"),
     "a text behind the end": Shape(esi() + "end", "follows the end of <EtherCATInfo>"),

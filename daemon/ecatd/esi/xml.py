@@ -3,7 +3,7 @@
 What a file has beyond the limits (size, depth, number of elements) is refused, and so is a document
 type with definitions (<!DOCTYPE x [...]>): ESI and ENI files need none, and it could define
 entities that expand without end or read other files. `xml_text` decodes the bytes of a file, and
-`findings` takes what is wrong in it and can be left out.
+`findings` takes what is wrong in it and can be left out. `xml_references` knows `&ouml;`.
 """
 
 from __future__ import annotations
@@ -19,11 +19,13 @@ from ecatd.model.errors import ConfigError
 from ecatd.model.text_file import check_regular
 
 from .findings import Findings, MalformedError
+from .xml_references import References, as_written
 from .xml_text import XmlText
 
 MAX_BYTES = 128 << 20
 _MAX_DEPTH = 64
 _MAX_ELEMENTS = 2_000_000
+_MAX_REFERENCES = 1_000_000
 _DAMAGED = "the file may be damaged: get it again, or leave it out"
 _YES, _NO = ("1", "true", "yes", "on"), ("", "0", "false", "no", "off")
 _U32 = 0xFFFF_FFFF
@@ -297,6 +299,8 @@ class _Builder:
         self._text_of_file = XmlText(path, self._tell)
         self._stack: list[Element] = []
         self._texts: list[list[str]] = []
+        self._cdata: list[str] | None = None
+        self._references = References()
         self._skipped = 0  # depth within an element that is left out
         self._count = 0
         self._root: Element | None = None
@@ -305,13 +309,16 @@ class _Builder:
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = self._end
         self._parser.CharacterDataHandler = self._text
+        self._parser.StartCdataSectionHandler = self._cdata_begins
+        self._parser.EndCdataSectionHandler = self._cdata_ends
         self._parser.StartDoctypeDeclHandler = self._doctype
-        self._parser.SkippedEntityHandler = self._entity
 
     def read(self) -> Element:
         try:
-            for chunk in self._text_of_file.chunks():
-                self._parser.Parse(chunk, False)
+            for chunk in self._references.hide(self._text_of_file.chunks()):
+                if self._references.hidden > _MAX_REFERENCES:
+                    self._fail(f"there are more than {_MAX_REFERENCES} faulty references with '&'")
+                self._parser.Parse(chunk.encode(), False)
             self._parser.Parse(b"", True)
         except expat.ExpatError as error:
             line = error.lineno + self._text_of_file.first_line
@@ -320,6 +327,7 @@ class _Builder:
                 raise MalformedError(self._path, line, text) from None
             self._tell(line, f"something follows the end of <{self._root.tag}>", LEFT_OUT)
         assert self._root is not None
+        self._references.tell(self._tell)
         return self._root
 
     @property
@@ -336,10 +344,6 @@ class _Builder:
         if definitions:
             self._fail("definitions in <!DOCTYPE> are not allowed: ESI and ENI files have none")
 
-    def _entity(self, name: str, parameter: bool) -> None:
-        if not parameter:
-            self._tell(self._line, f"&{name}; is not known", LEFT_OUT)
-
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         self._count += 1
         depth = len(self._stack) + self._skipped
@@ -355,6 +359,8 @@ class _Builder:
         if not self._wanted(element, depth):
             self._skipped = 1
             return
+        for key, text in attributes.items():
+            attributes[key] = self._references.resolve(text, element.line)
         if self._stack:
             self._stack[-1].children.append(element)
         else:
@@ -367,8 +373,18 @@ class _Builder:
         if self._skipped:
             self._skipped -= 1
             return
-        self._stack.pop().text = "".join(self._texts.pop()).strip()
+        element, text = self._stack.pop(), "".join(self._texts.pop())
+        element.text = self._references.resolve(text, element.line).strip()
 
     def _text(self, text: str) -> None:
-        if self._texts and not self._skipped:
+        if self._cdata is not None:
+            self._cdata.append(text)
+        elif self._texts and not self._skipped:
             self._texts[-1].append(text)
+
+    def _cdata_begins(self) -> None:
+        self._cdata = []
+
+    def _cdata_ends(self) -> None:
+        text, self._cdata = as_written("".join(self._cdata or [])), None
+        self._text(text)

@@ -44,7 +44,7 @@ _LARGER = {
 _OTHER_NAMES = {"windows-31j": "cp932", "gb_2312-80": "gb2312", "windows-936": "gbk"}
 _FALLBACKS = ("utf-8", "cp1252", "latin-1")
 _NAMES = {"utf-8": "UTF-8", "cp1252": "Windows-1252", "latin-1": "ISO 8859-1"}
-_CONTROL = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
+_CONTROL = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ufdd0-\ufdef\ufffe\uffff]")
 _PRINTABLE = bytes(range(0x20, 0x7F))
 
 Tell = Callable[[int, str, str], None]
@@ -67,8 +67,8 @@ class XmlText:
         self._path, self._tell = path, tell
         self.first_line = 0
 
-    def chunks(self) -> Iterator[bytes]:
-        """The text in UTF-8, in parts, without white space in front and without control characters.
+    def chunks(self) -> Iterator[str]:
+        """The text in parts, without white space in front and without control characters.
 
         Raises:
             OSError: The file cannot be read.
@@ -91,7 +91,7 @@ class XmlText:
                     self.first_line += clean.count("\n", 0, len(clean) - len(stripped))
                     clean, begun = stripped, bool(stripped)
                 if clean:
-                    yield clean.encode()
+                    yield clean
                 if not data:
                     return
 
