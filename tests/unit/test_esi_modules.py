@@ -70,6 +70,69 @@ def test_an_index_beyond_the_last_one(file: Path) -> None:
     assert [pdo.index for pdo in device.inputs] == [0x1AFF]
 
 
+OUTPUT_INDEX = '<Index DependOnSlot="1">#x1600</Index>'
+_AXIS = '\n<Module><Type ModuleIdent="#x0303"'
+_CHOICE = (
+    '<RxPdo><Index DependOnSlot="1">#x1608</Index><Exclude>#x1600</Exclude><Name>Other</Name>'
+    "</RxPdo></Module>"
+)
+"""A second PDO of the module AO1."""
+
+
+@pytest.mark.parametrize("exclude", ["<Exclude>", '<Exclude DependOnSlot="1">'])
+def test_an_exclusion_within_a_module_moves_with_its_pdos(file: Path, exclude: str) -> None:
+    choice = _CHOICE.replace("<Exclude>", exclude)
+    file.write_text(ISLAND.replace("</Module>" + _AXIS, choice + _AXIS))
+    device = plug(island(file), [AO, AO])
+    assert {pdo.index: pdo.excludes for pdo in device.outputs} == {
+        0x1600: [0x1608],
+        0x1608: [0x1600],
+        0x1601: [0x1609],
+        0x1609: [0x1601],
+    }
+    settings = SlaveConfig(0, module=[ModuleConfig(1, AO), ModuleConfig(2, AO)])
+    settings.pdos = [0x1600, 0x1609, 0x1AFF]
+    assert list(pdo_problems(settings, island(file))) == []
+    settings.pdos = [0x1600, 0x1601, 0x1609, 0x1AFF]
+    (problem,) = pdo_problems(settings, island(file))
+    names(problem, "0x1601", "0x1609")
+
+
+def test_the_pdo_of_one_module_excludes_that_of_another_one(file: Path) -> None:
+    file.write_text(
+        ISLAND.replace("<Index>#x1700</Index>", "<Index>#x1700</Index><Exclude>#x1601</Exclude>")
+    )
+    device = plug(island(file), [DI, AO, AXIS])
+    (said,) = device.findings.texts
+    names_at(said, f"{file}:43: PDO 0x1700 excludes 0x1601 | by default | both are used")
+    assert len(plug(island(file), [AO, 0, AXIS]).findings) == 0, "slot 1 has 0x1600"
+    settings = SlaveConfig(0, module=[ModuleConfig(2, AO), ModuleConfig(3, AXIS)])
+    settings.pdos = [0x1601, 0x1700, 0x1AFF]
+    (problem,) = pdo_problems(settings, island(file))
+    names(problem, "0x1601", "0x1700", "exclude each other")
+
+
+@pytest.mark.parametrize("says", ["0x1600", "0x1700"])
+def test_one_of_two_pdos_that_exclude_each_other_stands_for_a_mandatory_one(
+    file: Path, says: str
+) -> None:
+    text = ISLAND.replace('<Exclude DependOnSlot="1">#x1608</Exclude>', "")
+    text = text.replace('<RxPdo Sm="2"><Index Dep', '<RxPdo Mandatory="1"><Index Dep')
+    index, other = OUTPUT_INDEX, "#x1700"
+    if says == "0x1700":
+        index, other = "<Index>#x1700</Index>", "#x1600"
+    file.write_text(text.replace(index, f"{index}<Exclude>{other}</Exclude>"))
+    settings = SlaveConfig(0, module=[ModuleConfig(1, AO), ModuleConfig(3, AXIS)])
+    settings.pdos = [0x1700, 0x1AFF]
+    assert list(pdo_problems(settings, island(file))) == []
+    device = device_from_esi(file, "Island", modules=["AO1", "", "Axis"])
+    device.dictionary[0x1C12, 0].write(b"\0")
+    for index in (0x1600, 0x1700):
+        device.dictionary[0x1C12, 1].write(index.to_bytes(2, "little"))
+        device.dictionary[0x1C12, 0].write(b"\1")
+        device.dictionary[0x1C12, 0].write(b"\0")
+
+
 def test_the_pdos_of_modules_may_be_assigned(file: Path) -> None:
     settings = SlaveConfig(0, module=[ModuleConfig(1, DI), ModuleConfig(2, AO)])
     settings.pdos = [0x1601, 0x1AFF, 0x1A00]

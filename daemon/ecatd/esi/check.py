@@ -71,9 +71,8 @@ def pdo_problems(settings: SlaveConfig, device: EsiDevice) -> Iterator[str]:
             if index not in offered:
                 all_ = ", ".join(f"0x{known:04X}" for known in offered) or "none"
                 yield f"has PDO 0x{index:04X}, which the device does not offer: it offers {all_}"
-    excluded = {index for pdo in assigned for index in pdo.excludes}
     for pdo in offered.values():
-        if pdo.mandatory and pdo not in assigned and pdo.index not in excluded:
+        if pdo.mandatory and pdo not in assigned and not pdo.is_excluded(assigned):
             yield f"lacks PDO 0x{pdo.index:04X}, which is mandatory: add it to pdos"
     seen: set[frozenset[int]] = set()
     for pdo in assigned:

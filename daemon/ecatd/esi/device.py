@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 from ecatd.model.pdo import Pdo
@@ -75,6 +76,14 @@ class EsiPdo(Pdo):
     fixed: bool = False
     mandatory: bool = False
     excludes: list[int] = field(default_factory=list)
+
+    def is_excluded(self, others: Iterable[EsiPdo]) -> bool:
+        """Whether it cannot be assigned together with these; one of two says it for both."""
+        return any(
+            other.index != self.index
+            and (other.index in self.excludes or self.index in other.excludes)
+            for other in others
+        )
 
 
 @dataclass(slots=True)

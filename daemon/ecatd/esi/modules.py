@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 
 from .device import EsiDevice, EsiModule
 from .dictionary import read_dictionary
-from .reader import read_commands, read_pdos
+from .reader import note_exclusions, read_commands, read_pdos
 from .shift import Shift
 
 
@@ -36,8 +37,13 @@ def plug(device: EsiDevice, idents: Sequence[int]) -> EsiDevice:
     for ident, slot in zip(idents, device.slots, strict=False):
         if ident in modules:
             element = modules[ident].element
-            plugged.outputs += read_pdos(element.all("RxPdo"), plugged, shift)
-            plugged.inputs += read_pdos(element.all("TxPdo"), plugged, shift)
+            outputs = read_pdos(element.all("RxPdo"), plugged, shift)
+            inputs = read_pdos(element.all("TxPdo"), plugged, shift)
+            for new, known in ((outputs, plugged.outputs), (inputs, plugged.inputs)):
+                for one, other in product(new, known):
+                    note_exclusions(element, one, [other])
+                    note_exclusions(element, other, [one])
+                known += new
             coe = element.find("Mailbox", "CoE")
             plugged.commands += read_commands(coe, shift) if coe else []
             dictionary = element.find("Profile", "Dictionary")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -339,15 +340,17 @@ def read_pdos(
     Args:
         elements: `<RxPdo>` or `<TxPdo>`.
         device: The device; its findings take what is left out.
-        shift: How far the slot moves their indices.
+        shift: How far the slot moves their indices, and those that they exclude.
     """
+    elements = list(elements)
+    movable = set(_movable(elements))
     result: dict[int, EsiPdo] = {}
     found: dict[int, Element] = {}
     lost: dict[int, str] = {}  # by sync manager, why the place of what follows is not known
     for element in elements:
         manager = _place(element, device)
         try:
-            pdo = _pdo(element, manager, shift)
+            pdo = _pdo(element, manager, shift, movable)
         except MalformedError as error:
             device.findings.add(error.path, error.line, error.text, "this PDO is left out")
             lost.setdefault(manager, str(error))
@@ -360,12 +363,36 @@ def read_pdos(
         if _counts(element, pdo, result.get(pdo.index), device):
             result.pop(pdo.index, None)
             result[pdo.index], found[pdo.index] = pdo, element
-    assigned = {i for i, pdo in result.items() if pdo.sync_manager != UNASSIGNED}
-    for index in sorted(assigned):
-        for other in sorted(assigned.intersection(result[index].excludes) - {index}):
-            label = f"PDO 0x{index:04X} excludes 0x{other:04X}, but both are assigned by default"
-            found[index].note(label, "both are used")
-    return list(result.values())
+    pdos = list(result.values())
+    for pdo in sorted(pdos, key=lambda pdo: pdo.index):
+        note_exclusions(found[pdo.index], pdo, pdos)
+    return pdos
+
+
+def note_exclusions(element: Element, pdo: EsiPdo, others: Iterable[EsiPdo]) -> None:
+    """Notes which PDOs exclude a PDO, or are excluded by it, though both are assigned by default.
+
+    Args:
+        element: Where it is noted.
+        pdo: The PDO.
+        others: The other ones.
+    """
+    if pdo.sync_manager == UNASSIGNED:
+        return
+    for other in sorted(others, key=lambda other: other.index):
+        excluded = other.index in pdo.excludes and other.index != pdo.index
+        if excluded and other.sync_manager != UNASSIGNED:
+            label = f"PDO 0x{pdo.index:04X} excludes 0x{other.index:04X}"
+            element.note(f"{label}, but both are assigned by default", "both are used")
+
+
+def _movable(elements: Iterable[Element]) -> Iterator[int]:
+    """The indices, as they are written, of PDOs that depend on the slot."""
+    for element in elements:
+        index = element.find("Index")
+        if index and index.flag("DependOnSlot"):
+            with suppress(MalformedError):  # which `_pdo` tells
+                yield index.number()
 
 
 def _counts(element: Element, pdo: EsiPdo, known: EsiPdo | None, device: EsiDevice) -> bool:
@@ -403,7 +430,7 @@ def _place(element: Element, device: EsiDevice) -> int:
     return manager
 
 
-def _pdo(element: Element, manager: int, shift: Shift) -> EsiPdo:
+def _pdo(element: Element, manager: int, shift: Shift, movable: set[int]) -> EsiPdo:
     template = element.given("Ref")
     if template and not element.has("Index"):
         element.fail(f"<{element.tag}> refers to '{template}', which is not in this file")
@@ -411,7 +438,8 @@ def _pdo(element: Element, manager: int, shift: Shift) -> EsiPdo:
     excludes = []
     for item in element.all("Exclude"):
         with item.instead():
-            excludes.append(shift.index(item))
+            moves = item.number() in movable  # it means the PDO that is beside it in this module
+            excludes.append(shift.index(item, moves=moves))
     return EsiPdo(
         index,
         element.name(),

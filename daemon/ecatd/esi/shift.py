@@ -21,14 +21,18 @@ class Shift:
     objects: int = 0
     pdos: int = 0
 
-    def index(self, element: Element) -> int:
+    def index(self, element: Element, *, moves: bool = False) -> int:
         """The index in an element, moved if it depends on the slot.
+
+        Args:
+            element: The element.
+            moves: Whether it depends on the slot although the element does not say so.
 
         Raises:
             MalformedError: It is not an index, or beyond 0xFFFF.
         """
         index = element.number(high=0xFFFF)
-        if not index or not element.flag("DependOnSlot"):
+        if not index or not (element.flag("DependOnSlot") or moves):
             return index
         moved = index + (self.pdos if any(index in pdos for pdos in _PDOS) else self.objects)
         if moved > 0xFFFF:

@@ -377,14 +377,15 @@ def _with_rules(
     members: dict[int, Variable],
 ) -> Callable[[Value], None]:
     """Extends the check of a PDO assignment by mandatory PDOs and PDOs that exclude others."""
-    excludes = {pdo.index: set(pdo.excludes) for pdo in pdos}
+    known = {pdo.index: pdo for pdo in pdos}
 
     def write_count(count: Value) -> None:
         check(count)
         assert isinstance(count, int)
-        assigned = {int(members[i].value) for i in range(1, count + 1)}
-        excluded = any(excludes[index] & assigned for index in assigned)
-        if excluded or (assigned and not mandatory <= assigned):
+        assigned = [known[int(members[i].value)] for i in range(1, count + 1)]
+        excluded = any(pdo.is_excluded(assigned) for pdo in assigned)
+        lacking = mandatory - {pdo.index for pdo in assigned}
+        if excluded or (assigned and not all(known[i].is_excluded(assigned) for i in lacking)):
             raise SdoAbortError(abort_codes.VALUE_RANGE)
 
     return write_count
