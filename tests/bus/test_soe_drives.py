@@ -110,6 +110,13 @@ def test_telegrams_are_process_data_and_the_axes_turn(
         (elsewhere,) = daemon.ctl_json("soe-read", "1", "S-0-0047")["idns"]  # in no telegram
         assert elsewhere["value"] == 0
         assert elsewhere["data"] == "00000000"
+        # The drive alone says where it is; the MDT has the velocity, and not the position.
+        for idn, code in (("S-0-0051", "0x7004"), ("S-0-0036", "0x700A")):
+            told = daemon.ctl("soe-write", "1", idn, "0", check=False)
+            assert told.returncode == 7
+            names(told.stderr, "slave 1", idn, code)
+        daemon.ctl("soe-write", "1", "S-0-0047", "1234")
+        assert daemon.ctl("soe-read", "1", "S-0-0047").stdout.startswith("1234 inc ")
         # It forgets its telegrams without power, and gets them again.
         simulator.faults.power_off(1)
         wait_for(lambda: "no answer" in str(daemon.slave_rows()), daemon)

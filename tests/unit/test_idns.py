@@ -13,7 +13,7 @@ from ecatd.bus.mailbox.talks import Talk
 from ecatd.model.al import AlState
 from ecatd.model.errors import NoAnswerError, StateError, UsageError
 from ecatd.model.idns import Attribute, Element, idn_text, parse_idn, split_elements
-from ecatsim.slave.soe import Idn, SoeServer
+from ecatsim.slave.soe import READ_ONLY, Idn, SoeServer
 from rigs.files import IDNS, LIST, LONG, NUMBERS, SHORT, SIGNED, TEXT, UNSIGNED, WORDS
 
 SIZE = 48
@@ -134,6 +134,50 @@ def test_values_of_all_kinds() -> None:
     for raw, text in ((SHORT | UNSIGNED, "70000"), (SHORT | UNSIGNED, "x"), (0, "1")):
         with pytest.raises(UsageError):
             Attribute(raw).encode(text)
+
+
+@given(st.integers(-(1 << 63), (1 << 63) - 1), st.integers(0, 15))
+def test_no_digit_is_lost(value: int, decimals: int) -> None:
+    attribute = Attribute(3 << 16 | SIGNED | decimals << 24)
+    data = value.to_bytes(8, "little", signed=True)
+    assert attribute.encode(attribute.text(data)) == data
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1.23456", ["1.23456", "4 decimals", "1.2346"]),
+        ("1e-9", ["1e-9", "0.0"]),
+        ("123456.7890123456789012345678901234567890", ["123456.789"]),
+        ("1e999999999", ["1e999999999", "4 bytes"]),
+        ("214748.3648", ["214748.3648", "4 bytes"]),
+        ("nan", ["'nan'", "number"]),
+    ],
+)
+def test_a_value_that_the_idn_cannot_have_is_refused(text: str, said: list[str]) -> None:
+    attribute = Attribute(LONG | SIGNED | 4 << 24)
+    with pytest.raises(UsageError) as caught:
+        attribute.encode(text)
+    names(caught.value, *said)
+    assert attribute.encode("214748.36470") == struct.pack("<i", (1 << 31) - 1)
+    assert attribute.text(struct.pack("<i", 1)) == "0.0001"
+
+
+def test_what_the_exchange_owns_is_not_written_over_the_mailbox() -> None:
+    position = Idn("Position feedback", LONG | SIGNED | READ_ONLY, bytes(4))
+    target = Idn("Position command", LONG | SIGNED, bytes(4), in_mdt=True)
+    idns = {"S-0-0051": position, "S-0-0047": target}
+    for state, name, code in (
+        (AlState.PREOP, "S-0-0051", "0x7004"),
+        (AlState.OP, "S-0-0051", "0x7004"),
+        (AlState.SAFEOP, "S-0-0047", "0x700A"),
+        (AlState.OP, "S-0-0047", "0x700A"),
+    ):
+        with pytest.raises(StateError) as caught:
+            run(write_idn(served(idns, state), 0, parse_idn(name), bytes(4), is_list=False))
+        names(caught.value, f"SoE error {code}")
+    run(write_idn(served(idns, AlState.PREOP), 0, 47, b"\1\0\0\0", is_list=False))
+    assert target.value == b"\1\0\0\0"
 
 
 @given(st.binary(max_size=60), st.integers(0, 0x7F))

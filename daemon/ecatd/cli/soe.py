@@ -97,9 +97,7 @@ def soe_write(remote: Remote, options: argparse.Namespace) -> None:
 
 
 def _value(found: IdnValue) -> str:
-    value = found.attribute.decode(found.value)
-    text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
-    return f"{text} {found.unit}".rstrip()
+    return f"{found.attribute.text(found.value)} {found.unit}".rstrip()
 
 
 def _document(found: IdnValue) -> dict[str, Any]:

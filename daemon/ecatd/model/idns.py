@@ -6,6 +6,7 @@ import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from decimal import Context, Decimal, InvalidOperation
 from enum import IntFlag
 from typing import Any
 
@@ -44,6 +45,8 @@ _UNSIGNED_TYPES = {
 }
 
 _PER_DRIVE = 0x1000
+_MOST_DIGITS = 30  # more than those of any value
+_EXACT = Context(prec=10_000)
 
 _ERRORS = {
     0x1001: "it has no such IDN",
@@ -63,7 +66,7 @@ _ERRORS = {
     0x7007: "the value is larger than the maximum",
     0x7008: "the value is not allowed",
     0x7009: "the value is protected by a password",
-    0x700A: "the value cannot be changed now",
+    0x700A: "the value cannot be changed, since the drive gets it in each cycle",
     0x700B: "the indirect address is wrong",
     0x700C: "the value cannot be changed, because of other settings",
     0x7010: "it is changed already",
@@ -149,16 +152,30 @@ class Attribute:
         return [name for bit, name in _PROTECTED.items() if self.raw >> bit & 1]
 
     def decode(self, data: bytes) -> Any:
-        """The value: a number, a text, or a list. Data that do not fit give their bytes in hex."""
+        """The value: a number, a text, or a list. Data that do not fit give their bytes in hex.
+
+        A number with decimals is the nearest float; `text` has all its digits.
+        """
+        found = self._decoded(data)
+        if isinstance(found, str):
+            return found
+        values = [float(item) if isinstance(item, Decimal) else item for item in found]
+        return values if self.is_list else values[0]
+
+    def text(self, data: bytes) -> str:
+        """The value as `encode` takes it, with all its digits."""
+        found = self._decoded(data)
+        return found if isinstance(found, str) else ", ".join(map(_digits, found))
+
+    def _decoded(self, data: bytes) -> str | list[int | float | Decimal | str]:
         kind = self.raw >> _KIND & 7
         if kind == _TEXT and self.is_list:
             return decode_text(data)
         if not self.size or len(data) % self.size or (not self.is_list and len(data) != self.size):
             return data.hex(" ")
-        found = [self._number(kind, part) for part in _parts(data, self.size)]
-        return found if self.is_list else found[0]
+        return [self._number(kind, part) for part in _parts(data, self.size)]
 
-    def _number(self, kind: int, data: bytes) -> int | float | str:
+    def _number(self, kind: int, data: bytes) -> int | float | Decimal | str:
         if kind == _FLOAT and len(data) in (4, 8):
             value: float = struct.unpack("<f" if len(data) == 4 else "<d", data)[0]
             return value
@@ -167,7 +184,7 @@ class Attribute:
             return idn_text(whole & 0xFFFF)
         if kind in (_BINARY, _HEX):
             return f"0x{whole:0{2 * len(data)}X}"
-        return whole / 10**self.decimals if self.decimals else whole
+        return Decimal(whole).scaleb(-self.decimals) if self.decimals else whole
 
     def encode(self, text: str) -> bytes:
         """The bytes of a value as a user types it; elements of a list are separated by commas.
@@ -190,7 +207,7 @@ class Attribute:
             if kind == _IDNS:
                 whole = parse_idn(text)
             elif self.decimals:
-                whole = round(float(text) * 10**self.decimals)
+                whole = self._whole(text)
             else:
                 whole = int(text, 0)
             return whole.to_bytes(self.size, "little", signed=kind == _SIGNED)
@@ -198,6 +215,31 @@ class Attribute:
             raise UsageError(f"{text} does not fit into {self.size} bytes") from None
         except ValueError:
             raise UsageError(f"{text[:40]!r} is not a number") from None
+
+    def _whole(self, text: str) -> int:
+        """The integer that a number with decimals is sent as.
+
+        Raises:
+            ValueError: It is not a number.
+            UsageError: It has more decimals than the value.
+        """
+        try:
+            number = Decimal(text)
+        except InvalidOperation:
+            raise ValueError from None
+        if not number.is_finite():
+            raise ValueError
+        if number.adjusted() > _MOST_DIGITS:
+            raise OverflowError
+        scaled = number.scaleb(self.decimals, _EXACT)
+        whole = int(scaled)
+        if whole != scaled:
+            nearest = Decimal(round(scaled)).scaleb(-self.decimals)
+            raise UsageError(
+                f"{text[:40]} has more than the {self.decimals} decimals of this IDN: write "
+                f"{_digits(nearest)}, which is the nearest value"
+            )
+        return whole
 
 
 @dataclass(slots=True)
@@ -300,6 +342,14 @@ def _take(data: bytes, at: int, size: int) -> bytes:
 
 def _parts(data: bytes, size: int) -> Iterator[bytes]:
     return (data[at : at + size] for at in range(0, len(data), size))
+
+
+def _digits(value: float | Decimal | str) -> str:
+    """A number with all its digits, without zeros at its end: 0.0000001, and not 1e-07."""
+    if not isinstance(value, Decimal):
+        return str(value)
+    text = f"{value:f}".rstrip("0")
+    return text + "0" * text.endswith(".")
 
 
 def _plain(text: bytes) -> str:

@@ -176,10 +176,16 @@ class SoeDrive(Device):
     def step(self, now: float) -> None:
         """Moves the motors."""
         for number, axis in enumerate(self.axes):
+            exchanged = self.machine.state in (AlState.SAFEOP, AlState.OP)
+            for command in _COMMANDS:
+                idn, variable = self.idns[number][command], self.dictionary[command, number]
+                if exchanged and idn.in_mdt:
+                    idn.value = variable.encode()
+                else:
+                    variable.value = variable.decode(idn.value)
             axis.step(now, self._modes[number], self._limits[number])
-            for idn in (*_COMMANDS, *_VALUES):
-                variable = self.dictionary[idn, number]
-                self.idns[number][idn].value = variable.encode()
+            for value in _VALUES:
+                self.idns[number][value].value = self.dictionary[value, number].encode()
 
     def _check(self, old: AlState, new: AlState) -> None:
         if new == AlState.SAFEOP and old == AlState.PREOP:
@@ -206,8 +212,11 @@ class SoeDrive(Device):
             listed = list(struct.unpack(f"<{len(data) // 2}H", data[: len(data) // 2 * 2]))
             if any(idn not in offered or idn == first for idn in listed):
                 raise RefusedError(code)
-            if list_ == MDT_LIST and _MODES[self._modes[number]] not in listed:
-                raise RefusedError(code)
+            if list_ == MDT_LIST:
+                if _MODES[self._modes[number]] not in listed:
+                    raise RefusedError(code)
+                for command in _COMMANDS:
+                    idns[command].in_mdt = command in (first, *listed)
             entries = _telegram(number, list_, (first, *listed)).entries
             mapping = self.dictionary.object(list_ + _PER_AXIS * number).entries
             for place, entry in enumerate(entries, 1):

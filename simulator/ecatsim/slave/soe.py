@@ -16,7 +16,10 @@ _HEADER = struct.Struct("<BBH")
 _READ, _READ_ANSWER, _WRITE, _WRITE_ANSWER = 1, 2, 3, 4
 _OPERATION, _INCOMPLETE, _ERROR, _DRIVE = 0x07, 0x08, 0x10, 5
 _NO_IDN, _NO_UNIT, _WRONG_ELEMENT = 0x1001, 0x4001, 0x1009
-_TOO_SHORT, _TOO_LONG, _PROTECTED, _TOO_SMALL, _TOO_LARGE = 0x7002, 0x7003, 0x7005, 0x7006, 0x7007
+_TOO_SHORT, _TOO_LONG, _TOO_SMALL, _TOO_LARGE = 0x7002, 0x7003, 0x7006, 0x7007
+_UNCHANGEABLE, _PROTECTED, _CYCLIC = 0x7004, 0x7005, 0x700A
+READ_ONLY = 7 << 28
+"""In an attribute: the value is write-protected in PREOP, SAFEOP and OP."""
 _SIGNED = 2 << 20
 _KIND = 7 << 20
 
@@ -32,6 +35,7 @@ class Idn:
         unit: Its unit, or empty.
         minimum: Smallest value that a master may write, or None.
         maximum: Largest value that a master may write, or None.
+        in_mdt: Whether the MDT has it: in SAFEOP and OP the mailbox cannot write it.
     """
 
     name: str
@@ -40,6 +44,7 @@ class Idn:
     unit: str = ""
     minimum: int | None = None
     maximum: int | None = None
+    in_mdt: bool = False
 
 
 class _RefusedError(Exception):
@@ -128,8 +133,13 @@ class SoeServer:
         attribute = Attribute(idn.attribute)
         if elements != Element.VALUE:
             raise _RefusedError(_WRONG_ELEMENT)
-        if self._state().name in attribute.protected:
+        if idn.attribute & READ_ONLY == READ_ONLY:
+            raise _RefusedError(_UNCHANGEABLE)
+        state = self._state()
+        if state.name in attribute.protected:
             raise _RefusedError(_PROTECTED)
+        if idn.in_mdt and state in (AlState.SAFEOP, AlState.OP):
+            raise _RefusedError(_CYCLIC)
         if attribute.is_list:
             data = data[4:]
         elif len(data) != attribute.size:

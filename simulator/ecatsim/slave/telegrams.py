@@ -9,7 +9,7 @@ from ecatd.model.datatypes import is_real, is_signed
 from ecatd.model.idns import ALL_IDNS, AT_LIST, CONTROL, MDT_LIST, STATUS, TELEGRAM_TYPE
 from ecatd.model.pdo import Entry, Pdo
 
-from .soe import Idn
+from .soe import READ_ONLY, Idn
 
 _DRIVE, _NUMBER = 12, 0x0FFF  # where a PDO of a drive has its number, and its IDN
 _U16, _IDN_LIST = 0x00110000, 0x00550000
@@ -44,7 +44,7 @@ def telegram_idns(pdos: Iterable[Pdo]) -> list[dict[int, Idn]]:
         name = "Configuration list of the " + ("MDT" if number == MDT_LIST else "AT")
         idns[number] = Idn(name, _IDN_LIST, struct.pack(f"<{len(listed)}H", *listed))
         idns[TELEGRAM_TYPE] = Idn("Telegram type", _U16, struct.pack("<H", _CONFIGURED))
-        idns |= {entry.index: _idn(entry) for entry in pdo.entries}
+        idns |= {entry.index: _idn(entry, commands=number == MDT_LIST) for entry in pdo.entries}
     for idns in drives.values():
         list_all(idns)
     return [drives.get(number, {}) for number in range(max(drives, default=-1) + 1)]
@@ -56,7 +56,9 @@ def list_all(idns: dict[int, Idn]) -> None:
     idns[ALL_IDNS] = Idn("List of all IDNs", _IDN_LIST, struct.pack(f"<{len(known)}H", *known))
 
 
-def _idn(entry: Entry) -> Idn:
+def _idn(entry: Entry, *, commands: bool) -> Idn:
     kind = _FLOAT if is_real(entry.data_type) else _SIGNED * is_signed(entry.data_type)
     attribute = _LENGTHS[entry.bit_length] << _LENGTH | kind << _KIND
-    return Idn(entry.name, attribute, bytes(entry.bit_length // 8), entry.unit)
+    attribute |= 0 if commands else READ_ONLY
+    data = bytes(entry.bit_length // 8)
+    return Idn(entry.name, attribute, data, entry.unit, in_mdt=commands)
