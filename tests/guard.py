@@ -53,7 +53,7 @@ class Things(NamedTuple):
         """What there is."""
         named = Path("/run/netns")
         return Things(
-            frozenset(str(path) for path in Path("/dev/shm").glob("ecat*/*")),
+            frozenset(map(str, filter(_is_ours, Path("/dev/shm").glob("ecat*/*")))),
             frozenset(name for _, name in socket.if_nameindex() if name.startswith(_NAMES)),
             frozenset(map(str, named.glob("ecat*")) if named.is_dir() else ()),
         )
@@ -68,6 +68,19 @@ class Things(NamedTuple):
             *(("interface", name) for name in sorted(self.interfaces - before.interfaces)),
             *(("network namespace", name) for name in sorted(self.namespaces - before.namespaces)),
         ]
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a file of shared memory can be of the tests.
+
+    Other users may run ecatd beside the tests. As root the tests make users of their own, of the
+    numbers that nobody has (`REAL_UID`); what these leave counts, too.
+    """
+    try:
+        owner = path.lstat().st_uid
+    except OSError:  # it has just gone, or it lies where only another user may look
+        return False
+    return owner == os.getuid() or (os.getuid() == 0 and OWN_UIDS)
 
 
 def _files_in_use() -> set[str]:

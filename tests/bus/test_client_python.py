@@ -1,5 +1,6 @@
 """The Python client on a real bus: entries, claims, requests, restarts of the daemon."""
 
+import asyncio
 import os
 from collections.abc import Callable
 
@@ -192,6 +193,58 @@ def test_what_is_out_of_range_is_said_in_the_unit_of_the_program(
         torque = bus.signal(DRIVE, 0x6071)
         with pytest.raises(UsageError, match=naming(40000, "whole numbers", -32768, 32767)):
             torque.value = 40000
+
+
+WRONG = [
+    (lambda bus: Client(5), "bus | 5"),
+    (lambda bus: Client(f"{bus.name}\0x"), "bus | text"),
+    (lambda bus: bus.claim(DRIVE, lease="x"), "lease | seconds | 'x'"),
+    (lambda bus: bus.claim(DRIVE, lease=float("nan")), "lease | seconds | nan"),
+    (lambda bus: bus.claim(1 << 32), "what | 4294967296"),
+    (lambda bus: bus.claim(1.5), "what | 1.5"),
+    (lambda bus: bus.claim(["3/0x7000:01", 3]), "what | 3"),
+    (lambda bus: bus.signal(None), "what | None"),
+    (lambda bus: bus.signal(1 << 32), "what | 4294967296"),
+    (lambda bus: bus.signal(DRIVE, 0x6041, 256), "subindex | 0 to 255 | 256"),
+    (lambda bus: bus.signal(DRIVE, 0x16041), "index | 0 to 65535"),
+    (lambda bus: bus.signal("0", 0x6041), "index | name"),
+    (lambda bus: bus.signal("0/0x6041:00\0"), "what | text"),
+    (lambda bus: bus.signal("0/0x6041:00", direction="in"), "direction | 'in'"),
+    (lambda bus: bus.signals("0"), "slave | '0'"),
+    (lambda bus: bus.group("0/0x6041:00"), "signals | several | '0/0x6041:00'"),
+    (lambda bus: bus.group(7), "signals | several | 7"),
+    (lambda bus: bus.group([b"0/0x6041:00"]), "signals | Signal"),
+    (lambda bus: bus.summarize(["0/0x6041:00"], "2"), "cycles | '2'"),
+    (lambda bus: bus.summarize(["0/0x6041:00"], -1), "cycles | -1"),
+    (lambda bus: bus.summarize(["0/0x6041:00"], 2, timeout=None), "timeout | None"),
+    (lambda bus: bus.sample("0"), "domain | '0'"),
+    (lambda bus: bus.sample(1 << 32), "domain | 4294967296"),
+    (lambda bus: bus.wait("1"), "cycles | '1'"),
+    (lambda bus: bus.wait(timeout="1"), "timeout | '1'"),
+    (lambda bus: bus.wait(domain=0.0), "domain | 0.0"),
+    (lambda bus: bus.domain(None), "number | None"),
+    (lambda bus: bus.domain_array("0"), "number | '0'"),
+    (lambda bus: bus.output(3), "what | 3"),
+    (lambda bus: bus.expect(0, 1 << 32, 2), "vendor | 4294967296"),
+    (lambda bus: bus.expect(0, "2", 2), "vendor | '2'"),
+    (lambda bus: bus.sdo_upload("0", 0x1018), "slave | '0'"),
+    (lambda bus: bus.sdo_upload(DRIVE, 0x1018, 0x101), "subindex | 257"),
+    (lambda bus: bus.sdo_download(DRIVE, 0x6060, 0, 8), "data | bytes | 8"),
+    (lambda bus: bus.sdo_upload(DRIVE, 0x1018).result("1"), "timeout | '1'"),
+    (lambda bus: bus.request_state(DRIVE, "OP"), "state | 'OP'"),
+    (lambda bus: asyncio.run(bus.next_cycle("1")), "cycles | '1'"),
+    (lambda bus: asyncio.run(bus.next_cycle(timeout="1")), "timeout | '1'"),
+]
+
+
+def test_a_wrong_argument_is_named(troll: Daemon) -> None:
+    with troll.client() as bus, troll.client() as other:
+        for call, said in WRONG:
+            with pytest.raises(UsageError, match=naming(*said.split(" | "))):
+                call(bus)  # type: ignore[no-untyped-call]
+        with pytest.raises(UsageError, match=naming("what", "another client")):
+            bus.claim(other.signal("3/0x7000:01"))
+        assert bus.owners() == []
 
 
 def test_waiting(troll: Daemon) -> None:

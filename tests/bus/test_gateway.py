@@ -100,6 +100,41 @@ def test_r36_the_network_reads_and_does_not_write(daemon: Daemon, network: zenoh
     wait_for(lambda: {row["text"] for row in daemon.slave_rows("state")} == {"OP"}, daemon)
 
 
+REMOTE = [
+    (lambda remote: Remote(5), "bus | 5"),
+    (lambda remote: Remote(remote.bus, 5), "connect | 5"),
+    (lambda remote: Remote(remote.bus, timeout="1"), "timeout | '1'"),
+    (lambda remote: Remote(remote.bus, identity="x"), "identity | 'x'"),
+    (lambda remote: remote.sdo_read(1.5, 0x1018), "slave | float"),
+    (lambda remote: remote.sdo_read(0, "0x1018"), "index | str"),
+    (lambda remote: remote.sdo_read(0, 0x1018, 256), "subindex | 256 | 255"),
+    (lambda remote: remote.sdo_write(0, 0x6060, 0, 8), "data | bytes | 8"),
+    (lambda remote: remote.register_read(0, "x"), "address | str"),
+    (lambda remote: remote.register_write(0, 0x400, 1), "data | bytes | 1"),
+    (lambda remote: remote.write_idn(0, 47, "1"), "data | bytes | '1'"),
+    (lambda remote: remote.write_sii(0, 0, None), "data | bytes | None"),
+    (lambda remote: remote.start_file_read(0, 7), "file | int"),
+    (lambda remote: remote.start_file_write(0, "x", "text"), "data | bytes | 'text'"),
+    (lambda remote: remote.set_state(8), "state | int"),
+    (lambda remote: remote.events("1"), "since | str"),
+    (lambda remote: remote.stream(None, 5), "pattern | None"),
+    (lambda remote: remote.stream("0/*", "5"), "rate | '5'"),
+    (lambda remote: remote.set_log_level(1), "level | int"),
+    (lambda remote: remote.write_ip(0, mac=5), "mac | int"),
+]
+
+
+def test_a_wrong_argument_of_a_request_is_named(
+    daemon: Daemon, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
+    with Remote(daemon.bus, timeout=60) as remote:
+        for call, said in REMOTE:
+            with pytest.raises(UsageError, match=naming(*said.split(" | "))):
+                call(remote)  # type: ignore[no-untyped-call]
+        assert remote.sdo_write(0, 0x6060, 0, bytearray(b"\x08")).data == b"\x08"
+
+
 def test_buses_are_found(daemon: Daemon, network: zenoh.Session) -> None:
     (reply,) = network.get("ecat/v1/*/ro/info", timeout=60.0)
     assert str(reply.ok.key_expr) == bus_key(daemon.bus, "ro", "info")

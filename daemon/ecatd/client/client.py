@@ -6,7 +6,7 @@ import ctypes
 from collections import defaultdict
 from collections.abc import AsyncIterator, Iterable, Sequence
 from types import TracebackType
-from typing import TYPE_CHECKING, Self, overload
+from typing import TYPE_CHECKING, Self, SupportsIndex, overload
 from weakref import WeakSet
 
 from ecatd import shm
@@ -14,6 +14,7 @@ from ecatd.model.al import AlState
 from ecatd.model.errors import UnreachableError, UsageError
 from ecatd.shm import Direction
 
+from .arguments import COUNT, INDEX, SUBINDEX, U32, refuse, seconds, whole
 from .claims import Claim, Claims
 from .connection import PADDING, Connection, text_of
 from .group import SignalGroup
@@ -167,8 +168,13 @@ class Client:
 
     def expect(self, position: int, vendor: int, product: int, revision: int = 0) -> None:
         """Raises `StateError` unless the slave at `position` is this one (revision 0: any)."""
-        address = self._connection.address
-        self._connection.check(QUICK.ecat_expect(address, position, vendor, product, revision))
+        numbers = (
+            whole("position", position),
+            whole("vendor", vendor, U32),
+            whole("product", product, U32),
+            whole("revision", revision, U32),
+        )
+        self._connection.check(QUICK.ecat_expect(self._connection.address, *numbers))
 
     # --- entries ----------------------------------------------------------------------------------
 
@@ -204,16 +210,19 @@ class Client:
 
         Raises:
             StateError: There is no such slave or entry, or several have this name.
+            UsageError: An argument has another type, or is out of range.
         """
         connection = self._connection
         if isinstance(what, str):
-            number = connection.lookup(what, direction)
+            if index is not None:
+                raise UsageError("index goes with the position of a slave, not with a name")
+            number = connection.lookup(what, whole("direction", direction))
         elif index is not None:
-            number = connection.check(
-                QUICK.ecat_bind(connection.address, what, index, subindex, direction)
-            )
+            address = (whole("index", index, INDEX), whole("subindex", subindex, SUBINDEX))
+            place = (whole("what", what), *address, whole("direction", direction))
+            number = connection.check(QUICK.ecat_bind(connection.address, *place))
         else:
-            number = what
+            number = whole("what", what)
         found = self._signals.get(number)
         if found is None:
             found = self._signals[number] = make(connection, number)
@@ -224,6 +233,7 @@ class Client:
         connection = self._connection
         numbers: Iterable[int] = range(QUICK.ecat_signal_count(connection.address))
         if slave is not None:
+            slave = whole("slave", slave)
             if not self._of_slaves:
                 for number in numbers:
                     of_slave = connection.signal(number).slave
@@ -233,12 +243,23 @@ class Client:
 
     def group(self, signals: Iterable[str | Signal]) -> SignalGroup:
         """Entries that are read at once, for programs that read many in each cycle."""
-        made = SignalGroup(self._connection, tuple(self._entry(signal) for signal in signals))
+        made = SignalGroup(self._connection, self._entries("signals", signals))
         self._groups.add(made)
         return made
 
-    def _entry(self, what: str | Signal) -> Signal:
-        return self.signal(what) if isinstance(what, str) else what
+    def _entry(self, name: str, what: object) -> Signal:
+        if isinstance(what, str):
+            return self.signal(what)
+        if not isinstance(what, Signal):
+            raise refuse(name, "an entry: a Signal, or a text such as '0/Statusword'", what)
+        if what is not self._signals.get(what.number):
+            raise UsageError(f"{name} is an entry of another client: {what!r}")
+        return what
+
+    def _entries(self, name: str, several: object) -> tuple[Signal, ...]:
+        if isinstance(several, (str, bytes, Signal)) or not isinstance(several, Iterable):
+            raise refuse(name, "several entries, such as ['0/Statusword']", several)
+        return tuple(self._entry(f"an item of {name}", what) for what in several)
 
     # --- the image --------------------------------------------------------------------------------
 
@@ -259,7 +280,8 @@ class Client:
         if domain is None:
             connection.check_live(QUICK.ecat_sample(connection.address))
         else:
-            connection.check_live(QUICK.ecat_sample_domain(connection.address, domain))
+            number = whole("domain", domain)
+            connection.check_live(QUICK.ecat_sample_domain(connection.address, number))
 
     def commit(self) -> None:
         """Publishes all staged outputs at once; they are sent with the next cycle.
@@ -284,9 +306,11 @@ class Client:
             UsageError: There is no such domain.
         """
         connection = self._connection
+        cycles, timeout = whole("cycles", cycles), seconds("timeout", timeout)
         if domain is None:
             connection.wait_cycles(cycles, timeout)
         else:
+            domain = whole("domain", domain)
             connection.wait(WAITING.ecat_wait_domain, "exchange", timeout, domain, cycles)
 
     def summarize(
@@ -310,11 +334,12 @@ class Client:
 
     def summaries(self, signals: Iterable[str | Signal]) -> Summaries:
         """Prepares entries for `summarize` again and again, without a gap between the rows."""
-        return Summaries(self._connection, [self._entry(signal) for signal in signals])
+        return Summaries(self._connection, self._entries("signals", signals))
 
     def domain(self, number: int = 0) -> DomainInfo:
         """What is known about the last sample of a domain."""
         connection, raw = self._connection, DomainStruct()
+        number = whole("number", number)
         connection.check(QUICK.ecat_domain(connection.address, number, ctypes.byref(raw)))
         return DomainInfo(
             text_of(raw.name),
@@ -340,6 +365,7 @@ class Client:
         """
         from .arrays import view
 
+        number = whole("number", number)
         image = self._connection.image(number)[:-PADDING]
         mine = [signal for signal in self.signals() if signal.domain == number]
         return view(mine, image)
@@ -364,18 +390,20 @@ class Client:
                 and this client still owns what it owned before.
             UsageError: One of them is an input, or the list is empty.
         """
-        if isinstance(what, int):
-            outputs = tuple(signal for signal in self.signals(what) if signal.output)
-            return Claim(self._claims, what, outputs, lease)
-        entries = (what,) if isinstance(what, (str, Signal)) else tuple(what)
+        lease = seconds("lease", lease)
+        if isinstance(what, SupportsIndex):
+            slave = whole("what", what)
+            outputs = tuple(signal for signal in self.signals(slave) if signal.output)
+            return Claim(self._claims, slave, outputs, lease)
+        one = isinstance(what, (str, Signal))
+        entries = (self._entry("what", what),) if one else self._entries("what", what)
         if not entries:
             raise UsageError("there is nothing to claim: the list of outputs is empty")
-        outputs = tuple(dict.fromkeys(self._entry(entry) for entry in entries))
-        return Claim(self._claims, None, outputs, lease)
+        return Claim(self._claims, None, tuple(dict.fromkeys(entries)), lease)
 
     def output(self, what: str | Signal) -> OutputInfo:
         """Who controls an output now, and since when."""
-        return self._claims.output(self._entry(what))
+        return self._claims.output(self._entry("what", what))
 
     def owners(self) -> list[Owner]:
         """The clients that own outputs, and which."""
@@ -418,6 +446,7 @@ class Client:
 
         from .cycles import CycleWaiter
 
+        cycles, timeout = whole("cycles", cycles, COUNT), seconds("timeout", timeout)
         connection = self._connection
         clock = asyncio.get_running_loop().time
         end = clock() + timeout

@@ -25,6 +25,7 @@ from ecatd.model.errors import (
 from ecatd.model.patience import Patience
 from ecatd.shm import Direction, Errno
 
+from .arguments import text
 from .structs import QUICK, WAITING, SignalStruct, SummaryStruct
 
 _ERRORS: dict[int, type[EcatError]] = {
@@ -53,9 +54,9 @@ PADDING = 8
 class _Memory:
     """An `ecat_t`. It is closed when no image of a last sample in it is used any more."""
 
-    def __init__(self, bus: str) -> None:
+    def __init__(self, bus: bytes) -> None:
         pointer = ctypes.c_void_p()
-        code = WAITING.ecat_open(ctypes.byref(pointer), bus.encode())
+        code = WAITING.ecat_open(ctypes.byref(pointer), bus)
         self.address: int = pointer.value or 0
         if code != 0:
             raise _error(self.address, code)
@@ -65,8 +66,7 @@ class _Memory:
 
 
 def _error(address: int, code: int) -> EcatError:
-    text = QUICK.ecat_error(address).decode("utf-8", "replace")
-    return _ERRORS.get(code, EcatError)(text)
+    return _ERRORS.get(code, EcatError)(text_of(QUICK.ecat_error(address)))
 
 
 def text_of(data: bytes) -> str:
@@ -102,7 +102,7 @@ class Connection:
     def __init__(self, bus: str, renewed: Callable[[], None] = lambda: None) -> None:
         self.bus = bus
         self._memory: _Memory | None = None
-        self._memory = _Memory(bus)
+        self._memory = _Memory(text("bus", bus))
         self.address = self._memory.address
         self._renewed = renewed
         self._gone = False  # the daemon was not there at the last attempt
@@ -260,7 +260,7 @@ class Connection:
 
     def lookup(self, name: str, direction: int = Direction.ANY) -> int:
         """The number of an entry by name: "slave/entry"; raises `StateError` without one."""
-        return self.check(QUICK.ecat_lookup(self.address, name.encode(), direction))
+        return self.check(QUICK.ecat_lookup(self.address, text("what", name), direction))
 
     def image(self, domain: int) -> memoryview:
         """The last sample of a domain in place, and padding; it keeps the memory alive.

@@ -20,6 +20,7 @@ from ecatd.model.requests.registers import ReadErrors, ReadRegister, ResetErrors
 from ecatd.model.requests.request import Request
 from ecatd.zenoh_keys import AS, RIGHTS
 
+from .arguments import octets, real, text
 from .identity import who
 from .session import Session
 
@@ -218,7 +219,8 @@ class Remote:
 
         from .stream import Stream
 
-        parameters = f"pattern={quote(pattern, safe='')};hz={rate:g}"
+        sought, hz = text("pattern", pattern), real("rate", rate)
+        parameters = f"pattern={quote(sought, safe='')};hz={hz:g}"
         opened = self._session.ask("ro", "stream", parameters=parameters)
         return Stream(self._session.zenoh, opened, self._session.timeout)
 
@@ -257,7 +259,7 @@ class Remote:
                 finds the type out.
             complete: Complete access.
         """
-        value, raw = (data, None) if isinstance(data, str) else (None, data)
+        value, raw = (data, None) if isinstance(data, str) else (None, octets("data", data))
         request = SdoWrite(slave, index, raw, subindex, complete, value, who())
         return _sdo_value(self.request(request))
 
@@ -293,7 +295,9 @@ class Remote:
 
     def register_write(self, slave: int | str, address: int, data: bytes) -> bytes:
         """Writes registers; returns what they have afterwards. Raises as `register_read`."""
-        return bytes(self.request(WriteRegister(slave, address, data, who()))["data"])
+        return bytes(
+            self.request(WriteRegister(slave, address, octets("data", data), who()))["data"]
+        )
 
     def read_idn(self, slave: int | str, idn: int, drive: int = 0) -> IdnValue:
         """Reads an IDN of a drive (SoE), given as `ecatd.model.idns.parse_idn` makes it.
@@ -309,7 +313,8 @@ class Remote:
         """Writes the value of an IDN; returns what was written. Raises as `read_idn`."""
         from ecatd.model.idns import IdnValue
 
-        return IdnValue.from_map(self.request(WriteIdn(slave, idn, data, drive, who())))
+        request = WriteIdn(slave, idn, octets("data", data), drive, who())
+        return IdnValue.from_map(self.request(request))
 
     def ethernet(self) -> dict[str, Any]:
         """The interface to slaves with EoE, and the frames of each of them."""
@@ -397,7 +402,8 @@ class Remote:
             BusyError: Another process writes this EEPROM.
             StateError: There is no such slave, or its EEPROM cannot be written.
         """
-        return int(self.request(WriteSii(slave, word, data, more, who()))["written"])
+        request = WriteSii(slave, word, octets("data", data), more, who())
+        return int(self.request(request)["written"])
 
     def start_file_read(
         self,
@@ -446,6 +452,7 @@ class Remote:
 
         from .file_transfer import FileTransfer
 
+        data = octets("data", data)
         digest = hashlib.sha256(data).hexdigest()
         request = StartFoe(slave, file, True, len(data), digest, password, boot, who(), only_find)
         return FileTransfer(self, self.request(request), data)

@@ -10,6 +10,7 @@ from ecatd import shm
 from ecatd.model.errors import EcatError, SdoAbortError, StateError
 from ecatd.shm import Errno
 
+from .arguments import INDEX, SUBINDEX, U32, octets, seconds, whole
 from .connection import Connection, text_of
 from .structs import QUICK, WAITING
 
@@ -27,14 +28,19 @@ class Requests:
     def sdo(self, slave: int, index: int, subindex: int, data: bytes | None) -> Request:
         """Starts an SDO upload, or a download of `data`."""
         self.free_places()
+        entry = (whole("index", index, INDEX), whole("subindex", subindex, SUBINDEX))
+        place = (whole("slave", slave), *entry)
+        if data is not None:
+            data = octets("data", data)
         length = len(data) if data is not None else 0
         address = self._connection.address
-        return self._started(QUICK.ecat_sdo_start(address, slave, index, subindex, data, length))
+        return self._started(QUICK.ecat_sdo_start(address, *place, data, length))
 
     def state(self, slave: int, state: int) -> Request:
         """Asks for an AL state of a slave."""
         self.free_places()
-        return self._started(QUICK.ecat_state_start(self._connection.address, slave, state))
+        place = (whole("slave", slave), whole("state", state, U32))
+        return self._started(QUICK.ecat_state_start(self._connection.address, *place))
 
     def abandon(self, number: int) -> None:
         """Marks a request as no longer needed; the next start of a request frees its place.
@@ -129,6 +135,7 @@ class Request:
             NoAnswerError: It has not ended in time.
             SdoAbortError: The slave refused.
         """
+        timeout = seconds("timeout", timeout)
         if self._number is not None:
             self._connection.wait(WAITING.ecat_wait_request, "answer", timeout, self._number)
         answer = self.poll()

@@ -22,11 +22,13 @@ from ecatd.model.errors import (
 )
 from ecatd.model.patience import Patience
 from ecatd.model.queries import to_query
+from ecatd.model.requests.parsing import check_request
 from ecatd.model.requests.request import Request
 from ecatd.paths import read_host, search_dirs, zenoh_socket
 from ecatd.systemd_services import how_to_start
 from ecatd.zenoh_keys import AS, RIGHTS, bus_key, bus_of, full_name, session_config
 
+from .arguments import refuse, seconds, text
 from .identity import find_identity, is_encrypted
 from .unreached import why_unreached
 
@@ -87,9 +89,14 @@ class Session:
         timeout: float = 10.0,
         identity: Path | None = None,
     ) -> None:
+        text("bus", bus)
+        if connect is not None:
+            text("connect", connect)
+        if not isinstance(identity, Path | None):
+            raise refuse("identity", "a Path, or None", identity)
         self.bus = check_bus_name(bus) if connect is None else check_full_bus_name(bus)
         self.full_name = self.bus
-        self.timeout = timeout
+        self.timeout = seconds("timeout", timeout)
         self._identity = find_identity(identity) if is_encrypted(connect) else None
         self._is_local = connect is None or connect.startswith("unixsock-stream/")
         self._connect = connect
@@ -141,7 +148,9 @@ class Session:
 
         Raises:
             EcatError: The error that the daemon replied, as its own class.
+            UsageError: A field of the request has the wrong type, or is out of range.
         """
+        check_request(request)
         key, parameters, payload = to_query(request)
         if payload is not None:
             payload["id"] = _request_id()

@@ -6,6 +6,7 @@ import ctypes
 import struct
 from collections.abc import Iterable
 
+from .arguments import U32, seconds, whole
 from .connection import Connection
 from .info import Summary
 from .signals import Signal
@@ -31,6 +32,7 @@ class Summaries:
         Returns:
             A row, for `rows`.
         """
+        cycles, timeout = whole("cycles", cycles, U32), seconds("timeout", timeout)
         self._connection.summarize(self._handles, self._found, cycles, timeout)
         return bytes(self._found)
 

@@ -20,7 +20,7 @@ from .idns import ReadIdn, WriteIdn
 from .log import ReadLogLevels, SetLogLevel
 from .objects import DescribeObject, ListObjects, SdoRead, SdoWrite, check_data
 from .registers import ReadErrors, ReadRegister, ResetErrors, WriteRegister
-from .request import BY_MAX, Field, Request
+from .request import BY_MAX, Field, Request, check_type
 
 _ALL: tuple[type[Request], ...] = (
     Describe,
@@ -99,11 +99,18 @@ def parse_request(data: Any) -> Request:
     return kind(**values)
 
 
+def check_request(request: Request) -> None:
+    """Checks the fields of a request that a program has made.
+
+    Raises:
+        UsageError: One has the wrong type or is out of range; the message names it.
+    """
+    for key, wanted in request.fields.items():
+        _check_field(request.op, key, getattr(request, key), wanted)
+
+
 def _check_field(op: str, key: str, value: Any, wanted: Field) -> None:
-    # Types are compared by name: bool is a subclass of int, but true is no slave number.
-    found = "None" if value is None else type(value).__name__
-    if found not in wanted.types:
-        raise UsageError(f"'{key}' of {op} must be {wanted.kind}, not {found}")
+    check_type(op, key, value, wanted)
     if key in RANGES and isinstance(value, int):
         low, high = RANGES[key]
         if not low <= value <= high:

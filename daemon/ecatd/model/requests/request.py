@@ -31,6 +31,18 @@ class Field(NamedTuple):
     types: frozenset[str]
 
 
+def check_type(op: str, name: str, value: object, wanted: Field) -> None:
+    """Checks the type of a field.
+
+    Raises:
+        UsageError: It has another type; the message names the field.
+    """
+    # Types are compared by name: bool is a subclass of int, but true is no slave number.
+    found = "None" if value is None else type(value).__name__
+    if found not in wanted.types:
+        raise UsageError(f"'{name}' of {op} must be {wanted.kind}, not {found}")
+
+
 @dataclass_transform(frozen_default=True, eq_default=True)
 class Request:
     """A request; each subclass is a kind of request, and its annotations are the fields.
@@ -55,6 +67,8 @@ class Request:
         values.update(zip(self.fields, args, strict=False))
         if missing := [name for name in self.needed if name not in values]:
             raise UsageError(f"{self.op} needs {', '.join(missing)}")
+        for name, value in values.items():
+            check_type(self.op, name, value, self.fields[name])
         self.__dict__.update(values)
         self._check()
 
