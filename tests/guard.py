@@ -9,6 +9,7 @@ import contextlib
 import ctypes
 import json
 import os
+import pwd
 import re
 import signal
 import socket
@@ -31,6 +32,7 @@ _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PATIENCE_S = float(os.environ.get("ECATD_TEST_PATIENCE_S", "5"))  # for what is ending already
 _NAMES = ("ecat", "sim", "esc")  # of interfaces
+_NOBODY = 65534
 
 
 class Things(NamedTuple):
@@ -71,16 +73,22 @@ class Things(NamedTuple):
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether a file of shared memory can be of the tests.
+    """Whether shared memory can be of the tests: other users may run ecatd beside them.
 
-    Other users may run ecatd beside the tests. As root the tests make users of their own, of the
-    numbers that nobody has (`REAL_UID`); what these leave counts, too.
+    Tests that root runs also use numbers of users that no account has.
     """
     try:
         owner = path.lstat().st_uid
-    except OSError:  # it has just gone, or it lies where only another user may look
+    except OSError:  # it has just gone, or lies where only another user may look
         return False
-    return owner == os.getuid() or (os.getuid() == 0 and OWN_UIDS)
+    return owner == os.getuid() or (os.getuid() == 0 and not _has_account(owner))
+
+
+def _has_account(user: int) -> bool:
+    try:
+        return user != _NOBODY and bool(pwd.getpwuid(user))
+    except KeyError:
+        return False
 
 
 def _files_in_use() -> set[str]:

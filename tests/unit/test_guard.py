@@ -1,6 +1,7 @@
 """What tests leave behind is named and makes the run fail; processes are ended as well."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -67,6 +68,21 @@ def test_what_a_test_leaves_is_named_and_ended(tmp_path: Path, what: str, status
     assert f"left behind: shared memory /dev/shm/{name}, left by {test}" in run.stderr
     assert not Path(f"/proc/{pid}").exists()
     Path("/dev/shm", name).unlink()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root makes files of other users")
+@pytest.mark.parametrize(("owner", "ours"), [(2, False), (guard._NOBODY, True), (54399, True)])
+def test_what_another_user_of_the_machine_makes_meanwhile_is_theirs(
+    tmp_path: Path, owner: int, ours: bool
+) -> None:
+    """Another user may begin to run ecatd in a folder of their own while the tests run."""
+    folder = Path(f"/dev/shm/ecat-{owner}")
+    run = guarded(
+        *("sh", "-c", f"mkdir {folder} && touch {folder}/x && chown -R {owner} {folder}"),
+    )
+    shutil.rmtree(folder)
+    assert run.returncode == (guard.EXIT_STATUS if ours else 0)
+    assert (f"{folder}/x" in run.stderr) == ours
 
 
 def test_nothing_is_left(tmp_path: Path) -> None:
