@@ -74,6 +74,12 @@ static void name_of(const ecat_out_slot *slot, char name[33]) {
     if (name[i] < ' ' || name[i] > '~') name[i] = '?';
 }
 
+/* Whether the pid in a slot means a process here: a container has a PID namespace of its own. */
+static int is_here(const ecat_out_slot *slot) {
+  uint64_t theirs = slot->pid_namespace, ours = ecat_pid_namespace();
+  return theirs == ours || theirs == 0 || ours == 0;
+}
+
 /* Sets the error text for an output that cannot be claimed because an input is copied to it. */
 static int refused_copy(ecat_t *bus, int number) {
   uint32_t source = bus->outputs[number].source;
@@ -97,6 +103,7 @@ static int refused(ecat_t *bus, int conflict) {
   const ecat_out_slot *other;
   const ecat_shm_signal *entry;
   char program[33];
+  int here;
   if (conflict < 0 || conflict >= ecat_signal_count(bus))
     return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is stopping", bus->name);
   entry = &bus->signals[conflict];
@@ -106,12 +113,14 @@ static int refused(ecat_t *bus, int conflict) {
     return ecat_fail(bus, ECAT_EOWNED, "the outputs of slave %d were owned a moment ago; try again",
                      entry->slave);
   name_of(other, program);
+  here = is_here(other);
   return ecat_fail(bus, ECAT_EOWNED,
-                   "output 0x%04X:%02X of slave %d (%s) of bus '%s' belongs to %s (pid %u)%s",
+                   "output 0x%04X:%02X of slave %d (%s) of bus '%s' belongs to %s (pid %u%s)%s",
                    entry->index, entry->subindex, entry->slave,
                    ecat_shown(bus->slaves[entry->slave].name), bus->name,
                    program[0] != '\0' ? program : "another client", (unsigned)other->pid,
-                   other->pid == (uint32_t)getpid()
+                   here ? "" : " in another PID namespace",
+                   here && other->pid == (uint32_t)getpid()
                        ? ", which is this program itself: only one of its connections can own it"
                        : "; end it first");
 }
@@ -276,7 +285,7 @@ int ecat_output(ecat_t *bus, int number, ecat_output_info *info) {
   info->age = now > since ? (double)(now - since) * 1e-9 : 0;
   slot = ecat_slot_of(bus, info->owner);
   if (slot == NULL) return 0; /* no client owns it, or this user may not read the slots */
-  info->pid = slot->pid;
+  info->pid = is_here(slot) ? slot->pid : 0;
   name_of(slot, info->program);
   return 0;
 }

@@ -168,6 +168,7 @@ int ecat_check_output(ecat_t *bus, int number);
 int ecat_slot_take(ecat_t *bus);
 void ecat_slot_free(ecat_t *bus);
 void ecat_slot_forget(ecat_t *bus); /* ends all claims and requests */
+uint64_t ecat_pid_namespace(void); /* of this process: the inode of /proc/self/ns/pid; 0: not known */
 void ecat_slot_begin(ecat_t *bus); /* starts a new generation: the engine drops the last one */
 int ecat_slot_lapsed(const ecat_t *bus);
 int ecat_slot_overwritten(const ecat_t *bus); /* whether another program wrote over the slot */

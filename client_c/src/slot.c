@@ -106,10 +106,16 @@ static void program_name(char name[32]) {
   fclose(comm);
 }
 
+uint64_t ecat_pid_namespace(void) {
+  struct stat status;
+  return stat("/proc/self/ns/pid", &status) == 0 ? (uint64_t)status.st_ino : 0;
+}
+
 void ecat_slot_begin(ecat_t *bus) {
   uint32_t before = bus->generation;
+  uint64_t namespace = ecat_pid_namespace();
   char name[32];
-  program_name(name); /* slow, so it is read before the slot is changed */
+  program_name(name); /* both are slow, so they are read before the slot is changed */
   memset(bus->claims, 0, 2 * bus->sets * sizeof *bus->claims); /* and `written` */
   memset(bus->mask, 0, bus->header->output_bytes);
   memset(bus->request, 0, sizeof bus->request);
@@ -125,6 +131,7 @@ void ecat_slot_begin(ecat_t *bus) {
   bus->out->since_ns = ecat_now();
   memcpy(bus->out->program, name, sizeof bus->out->program);
   bus->out->pid = (uint32_t)getpid();
+  bus->out->pid_namespace = namespace;
   /* Clears requests, claims and anything that a later version may have put between them. */
   memset(bus->out + 1, 0, bus->layout.images_offset - sizeof *bus->out);
   bus->doorbell->life = ecat_life_word(bus);

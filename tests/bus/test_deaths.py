@@ -19,10 +19,10 @@ from benchmarks.deaths.clients import KINDS, SPEED, command, victim
 from raw_slot import RawSlot
 from test_safe_stop import Drive, stop_rule
 
-from conftest import SHM, Daemon, names, wait_for
+from conftest import SHM, Daemon, names, naming, wait_for
 from ecatd import shm
 from ecatd.client import Outputs, Reason
-from ecatd.model.errors import StateError
+from ecatd.model.errors import OwnedError, StateError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -109,6 +109,12 @@ def test_r15_a_drive_whose_client_is_killed_stops_at_once(
         control = eye.client.signal(0, 0x6040)
         slot = eye.client.output(control).owner
         assert slot is not None
+        elsewhere = "own PID namespace" in kind
+        if elsewhere:  # its number there means nothing here
+            with pytest.raises(OwnedError, match=naming("in another PID namespace")):
+                eye.client.claim(0, lease=1)
+            assert eye.client.output(control).pid == 0
+            names(daemon.ctl("shm").stdout, "in another PID namespace")
         begun = row(daemon, "slot_status", slot).beat_ns
         os.kill(victim(kind, client), signal.SIGKILL)
         wait_for(lambda: eye.output()[0] is not shm.Outputs.ACTIVE, daemon)
@@ -118,6 +124,9 @@ def test_r15_a_drive_whose_client_is_killed_stops_at_once(
         # Not because of the lease: it would still run for most of a minute.
         assert begun <= status.beat_ns <= output.since_ns < begun + status.lease_ns
         assert status.lease_ns == LEASE * 10**9
+        if elsewhere:
+            said = "' (pid 1 in another PID namespace) has ended without a release"
+            wait_for(lambda: said in daemon.log, daemon)
         assert status.state == shm.SlotState.LAPSED
         words, speed = eye.until_off()
         assert words <= {2, 15}

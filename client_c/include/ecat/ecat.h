@@ -108,7 +108,8 @@ typedef struct ecat_output_info {
   int reason;           /* enum ecat_reason: why it is, or last was, at its safe value */
   uint64_t since_cycle; /* of the last change of owner or state */
   double age;           /* seconds since then */
-  unsigned pid;         /* process ID that the owner wrote; 0 if this user may not know it */
+  unsigned pid;         /* process ID that the owner wrote; 0 if this user may not know it, or if it is one of
+                           another PID namespace (a container) */
   char program[33];     /* program name that the owner wrote, in ASCII */
 } ecat_output_info;
 

@@ -210,7 +210,9 @@ def _slot(row: Document, room: int) -> tuple[Any, ...]:
 
 
 def _notes(row: Document) -> Iterator[str]:
-    """Yields notes about problems of a client."""
+    """Yields notes about a client, most about problems."""
+    if row["pid_is_ours"] is False:
+        yield "is in another PID namespace, such as that of a container, and has this PID there"
     if row["state"] == "lapsed":
         yield f"has lost its outputs: {_REASONS.get(row['reason'], row['reason'])}"
     if row["held"] is False:

@@ -85,7 +85,8 @@ class OutputInfo:
         reason: Why it is, or was last, at its safe value.
         since_cycle: Cycle of the last change of owner or state.
         age: Seconds since then.
-        pid: Process number of the owner, as it says itself; 0 if this user may not see it.
+        pid: Process number of the owner, as it says itself; 0 if this user may not see it, or if
+            it is in another PID namespace (a container).
         program: Its name, as it says itself.
     """
 
@@ -106,7 +107,7 @@ class Owner:
 
     Attributes:
         slot: Its client slot.
-        pid: Its process number, as it says itself; 0 if this user may not see it.
+        pid: Its process number, as it says itself; 0 as in `OutputInfo`.
         program: Its name, as it says itself.
         me: Whether it is this client.
         outputs: The outputs that it owns.

@@ -14,6 +14,7 @@ from ecatd import shm
 from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text
 from ecatd.model.datatypes import DataType, is_signed, type_name
 from ecatd.model.errors import EcatError, NotPermittedError
+from ecatd.pid_namespace import is_ours
 
 from .checks import domain_faults, output_faults, signal_faults, slave_faults
 from .reader import Page, Reader, SlotReader, opened, version
@@ -285,6 +286,7 @@ class Contents:
             "state": _word(shm.SlotState(row.state)),
             "reason": _word(shm.Reason(row.reason)),
             "pid": client.pid if client else None,
+            "pid_is_ours": is_ours(client.pid_namespace) if client else None,
             "program": shm.printable(client.program) if client else None,
             "held": out.held(number) if out else None,
             "seconds": seconds,

@@ -21,6 +21,7 @@ from ecatd.model.requests.bus import SetState
 from ecatd.model.requests.objects import SdoRead, SdoWrite
 from ecatd.model.requests.parsing import parse_request
 from ecatd.model.requests.request import Request, on_behalf, to_map
+from ecatd.pid_namespace import said_pid
 from ecatd.shm import REQUEST_BYTES
 
 from .shared_memory import SharedMemory
@@ -102,7 +103,8 @@ class Cells:
         if after.generation != bell.generation:
             return []
         client = shm.struct("ecat_out_slot").from_buffer_copy(data)
-        program = f"{shm.printable(client.program)} (pid {client.pid})"
+        said = said_pid(client.pid, client.pid_namespace)
+        program = f"{shm.printable(client.program)} ({said})"
         asked = []
         for cell in range(shm.REQUESTS):
             raw = data[self._head + cell * self._size :][: self._size]

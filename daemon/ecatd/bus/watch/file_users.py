@@ -14,10 +14,23 @@ _NAMED = 5
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A running program."""
+    """A running program.
+
+    Attributes:
+        name: Its name.
+        pid: Its process number, as this process sees it.
+        own_pid: Its process number in its own PID namespace.
+        namespace: The inode of that.
+    """
 
     name: str
     pid: int
+    own_pid: int
+    namespace: int
+
+    def calls_itself(self, pid: int, namespace: int) -> bool:
+        """Whether it is what says that it has this process number in this PID namespace."""
+        return (self.own_pid, self.namespace) == (pid, namespace)
 
     def __str__(self) -> str:
         return f"'{self.name}' (pid {self.pid})"
@@ -42,7 +55,11 @@ def programs_with(fd: int, *, writing: bool = False) -> list[Program]:
             if mapped.search((folder / "maps").read_bytes()) or _opened(folder, status, writing):
                 name = (folder / "comm").read_text(errors="replace").strip()
                 printable = "".join(c if c.isprintable() else "?" for c in name)
-                found.append(Program(printable, int(folder.name)))
+                status_text = (folder / "status").read_text(errors="replace")
+                inner = re.search(r"^NSpid:.*\s(\d+)$", status_text, re.MULTILINE)
+                own_pid = int(inner[1]) if inner else int(folder.name)
+                namespace = (folder / "ns/pid").stat().st_ino
+                found.append(Program(printable, int(folder.name), own_pid, namespace))
     return sorted(found, key=lambda program: program.pid)
 
 

@@ -21,6 +21,7 @@ from ecatd.log import Log
 from ecatd.model.bus import Bus, Slave, positions_text
 from ecatd.model.config import OutputsConfig
 from ecatd.model.pdo import Entry
+from ecatd.pid_namespace import said_pid
 
 from ..engine.engine import Event, EventType
 from ..engine.shared_memory import SharedMemory
@@ -54,11 +55,12 @@ class _Client:
     slot: int
     program: str = ""
     pid: int = 0
+    namespace: int = 0
 
     def __str__(self) -> str:
-        return (
-            f"'{self.program}' (pid {self.pid})" if self.pid else f"the client in slot {self.slot}"
-        )
+        if not self.pid:
+            return f"the client in slot {self.slot}"
+        return f"'{self.program}' ({said_pid(self.pid, self.namespace)})"
 
 
 class OutputWatch:
@@ -125,7 +127,8 @@ class OutputWatch:
             return
         found = kind.from_buffer_copy(data)
         if found.generation == generation:
-            self._clients[slot] = _Client(slot, shm.printable(found.program), found.pid)
+            program = shm.printable(found.program)
+            self._clients[slot] = _Client(slot, program, found.pid, found.pid_namespace)
 
     def _tell_all(self, slot: int, events: list[tuple[Event, _Client]], left_out: int) -> None:
         groups = [
@@ -155,7 +158,7 @@ class OutputWatch:
 
     def _others(self, owner: _Client) -> str:
         """Which programs can have written into a slot; empty if only its owner can."""
-        if all(program.pid == owner.pid for program in self._writers):
+        if all(program.calls_itself(owner.pid, owner.namespace) for program in self._writers):
             return ""
         return f"{self._shared.out_path} is open for writing in {names(self._writers)}"
 
