@@ -14,6 +14,7 @@
 
 #define MACHINE "/dev/shm/ecat" /* of root and of the service, whose user has this name: */
 #define SERVICE "ecatd"
+#define SESSIONS "/run/user" /* has a directory of each user who has logged in, where nobody else can be first */
 #define SETTING "ECAT_TRUSTED_OWNER" /* a user whom the clients of this process believe as well */
 #define NOBODY ((uid_t)-1)
 #define REMADE ": remove it; the next start of ecatd makes it again"
@@ -95,10 +96,12 @@ static void folder_of(uid_t user, char folder[ECAT_SHM_PATH]) {
 
 int ecat_shm_folder(unsigned number, char folder[ECAT_SHM_PATH]) {
   char own[ECAT_SHM_PATH], text[ECAT_SHM_TEXT];
-  uid_t trusted;
-  folder_of(real_user(), own);
+  uid_t trusted, user = real_user();
+  folder_of(user, own);
   strcpy(folder, own);
   if (number == 0) return 0;
+  snprintf(folder, ECAT_SHM_PATH, SESSIONS "/%u/ecat", (unsigned)user);
+  if (strcmp(own, MACHINE) != 0 && --number == 0) return 0;
   if (read_setting(&trusted, text) == 0 && trusted != NOBODY) {
     folder_of(trusted, folder);
     if (strcmp(folder, own) != 0 && strcmp(folder, MACHINE) != 0 && --number == 0) return 0;
@@ -131,7 +134,7 @@ static int refuse(const char *path, uid_t owner, char *text) {
 static int open_folder(const char *folder, uid_t trusted, char *text) {
   struct stat status;
   int fd = open(folder, O_PATH | O_NOFOLLOW | O_CLOEXEC), code = 0;
-  if (fd < 0 && errno == ENOENT) return ECAT_EDOWN;
+  if (fd < 0 && (errno == ENOENT || errno == EACCES)) return ECAT_EDOWN; /* EACCES: above it */
   if (fd < 0 || fstat(fd, &status) != 0)
     code = explain(text, ECAT_ESYS, "cannot open %s: %s", folder, strerror(errno));
   else if (!is_believed(status.st_uid, trusted))

@@ -1,7 +1,7 @@
 """The files of the shared memory of a bus: in which folder they are, and opening them.
 
 A daemon of root or of the user `ecatd` has them in `/dev/shm/ecat`, one of another user in
-`/dev/shm/ecat-UID`. Only the owner can write into these folders, so nobody else can take the name
+`/dev/shm/ecat-UID`; if somebody else has taken this name, in `/run/user/UID/ecat`. Only the owner can write into these folders, so nobody else can take the name
 of a bus. `client_c/src/files.c` knows the folders and decides whom a client believes; this module
 asks it, and makes the folder of a daemon.
 """
@@ -44,8 +44,9 @@ _find, _open, _folder = (
 def folders() -> list[Path]:
     """Returns the folders in which this process looks for a bus.
 
-    The first is that of its own user, in which its daemon makes files. Then come that of the user
-    in `ECAT_TRUSTED_OWNER`, if it is set, and that of the machine.
+    The first is that of its own user, in which its daemon makes files, and the second, if this is
+    an ordinary user, is where it makes them if somebody else has taken the name of the first. Then
+    come that of the user in `ECAT_TRUSTED_OWNER`, if it is set, and that of the machine.
     """
     found: list[Path] = []
     path = ctypes.create_string_buffer(_PATH)
@@ -114,13 +115,29 @@ def make_folder(tell: Callable[[str], None]) -> Path:
 
     What somebody else has put in its place is replaced, if this is root.
 
+    An ordinary user cannot replace it, and goes on in the directory of their session.
+
     Args:
-        tell: Called with a sentence, if something was replaced.
+        tell: Called with a sentence, if something is in its place.
 
     Raises:
         NotPermittedError: Something of another user is in its place, or it cannot be made.
     """
-    folder = folders()[0]
+    folder, *others = folders()
+    try:
+        return _made(folder, tell)
+    except NotPermittedError as error:
+        if folder == MACHINE or not others[0].parent.is_dir():
+            raise
+        try:
+            found = _made(others[0], tell)
+        except NotPermittedError:
+            raise error from None
+        tell(f"{error}. Until then the shared memory is in {found}, where your programs find it")
+        return found
+
+
+def _made(folder: Path, tell: Callable[[str], None]) -> Path:
     mode = 0o755 if folder == MACHINE else 0o700
     for _ in range(_TRIES):
         try:

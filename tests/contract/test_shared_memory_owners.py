@@ -94,7 +94,10 @@ pytestmark = [pytest.mark.unprivileged, pytest.mark.timeout(60)]
 def run(code: str, *arguments: str) -> list[str]:
     """The lines that a program prints in a mount namespace with an empty `/dev/shm`."""
     user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
-    script = 'mount -t tmpfs -o mode=1777 none /dev/shm; exec "$@"'
+    script = (
+        "mount -t tmpfs -o mode=1777 none /dev/shm; mkdir -p /run/user || true; "
+        '! [ -d /run/user ] || mount -t tmpfs -o mode=755 none /run/user; exec "$@"'
+    )
     python = [sys.executable, "-c", PRELUDE + code, *arguments]
     path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
     done = subprocess.run(
@@ -143,6 +146,36 @@ as_user(ALICE, make)
     )
     names(told, "/dev/shm/ecat", "54321", "removed")
     assert (folder, state, found) == ("/dev/shm/ecat", "0 0o40755 []", "found")
+    names(refused, "NotPermittedError", "/dev/shm/ecat-54322", "54321", "sudo rm -r")
+
+
+@only_root
+@pytest.mark.parametrize("kind", ["fifo", "link", "directory"])
+def test_a_user_whose_name_somebody_has_taken_goes_on_in_their_session(kind: str) -> None:
+    told, folder, mode, found, gone, refused = run(
+        """
+session = Path(f"/run/user/{ALICE}")
+session.mkdir(0o700)
+os.chown(session, ALICE, ALICE)
+as_user(MALLORY, lambda: put(sys.argv[1], Path(f"/dev/shm/ecat-{ALICE}")))
+
+def simulate():
+    make()
+    made = serve(make_folder(lambda told: None))
+    print(oct((session / "ecat").stat().st_mode))
+    look()
+    made.close()
+    look()
+
+as_user(ALICE, simulate)
+os.chown(session / "ecat", MALLORY, MALLORY)
+as_user(ALICE, make)
+""",
+        kind,
+    )
+    names(told, "/dev/shm/ecat-54322", "54321", "sudo rm -r", "/run/user/54322/ecat")
+    assert (folder, mode, found) == ("/run/user/54322/ecat", "0o40700", "found")
+    names(gone, "NotPermittedError" if kind != "link" else "/dev/shm/ecat-54322", "54321")
     names(refused, "NotPermittedError", "/dev/shm/ecat-54322", "54321", "sudo rm -r")
 
 
@@ -291,5 +324,6 @@ def enter():
 as_user(ALICE, enter)
 as_user(0, enter)
 """)
-    alice, root = "/dev/shm/ecat-54322 /dev/shm/ecat /tmp/ecatd-54322", "/dev/shm/ecat /run/ecatd"
+    alice = "/dev/shm/ecat-54322 /run/user/54322/ecat /dev/shm/ecat /tmp/ecatd-54322"
+    root = "/dev/shm/ecat /run/ecatd"
     assert lines == [f"54322 {alice}", f"0 {alice}", f"0 {root}", f"0 {root}"]
