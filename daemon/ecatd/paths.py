@@ -93,8 +93,8 @@ def make_dir(bus: str, folder: Path) -> Path:
             f"choose a shorter path ($ECATD_RUNTIME_DIR), or a shorter name for the bus"
         )
     for path in (folder, folder / bus):
-        is_new = not path.exists()
         try:
+            is_new = not path.exists()
             path.mkdir(mode=0o750, exist_ok=True, parents=True)
             owner = path.lstat().st_uid
         except OSError as error:

@@ -1,9 +1,10 @@
 """The files of the shared memory of a bus: in which folder they are, and opening them.
 
 A daemon of root or of the user `ecatd` has them in `/dev/shm/ecat`, one of another user in
-`/dev/shm/ecat-UID`; if somebody else has taken this name, in `/run/user/UID/ecat`. Only the owner can write into these folders, so nobody else can take the name
-of a bus. `client_c/src/files.c` knows the folders and decides whom a client believes; this module
-asks it, and makes the folder of a daemon.
+`/dev/shm/ecat-UID`; if somebody else has taken this name, in `/run/user/UID/ecat`. Only the owner
+can write into these folders, so nobody else can take the name of a bus. `client_c/src/files.c`
+knows the folders and decides whom a client believes; this module asks it, and makes the folder of
+a daemon.
 """
 
 from __future__ import annotations
@@ -90,7 +91,8 @@ def _checked(result: int, text: ctypes.Array[ctypes.c_char]) -> int:
 
 def exists(bus: str) -> bool:
     """Whether there is shared memory of a bus, even if it is left over from a killed daemon."""
-    return any((folder / bus).exists() for folder in folders())
+    # A folder of another user says nothing, and `Path.exists` would raise.
+    return any(os.path.exists(folder / bus) for folder in folders())  # noqa: PTH110
 
 
 def problem(folder: Path) -> str:

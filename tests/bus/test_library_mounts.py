@@ -52,7 +52,7 @@ def test_a_full_disk(tmp_path: Path) -> None:
 
 def test_a_disk_that_may_only_be_read(tmp_path: Path) -> None:
     said = run(
-        'mount -t tmpfs tmpfs "$1"; install "$1" 1; mount -o remount,ro "$1"; install "$1" 2',
+        'mount -t tmpfs tmpfs "$1"; install "$1" 1; mount -o remount,bind,ro "$1"; install "$1" 2',
         str(tmp_path),
     )
     assert said[0] == said[2] == "1 ['Plant']"

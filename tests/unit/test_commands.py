@@ -1,7 +1,9 @@
 """Ctrl-C in the first moments of a command."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -64,3 +66,32 @@ def test_an_sdo_command_loads_nothing_that_it_does_not_need(module: str) -> None
         check=True,
     )
     assert result.stdout == "\n"
+
+
+WITHOUT_RIGHTS = ["unshare", "--user", "--map-user=1000"]
+"""In a user namespace, this process has no rights of root."""
+
+
+def test_folders_that_may_not_be_looked_at(tmp_path: Path) -> None:
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0)
+    program = f"""
+from pathlib import Path
+from ecatd import shm_files
+shm_files.folders = lambda: [Path({str(closed)!r})]
+print(shm_files.exists("ecat0"))
+"""
+    command = [*WITHOUT_RIGHTS, sys.executable, "-c", program]
+    assert subprocess.check_output(command, text=True) == "False\n"
+    # What nobody has thought of is told with the name of the file, and not as something else.
+    command = [*WITHOUT_RIGHTS, sys.executable, "-m", "ecatd.cli", "--connect", "tls/localhost:1"]
+    done = subprocess.run(
+        [*command, "info"],
+        env={**os.environ, "XDG_CONFIG_HOME": str(closed)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 7
+    assert done.stderr.startswith(f"ecatctl: {closed}")
+    assert "Permission denied" in done.stderr

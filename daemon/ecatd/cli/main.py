@@ -245,7 +245,8 @@ def _main() -> int:
         return 0
     except OSError as error:
         _write_no_more()
-        print(f"ecatctl: the output cannot be written: {error.strerror}", file=sys.stderr)
+        where = error_text(error.filename) if error.filename else "the output cannot be written"
+        print(f"ecatctl: {where}: {error.strerror}", file=sys.stderr)
         return StateError.exit_code
     return status
 

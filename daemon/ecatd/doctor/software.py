@@ -76,7 +76,7 @@ def look_at_shared_memory() -> Iterator[Finding]:
         yield Finding(area, "owner", Level.PROBLEM, text, _OWNER)
     for file in sorted(file for folder in folders() for file in folder.glob("*.out")):
         bus = file.stem
-        if not any(control_socket(folder, bus).exists() for folder in search_dirs()):
+        if not any(os.path.exists(control_socket(folder, bus)) for folder in search_dirs()):  # noqa: PTH110
             text = f"{file} is left over from bus '{bus}', whose ecatd was killed"
             remedy = "the next start of the bus replaces it; or remove it"
             yield Finding(area, "left over", Level.HINT, text, remedy)
