@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.errors import EcatError, UsageError
+from ecatd.base.errors import EcatError, UsageError
 
 from . import interruptions, machine, report
 from .bench import prepared

@@ -24,7 +24,7 @@ from typing import Any
 import zenoh
 
 from ecatd.client.identity import read_identity
-from ecatd.zenoh_keys import bus_key, session_config
+from ecatd.operations.zenoh_keys import bus_key, session_config
 
 from . import histogram
 from .health import Health

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ecatd import network_namespace as namespace
+from ecatd.base import network_namespace as namespace
+from ecatd.base.errors import StateError
 from ecatd.cli.library import static_flags
-from ecatd.model.errors import StateError
 from ecatsim.net import netlink
 
 from . import native

@@ -6,8 +6,8 @@ import mmap
 import time
 from typing import Any
 
-from ecatd import shm
-from ecatd.shm_files import folders
+from ecatd.shm import contract as shm
+from ecatd.shm.files import folders
 
 from . import histogram
 from .histogram import Buckets

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
-from ecatd import shm
+from ecatd.shm import contract as shm
 
 Buckets = Counter[int]
 """Number of samples in each bucket, by number of the bucket."""

@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
 
 from . import native
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 from pathlib import Path
 
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
 
 _FLAGS = (
     *("-O2", "-D_GNU_SOURCE", "-fvisibility=hidden"),

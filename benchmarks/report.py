@@ -14,7 +14,7 @@ from typing import Any
 
 from jinja2 import ChainableUndefined, Environment, FileSystemLoader, StrictUndefined, Undefined
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 from .plot import Figure, Panel, Series
 from .target import Target

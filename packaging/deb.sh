@@ -5,7 +5,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 wheels=$(realpath "$1") out=$(realpath -m "$2")
-version=$(sed -n 's/^VERSION = "\(.*\)"$/\1/p' daemon/ecatd/version.py)
+version=$(sed -n 's/^VERSION = "\(.*\)"$/\1/p' daemon/ecatd/base/version.py)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 source=$work/ecatd-$version

@@ -20,7 +20,7 @@ ABOVE = {
 
 def on_config(config: MkDocsConfig) -> None:
     """Each version has a folder of its own, and a list beside them lets readers choose."""
-    text = (ROOT / "daemon/ecatd/version.py").read_text()
+    text = (ROOT / "daemon/ecatd/base/version.py").read_text()
     (version,) = re.findall(r'^VERSION = "(.*)"$', text, re.MULTILINE)
     site = Path(config.site_dir)
     config.site_dir = str(site / version)

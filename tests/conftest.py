@@ -22,9 +22,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import guard
+from ecatd.base.errors import UnreachableError
 from ecatd.client import Client, Signal, Summary
-from ecatd.model.errors import UnreachableError
-from ecatd.shm_files import make_folder
+from ecatd.shm.files import make_folder
 
 # A shell that starts the tests in the background has them ignore SIGINT, and so do their programs.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -130,7 +130,7 @@ class Daemon:
         Path(address).unlink(missing_ok=True)
         self._socket.bind(address)
         self._status: list[str] = []
-        self._log = folder / "ecatd.log"
+        self._log = folder / "ecatd.base.log"
         with self._log.open("w") as log:
             self.process = subprocess.Popen(
                 [
@@ -210,7 +210,7 @@ class Daemon:
         self.process.wait()
 
     def child_pid(self, module: str) -> int:
-        """The child that runs a module: `ecatd.bus`, `ecatd.gateway` or `ecatsim`."""
+        """The child that runs a module: `ecatd.server`, `ecatd.gateway` or `ecatsim`."""
         for pid in children(self.process.pid):
             with contextlib.suppress(OSError):  # it has just ended
                 if module in Path(f"/proc/{pid}/cmdline").read_text().split("\0"):

@@ -3,7 +3,7 @@
 import ctypes
 from collections.abc import Callable
 
-from ecatd import shm
+from ecatd.shm import contract as shm
 
 LIB = shm.LIBRARY
 EARG, EDOWN, ELAYOUT, EBUS, EOWNED, ECLAIM, ELEASE, ERANGE, ETIMEOUT, ESTALE, EBUSY = (

@@ -1,9 +1,9 @@
 """Requests of each kind that the daemon knows, so that no test leaves a kind out."""
 
-from ecatd.model.errors import UsageError
-from ecatd.model.queries import to_query
-from ecatd.model.requests.parsing import KINDS
-from ecatd.model.requests.request import Request
+from ecatd.base.errors import UsageError
+from ecatd.operations.operation import Request
+from ecatd.operations.parsing import KINDS
+from ecatd.operations.queries import to_query
 
 VALUES: dict[str, tuple[object, ...]] = {
     "address": (0x0130, 0x0420, "192.168.7.2/24", None),

@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from ecatd.base.errors import StateError
 from ecatd.client import Client
-from ecatd.model.errors import StateError
 
 from ..bench import Bench
 from ..engine.exchange import buckets

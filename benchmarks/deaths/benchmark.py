@@ -16,9 +16,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ecatd import shm, shm_files
+from ecatd.base.errors import StateError, UnreachableError
 from ecatd.client import Client, Outputs, Reason
-from ecatd.model.errors import StateError, UnreachableError
+from ecatd.shm import contract as shm
+from ecatd.shm import files as shm_files
 
 from ..bench import Bench
 from ..masters.daemon import Daemon

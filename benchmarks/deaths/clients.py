@@ -21,7 +21,7 @@ INCREMENTS = 65536
 _PYTHON = """
 import contextlib, sys
 from ecatd.client import Client
-from ecatd.model.errors import UnreachableError
+from ecatd.base.errors import UnreachableError
 speed, lease = map(float, sys.argv[2:])
 with Client(sys.argv[1]) as bus:
     control, mode, target = (bus.signal(0, index) for index in (0x6040, 0x6060, 0x60FF))

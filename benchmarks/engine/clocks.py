@@ -6,8 +6,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ecatd import shm
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
+from ecatd.shm import contract as shm
 from ecatsim.control import Simulator
 
 from .. import histogram

@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from ecatd.base.errors import StateError
 from ecatd.client.remote import Remote
-from ecatd.model.errors import StateError
 
 from ..bench import Bench
 from ..machine import ROOT, Processors

@@ -12,9 +12,9 @@ import sys
 import threading
 from pathlib import Path
 
-from ecatd.bus.__main__ import main as serve
-from ecatd.log import Log
-from ecatd.model.config import load_config
+from ecatd.base.log import Log
+from ecatd.config import load_config
+from ecatd.server.__main__ import main as serve
 from ecatd.service.child import Child
 from ecatd.service.supervisor import Supervisor
 
@@ -25,7 +25,7 @@ _thread: list[threading.Thread] = []
 
 class _Service(Supervisor):
     async def _start(self, name: str, *command: str, fd: int | None = None) -> Child:
-        ours = ("benchmarks.masters.busy_daemon",) if command == ("ecatd.bus",) else command
+        ours = ("benchmarks.masters.busy_daemon",) if command == ("ecatd.server",) else command
         return await super()._start(name, *ours, fd=fd)
 
 

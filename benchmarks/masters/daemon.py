@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Self
 
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
 
 from ..bench import Bench
 from ..machine import ROOT

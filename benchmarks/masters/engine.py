@@ -14,12 +14,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ecatd.bus.engine.engine import Engine, Index, RealTime, open_socket
-from ecatd.bus.engine.layout import lay_out
-from ecatd.bus.engine.shared_memory import SharedMemory
-from ecatd.model.bus import Bus
-from ecatd.shm import Setting
-from ecatd.shm_files import make_folder
+from ecatd.description.bus import Bus
+from ecatd.master.engine.engine import Engine, Index, RealTime, open_socket
+from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.shared_memory import SharedMemory
+from ecatd.shm.contract import Setting
+from ecatd.shm.files import make_folder
 
 from ..engine.instructions import Counter
 from ..health import Health

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from ctypes import addressof, create_string_buffer
 from typing import Any
 
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
 
 from .. import histogram
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from ecatd.base.errors import EcatError
 from ecatd.client import Client
 from ecatd.client.remote import Remote
-from ecatd.model.errors import EcatError
 
 SLAVE, INDEX, SUBINDEX = 0, 0x1018, 1
 """The object that the clients read."""

@@ -9,8 +9,8 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, Self
 
-from ecatd.model.errors import StateError
-from ecatd.process import die_with_parent
+from ecatd.base.errors import StateError
+from ecatd.base.process import die_with_parent
 
 from ..machine import Processors
 

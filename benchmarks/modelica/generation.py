@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
+from ecatd.description.bus import Bus, Slave
 from ecatdev import sample_buses
 
 SLAVES = 200

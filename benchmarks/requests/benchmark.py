@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
 
 from ..bench import Bench
 from ..machine import Processors

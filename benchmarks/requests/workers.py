@@ -11,11 +11,11 @@ from typing import Any
 
 import zenoh
 
+from ecatd.base.paths import control_socket, search_dirs
 from ecatd.client.remote import Remote
 from ecatd.gateway.bus_client import BusClient
-from ecatd.model.requests.objects import SdoRead
-from ecatd.paths import control_socket, search_dirs
-from ecatd.zenoh_keys import session_config
+from ecatd.operations.objects import SdoRead
+from ecatd.operations.zenoh_keys import session_config
 
 from ..masters.requests import INDEX, SLAVE, SUBINDEX
 

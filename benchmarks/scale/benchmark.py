@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ecatd.shm_files import folders
+from ecatd.shm.files import folders
 
 from ..bench import Bench
 from ..engine import work

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.datatypes import DataType
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim import Rig
 from ecatsim.devices.generic import Loopback
 from ecatsim.esc import Chip

@@ -8,9 +8,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from ecatd.bus.engine.engine import Index, open_socket
-from ecatd.model.errors import NoAnswerError, StateError
-from ecatd.model.frame_sizes import DATAGRAM_MAX, ETHERNET_MIN, ETHERTYPE, FIRST_DATAGRAM
+from ecatd.base.errors import NoAnswerError, StateError
+from ecatd.etg.frame_sizes import DATAGRAM_MAX, ETHERNET_MIN, ETHERTYPE, FIRST_DATAGRAM
+from ecatd.master.engine.engine import Index, open_socket
 from ecatsim.slave.sync_managers import derive
 
 APRD, APWR, BRD, BWR, LRW = 1, 2, 7, 8, 12

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from ecatd.bus.engine.engine import RealTime
-from ecatd.bus.engine.layout import lay_out
+from ecatd.master.engine.engine import RealTime
+from ecatd.master.engine.layout import lay_out
 
 from ..bench import Bench
 from ..masters.engine import PRIORITY, running

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
 
 from ..machine import Processors
 from .frames import FrameSocket, Line

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Self
 
-from ecatd.model.errors import NotPermittedError, StateError
+from ecatd.base.errors import NotPermittedError, StateError
 
 from . import tap
 from .frames import BRD, BWR, ask, datagrams, encode, frame

@@ -9,8 +9,8 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Sequence
 
-from ecatd.bus.engine.layout import Image
-from ecatd.model.bus import Bus
+from ecatd.description.bus import Bus
+from ecatd.master.engine.layout import Image
 
 from .frames import APRD, Exchange, Line, ask, frame
 

@@ -7,9 +7,9 @@ import socket
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from ecatd.bus.engine.engine import Index
-from ecatd.model.errors import StateError
-from ecatd.model.frame_sizes import ETHERTYPE
+from ecatd.base.errors import StateError
+from ecatd.etg.frame_sizes import ETHERTYPE
+from ecatd.master.engine.engine import Index
 
 from .frames import BRD, INDEX, LRW, datagrams, layout
 from .peers import SIMULATOR, Pair

@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from ecatd.model.frame_sizes import DATAGRAM_MAX
-from ecatd.native import load
+from ecatd.base.native import load
+from ecatd.etg.frame_sizes import DATAGRAM_MAX
 from ecatsim.esc import Chip, Segment
 from ecatsim.rigs.library import make
 from ecatsim.simulation import Simulation

@@ -51,7 +51,7 @@ static const char *read_hexadecimal(const char *text, int most, unsigned *value,
 }
 
 /* Parses an address: 0x6060:00 or 6060:00, in which both parts are hexadecimal, or 0x6060, whose subindex is
- * 0. The notation is that of the commands (daemon/ecatd/model/addresses.py). */
+ * 0. The notation is that of the commands (daemon/ecatd/base/addresses.py). */
 static int is_address(const char *text, unsigned *index, unsigned *subindex) {
   int marked, any;
   const char *rest = read_hexadecimal(text, 4, index, &marked);

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from ecatd.model.bus import Slave, display_name
-from ecatd.model.datatypes import type_name
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.description.bus import Slave, display_name
+from ecatd.etg.datatypes import type_name
+from ecatd.etg.pdo import Entry, Pdo
 
 from . import names, placement
 from .connectors import address_code, connectors, is_drawn

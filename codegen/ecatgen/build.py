@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ecatd.model.bus import Bus
+from ecatd.description.bus import Bus
 
 from . import names, static_library
 from .blocks import build_blocks, renamed

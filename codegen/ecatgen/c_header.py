@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.datatypes import is_real, is_signed, type_name
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.pdo_layout import places
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.datatypes import is_real, is_signed, type_name
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.pdo_layout import places
 
 from .names import Namespace, component_name, connector_names
 from .text import c_comment, identifier

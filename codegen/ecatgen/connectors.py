@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from ecatd.model.datatypes import DataType, is_real, is_signed, type_name
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.units import QUANTITIES, modelica_unit
+from ecatd.description.units import QUANTITIES, modelica_unit
+from ecatd.etg.datatypes import DataType, is_real, is_signed, type_name
+from ecatd.etg.pdo import Entry, Pdo
 
 from . import placement
 from .ir import Connector, Extent, Kind

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 
-from ecatd.model.bus import Bus, Domain, Slave
-from ecatd.model.pdo import Value
+from ecatd.description.bus import Bus, Domain, Slave
+from ecatd.etg.pdo import Value
 
 from .ir import Block, Connector, Library
 from .text import one_line

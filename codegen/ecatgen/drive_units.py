@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from ecatd.model.units import si_unit
+from ecatd.description.units import si_unit
 
 from .ir import Connector, DriveParameter
 from .text import Code, code

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import chain, count
 from typing import ClassVar
 
-from ecatd.model.bus import Bus
+from ecatd.description.bus import Bus
 
 from . import placement
 from .diagram import Diagram

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from ecatd.model.bus import Bus
+from ecatd.description.bus import Bus
 
 from . import static_library
 from .build import build_library

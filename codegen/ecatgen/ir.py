@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ecatd.model.pdo import Value
+from ecatd.etg.pdo import Value
 
 from .text import NOTHING, Code
 

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 from .text import Code, identifier
 from .words import WORDS

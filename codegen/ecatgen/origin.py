@@ -5,9 +5,9 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import replace
 
-from ecatd.model import bus_file
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
+from ecatd.description import bus_file
+from ecatd.description.bus import Bus, Slave
 
 
 def essence(bus: Bus) -> Bus:

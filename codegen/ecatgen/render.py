@@ -16,8 +16,8 @@ from jinja2 import (
     TemplateSyntaxError,
 )
 
-from ecatd.model.errors import ConfigError
-from ecatd.model.text_file import read_text
+from ecatd.base.errors import ConfigError
+from ecatd.base.text_file import read_text
 
 from . import text
 from .environment import CheckedEnvironment

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
-from ecatd.model.errors import EcatError
+from ecatd.base.errors import EcatError
 
 from .output import Report, install
 

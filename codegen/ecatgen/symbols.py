@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator
 
-from ecatd.model.bus import Slave
+from ecatd.description.bus import Slave
 
 from .ir import Kind, Point, SlaveKind
 from .text import Code

@@ -1,5 +1,5 @@
 /* The cyclic engine: a thread that exchanges process data with the slaves and shares it with
- * clients. The control side (ecatd/bus/engine/engine.py) calls the functions below through ctypes.
+ * clients. The control side (ecatd/master/engine/engine.py) calls the functions below through ctypes.
  *
  * After cyclic_start() the engine allocates nothing, takes no lock and enters the kernel only to
  * sleep (and set the timer that ends waiting for frames), send, receive, read the clients' slots

@@ -1,4 +1,4 @@
-/* The relay: a thread that sends the frames of the control side (ecatd/bus/frames/datagrams.py), such
+/* The relay: a thread that sends the frames of the control side (ecatd/master/frames/datagrams.py), such
  * as SDOs and register access, in the free time of the cycle. So these frames never delay the exchange
  * of process data.
  */

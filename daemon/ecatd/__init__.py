@@ -7,15 +7,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .base.errors import EcatError as EcatError
+    from .base.errors import LeaseError as LeaseError
+    from .base.errors import NoAnswerError as NoAnswerError
+    from .base.errors import OwnedError as OwnedError
+    from .base.errors import SdoAbortError as SdoAbortError
+    from .base.errors import UnreachableError as UnreachableError
     from .client import Client as Client
     from .client import Signal as Signal
     from .client import Validity as Validity
-    from .model.errors import EcatError as EcatError
-    from .model.errors import LeaseError as LeaseError
-    from .model.errors import NoAnswerError as NoAnswerError
-    from .model.errors import OwnedError as OwnedError
-    from .model.errors import SdoAbortError as SdoAbortError
-    from .model.errors import UnreachableError as UnreachableError
 
 _HOME = {
     **dict.fromkeys(("Client", "Signal", "Validity"), "client"),

@@ -8,10 +8,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ecatd.model.al import AlState as AlState
-    from ecatd.model.datatypes import DataType as DataType
-    from ecatd.model.pdo import Entry as Entry
-    from ecatd.model.pdo import Pdo as Pdo
+    from ecatd.etg.al import AlState as AlState
+    from ecatd.etg.datatypes import DataType as DataType
+    from ecatd.etg.pdo import Entry as Entry
+    from ecatd.etg.pdo import Pdo as Pdo
 
     from .esc import Chip as Chip
     from .rig import Rig as Rig
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from .slave.state_machine import RefusedError as RefusedError
 
 _HOME = {
-    "AlState": "ecatd.model.al",
-    "DataType": "ecatd.model.datatypes",
-    "Entry": "ecatd.model.pdo",
-    "Pdo": "ecatd.model.pdo",
+    "AlState": "ecatd.etg.al",
+    "DataType": "ecatd.etg.datatypes",
+    "Entry": "ecatd.etg.pdo",
+    "Pdo": "ecatd.etg.pdo",
     "Chip": ".esc",
     "Rig": ".rig",
     "Simulation": ".simulation",

@@ -9,19 +9,19 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from ecatd.bus.frames.interface import look
-from ecatd.bus.mailbox.coe import Coe
-from ecatd.bus.mailbox.dictionary import read_dictionary
-from ecatd.bus.mailbox.talks import Talk, converse
-from ecatd.bus.master.master import Master
-from ecatd.bus.start.clocks import clock_bits
-from ecatd.model.al import AlState
-from ecatd.model.dictionary import DictionaryObject
-from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
-from ecatd.model.patience import Patience
-from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS
-from ecatd.model.sii_categories import whole_image
-from ecatd.model.sii_check import check_sii
+from ecatd.base.durations import Patience
+from ecatd.base.errors import EcatError, NoAnswerError, SdoAbortError, StateError
+from ecatd.etg.al import AlState
+from ecatd.etg.dictionary import DictionaryObject
+from ecatd.etg.sii import USAGE_INPUTS, USAGE_OUTPUTS
+from ecatd.etg.sii_categories import whole_image
+from ecatd.etg.sii_check import check_sii
+from ecatd.master.frames.interface import look
+from ecatd.master.mailbox.coe import Coe
+from ecatd.master.mailbox.dictionary import read_dictionary
+from ecatd.master.mailbox.talks import Talk, converse
+from ecatd.master.master import Master
+from ecatd.server.start.clocks import clock_bits
 
 from .slave.pdo_objects import ASSIGNMENTS
 

@@ -9,14 +9,8 @@ from dataclasses import dataclass
 from enum import IntFlag
 from functools import cache
 
-from ecatd.model.errors import (
-    EcatError,
-    NotPermittedError,
-    StateError,
-    UnreachableError,
-    UsageError,
-)
-from ecatd.native import load
+from ecatd.base.errors import EcatError, NotPermittedError, StateError, UnreachableError, UsageError
+from ecatd.base.native import load
 
 from . import clocks, links
 from .chip import Chip, Config, config

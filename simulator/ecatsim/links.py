@@ -8,7 +8,7 @@ import os
 from dataclasses import dataclass
 from enum import IntEnum
 
-from ecatd.model.errors import EcatError, StateError, UsageError
+from ecatd.base.errors import EcatError, StateError, UsageError
 
 MAX_FAULTS = 32
 MAX_SLAVES = 1024

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, Self
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 _LARGE = 2**31
 

@@ -13,10 +13,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.addresses import parse_address
-from ecatd.model.datatypes import is_real, value_range
-from ecatd.model.errors import ConfigError, EcatError, StateError, UsageError
-from ecatd.model.pdo import Entry
+from ecatd.base.addresses import parse_address
+from ecatd.base.errors import ConfigError, EcatError, StateError, UsageError
+from ecatd.etg.datatypes import is_real, value_range
+from ecatd.etg.pdo import Entry
 
 from .rig import Rig
 from .slave.device import Device

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 from .faults import Fault
 from .plants.fixed_step import FixedStep

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from ecatd.model.atomic_write import open_new
-from ecatd.model.errors import StateError, UsageError
+from ecatd.base.atomic_write import open_new
+from ecatd.base.errors import StateError, UsageError
 
 from .esc import Segment
 from .faults import Faults

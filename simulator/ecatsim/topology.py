@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 from .slave.device import Device
 

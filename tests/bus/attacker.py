@@ -12,7 +12,7 @@ from typing import Any
 
 import zenoh
 
-from ecatd.zenoh_keys import session_config
+from ecatd.operations.zenoh_keys import session_config
 
 FORGED = b"forged"
 REMOTE = zenoh.Locality.REMOTE

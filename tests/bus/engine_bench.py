@@ -19,14 +19,14 @@ from pathlib import Path
 
 from benchmarks.segment.frames import BRD, FrameSocket, ask, frame
 
-from ecatd import network_namespace as namespace
-from ecatd.bus.engine.engine import Engine, Index, RealTime, open_socket
-from ecatd.bus.engine.layout import lay_out
-from ecatd.bus.engine.shared_memory import SharedMemory
+from ecatd.base import network_namespace as namespace
 from ecatd.client import Client
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.shm_files import make_folder
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.master.engine.engine import Engine, Index, RealTime, open_socket
+from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.shared_memory import SharedMemory
+from ecatd.shm.files import make_folder
 from ecatsim.net import netlink
 from ecatsim.rigs import library as rigs
 from ecatsim.simulation import Simulation

@@ -12,7 +12,7 @@ import time
 import urllib.request
 from pathlib import Path
 
-from ecatd import network_namespace as namespace
+from ecatd.base import network_namespace as namespace
 from ecatsim.net import netlink
 
 DELLINK, REQUEST_ACK = 17, 5

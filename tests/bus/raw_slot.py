@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ecatd import shm
 from ecatd.client import Client
-from ecatd.shm_files import folders
+from ecatd.shm import contract as shm
+from ecatd.shm.files import folders
 
 
 class RawSlot:

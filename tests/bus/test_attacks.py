@@ -25,8 +25,8 @@ from test_router import HUB, PORT, Host, connect, end
 
 from conftest import Daemon, free_port
 from ecatd.client.identity import read_identity
-from ecatd.encoding import pack, unpack
-from ecatd.zenoh_keys import bus_key, session_config
+from ecatd.operations.encoding import pack, unpack
+from ecatd.operations.zenoh_keys import bus_key, session_config
 
 pytestmark = [
     pytest.mark.bus,

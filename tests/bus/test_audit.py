@@ -13,21 +13,21 @@ from typing import NamedTuple
 import pytest
 
 from conftest import Daemon, names, run_module, wait_for
+from ecatd.base.errors import EcatError, NoAnswerError, SdoAbortError, StateError
 from ecatd.client.remote import Remote
-from ecatd.model.al import AlState
-from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
-from ecatd.model.idns import parse_idn
-from ecatd.model.requests.bus import SetState
-from ecatd.model.requests.eeproms import WriteSii
-from ecatd.model.requests.ethernet import WriteIp
-from ecatd.model.requests.files import CancelFoe, PutFoe, StartFoe
-from ecatd.model.requests.frames import ReadFrames
-from ecatd.model.requests.idns import WriteIdn
-from ecatd.model.requests.log import SetLogLevel
-from ecatd.model.requests.objects import SdoWrite
-from ecatd.model.requests.parsing import KINDS
-from ecatd.model.requests.registers import ReadErrors, ResetErrors, WriteRegister
-from ecatd.model.requests.request import Request
+from ecatd.etg.al import AlState
+from ecatd.etg.idns import parse_idn
+from ecatd.operations.bus import SetState
+from ecatd.operations.eeproms import WriteSii
+from ecatd.operations.ethernet import WriteIp
+from ecatd.operations.files import CancelFoe, PutFoe, StartFoe
+from ecatd.operations.frames import ReadFrames
+from ecatd.operations.idns import WriteIdn
+from ecatd.operations.log import SetLogLevel
+from ecatd.operations.objects import SdoWrite
+from ecatd.operations.operation import Request
+from ecatd.operations.parsing import KINDS
+from ecatd.operations.registers import ReadErrors, ResetErrors, WriteRegister
 from ecatsim.control import Simulator
 from rigs.everything import IDN, TEXT
 

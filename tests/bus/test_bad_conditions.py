@@ -21,13 +21,13 @@ import pytest
 import zenoh
 
 from conftest import PATIENCE, SHM, Daemon, names, one_line_error, run_module, wait_for
-from ecatd import shm
-from ecatd.encoding import unpack
-from ecatd.model.al import AlState
-from ecatd.model.errors import UnreachableError
-from ecatd.paths import zenoh_socket
-from ecatd.process import OF_ROOT
-from ecatd.zenoh_keys import bus_key, session_config
+from ecatd.base.errors import UnreachableError
+from ecatd.base.paths import zenoh_socket
+from ecatd.base.process import OF_ROOT
+from ecatd.etg.al import AlState
+from ecatd.operations.encoding import unpack
+from ecatd.operations.zenoh_keys import bus_key, session_config
+from ecatd.shm import contract as shm
 from ecatsim.control import Simulator
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
@@ -46,7 +46,7 @@ class Bench:
     def __init__(self, daemon: Daemon) -> None:
         self.daemon = daemon
         self.simulator = daemon.child_pid("ecatsim")
-        self.server = daemon.child_pid("ecatd.bus")
+        self.server = daemon.child_pid("ecatd.server")
         self.events: list[dict[str, Any]] = []
         socket = zenoh_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
         settings = {"connect/endpoints": [f"unixsock-stream/{socket}"]}

@@ -11,7 +11,7 @@ import pytest
 
 from conftest import Daemon, names, one_line_error, run_module, wait_for
 from ecatd.client.remote import Remote
-from ecatd.shm import Validity
+from ecatd.shm.contract import Validity
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from conftest import Daemon, names, stop_process, wait_for
-from ecatd.model.errors import NoAnswerError, UnreachableError
-from ecatd.paths import zenoh_socket
+from ecatd.base.errors import NoAnswerError, UnreachableError
+from ecatd.base.paths import zenoh_socket
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus
@@ -122,7 +122,7 @@ def test_a_gateway_that_does_not_answer(daemon: Daemon) -> None:
 
 
 def test_the_exchange_stands_still(daemon: Daemon) -> None:
-    server = daemon.child_pid("ecatd.bus")
+    server = daemon.child_pid("ecatd.server")
     stop_process(server)
     try:
         wait_for(lambda: check(daemon, "--timeout", "1")[0] == DOWN, daemon)

@@ -14,9 +14,9 @@ import pytest
 from raw_slot import RawSlot
 
 from conftest import CYCLE_TIME_US, Daemon, names, naming, wait_for
-from ecatd import shm
+from ecatd.base.errors import UsageError
 from ecatd.client import Outputs, Reason
-from ecatd.model.errors import UsageError
+from ecatd.shm import contract as shm
 from handle import EARG, ELEASE, EOWNED, ERANGE, ESTALE, Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -210,8 +210,8 @@ def test_a_program_name_does_nothing_to_a_terminal(daemon: Daemon) -> None:
 
 
 RIG = """
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.datatypes import DataType
 from ecatsim import Rig
 from ecatsim.devices.generic import Loopback
 

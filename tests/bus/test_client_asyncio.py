@@ -10,8 +10,8 @@ import pytest
 
 from conftest import PATIENCE, Daemon
 from ecatd import LeaseError, SdoAbortError, UnreachableError
+from ecatd.base.errors import NoAnswerError, StateError
 from ecatd.client import Client, Outputs
-from ecatd.model.errors import NoAnswerError, StateError
 
 pytestmark = pytest.mark.bus
 

@@ -13,7 +13,7 @@ import pytest
 
 from conftest import Daemon
 from ecatd.client import Reason
-from ecatd.stats import read
+from ecatd.shm.statistics import read
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 

@@ -8,8 +8,8 @@ import pytest
 
 from conftest import Daemon, names, naming, wait_for, wait_for_end
 from ecatd import LeaseError, OwnedError, SdoAbortError, UnreachableError
+from ecatd.base.errors import NoAnswerError, StateError, UsageError
 from ecatd.client import Client, Outputs, Reason, Signal, Validity
-from ecatd.model.errors import NoAnswerError, StateError, UsageError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 

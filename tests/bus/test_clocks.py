@@ -21,9 +21,9 @@ import pytest
 import zenoh
 
 from conftest import SHM, Daemon, names, naming, one_line_error
-from ecatd import shm
-from ecatd.encoding import unpack
-from ecatd.zenoh_keys import bus_key, session_config
+from ecatd.operations.encoding import unpack
+from ecatd.operations.zenoh_keys import bus_key, session_config
+from ecatd.shm import contract as shm
 from ecatsim.control import Simulator
 from ecatsim.slave.sii import Description, build
 

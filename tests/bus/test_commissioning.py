@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon, names, one_line_error, wait_for
-from ecatd.model.config import load_config
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
+from ecatd.config import load_config
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from conftest import Daemon, names, wait_for
-from ecatd.shm import WkcState
+from ecatd.shm.contract import WkcState
 
 pytestmark = pytest.mark.bus
 

@@ -10,8 +10,9 @@ import pytest
 from test_reload import reload
 
 from conftest import Daemon, names, one_line_error, wait_for
-from ecatd import Client, shm
-from ecatd.model.errors import StateError
+from ecatd import Client
+from ecatd.base.errors import StateError
+from ecatd.shm import contract as shm
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus

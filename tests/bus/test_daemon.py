@@ -15,17 +15,11 @@ from pathlib import Path
 import pytest
 
 from conftest import CYCLE_TIME_US, SHM, Daemon, names, naming, one_line_error, wait_for
-from ecatd import shm
+from ecatd.base.errors import LOOPBACK, SdoAbortError, StateError, UnreachableError, UsageError
+from ecatd.base.paths import zenoh_socket
 from ecatd.client import Request
-from ecatd.model.al import AlState
-from ecatd.model.errors import (
-    LOOPBACK,
-    SdoAbortError,
-    StateError,
-    UnreachableError,
-    UsageError,
-)
-from ecatd.paths import zenoh_socket
+from ecatd.etg.al import AlState
+from ecatd.shm import contract as shm
 from handle import EBUS, Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -180,7 +174,7 @@ def test_a_client_of_a_bus_that_is_not_there() -> None:
 OWNER = """
 import sys, time
 from ecatd.client import Client
-from ecatd.model.errors import UnreachableError
+from ecatd.base.errors import UnreachableError
 client = Client(sys.argv[1])
 client.claim(3, lease=float(sys.argv[2]))
 for n in range(8):
@@ -309,7 +303,7 @@ def test_a_reader_notices_that_the_daemon_was_stopped(start_daemon: Callable[...
 
 def stall(daemon: Daemon) -> None:
     """Stops the exchange for longer than the watchdog of the slaves."""
-    server = daemon.child_pid("ecatd.bus")
+    server = daemon.child_pid("ecatd.server")
     os.kill(server, signal.SIGSTOP)
     time.sleep(0.4)  # four times as long
     os.kill(server, signal.SIGCONT)
@@ -358,7 +352,7 @@ def test_the_gateway_may_die_and_comes_back(start_daemon: Callable[..., Daemon])
 
 def test_r17_the_daemon_ends_when_its_bus_server_dies(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll")
-    os.kill(daemon.child_pid("ecatd.bus"), signal.SIGKILL)
+    os.kill(daemon.child_pid("ecatd.server"), signal.SIGKILL)
     status, log = daemon.wait_end()
     assert status == 70
     names(one_line_error(log, "ecatd"), "bus server", "signal 9", "ecatd again")

@@ -77,7 +77,7 @@ def test_r30_a_writer_goes_on_after_a_new_claim(start_daemon: Callable[..., Daem
     assert daemon.stop() == 0
 
 
-@pytest.mark.parametrize("command", ["ecatd.bus", "ecatd.gateway tnobody"])
+@pytest.mark.parametrize("command", ["ecatd.server", "ecatd.gateway tnobody"])
 @pytest.mark.parametrize("said", ["", '{"config": {"bus'])
 def test_a_child_whose_service_is_killed_at_once_ends_without_a_word(
     command: str, said: str
@@ -198,7 +198,7 @@ def power_cut(daemon: Daemon) -> None:
         os.kill(daemon.process.pid, signal.SIGKILL)
     else:
         try:
-            os.kill(daemon.child_pid("ecatd.bus"), signal.SIGKILL)
+            os.kill(daemon.child_pid("ecatd.server"), signal.SIGKILL)
         except (AssertionError, OSError):  # it has not started one yet
             daemon.kill_all()
     daemon.process.wait()

@@ -20,9 +20,9 @@ from raw_slot import RawSlot
 from test_safe_stop import Drive, stop_rule
 
 from conftest import SHM, Daemon, names, naming, wait_for
-from ecatd import shm
+from ecatd.base.errors import OwnedError, StateError
 from ecatd.client import Outputs, Reason
-from ecatd.model.errors import OwnedError, StateError
+from ecatd.shm import contract as shm
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 

@@ -14,8 +14,8 @@ import pytest
 from raw_slot import RawSlot
 
 from conftest import PATIENCE, SHM, Daemon, names, one_line_error
-from ecatd import shm
 from ecatd.client import Client
+from ecatd.shm import contract as shm
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
@@ -217,7 +217,7 @@ def test_domains_with_phases_take_turns(phased: Daemon) -> None:
 def test_r20_phases_outlast_missed_cycles(phased: Daemon) -> None:
     divider = TURNS[-1][0]
     with phased.client() as client, shared(phased) as table:
-        server = phased.child_pid("ecatd.bus")
+        server = phased.child_pid("ecatd.server")
         made_up = 0
         for _ in range(TRIES):  # the turn of the slowest domain has to be missed
             client.wait()

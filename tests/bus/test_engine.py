@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from engine_bench import MASTER, RUN, SECOND, SIZE, Bench, bench, in_namespace, switch
 
-from ecatd import shm
-from ecatd.bus.engine.engine import Clock, EventType, Index, open_socket
-from ecatd.bus.watch.foreign import ForeignWatch
-from ecatd.model.errors import EcatError, UnreachableError
+from ecatd.base.errors import EcatError, UnreachableError
+from ecatd.master.engine.engine import Clock, EventType, Index, open_socket
+from ecatd.server.watch.foreign import ForeignWatch
+from ecatd.shm import contract as shm
 from ecatsim.links import FaultKind, FrameFault
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]

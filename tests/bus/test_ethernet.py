@@ -67,7 +67,7 @@ class Machine:
         self.simulator = Simulator(str(daemon.child_pid("ecatsim")))
 
     def inside(self, *arguments: str) -> None:
-        pid = self.daemon.child_pid("ecatd.bus")
+        pid = self.daemon.child_pid("ecatd.server")
         command = [sys.executable, str(INSIDE), str(pid), *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
@@ -153,7 +153,7 @@ def test_a_slave_that_sends_all_the_time_is_asked_nevertheless(
     """It takes no message before its own one has been read."""
     rig = RIG.replace('["eoe"]', '["eoe", "coe", "foe"]')
     bench = machine(rig.replace('order = "Large"', 'order = "Large"\neoe_interface = "web0"'))
-    server = bench.daemon.child_pid("ecatd.bus")
+    server = bench.daemon.child_pid("ecatd.server")
     to_all = f"{6 * 'ff'}020000000002{1400 * '55'}"
     file = tmp_path / "f.bin"
     file.write_bytes(bytes(range(256)) * 40)
@@ -166,7 +166,7 @@ def test_a_slave_that_sends_all_the_time_is_asked_nevertheless(
             assert bench.ip("2")["address"] == "192.168.7.3"
         finally:
             flood.kill()
-    assert bench.daemon.child_pid("ecatd.bus") == server
+    assert bench.daemon.child_pid("ecatd.server") == server
     bench.daemon.ctl("foe-read", "2", "f.bin", "-o", str(tmp_path / "back.bin"))
     assert (tmp_path / "back.bin").read_bytes() == file.read_bytes()
 

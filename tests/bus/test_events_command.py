@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from conftest import Daemon, names, one_line_error, wait_for
-from ecatd.bus.watch.event_history import EventHistory
+from ecatd.server.watch.event_history import EventHistory
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus

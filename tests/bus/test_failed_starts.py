@@ -18,8 +18,8 @@ from pathlib import Path
 import pytest
 
 from conftest import PATIENCE, Daemon, names, run_module, stop_process
-from ecatd.failure_record import read_record
-from ecatd.log import Log
+from ecatd.base.failure_record import read_record
+from ecatd.base.log import Log
 from ecatd.service.failed_starts import FailedStarts
 
 pytestmark = pytest.mark.bus
@@ -163,7 +163,7 @@ def test_a_start_may_take_longer_than_systemd_gives_it(
     more = [daemon.told() for _ in range(3)]
     for lines in more:
         assert lines == ["EXTEND_TIMEOUT_USEC=60000000"], daemon.log
-    hung = daemon.child_pid("ecatd.bus")
+    hung = daemon.child_pid("ecatd.server")
     stop_process(hung)
     assert [] in [daemon.told(6) for _ in range(3)], "nobody works on the start"
     os.kill(hung, signal.SIGCONT)

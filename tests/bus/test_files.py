@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon, names, one_line_error, stop_process, wait_for
+from ecatd.base.errors import BusyError, StateError
 from ecatd.client.remote import Remote
-from ecatd.model.errors import BusyError, StateError
 from ecatsim.control import Simulator
 from rigs.files import FIRMWARE, PARAMETERS
 
@@ -113,7 +113,7 @@ def test_a_slave_that_takes_no_message_keeps_nobody_else_waiting(
 ) -> None:
     """It has the worker to itself for no longer than any other slave."""
     bus = start_daemon(str(RIG))
-    server = bus.child_pid("ecatd.bus")
+    server = bus.child_pid("ecatd.server")
     file = tmp_path / "x.bin"
     file.write_bytes(bytes(5000))
     with Simulator(str(bus.child_pid("ecatsim"))) as simulator:
@@ -124,7 +124,7 @@ def test_a_slave_that_takes_no_message_keeps_nobody_else_waiting(
         names(one_line_error(failed.stderr, "ecatctl"), "slave 0", "does not take messages")
         assert bus.ctl("sdo-read", "2", "0x1018", "1").returncode == 0
         simulator.faults.mailbox(0, "none")
-    assert bus.child_pid("ecatd.bus") == server
+    assert bus.child_pid("ecatd.server") == server
     bus.ctl("foe-write", "0", str(file), "--as", "other.bin", "--yes")
 
 

@@ -19,7 +19,7 @@ from test_remote_users import CONFIG, Site
 
 from conftest import Daemon, free_port, names, wait_for
 from ecatd.client.identity import read_identity
-from ecatd.zenoh_keys import bus_key, session_config
+from ecatd.operations.zenoh_keys import bus_key, session_config
 
 pytestmark = [
     pytest.mark.bus,

@@ -16,7 +16,7 @@ import fmpy
 import numpy as np
 
 from conftest import Daemon, names, wait_for
-from ecatd.shm import Outputs, Reason
+from ecatd.shm.contract import Outputs, Reason
 from ecatdev import sample_buses
 from ecatgen.fmu import generate_fmu
 from player import BEAR, STEP, Model, outputs, plant_of, until

@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("fmpy", reason="FMPy is not installed (extra 'test')")
 
 from conftest import Daemon, names
-from ecatd.model import bus_file
-from ecatd.model.bus import Bus, Slave
+from ecatd.description import bus_file
+from ecatd.description.bus import Bus, Slave
 from ecatgen.fmu import generate_fmu
 from player import BEAR, Model, Player, outputs, plant_of, until
 

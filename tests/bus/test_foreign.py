@@ -9,8 +9,8 @@ import pytest
 from inside import delete
 from test_simulator_topology import FIRST, run
 
-from ecatd.bus.watch.foreign import ForeignWatch
-from ecatd.model.errors import UnreachableError
+from ecatd.base.errors import UnreachableError
+from ecatd.server.watch.foreign import ForeignWatch
 from ecatsim.net import netlink
 
 pytestmark = pytest.mark.bus

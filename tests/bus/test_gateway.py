@@ -18,12 +18,12 @@ import pytest
 import zenoh
 
 from conftest import CYCLE_TIME_US, Daemon, free_port, names, naming, stop_process, wait_for
+from ecatd.base.errors import NoAnswerError, NotPermittedError, StateError, UsageError
+from ecatd.base.paths import control_socket, zenoh_socket
 from ecatd.client.remote import Remote
-from ecatd.encoding import LENGTH, frame, pack, unpack
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import NoAnswerError, NotPermittedError, StateError, UsageError
-from ecatd.paths import control_socket, zenoh_socket
-from ecatd.zenoh_keys import bus_key, session_config
+from ecatd.etg.datatypes import DataType
+from ecatd.operations.encoding import LENGTH, frame, pack, unpack
+from ecatd.operations.zenoh_keys import bus_key, session_config
 
 NONSENSE = 200
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -157,7 +157,7 @@ def test_a_bus_is_listed_whose_server_does_not_answer(start_daemon: Callable[...
         assert found["bus"] == daemon.bus
         return found
 
-    server = daemon.child_pid("ecatd.bus")
+    server = daemon.child_pid("ecatd.server")
     stop_process(server)
     try:
         silent = row()
@@ -189,7 +189,7 @@ def test_a_bus_server_that_does_not_answer(
     """Whoever may change things is not told that he may not; nobody minds who is gone."""
     daemon = start_daemon("troll")
     monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
-    server = daemon.child_pid("ecatd.bus")
+    server = daemon.child_pid("ecatd.server")
     os.kill(server, signal.SIGSTOP)
     try:
         with Remote(daemon.bus, timeout=1.0) as remote:
@@ -238,7 +238,7 @@ def memory(pid: int) -> int:
 def test_r34_a_gateway_that_asks_and_does_not_read(daemon: Daemon) -> None:
     """It gets no more answers, the bus server does not grow, and others are served."""
     path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
-    server = daemon.child_pid("ecatd.bus")
+    server = daemon.child_pid("ecatd.server")
     before, asked, request = memory(server), 0, frame({"id": 1, "op": "describe"})
     with socket.socket(socket.AF_UNIX) as gateway:
         gateway.connect(str(path))

@@ -24,7 +24,7 @@ from conftest import (
     stop_process,
     wait_for,
 )
-from ecatd.paths import control_socket, zenoh_socket
+from ecatd.base.paths import control_socket, zenoh_socket
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -105,7 +105,7 @@ def test_it_serves_and_says_so_to_the_service_manager(daemon: Daemon, tmp_path: 
 def test_r18_it_dies_or_hangs_and_the_bus_goes_on(
     daemon: Daemon, tmp_path: Path, number: int
 ) -> None:
-    server = daemon.child_pid("ecatd.bus")
+    server = daemon.child_pid("ecatd.server")
     with gateway_of(daemon, tmp_path) as first:
         if number == signal.SIGSTOP:
             stop_process(first.process.pid)  # and then systemd kills it
@@ -115,7 +115,7 @@ def test_r18_it_dies_or_hangs_and_the_bus_goes_on(
         wait_for(lambda: cycles(daemon) > before, daemon)
     with gateway_of(daemon, tmp_path):
         assert len(daemon.slave_rows()) == 2
-    assert daemon.child_pid("ecatd.bus") == server
+    assert daemon.child_pid("ecatd.server") == server
     assert "gateway" not in daemon.log
 
 
@@ -197,7 +197,7 @@ def test_it_ends_to_take_other_settings(daemon: Daemon, tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_it_ends_with_the_bus(daemon: Daemon, tmp_path: Path, number: int) -> None:
     with gateway_of(daemon, tmp_path) as gateway:
-        os.kill(daemon.child_pid("ecatd.bus"), number)
+        os.kill(daemon.child_pid("ecatd.server"), number)
         assert gateway.wait_end() == (0, "")
         daemon.wait_end()
     late = run_module("ecatd.service", "--only-gateway", "--bus", daemon.bus, env=daemon.env)

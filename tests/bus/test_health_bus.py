@@ -15,7 +15,7 @@ import pytest
 from test_bad_conditions import INSIDE, MASTER, Bench
 
 from conftest import Daemon, names, wait_for
-from ecatd import network_namespace
+from ecatd.base import network_namespace
 from ecatsim.control import Simulator
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]

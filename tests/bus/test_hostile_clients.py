@@ -16,8 +16,8 @@ import pytest
 from test_client_death import build
 
 from conftest import SHM, Daemon, stop_process, wait_for
+from ecatd.base.errors import EcatError
 from ecatd.client import Outputs
-from ecatd.model.errors import EcatError
 from handle import ESTALE, Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
@@ -61,7 +61,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def resident(daemon: Daemon) -> int:
     """Bytes of memory of the bus server."""
-    pages = Path(f"/proc/{daemon.child_pid('ecatd.bus')}/statm").read_text().split()[1]
+    pages = Path(f"/proc/{daemon.child_pid('ecatd.server')}/statm").read_text().split()[1]
     return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
@@ -181,7 +181,7 @@ def test_who_committed_before_its_release_was_seen_is_not_accused(
 ) -> None:
     """Where the daemon stood still, it sees both at once."""
     daemon = start_daemon("troll", config="[gateway]\nlisten = []\n[outputs]\nlease_max_ms = 60000")
-    server = daemon.child_pid("ecatd.bus")
+    server = daemon.child_pid("ecatd.server")
     with Handle(daemon.bus) as owner, daemon.client() as eye:
         lamp = owner.bind(3, 0x7000, 1, 1)
         assert owner.claim(0, 60.0) == 0

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from conftest import SHM, Daemon, wait_for
-from ecatd import shm
 from ecatd.client import Client, Reason
+from ecatd.shm import contract as shm
 from handle import EBUSY, ELAYOUT, ELEASE, Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]

@@ -8,8 +8,8 @@ import pytest
 
 from conftest import Daemon, names, one_line_error, run_module, wait_for
 from ecatd import Client
-from ecatd.model.bus_file import dump, load
-from ecatd.shm import Validity
+from ecatd.description.bus_file import dump, load
+from ecatd.shm.contract import Validity
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus

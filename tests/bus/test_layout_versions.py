@@ -14,16 +14,16 @@ from typing import Any
 import pytest
 
 from conftest import SHM, Daemon, names, one_line_error, run_module, wait_for
-from ecatd import shm
+from ecatd.base.errors import StateError
+from ecatd.base.file_locks import take
+from ecatd.base.version import VERSION
 from ecatd.client import Client
-from ecatd.file_locks import take
-from ecatd.model.errors import StateError
-from ecatd.shared_memory import raw
-from ecatd.shared_memory.claims import read_claims
-from ecatd.shared_memory.contents import contents
-from ecatd.stats import read
-from ecatd.stats.clocks import read_clocks
-from ecatd.version import VERSION
+from ecatd.shm import contract as shm
+from ecatd.shm import raw
+from ecatd.shm.claims import read_claims
+from ecatd.shm.contents import contents
+from ecatd.shm.statistics import read
+from ecatd.shm.statistics.clocks import read_clocks
 from handle import Handle
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
@@ -254,7 +254,7 @@ def test_r28_a_later_client_refuses_an_earlier_daemon(troll: Daemon, later_ecatd
     )
     last = result.stderr.splitlines()[-1]
     names(
-        last, "ecatd.model.errors.StateError: ", f"'{troll.bus}'", "1.0", "1.1", "update the daemon"
+        last, "ecatd.base.errors.StateError: ", f"'{troll.bus}'", "1.0", "1.1", "update the daemon"
     )
 
 

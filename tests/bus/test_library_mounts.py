@@ -12,7 +12,7 @@ pytestmark = pytest.mark.bus  # needs user namespaces, too
 
 PROGRAM = """
 import pathlib, sys
-from ecatd.model.errors import EcatError
+from ecatd.base.errors import EcatError
 from ecatgen.output import install
 out, size = pathlib.Path(sys.argv[1]), int(sys.argv[2])
 try:

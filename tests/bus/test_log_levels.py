@@ -12,8 +12,8 @@ import pytest
 from following import following
 
 from conftest import Daemon, names, wait_for
-from ecatd.model.errors import EcatError
-from ecatd.model.log_levels import PARTS
+from ecatd.base.errors import EcatError
+from ecatd.base.log_levels import PARTS
 
 pytestmark = pytest.mark.bus
 

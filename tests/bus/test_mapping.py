@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 from test_simulator_topology import FIRST, run
 
-from ecatd.bus.mailbox import talks
-from ecatd.bus.master.master import Master
-from ecatd.bus.start import mapping
-from ecatd.model.al import AlState
-from ecatd.model.config import Config
-from ecatd.model.errors import EcatError
-from ecatd.model.patience import Patience
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.base.durations import Patience
+from ecatd.base.errors import EcatError
+from ecatd.config import Config
+from ecatd.etg.al import AlState
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.master.mailbox import talks
+from ecatd.master.master import Master
+from ecatd.server.start import mapping
 from ecatsim import Rig
 from ecatsim.control import Simulator
 from ecatsim.devices.library import library, make

@@ -7,7 +7,7 @@ import pytest
 
 from conftest import Daemon, names, one_line_error, run_module, wait_for
 from ecatd.client.remote import Remote
-from ecatd.model.pdo import Entry
+from ecatd.etg.pdo import Entry
 
 pytestmark = pytest.mark.bus
 RIGS = Path(__file__).parents[1] / "rigs"

@@ -119,7 +119,10 @@ def test_a_ring_that_opens(start_daemon: Callable[..., Daemon], tmp_path: Path) 
 
 def test_a_bus_server_that_does_not_answer(served: tuple[Daemon, str]) -> None:
     daemon, url = served
-    stopped = [daemon.process.pid, daemon.child_pid("ecatd.bus")]  # the first would kill the second
+    stopped = [
+        daemon.process.pid,
+        daemon.child_pid("ecatd.server"),
+    ]  # the first would kill the second
     for pid in stopped:
         stop_process(pid)
     try:

@@ -194,7 +194,7 @@ def test_a_slave_without_slots_is_told_no_modules(
 
 
 FIXED = """
-from ecatd.model.datatypes import DataType
+from ecatd.etg.datatypes import DataType
 from ecatsim import Rig
 from ecatsim.devices.modular import ModularIO
 from ecatsim.slave.objects import Access

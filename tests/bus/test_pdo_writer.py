@@ -10,12 +10,12 @@ import pytest
 from test_simulator_topology import FIRST, run
 
 from conftest import names
-from ecatd.bus.master.master import Master
-from ecatd.bus.start import mapping
-from ecatd.model.al import AlState
-from ecatd.model.config import Config, load_config
-from ecatd.model.errors import EcatError
-from ecatd.model.patience import Patience
+from ecatd.base.durations import Patience
+from ecatd.base.errors import EcatError
+from ecatd.config import Config, load_config
+from ecatd.etg.al import AlState
+from ecatd.master.master import Master
+from ecatd.server.start import mapping
 
 pytestmark = pytest.mark.bus
 

@@ -11,7 +11,7 @@ from conftest import Daemon
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
-MODULES = ("ecatd.bus", "ecatd.gateway", "ecatsim")
+MODULES = ("ecatd.server", "ecatd.gateway", "ecatsim")
 
 
 def threads(pid: int) -> dict[int, tuple[str, set[int]]]:

@@ -10,8 +10,8 @@ import pytest
 from test_bad_conditions import Bench
 
 from conftest import SHM, Daemon
-from ecatd import shm
-from ecatd.model.al import AlState
+from ecatd.etg.al import AlState
+from ecatd.shm import contract as shm
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 

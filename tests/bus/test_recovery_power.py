@@ -7,7 +7,7 @@ import pytest
 from test_bad_conditions import Bench
 
 from conftest import Daemon, names, one_line_error
-from ecatd.model.al import AlState
+from ecatd.etg.al import AlState
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 

@@ -16,21 +16,21 @@ import pytest
 from test_simulator_topology import FIRST, SECOND, run
 
 from conftest import SHM
-from ecatd import stats
-from ecatd.bus.frames.datagrams import brd, fprd
-from ecatd.bus.mailbox.talks import converse
-from ecatd.bus.master import master as master_module
-from ecatd.bus.master.master import Master
-from ecatd.bus.master.worker import Worker
-from ecatd.bus.requests.changes import Changes
-from ecatd.bus.requests.registers import Registers
-from ecatd.bus.start.bring_up import BringUp
-from ecatd.log import Log
-from ecatd.model.al import AlState
-from ecatd.model.config import read_config
-from ecatd.model.errors import NoAnswerError, StateError
-from ecatd.model.patience import Patience
-from ecatd.model.requests.registers import ReadRegister
+from ecatd.base.durations import Patience
+from ecatd.base.errors import NoAnswerError, StateError
+from ecatd.base.log import Log
+from ecatd.config import read_config
+from ecatd.etg.al import AlState
+from ecatd.master import master as master_module
+from ecatd.master.frames.datagrams import brd, fprd
+from ecatd.master.mailbox.talks import converse
+from ecatd.master.master import Master
+from ecatd.master.worker import Worker
+from ecatd.operations.registers import ReadRegister
+from ecatd.server.requests.changes import Changes
+from ecatd.server.requests.registers import Registers
+from ecatd.server.start.bring_up import BringUp
+from ecatd.shm import statistics as stats
 from ecatsim.control import Simulator
 
 if TYPE_CHECKING:

@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon, children, names, naming, stop_process, wait_for
-from ecatd import Client, shm
+from ecatd import Client
+from ecatd.base.errors import LeaseError
 from ecatd.client.signals import Signal
-from ecatd.model.errors import LeaseError
+from ecatd.shm import contract as shm
 from ecatsim.control import Simulator
 
 CONFIG = """
@@ -59,7 +60,7 @@ def in_force(daemon: Daemon) -> dict[str, object]:
 def test_what_can_change_is_used_at_once(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon("troll", config=CONFIG)
     with daemon.client() as client:
-        server = daemon.child_pid("ecatd.bus")
+        server = daemon.child_pid("ecatd.server")
         changed = CONFIG.replace("60000", "50000").replace("publish_hz = 5", "publish_hz = 7")
         changed = changed.replace('"none"', '"all"\nretry_s = 1.0').replace("= 1000", "= 2000")
         log = reload(daemon, changed, "configuration read again; changed")
@@ -72,7 +73,7 @@ def test_what_can_change_is_used_at_once(start_daemon: Callable[..., Daemon]) ->
         # Recovery does what it was told: this slave was left alone before.
         daemon.ctl("state", "3", "PREOP", "--yes")
         daemon.ctl("state", "3", "OP")
-        assert daemon.child_pid("ecatd.bus") == server
+        assert daemon.child_pid("ecatd.server") == server
         client.wait(5)  # the same bus: no client has noticed anything
         client.sample()
 
@@ -81,12 +82,12 @@ def test_the_log_level_changes_without_a_restart_of_anything(
     start_daemon: Callable[..., Daemon],
 ) -> None:
     daemon = start_daemon("troll", config=CONFIG)
-    pids = [daemon.child_pid(module) for module in ("ecatd.bus", "ecatd.gateway")]
+    pids = [daemon.child_pid(module) for module in ("ecatd.server", "ecatd.gateway")]
     reload(daemon, CONFIG + '[log]\nslaves = "debug"\n', "changed: log.slaves")
     assert in_force(daemon)["log.slaves"] == "debug"
     daemon.ctl("state", "3", "SAFEOP", "--yes")
     wait_for(lambda: "ecatd: debug: slaves: " in daemon.log, daemon)
-    assert [daemon.child_pid(module) for module in ("ecatd.bus", "ecatd.gateway")] == pids
+    assert [daemon.child_pid(module) for module in ("ecatd.server", "ecatd.gateway")] == pids
 
 
 def test_a_wrong_configuration_changes_nothing(start_daemon: Callable[..., Daemon]) -> None:
@@ -239,7 +240,7 @@ def test_a_limit_of_working_counters_counts_at_once(start_daemon: Callable[..., 
 def test_the_gateway_may_have_ended_already(start_daemon: Callable[..., Daemon]) -> None:
     """It dies while the daemon does not look, and the daemon finds out together with the signal."""
     daemon = start_daemon("troll", config=CONFIG)
-    server = daemon.child_pid("ecatd.bus")
+    server = daemon.child_pid("ecatd.server")
     for hertz in (6, 7, 8):
         wait_for(lambda: daemon.ctl("info", check=False).returncode == 0, daemon)
         gateway = daemon.child_pid("ecatd.gateway")
@@ -251,7 +252,7 @@ def test_the_gateway_may_have_ended_already(start_daemon: Callable[..., Daemon])
         finally:
             daemon.process.send_signal(signal.SIGCONT)
         wait_for(lambda wanted=hertz: in_force(daemon)["gateway.publish_hz"] == wanted, daemon)  # type: ignore[misc]
-    assert daemon.child_pid("ecatd.bus") == server
+    assert daemon.child_pid("ecatd.server") == server
     assert daemon.stop() == 0
 
 

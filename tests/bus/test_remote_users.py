@@ -27,17 +27,17 @@ from conftest import (
     stop_process,
     wait_for,
 )
-from ecatd.client.identity import read_identity
-from ecatd.client.remote import Remote
-from ecatd.encoding import pack, unpack
-from ecatd.model.errors import (
+from ecatd.base.errors import (
     NoAnswerError,
     NotPermittedError,
     StateError,
     UnreachableError,
     UsageError,
 )
-from ecatd.zenoh_keys import bus_key, session_config
+from ecatd.client.identity import read_identity
+from ecatd.client.remote import Remote
+from ecatd.operations.encoding import pack, unpack
+from ecatd.operations.zenoh_keys import bus_key, session_config
 
 pytestmark = [
     pytest.mark.bus,
@@ -207,7 +207,7 @@ def test_who_may_not_and_who_gets_no_answer_are_told_apart(
 ) -> None:
     port = free_port()
     daemon = start_daemon("troll", config=CONFIG.format(port=port, folder=site.folder))
-    server = daemon.child_pid("ecatd.bus")
+    server = daemon.child_pid("ecatd.server")
     users = {
         name: Remote(daemon.bus, f"tls/127.0.0.1:{port}", 2.0, site[name])
         for name in ("anna", "carl")

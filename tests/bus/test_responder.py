@@ -18,10 +18,10 @@ from benchmarks.segment.frames import APRD, APWR, ask, datagrams, frame
 from benchmarks.segment.peers import Pair
 from engine_bench import MASTER, bench, in_namespace
 
-from ecatd import network_namespace as namespace
-from ecatd import shm
-from ecatd.bus.engine.engine import Clock
-from ecatd.model.errors import StateError
+from ecatd.base import network_namespace as namespace
+from ecatd.base.errors import StateError
+from ecatd.master.engine.engine import Clock
+from ecatd.shm import contract as shm
 from ecatsim.net import netlink
 
 pytestmark = pytest.mark.bus

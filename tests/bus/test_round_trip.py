@@ -21,9 +21,9 @@ def rig():
 
 
 def master_measures():
-    from ecatd.bus.master.master import Master
-    from ecatd.bus.start.round_trip import measure_round_trip
-    from ecatd.model.patience import Patience
+    from ecatd.base.durations import Patience
+    from ecatd.master.master import Master
+    from ecatd.server.start.round_trip import measure_round_trip
 
     master = Master([INTERFACE])
     try:

@@ -58,7 +58,7 @@ FORGER = """
 import json, sys, time, zenoh
 from pathlib import Path
 from ecatd.client.identity import read_identity
-from ecatd.zenoh_keys import session_config
+from ecatd.operations.zenoh_keys import session_config
 endpoint, tls = sys.argv[1], json.loads(sys.argv[2])
 session = zenoh.open(session_config("client", {"connect/endpoints": [endpoint], **tls}))
 for key in ("ro/event", "ro/pdo/0/0x6041:00", "ro/info", "alive"):
@@ -75,7 +75,7 @@ sys.stdin.read()
 """
 LISTENER = """
 import json, sys, zenoh
-from ecatd.zenoh_keys import session_config
+from ecatd.operations.zenoh_keys import session_config
 endpoint, tls = sys.argv[1], json.loads(sys.argv[2])
 session = zenoh.open(session_config("client", {"connect/endpoints": [endpoint], **tls}))
 def tell(sample):

@@ -13,8 +13,8 @@ from collections.abc import Callable
 import pytest
 
 from conftest import SHM, Daemon, names, naming, one_line_error, run_module, wait_for
-from ecatd import shm
-from ecatd.model.errors import StateError, UnreachableError, UsageError
+from ecatd.base.errors import StateError, UnreachableError, UsageError
+from ecatd.shm import contract as shm
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 

@@ -10,10 +10,10 @@ import pytest
 from test_relay import IDENTITY, VENDORS, looks, read_vendor, wait_for_link
 from test_simulator_topology import FIRST, SECOND, run
 
-from ecatd.bus.frames import soem
-from ecatd.bus.master.master import Master
-from ecatd.model.al import AlState
-from ecatd.model.patience import Patience
+from ecatd.base.durations import Patience
+from ecatd.etg.al import AlState
+from ecatd.master.frames import soem
+from ecatd.master.master import Master
 from ecatsim.control import Simulator
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ import pytest
 from masters import new_master
 
 from conftest import names, one_line_error
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
 from ecatsim.capture import capture
 from ecatsim.devices.beckhoff import EL3008
 

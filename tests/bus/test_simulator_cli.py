@@ -35,7 +35,7 @@ os.execv(sys.executable, [sys.executable, "-m", "ecatsim", *sys.argv[1:]])
 """
 JOIN = """
 import sys
-from ecatd.network_namespace import join
+from ecatd.base.network_namespace import join
 join(int(sys.argv[1]))
 import pysoem
 m = pysoem.Master()
@@ -317,11 +317,11 @@ def test_join_from_another_process():
 
 
 def test_join_without_a_simulator():
-    code = "from ecatd.network_namespace import join; join(2**22 + 1)"
+    code = "from ecatd.base.network_namespace import join; join(2**22 + 1)"
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=False
     )
-    names(result.stderr, "ecatd.model.errors.UnreachableError", "simulator", 4194305)
+    names(result.stderr, "ecatd.base.errors.UnreachableError", "simulator", 4194305)
 
 
 def test_trace_records_the_motor(tmp_path):

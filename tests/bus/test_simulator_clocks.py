@@ -14,7 +14,7 @@ import pytest
 from masters import new_master
 from test_simulator_masters import INTERFACE, OP, cycle, open_pysoem, to_op
 
-from ecatd import network_namespace as namespace
+from ecatd.base import network_namespace as namespace
 from ecatsim.esc import Chip
 from ecatsim.net import netlink
 from ecatsim.rigs import library as rigs

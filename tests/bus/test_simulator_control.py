@@ -10,7 +10,7 @@ from masters import ECATSIM
 from test_simulator_cli import ecatsim, running
 
 from conftest import PYTHON, names, naming, one_line_error
-from ecatd.model.errors import StateError, UnreachableError, UsageError
+from ecatd.base.errors import StateError, UnreachableError, UsageError
 from ecatsim.control import Simulator
 from ecatsim.control.requests import REQUESTS
 from ecatsim.faults import FAULTS

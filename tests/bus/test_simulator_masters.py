@@ -25,9 +25,9 @@ from masters import (
     wait_state,
 )
 
-from ecatd.model.al import AlState
-from ecatd.model.datatypes import DataType
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.al import AlState
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim.control import Simulator
 from ecatsim.rig import Rig
 from ecatsim.slave.device import Device

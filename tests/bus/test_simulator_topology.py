@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from masters import new_master
 
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim.devices.beckhoff import EK1100, EK1122
 from ecatsim.esc import Chip
 from ecatsim.rig import Rig

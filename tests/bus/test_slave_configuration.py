@@ -9,7 +9,7 @@ from test_bad_conditions import Bench
 from test_recovery_power import in_op
 
 from conftest import Daemon, names, one_line_error
-from ecatd.model.al import AlState
+from ecatd.etg.al import AlState
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus

@@ -15,8 +15,8 @@ from xml.etree import ElementTree
 import pytest
 
 from conftest import Daemon, names, naming, one_line_error, wait_for
+from ecatd.base.errors import NoAnswerError
 from ecatd.client.remote import Remote
-from ecatd.model.errors import NoAnswerError
 from ecatsim.control import Simulator
 from ecatsim.devices.beckhoff import EL3102
 

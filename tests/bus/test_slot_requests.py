@@ -13,9 +13,9 @@ import pytest
 from raw_slot import RawSlot
 
 from conftest import Daemon, names, naming, one_line_error, run_module, wait_for
+from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.client import Client
-from ecatd.model.al import AlState
-from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
+from ecatd.etg.al import AlState
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon, names, one_line_error
-from ecatd.model.config import read_config
+from ecatd.config import read_config
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus

@@ -15,13 +15,13 @@ import zenoh
 from following import following
 
 from conftest import PATIENCE, Daemon, names, naming, one_line_error, stop_process, wait_for
+from ecatd.base.durations import Patience
+from ecatd.base.errors import NoAnswerError, StateError, UnreachableError, UsageError
 from ecatd.client.remote import Remote
-from ecatd.encoding import pack, unpack
 from ecatd.gateway.sessions import Sessions
 from ecatd.gateway.streams import Streams
-from ecatd.model.errors import NoAnswerError, StateError, UnreachableError, UsageError
-from ecatd.model.patience import Patience
-from ecatd.zenoh_keys import session_config
+from ecatd.operations.encoding import pack, unpack
+from ecatd.operations.zenoh_keys import session_config
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 

@@ -6,7 +6,7 @@ import pytest
 from test_safe_stop import BASE, SPEED, WATCHDOG, Drive
 
 from conftest import Daemon, wait_for
-from ecatd import shm
+from ecatd.shm import contract as shm
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 

@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon
-from ecatd.stats import read
+from ecatd.shm.statistics import read
 from time_of_day import TimeOfDay
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
 HOUR = 3600
 JUMPS = (HOUR, -2 * HOUR, 24 * HOUR, -24 * HOUR)
-CHILDREN = ("ecatsim", "ecatd.bus", "ecatd.gateway")
+CHILDREN = ("ecatsim", "ecatd.server", "ecatd.gateway")
 LAMPS = 3
 GRID_CYCLES = 2
 

@@ -22,8 +22,8 @@ from raw_slot import RawSlot
 from value_cases import RIG, SHAPES, Case, bits_of, cases, configuration, expected, first_case
 
 from conftest import Daemon
-from ecatd import shm
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
+from ecatd.shm import contract as shm
 from ecatsim.control import Simulator
 from player import BEAR, DISCARD, Model
 

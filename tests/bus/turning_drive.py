@@ -12,10 +12,10 @@ from pathlib import Path
 from test_safe_stop import SPEED, Drive, stop_rule
 
 from conftest import PATIENCE, Daemon
-from ecatd.network_namespace import join
+from ecatd.base.network_namespace import join
 from ecatsim.control import Simulator
 
-MAIN, BUS, GATEWAY = "main", "ecatd.bus", "ecatd.gateway"
+MAIN, BUS, GATEWAY = "main", "ecatd.server", "ecatd.gateway"
 VELOCITY, STATUS_WORD = 0x606C, 0x6041
 
 

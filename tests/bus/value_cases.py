@@ -15,8 +15,8 @@ from pathlib import Path
 from runpy import run_path
 from typing import Any
 
-from ecatd.model.datatypes import DataType, is_real, value_range
-from ecatd.model.pdo import Entry
+from ecatd.etg.datatypes import DataType, is_real, value_range
+from ecatd.etg.pdo import Entry
 
 RIG = Path(__file__).parents[1] / "rigs" / "values.py"
 _RIG = run_path(str(RIG))

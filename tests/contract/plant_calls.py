@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ecatd.bus.engine.layout import lay_out
-from ecatd.bus.engine.shared_memory import SharedMemory
-from ecatd.model.bus import Bus
-from ecatd.shm_files import make_folder
+from ecatd.description.bus import Bus
+from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.shared_memory import SharedMemory
+from ecatd.shm.files import make_folder
 
 ERROR, WAIT, CONTINUE = 1, 2, 3
 """EtherCAT.Types.BusFailure."""

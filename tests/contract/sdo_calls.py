@@ -5,7 +5,7 @@ from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
 
-from ecatd.model.datatypes import DataType
+from ecatd.etg.datatypes import DataType
 from ecatdev.files import write_files
 from ecatgen.static_library import static_files
 from rigs import objects

@@ -12,9 +12,9 @@ from test_return import serve
 from test_shared_memory import put_image
 
 from conftest import naming
-from ecatd.bus.engine.shared_memory import SharedMemory
+from ecatd.base.errors import UsageError
 from ecatd.client import Client
-from ecatd.model.errors import UsageError
+from ecatd.master.engine.shared_memory import SharedMemory
 
 
 @pytest.fixture

@@ -21,13 +21,13 @@ from test_return import kill, serve
 from test_shared_memory import put_image
 
 from conftest import naming
-from ecatd.bus.engine.shared_memory import SharedMemory
+from ecatd.base.errors import NoAnswerError, StateError, UnreachableError, UsageError
 from ecatd.client import Client, Direction, Validity, connection
-from ecatd.model.bus import Bus, Domain, Slave
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import NoAnswerError, StateError, UnreachableError, UsageError
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.shm import Errno
+from ecatd.description.bus import Bus, Domain, Slave
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.master.engine.shared_memory import SharedMemory
+from ecatd.shm.contract import Errno
 from handle import Handle
 
 SHAPES = [

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from conftest import run_module
-from ecatd.version import VERSION
+from ecatd.base.version import VERSION
 
 pytestmark = pytest.mark.long
 

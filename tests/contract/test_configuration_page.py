@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import pytest
 
-from ecatd.bus.mailbox.line import Line
-from ecatd.model.config import Config, SafeConfig, SlaveConfig, read_config
-from ecatd.model.config.placed import rules_of
-from ecatd.model.errors import ConfigError
+from ecatd.base.errors import ConfigError
+from ecatd.config import Config, SafeConfig, SlaveConfig, read_config
+from ecatd.config.placed import rules_of
+from ecatd.master.mailbox.line import Line
 from ecatdev.configuration_page import page, sections
 from ecatdev.docstrings import attributes, paragraphs
 

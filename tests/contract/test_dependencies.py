@@ -44,12 +44,12 @@ def importers(prefix: str) -> set[str]:
 
 
 def test_pysoem_is_known_in_one_module() -> None:
-    assert importers("pysoem") == {"ecatd.bus.frames.soem"}
+    assert importers("pysoem") == {"ecatd.master.frames.soem"}
 
 
 def test_zenoh_is_known_to_gateway_and_client_only() -> None:
     assert all(
-        m.startswith(("ecatd.gateway", "ecatd.client", "ecatd.zenoh_keys"))
+        m.startswith(("ecatd.gateway", "ecatd.client", "ecatd.operations.zenoh_keys"))
         for m in importers("zenoh")
     )
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from ecatd.bus.engine import framing
-from ecatd.model import frame_sizes
+from ecatd.etg import frame_sizes
+from ecatd.master.engine import framing
 
 pytestmark = pytest.mark.unprivileged
 

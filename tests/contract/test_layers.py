@@ -42,7 +42,7 @@ class Layer(NamedTuple):
 
 
 def without_tree(folder: str) -> str:
-    """`daemon/ecatd/model` as the last column writes it: `ecatd/model`."""
+    """`daemon/ecatd/base` as the last column writes it: `ecatd/base`."""
     first, _, rest = folder.partition("/")
     return rest if first in TREES.values() else folder
 
@@ -128,7 +128,7 @@ def imports() -> Iterator[tuple[str, str]]:
 
 
 def named_modules() -> Iterator[tuple[str, str]]:
-    """Each string of ours that names a module, such as `"ecatd.bus"` or `".client"`."""
+    """Each string of ours that names a module, such as `"ecatd.server"` or `".client"`."""
     modules = files()
     for file, package, tree in syntax_trees():
         for node in ast.walk(tree):
@@ -169,7 +169,7 @@ def test_modules_named_by_strings_are_those_of_the_table() -> None:
         ("ecatd/commands.py", "ecatd/cli/main.py"),
         ("ecatd/commands.py", "ecatsim/cli/main.py"),
         ("ecatd/client/__init__.py", "ecatd/client/client.py"),
-        ("ecatd/service/supervisor.py", "ecatd/bus/__init__.py"),
+        ("ecatd/service/supervisor.py", "ecatd/server/__init__.py"),
     }
     assert breaks(found, by_name=True) == []
 
@@ -196,16 +196,16 @@ def test_every_row_is_about_something_that_exists() -> None:
 @pytest.mark.parametrize(
     ("importing", "imported"),
     [
-        ("ecatd/bus/master/master.py", "ecatd/bus/start/bring_up.py"),
-        ("ecatd/bus/master/master.py", "ecatd/bus/watch/rate_limiter.py"),
-        ("ecatd/bus/start/bring_up.py", "ecatd/bus/requests/conversations.py"),
+        ("ecatd/master/master.py", "ecatd/server/start/bring_up.py"),
+        ("ecatd/master/master.py", "ecatd/server/watch/rate_limiter.py"),
+        ("ecatd/server/start/bring_up.py", "ecatd/server/requests/conversations.py"),
         ("ecatd/client/remote.py", "ecatd/gateway/publisher.py"),
-        ("ecatd/bus/requests/objects.py", "ecatd/bus/watch/rate_limiter.py"),
-        ("ecatd/bus/watch/outputs.py", "ecatd/shared_memory/reader.py"),
-        ("ecatd/bus/__main__.py", "ecatsim/rig.py"),
-        ("ecatd/model/bus.py", "ecatd/log.py"),
-        ("ecatd/bus/server.py", "ecatd/client/remote.py"),
-        ("ecatsim/rig.py", "ecatd/bus/frames/datagrams.py"),
+        ("ecatd/server/requests/objects.py", "ecatd/server/watch/rate_limiter.py"),
+        ("ecatd/server/watch/outputs.py", "ecatd/shm/reader.py"),
+        ("ecatd/server/__main__.py", "ecatsim/rig.py"),
+        ("ecatd/description/bus.py", "ecatd/base/log.py"),
+        ("ecatd/server/server.py", "ecatd/client/remote.py"),
+        ("ecatsim/rig.py", "ecatd/master/frames/datagrams.py"),
         ("ecatgen/ir.py", "ecatsim/rig.py"),
         ("ecatd/commands.py", "ecatd/service/main.py"),  # only by name
         ("client_c/src/client.c", "cyclic/engine.h"),
@@ -225,4 +225,4 @@ def test_a_module_that_is_named_against_the_table_is_found() -> None:
 
 def test_a_folder_without_a_row_is_named() -> None:
     with pytest.raises(AssertionError, match="has no row"):
-        breaks([("ecatd/bus/new/thing.py", "ecatd/log.py")])
+        breaks([("ecatd/bus/new/thing.py", "ecatd/base/log.py")])

@@ -15,13 +15,13 @@ from plant_calls import ERROR, STEPS, Model, compile_program, run, sentence, ser
 
 import player
 from conftest import Daemon, names
-from ecatd.model import bus_file
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import SignalConfig, load_config
-from ecatd.model.datatypes import DataType
-from ecatd.model.meanings import give_meanings
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.profiles import Profiles
+from ecatd.config import SignalConfig, load_config
+from ecatd.config.meanings import give_meanings
+from ecatd.config.profiles import Profiles
+from ecatd.description import bus_file
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatdev import sample_buses
 from ecatgen import generate
 from ecatgen.fmu import generate_fmu

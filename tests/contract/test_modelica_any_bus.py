@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 from pymoca.parser import parse
 
 import ecatgen
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.datatypes import DataType
-from ecatd.model.meanings import give_meanings
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.profiles import load_profiles
+from ecatd.config.meanings import give_meanings
+from ecatd.config.profiles import load_profiles
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatdev import sample_buses
 from ecatdev.checks import check_structure
 from ecatdev.drawing.checks import check_diagram, check_icon

@@ -172,7 +172,7 @@ def test_a_cycle_that_stands_still(model: Start, name: str, serve: Callable[...,
     daemon = serve(name)
     running = model(name, ERROR, CONTINUE).opened()
     running.until(written, 1)
-    server = daemon.child_pid("ecatd.bus")
+    server = daemon.child_pid("ecatd.server")
     os.kill(server, signal.SIGSTOP)
     try:
         step = running.until(lambda step: not step.connected)

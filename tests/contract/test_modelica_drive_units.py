@@ -9,10 +9,10 @@ import pytest
 from plant_calls import compile_program, run
 
 from conftest import Daemon, names
-from ecatd.model.bus import Bus
-from ecatd.model.config import SignalConfig
-from ecatd.model.meanings import give_meanings
-from ecatd.model.profiles import Profiles
+from ecatd.config import SignalConfig
+from ecatd.config.meanings import give_meanings
+from ecatd.config.profiles import Profiles
+from ecatd.description.bus import Bus
 from ecatdev import sample_buses
 from ecatdev.drawing.checks import check_diagram
 from ecatdev.drawing.pictures import found_with

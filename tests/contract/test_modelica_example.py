@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from conftest import PATIENCE, Daemon, names
-from ecatd.shm import Outputs
+from ecatd.shm.contract import Outputs
 from ecatgen import examples
 
 pytestmark = pytest.mark.unprivileged

@@ -19,7 +19,7 @@ from block_calls import Answer, Connector, Executor, connectors, of_header, of_m
 from plant_calls import compile_program
 
 from conftest import Daemon
-from ecatd.model.datatypes import DataType, is_real, value_range
+from ecatd.etg.datatypes import DataType, is_real, value_range
 from ecatdev import sample_buses
 from ecatgen import generate
 from ecatsim.control import Simulator

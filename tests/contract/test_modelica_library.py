@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymoca.parser import parse
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.meanings import give_meanings
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.profiles import load_profiles
+from ecatd.config.meanings import give_meanings
+from ecatd.config.profiles import load_profiles
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.pdo import Entry, Pdo
 from ecatdev import sample_buses
 from ecatdev.checks import check_externals, check_structure, check_syntax, check_translation
 from ecatgen import generate

@@ -19,7 +19,7 @@ from plant_calls import (
 )
 
 from conftest import Daemon, names
-from ecatd import shm
+from ecatd.shm import contract as shm
 from ecatsim.control import Simulator
 
 pytestmark = pytest.mark.bus

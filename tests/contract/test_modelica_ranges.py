@@ -11,7 +11,7 @@ RANGES = ROOT / "codegen/ecatgen/modelica/EtherCAT/Conversions/Ranges/package.mo
 SOURCE = RANGES.read_text("utf-8")
 PROFILES = "".join(
     file.read_text("utf-8")
-    for file in sorted((ROOT / "daemon/ecatd/model/profiles").glob("beckhoff*.toml"))
+    for file in sorted((ROOT / "daemon/ecatd/config/profiles").glob("beckhoff*.toml"))
 )
 NUMBER = r"-?[\d.]+"
 

@@ -7,8 +7,8 @@ import pytest
 from sdo_calls import Has, Run, State, answers, build, opened, read, run, write
 
 from conftest import Daemon, names
-from ecatd.model.datatypes import DataType as T
-from ecatd.model.datatypes import bit_length, is_real, value_range
+from ecatd.etg.datatypes import DataType as T
+from ecatd.etg.datatypes import bit_length, is_real, value_range
 from ecatdev import sample_buses
 from ecatdev.checks import check_translation
 from ecatgen import generate

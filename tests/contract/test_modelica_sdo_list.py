@@ -7,7 +7,7 @@ import pytest
 from sdo_calls import Run, State, answers, read
 
 from conftest import names
-from ecatd.model.datatypes import DataType as T
+from ecatd.etg.datatypes import DataType as T
 
 pytest_plugins = ["sdo_fixtures"]
 pytestmark = [pytest.mark.bus, pytest.mark.long]

@@ -10,7 +10,7 @@ import pytest
 from sdo_calls import CONTINUE, RIG, WAIT, Answer, State, When, answers, build, opened, run
 
 from conftest import Daemon, names
-from ecatd.model.datatypes import DataType as T
+from ecatd.etg.datatypes import DataType as T
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 

@@ -8,8 +8,8 @@ import pytest
 from sdo_calls import RIG, Answer, Run, State, When, answers, build, opened, read, write
 
 from conftest import Daemon, names
-from ecatd import shm
-from ecatd.model.datatypes import DataType as T
+from ecatd.etg.datatypes import DataType as T
+from ecatd.shm import contract as shm
 from handle import Handle
 
 pytest_plugins = ["sdo_fixtures"]

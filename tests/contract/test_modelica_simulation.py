@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon, names
-from ecatd.shm import Outputs, Reason
+from ecatd.shm.contract import Outputs, Reason
 from ecatdev import sample_buses
 from ecatgen import generate
 from openmodelica import OpenModelica, Row, needs_omc, read_csv, simulate, start, until

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import SHM, naming
-from ecatd import shm
-from ecatd.bus.engine.layout import lay_out
-from ecatd.bus.engine.shared_memory import SharedMemory
+from ecatd.base.errors import NoAnswerError, StateError, UnreachableError
 from ecatd.client import Client
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.errors import NoAnswerError, StateError, UnreachableError
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.shared_memory import SharedMemory
+from ecatd.shm import contract as shm
 from handle import ERANGE, Handle
 
 pytestmark = pytest.mark.unprivileged

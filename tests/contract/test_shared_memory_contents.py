@@ -17,23 +17,17 @@ import pytest
 from test_shared_memory import make_bus, name_of, put_image
 
 from conftest import SHM, names, naming
-from ecatd import shm
-from ecatd.bus.engine.layout import lay_out
-from ecatd.bus.engine.shared_memory import SharedMemory
+from ecatd.base.errors import EcatError, NotPermittedError, StateError, UnreachableError, UsageError
+from ecatd.base.file_locks import take
 from ecatd.cli.shared_memory_screen import WIDTH, age, claims_lines, contents_lines
-from ecatd.file_locks import take
-from ecatd.model.errors import (
-    EcatError,
-    NotPermittedError,
-    StateError,
-    UnreachableError,
-    UsageError,
-)
-from ecatd.shared_memory import raw
-from ecatd.shared_memory.claims import read_claims
-from ecatd.shared_memory.contents import contents
-from ecatd.stats import read
-from ecatd.stats.clocks import read_clocks
+from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.shared_memory import SharedMemory
+from ecatd.shm import contract as shm
+from ecatd.shm import raw
+from ecatd.shm.claims import read_claims
+from ecatd.shm.contents import contents
+from ecatd.shm.statistics import read
+from ecatd.shm.statistics.clocks import read_clocks
 
 pytestmark = pytest.mark.unprivileged
 

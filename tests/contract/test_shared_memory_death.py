@@ -9,17 +9,17 @@ import pytest
 from test_shared_memory import make_bus
 
 from conftest import SHM, naming
-from ecatd.bus.engine.layout import lay_out
-from ecatd.bus.engine.shared_memory import SharedMemory
-from ecatd.model.errors import EcatError
+from ecatd.base.errors import EcatError
+from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.shared_memory import SharedMemory
 
 KILLED_AT_EVERY_LINE = """
 import os, signal, sys
 from test_shared_memory import make_bus
-from ecatd.bus.engine import shared_memory as module
-from ecatd.bus.engine.layout import lay_out
+from ecatd.master.engine import shared_memory as module
+from ecatd.master.engine.layout import lay_out
 from ecatd.client import Client
-from ecatd.shm_files import make_folder
+from ecatd.shm.files import make_folder
 
 bus = make_bus()
 SHM = make_folder(print)

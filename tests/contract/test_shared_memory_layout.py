@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from ecatd import shm
 from ecatd.cli.layout_tables import layout_lines
-from ecatd.model.config import DOMAINS_MAX
+from ecatd.config import DOMAINS_MAX
+from ecatd.shm import contract as shm
 
 INCLUDE = Path(__file__).parents[2] / "client_c" / "include"
 

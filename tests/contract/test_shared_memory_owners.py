@@ -16,12 +16,12 @@ PRELUDE = """
 import contextlib, ctypes, os, signal, sys, traceback
 from pathlib import Path
 from test_shared_memory import make_bus
-from ecatd.bus.engine.layout import lay_out
-from ecatd.bus.engine.shared_memory import SharedMemory
+from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.client import Client
-from ecatd.model.errors import EcatError
-from ecatd.shared_memory.reader import opened
-from ecatd.shm_files import folders, make_folder
+from ecatd.base.errors import EcatError
+from ecatd.shm.reader import opened
+from ecatd.shm.files import folders, make_folder
 
 libc = ctypes.CDLL(None)
 MALLORY, ALICE = 54321, 54322
@@ -313,8 +313,8 @@ as_user(ALICE, simulate)
 @only_root
 def test_root_in_a_namespace_of_one_user_has_the_folder_of_that_user() -> None:
     lines = run("""
-from ecatd.network_namespace import enter_new
-from ecatd.paths import user_dir
+from ecatd.base.network_namespace import enter_new
+from ecatd.base.paths import user_dir
 os.environ.pop("ECATD_RUNTIME_DIR", None)
 os.environ.pop("XDG_RUNTIME_DIR", None)
 def show():

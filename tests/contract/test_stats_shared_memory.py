@@ -12,22 +12,16 @@ from hypothesis import strategies as st
 from test_shared_memory import make_bus, name_of
 
 from conftest import SHM, naming
-from ecatd import shm
-from ecatd.bus.engine.engine import Grant
-from ecatd.bus.engine.layout import lay_out
-from ecatd.bus.engine.shared_memory import SharedMemory
+from ecatd.base.errors import EcatError, NotPermittedError, StateError, UnreachableError, UsageError
 from ecatd.cli import info
 from ecatd.cli.stats_screen import histogram_lines, stats_lines
-from ecatd.model.errors import (
-    EcatError,
-    NotPermittedError,
-    StateError,
-    UnreachableError,
-    UsageError,
-)
-from ecatd.stats import TIMES, from_map, read, to_map
-from ecatd.stats.clocks import read_clocks
-from ecatd.stats.snapshot import COUNTERS, DOMAIN_COUNTERS
+from ecatd.master.engine.engine import Grant
+from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.shared_memory import SharedMemory
+from ecatd.shm import contract as shm
+from ecatd.shm.statistics import TIMES, from_map, read, to_map
+from ecatd.shm.statistics.clocks import read_clocks
+from ecatd.shm.statistics.snapshot import COUNTERS, DOMAIN_COUNTERS
 
 
 @contextmanager

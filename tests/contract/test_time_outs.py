@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 
 from conftest import names
-from ecatd.bus.mailbox.line import Line
-from ecatd.bus.master.al_states import SlaveState, why_not_reached
-from ecatd.model.al import AlState
-from ecatd.model.config import Config, load_config
-from ecatd.model.errors import ConfigError
-from ecatd.model.patience import Patience
+from ecatd.base.durations import Patience
+from ecatd.base.errors import ConfigError
+from ecatd.config import Config, load_config
+from ecatd.etg.al import AlState
+from ecatd.master.al_states import SlaveState, why_not_reached
+from ecatd.master.mailbox.line import Line
 
 ROOT = Path(__file__).parents[2]
 SOURCES = [

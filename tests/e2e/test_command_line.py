@@ -19,7 +19,7 @@ from conftest import (
     run_module,
     wait_for,
 )
-from ecatd.model.errors import EcatError, StateError
+from ecatd.base.errors import EcatError, StateError
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon, names, one_line_error, run_module, wait_for
-from ecatd.model import bus_file
-from ecatd.model.config import load_config, read_config
+from ecatd.config import load_config, read_config
+from ecatd.description import bus_file
 from ecatsim.control import Simulator
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))

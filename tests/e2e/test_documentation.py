@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon, names, run_module
-from ecatd.model.config import load_config
-from ecatd.model.errors import EcatError
+from ecatd.base.errors import EcatError
+from ecatd.config import load_config
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from conftest import SHM, Daemon, names, wait_for
-from ecatd import shm
+from ecatd.shm import contract as shm
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 

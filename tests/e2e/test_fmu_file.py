@@ -18,10 +18,10 @@ from fmpy.validation import validate_fmu
 from lxml import etree
 
 from conftest import names, naming, one_line_error, run_module
-from ecatd.model.bus import Bus
-from ecatd.model.errors import StateError
-from ecatd.model.meanings import give_meanings
-from ecatd.model.profiles import load_profiles
+from ecatd.base.errors import StateError
+from ecatd.config.meanings import give_meanings
+from ecatd.config.profiles import load_profiles
+from ecatd.description.bus import Bus
 from ecatdev import sample_buses
 from ecatgen.build import build_library
 from ecatgen.fmu import FmuReport, generate_fmu

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from conftest import SHM
-from ecatd.bus.engine.layout import lay_out
-from ecatd.bus.engine.shared_memory import SharedMemory
-from ecatd.model.bus import Bus
+from ecatd.description.bus import Bus
+from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.shared_memory import SharedMemory
 from ecatdev import sample_buses
 from ecatgen.fmu import generate_fmu
 

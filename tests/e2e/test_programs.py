@@ -19,9 +19,9 @@ import pytest
 
 import ecatd.client
 from conftest import Daemon, names, run_module, wait_for, wait_for_end
-from ecatd import shm
+from ecatd.base import errors
 from ecatd.client import Claim, Client, Request, Signal
-from ecatd.model import errors
+from ecatd.shm import contract as shm
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from conftest import PYTHON, naming, run_module
-from ecatd.installation.places import Place
-from ecatd.installation.service import check_readable, install
-from ecatd.model.errors import UsageError
+from ecatd.admin.installation.places import Place
+from ecatd.admin.installation.service import check_readable, install
+from ecatd.base.errors import UsageError
 
 POSTRM = Path(__file__).parents[2] / "packaging/debian/ecatd.postrm"
 PROGRAMS = Path(sysconfig.get_path("scripts"))

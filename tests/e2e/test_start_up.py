@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from conftest import CYCLE_TIME_US, SHM, Daemon, names, one_line_error, run_module, wait_for
+from ecatd.base.failure_record import FailureRecord, write_record
 from ecatd.client.remote import Remote
-from ecatd.failure_record import FailureRecord, write_record
-from ecatd.model.al import AlState
-from ecatd.shm import WkcState
+from ecatd.etg.al import AlState
+from ecatd.shm.contract import WkcState
 from ecatsim.control import Simulator
 
 RIGS = Path(__file__).parents[1] / "rigs"
@@ -279,7 +279,7 @@ def test_a_second_daemon_on_the_same_name(troll: Daemon, tmp_path: Path) -> None
     )
     assert result.returncode == 7
     text = one_line_error(result.stderr, "ecatd")
-    server = troll.child_pid("ecatd.bus")
+    server = troll.child_pid("ecatd.server")
     names(text, f"'{troll.bus}'", f"pid {server}", "--bus", f"'systemctl stop ecatd@{troll.bus}'")
     # The first one has not noticed.
     assert troll.ctl_json("stats")["state"] == "running"
@@ -384,7 +384,7 @@ def test_who_reads_that_the_bus_is_in_op_may_ask_for_it(
 def test_who_asks_a_daemon_that_starts_is_told_so(start_daemon: Callable[..., Daemon]) -> None:
     daemon = start_daemon(str(RIGS / "silent.py"), ready=False)  # its start takes seconds
     wait_for(lambda: "6 slaves found" in daemon.log, daemon)
-    server = daemon.child_pid("ecatd.bus")
+    server = daemon.child_pid("ecatd.server")
     os.kill(server, signal.SIGSTOP)
     try:
         result = daemon.ctl("state", check=False)
@@ -449,7 +449,7 @@ def test_sigterm_while_slaves_do_not_answer(start_daemon: Callable[..., Daemon])
     daemon = start_daemon("line:64", ready=False)
     while "64 slaves found" not in daemon.log:
         assert daemon.process.poll() is None
-    simulator, server = daemon.child_pid("ecatsim"), daemon.child_pid("ecatd.bus")
+    simulator, server = daemon.child_pid("ecatsim"), daemon.child_pid("ecatd.server")
     os.kill(simulator, signal.SIGSTOP)
     try:
         daemon.process.terminate()
@@ -465,7 +465,7 @@ def test_sigterm_while_slaves_do_not_answer(start_daemon: Callable[..., Daemon])
 
 def test_ctrl_c_ends_everything(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
     daemon = start_daemon("troll")
-    pids = [daemon.child_pid("ecatd.bus"), daemon.child_pid("ecatd.gateway")]
+    pids = [daemon.child_pid("ecatd.server"), daemon.child_pid("ecatd.gateway")]
     daemon.process.send_signal(signal.SIGINT)
     assert daemon.process.wait() == 0
     assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
@@ -482,7 +482,7 @@ def test_setpriv_and_unshare_are_there() -> None:
 def test_a_service_manager_that_is_gone_ends_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from ecatd.notify import notify
+    from ecatd.base.notify import notify
 
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "gone"))
     notify("STOPPING=1")

@@ -20,7 +20,7 @@ import pytest
 
 from conftest import CYCLE_TIME_US, Daemon, names, one_line_error, run_module
 from ecatd.client.remote import Remote
-from ecatd.stats import read
+from ecatd.shm.statistics import read
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
 

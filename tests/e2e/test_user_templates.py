@@ -7,7 +7,7 @@ from subprocess import CompletedProcess
 import pytest
 
 from conftest import names, one_line_error, run_module
-from ecatd.model import bus_file
+from ecatd.description import bus_file
 from ecatdev import sample_buses
 
 Generate = Callable[..., CompletedProcess[str]]

@@ -11,9 +11,9 @@ import pytest
 import zenoh
 
 from conftest import Daemon, wait_for
-from ecatd.encoding import pack, unpack
-from ecatd.model.requests.parsing import KINDS
-from ecatd.zenoh_keys import bus_key, session_config
+from ecatd.operations.encoding import pack, unpack
+from ecatd.operations.parsing import KINDS
+from ecatd.operations.zenoh_keys import bus_key, session_config
 from ecatdev.zenoh_keys.bus_maps import Events, Failure
 from ecatdev.zenoh_keys.keys import ANSWERS, PUBLICATIONS, ReadRights
 from ecatdev.zenoh_keys.page import page

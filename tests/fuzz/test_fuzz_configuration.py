@@ -13,9 +13,9 @@ from random import Random
 import pytest
 from mutations import inputs
 
-from ecatd.model.config import load_config
-from ecatd.model.errors import ConfigError
-from ecatd.model.log_levels import PARTS
+from ecatd.base.errors import ConfigError
+from ecatd.base.log_levels import PARTS
+from ecatd.config import load_config
 
 pytestmark = pytest.mark.long
 

@@ -13,10 +13,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 from eni_sample import MACHINE
 from soe_samples import NETWORK
 
-from ecatd.eni import convert, read_network
-from ecatd.model.config import read_config
-from ecatd.model.config.writer import write_config
-from ecatd.model.errors import ConfigError
+from ecatd.base.errors import ConfigError
+from ecatd.config import read_config
+from ecatd.config.writer import write_config
+from ecatd.vendor.eni import convert, read_network
 
 pytestmark = pytest.mark.long
 

@@ -14,7 +14,7 @@ from esi_sample import SAMPLE
 from soe_samples import SHAPES as SOE_SHAPES
 from vendor_shapes import ENCODINGS, SHAPES, esi
 
-from ecatd.model.errors import ConfigError
+from ecatd.base.errors import ConfigError
 from ecatsim.esc import Segment
 from ecatsim.files.esi import device_from_esi
 

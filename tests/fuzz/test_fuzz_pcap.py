@@ -14,8 +14,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 
 from pcap_sample import cooked, over_udp, pcap, pcapng, pcapng_big, sample, tagged
 
-from ecatd.model.errors import ConfigError, StateError
-from ecatd.pcapng import Frame
+from ecatd.base.errors import ConfigError, StateError
+from ecatd.base.pcapng import Frame
 from ecatsim.files.rig_writer import rig_text
 from ecatsim.pcap.report import document, lines, read_capture
 from ecatsim.pcap.rig import captured_slaves

@@ -20,13 +20,13 @@ from mutations import inputs, mutants
 from test_remote_users import Site
 
 from conftest import Daemon
-from ecatd.encoding import LENGTH, frame, pack, unpack
-from ecatd.model.errors import EcatError, UsageError
-from ecatd.model.queries import to_query
-from ecatd.model.requests.parsing import parse_request
-from ecatd.model.requests.request import to_map
-from ecatd.paths import control_socket
-from ecatd.zenoh_keys import bus_key, session_config
+from ecatd.base.errors import EcatError, UsageError
+from ecatd.base.paths import control_socket
+from ecatd.operations.encoding import LENGTH, frame, pack, unpack
+from ecatd.operations.operation import to_map
+from ecatd.operations.parsing import parse_request
+from ecatd.operations.queries import to_query
+from ecatd.operations.zenoh_keys import bus_key, session_config
 from request_samples import KEYS, SAMPLES
 
 pytestmark = pytest.mark.long
@@ -99,7 +99,7 @@ def framed(count: int) -> Iterator[bytes]:
 @pytest.mark.bus
 def test_r34_the_control_socket_survives_anything(daemon: Daemon) -> None:
     path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
-    pid = daemon.child_pid("ecatd.bus")
+    pid = daemon.child_pid("ecatd.server")
     before = 0
     opened = 0
     count = inputs(3_000)
@@ -113,7 +113,7 @@ def test_r34_the_control_socket_survives_anything(daemon: Daemon) -> None:
             there.shutdown(socket.SHUT_WR)
             while there.recv(65536):
                 pass
-    assert daemon.child_pid("ecatd.bus") == pid
+    assert daemon.child_pid("ecatd.server") == pid
     assert rss(pid) - before < GROWTH_KIB
     assert handles(pid) <= opened + 2
     answers(daemon)
@@ -142,7 +142,7 @@ def each_gets_an_answer(
     daemon: Daemon, session: zenoh.Session, keys: Sequence[str], seed: int
 ) -> None:
     """Asks at all keys, and at random ones, with mutated payloads and parameters."""
-    pids = [daemon.child_pid(name) for name in ("ecatd.bus", "ecatd.gateway")]
+    pids = [daemon.child_pid(name) for name in ("ecatd.server", "ecatd.gateway")]
     before: list[int] = []
     count = inputs(2_000)
     dice = random.Random(seed)
@@ -162,7 +162,7 @@ def each_gets_an_answer(
         if "error" in answer:
             assert answer["error"]["message"], (selector, payload, answer)
             assert answer["error"]["name"] != EcatError.name, (selector, payload, answer)
-    assert [daemon.child_pid(name) for name in ("ecatd.bus", "ecatd.gateway")] == pids
+    assert [daemon.child_pid(name) for name in ("ecatd.server", "ecatd.gateway")] == pids
     assert [rss(pid) - was < GROWTH_KIB for pid, was in zip(pids, before, strict=True)] == [
         True
     ] * 2

@@ -14,13 +14,13 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 
 from vendor_shapes import SHAPES
 
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import ConfigError
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.pdo_layout import byte_length
-from ecatd.model.sii import UNASSIGNED, Sii
-from ecatd.model.sii_parts import read_dc_modes, read_mailbox
-from ecatd.model.sii_reader import read_sii
+from ecatd.base.errors import ConfigError
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.pdo_layout import byte_length
+from ecatd.etg.sii import UNASSIGNED, Sii
+from ecatd.etg.sii_parts import read_dc_modes, read_mailbox
+from ecatd.etg.sii_reader import read_sii
 from ecatsim.devices.soe_drive import SoeDrive
 from ecatsim.esc import Segment
 from ecatsim.files.esi import device_from_esi

@@ -12,11 +12,10 @@ from pathlib import Path
 import pytest
 from mutations import inputs, mutants
 
-from ecatd.model import profiles
-from ecatd.model.config import Config, load_config
-from ecatd.model.errors import ConfigError
-from ecatd.model.profiles import load_profiles
-from ecatd.model.toml_places import find_places
+from ecatd.base.errors import ConfigError
+from ecatd.base.toml_places import find_places
+from ecatd.config import Config, load_config, profiles
+from ecatd.config.profiles import load_profiles
 
 pytestmark = pytest.mark.long
 

@@ -1,4 +1,4 @@
-/* Requests: client_c/src/requests.c asks in a cell of its slot, daemon/ecatd/bus/slot_cells.py and
+/* Requests: client_c/src/requests.c asks in a cell of its slot, daemon/ecatd/master/engine/slot_cells.py and
  * slot_requests.py read and carry out, and `cyclic_reply()` in daemon/cyclic/control.c answers into
  * the cell's reply.
  *

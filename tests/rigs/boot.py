@@ -3,7 +3,7 @@
 Slave 2 has it, slave 3 says so in its EEPROM and refuses it, and slave 4 goes to SAFEOP only once.
 """
 
-from ecatd.model.al import AlState
+from ecatd.etg.al import AlState
 from ecatsim.devices.beckhoff import EL2008, EL3008
 from ecatsim.rig import Rig
 from ecatsim.slave.sii import Mailbox

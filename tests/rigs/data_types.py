@@ -1,7 +1,7 @@
 """Two slaves with entries of all data types; outputs are wired to inputs of the other one."""
 
-from ecatd.model.datatypes import DataType, bit_length
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.datatypes import DataType, bit_length
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim.rig import Rig
 from ecatsim.slave.device import Device
 

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from typing import IO
 
-from ecatd.model.datatypes import DataType
+from ecatd.etg.datatypes import DataType
 from ecatsim.devices.drive import Drive
 from ecatsim.devices.elmo import ElmoGold
 from ecatsim.devices.generic_drive import CiA402Drive

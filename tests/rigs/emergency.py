@@ -1,6 +1,6 @@
 """A rig whose drive sends an emergency before it answers the first request."""
 
-from ecatd.model.al import AlState
+from ecatd.etg.al import AlState
 from ecatsim.devices.elmo import ElmoGold
 from ecatsim.rig import Rig
 

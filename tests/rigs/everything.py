@@ -1,7 +1,7 @@
 """A rig of a slave with all kinds of mailboxes that ecatd speaks with: CoE, EoE, FoE and SoE."""
 
-from ecatd.model.datatypes import DataType
-from ecatd.model.idns import parse_idn
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.idns import parse_idn
 from ecatsim.devices.generic_drive import CiA402Drive
 from ecatsim.rig import Rig
 from ecatsim.slave.objects import Access

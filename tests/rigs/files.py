@@ -2,7 +2,7 @@
 
 import struct
 
-from ecatd.model.idns import parse_idn
+from ecatd.etg.idns import parse_idn
 from ecatsim.devices.generic_drive import CiA402Drive
 from ecatsim.rig import Rig
 from ecatsim.slave.sii import Mailbox

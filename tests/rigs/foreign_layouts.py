@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ecatd.model.sii_check import check_sii
+from ecatd.etg.sii_check import check_sii
 from ecatsim import DataType, Entry, Pdo, Rig
 from ecatsim.files.sii_image import DeviceFromSii, device_from_sii
 from ecatsim.slave.sii import (

@@ -1,7 +1,7 @@
 """As many slaves as SOEM knows; eight bytes each, since its process image is small."""
 
-from ecatd.model.datatypes import DataType
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim import Rig
 from ecatsim.devices.generic import Loopback
 

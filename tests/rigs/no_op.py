@@ -1,6 +1,6 @@
 """A rig whose second slave refuses OP."""
 
-from ecatd.model.al import AlState
+from ecatd.etg.al import AlState
 from ecatsim.devices.beckhoff import EK1100, EL2008
 from ecatsim.rig import Rig
 from ecatsim.slave.state_machine import RefusedError

@@ -1,7 +1,7 @@
 """A rig with objects of every CoE data type, and a slave whose mailbox is dead in OP."""
 
-from ecatd.model.al import AlState
-from ecatd.model.datatypes import DataType
+from ecatd.etg.al import AlState
+from ecatd.etg.datatypes import DataType
 from ecatsim.devices.beckhoff import EL2008, EL3008
 from ecatsim.rig import Rig
 from ecatsim.slave.device import Device

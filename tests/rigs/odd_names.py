@@ -1,7 +1,7 @@
 """A rig of slaves whose names are no identifiers of anything."""
 
-from ecatd.model.datatypes import DataType
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim.rig import Rig
 from ecatsim.slave.device import Device
 

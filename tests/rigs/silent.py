@@ -6,7 +6,7 @@ even take them. The EEPROM of slave 3 describes no process data, that of slave 4
 
 from collections.abc import Sequence
 
-from ecatd.model.pdo import Pdo
+from ecatd.etg.pdo import Pdo
 from ecatsim.devices.beckhoff import EK1100, EL2008, EL3008, EL4008
 from ecatsim.plants.waveforms import constant
 from ecatsim.rig import Rig

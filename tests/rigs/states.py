@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from ecatd.model.al import AlState
+from ecatd.etg.al import AlState
 from ecatsim.devices.beckhoff import EK1100, EL1008, EL2008
 from ecatsim.rig import Rig
 from ecatsim.slave.device import Device

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from ecatd.model.datatypes import DataType
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim.rig import Rig
 from ecatsim.slave.device import Device
 

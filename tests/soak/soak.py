@@ -28,8 +28,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from conftest import Daemon
-from ecatd.model.errors import EcatError
-from ecatd.stats import Snapshot, read
+from ecatd.base.errors import EcatError
+from ecatd.shm.statistics import Snapshot, read
 from ecatsim.control import Simulator
 from time_of_day import TimeOfDay
 
@@ -126,7 +126,10 @@ class Soak:
 
     def measure(self) -> dict[str, dict[str, int]]:
         """Memory, descriptors and threads of each process that has not been started anew."""
-        pids = {"main": self.daemon.process.pid, "bus server": self.daemon.child_pid("ecatd.bus")}
+        pids = {
+            "main": self.daemon.process.pid,
+            "bus server": self.daemon.child_pid("ecatd.server"),
+        }
         sizes = {}
         for name, pid in pids.items():
             status = Path(f"/proc/{pid}/status").read_text()

@@ -10,8 +10,8 @@ import time
 from contextlib import suppress
 
 from ecatd import Client
-from ecatd.model.errors import LeaseError, OwnedError, StateError, UnreachableError
-from ecatd.shm import WkcState
+from ecatd.base.errors import LeaseError, OwnedError, StateError, UnreachableError
+from ecatd.shm.contract import WkcState
 
 BYTES = range(1, 5)
 PATIENCE_S = 60.0

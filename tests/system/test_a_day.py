@@ -21,7 +21,7 @@ PACKAGES = ROOT / "build/deb"
 
 VELOCITY = 0x606C
 SPEED = 200_000  # of spin.py
-PROCESSES = ("main", "ecatd.bus", "ecatd.gateway")
+PROCESSES = ("main", "ecatd.server", "ecatd.gateway")
 PRUNED = ("/files", "/tmp", "/var/log", "/run/systemd", "/run/udev")
 """Folders in which others may keep names of ecatd: the tests, the journal, systemd, udev."""
 START_LIMIT_S = 15
@@ -87,7 +87,7 @@ def wait_until_well(machine: Machine, bus: str = "ecat0") -> None:
 
 
 def process(machine: Machine, module: str) -> str:
-    """The number of a process of ecatd: `main`, `ecatd.bus` or `ecatd.gateway`."""
+    """The number of a process of ecatd: `main`, `ecatd.server` or `ecatd.gateway`."""
     service = "ecatd-gateway" if module == "ecatd.gateway" else "ecatd"
     main = machine.text(f"systemctl show --property MainPID --value {service}")
     return (
@@ -177,7 +177,7 @@ def test_r42_the_bus_starts(machine: Machine, drive: str) -> None:
     users = {
         name: machine.text(f"ps -o user:32= -p {process(machine, name)}") for name in PROCESSES
     }
-    assert users == {"main": "ecatd", "ecatd.bus": "ecatd", "ecatd.gateway": "ecatd-gateway"}
+    assert users == {"main": "ecatd", "ecatd.server": "ecatd", "ecatd.gateway": "ecatd-gateway"}
     assert "192.168.7.1/24" in machine.text("ip -4 -brief address show eoe0")
     with Simulator(drive) as simulator:
         assert {slave.state for slave in simulator.status().slaves} == {"OP"}
@@ -249,7 +249,7 @@ def test_a_start_that_goes_on_gets_its_time(machine: Machine, drive: str) -> Non
 def test_r17_a_process_is_killed(machine: Machine, drive: str, module: str) -> None:
     with Simulator(drive) as simulator:
         turn(machine, simulator)
-        before = {name: process(machine, name) for name in ("main", "ecatd.bus")}
+        before = {name: process(machine, name) for name in ("main", "ecatd.server")}
         if module == "client":
             machine("systemctl kill --signal=KILL spin")
         else:
@@ -295,7 +295,7 @@ def test_r18_a_process_hangs(machine: Machine, drive: str, module: str) -> None:
 @whole_day
 def test_no_memory_is_left(machine: Machine, drive: str) -> None:
     """The kernel ends what takes the memory, not ecatd."""
-    before = process(machine, "ecatd.bus")
+    before = process(machine, "ecatd.server")
     with Simulator(drive) as simulator:
         turn(machine, simulator)
         machine(
@@ -305,7 +305,7 @@ def test_no_memory_is_left(machine: Machine, drive: str) -> None:
             timeout=300,
         )
         assert "Out of memory" in machine.text("dmesg | grep -i 'out of memory'")
-        assert process(machine, "ecatd.bus") == before
+        assert process(machine, "ecatd.server") == before
         machine("systemctl stop spin; true")
     wait_until_well(machine)
 
@@ -337,10 +337,10 @@ def test_the_doctor_sees_and_mends_the_card(machine: Machine) -> None:
 
 @whole_day
 def test_r21_the_time_of_day_jumps(machine: Machine) -> None:
-    before = process(machine, "ecatd.bus")
+    before = process(machine, "ecatd.server")
     machine("date -s '+1 hour' && sleep 2 && date -s '-2 hours' && sleep 2 && date -s '+1 hour'")
     wait_until_well(machine)
-    assert process(machine, "ecatd.bus") == before
+    assert process(machine, "ecatd.server") == before
     assert machine("ecatctl check").seconds < 60  # a wait that went by that clock would hang
 
 
@@ -405,7 +405,7 @@ def test_r10_the_machine_starts_again_with_a_late_interface(machine: Machine) ->
 
 @whole_day
 def test_an_upgrade_leaves_the_bus_alone(machine: Machine) -> None:
-    before = process(machine, "ecatd.bus")
+    before = process(machine, "ecatd.server")
     machine("cp -r /etc/ecatd /tmp/before")
     machine("mkdir -p /tmp/new && dpkg-deb -R /files/ecatd_*.deb /tmp/new")
     machine("sed -i 's/^Version: .*/Version: 99.0/' /tmp/new/DEBIAN/control")
@@ -414,14 +414,14 @@ def test_an_upgrade_leaves_the_bus_alone(machine: Machine) -> None:
     machine("dpkg-deb -Znone -b /tmp/new /tmp/ecatd_99.deb >/dev/null")
     told = machine("apt-get install -y /tmp/ecatd_99.deb 2>&1 | tail -5", timeout=300).text
     assert "systemctl restart ecatd" in told
-    assert process(machine, "ecatd.bus") == before
+    assert process(machine, "ecatd.server") == before
     machine("diff -r /etc/ecatd /tmp/before")
     wait_until_well(machine)
     assert "is run by version 0." in machine("ecatctl doctor", status=None).text
     machine("systemctl restart ecatd", timeout=300)
     wait_until_well(machine)
     assert "is run by version" not in machine("ecatctl doctor", status=None).text
-    assert process(machine, "ecatd.bus") != before
+    assert process(machine, "ecatd.server") != before
 
 
 def test_nothing_stays(machine: Machine, drive: str) -> None:

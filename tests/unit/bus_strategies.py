@@ -4,9 +4,9 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.datatypes import DataType, bit_length, is_real
-from ecatd.model.pdo import Entry, Pdo, Value
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.datatypes import DataType, bit_length, is_real
+from ecatd.etg.pdo import Entry, Pdo, Value
 
 _LARGE = 1.7e308
 

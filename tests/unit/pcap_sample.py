@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from slave_bench import Bench
 
-from ecatd.model.errors import SdoAbortError
-from ecatd.pcapng import Frame, header, packet
+from ecatd.base.errors import SdoAbortError
+from ecatd.base.pcapng import Frame, header, packet
 from ecatsim.devices.generic_drive import CiA402Drive
 
 LRW, BRD = 12, 7

@@ -5,7 +5,7 @@ It is written against the standards, and knows nothing of the devices but their 
 
 import struct
 
-from ecatd.model.errors import SdoAbortError
+from ecatd.base.errors import SdoAbortError
 from ecatsim.esc import Segment
 
 INIT, PREOP, BOOT, SAFEOP, OP = 1, 2, 3, 4, 8

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from ecatd.base.errors import UsageError
 from ecatd.cli.main import make_parser as ecatctl
-from ecatd.model.errors import UsageError
 from ecatd.service.main import make_parser as ecatd
 from ecatsim.cli.main import make_parser as ecatsim
 

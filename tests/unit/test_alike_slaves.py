@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from conftest import names_at
-from ecatd.model.applied import alike_slaves
-from ecatd.model.config import load_config
+from ecatd.config import load_config
+from ecatd.config.resolve import alike_slaves
 
 
 def row(position: int | None, product: int = 7, more: str = "optional = true") -> str:

@@ -5,14 +5,14 @@ from pathlib import Path
 import pytest
 
 from conftest import names, names_at, without_notes
-from ecatd.model.applied import check_slaves, misfits
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import load_config, read_config
-from ecatd.model.config.origins import find_origins
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import StateError
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.profiles import load_profiles
+from ecatd.base.errors import StateError
+from ecatd.config import load_config, read_config
+from ecatd.config.origins import find_origins
+from ecatd.config.profiles import load_profiles
+from ecatd.config.resolve import check_slaves, misfits
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 
 HEAD = "[[slave]]\nposition = 0\nname = 'press'\n"
 """Three lines in front of each of the mistakes."""

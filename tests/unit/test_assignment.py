@@ -10,19 +10,19 @@ import pytest
 from wire_bench import FIRST_STATION, Correspondent, corresponding, in_preop
 
 from conftest import names, naming
-from ecatd.bus.mailbox import line as line_module
-from ecatd.bus.mailbox.coe import Coe
-from ecatd.bus.mailbox.line import Line
-from ecatd.bus.mailbox.talks import Talk, converse
-from ecatd.bus.start.assignment import Assignment
-from ecatd.model.applied.believed import Believed
-from ecatd.model.bus import Slave
-from ecatd.model.config import SlaveConfig
-from ecatd.model.doubts import UNREADABLE
-from ecatd.model.errors import SdoAbortError, StateError
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.sii import Sii
-from ecatd.model.sii_reader import read_sii
+from ecatd.base.errors import SdoAbortError, StateError
+from ecatd.config import SlaveConfig
+from ecatd.config.resolve.believed import Believed
+from ecatd.description.bus import Slave
+from ecatd.description.doubts import UNREADABLE
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.sii import Sii
+from ecatd.etg.sii_reader import read_sii
+from ecatd.master.mailbox import line as line_module
+from ecatd.master.mailbox.coe import Coe
+from ecatd.master.mailbox.line import Line
+from ecatd.master.mailbox.talks import Talk, converse
+from ecatd.server.start.assignment import Assignment
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 

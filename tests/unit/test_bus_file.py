@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names, naming
-from ecatd.encoding import MAX_REPLY, pack, unpack
-from ecatd.model import bus_file
-from ecatd.model.bus import Bus, Domain
-from ecatd.model.bus_reader import read_bus
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
+from ecatd.description import bus_file
+from ecatd.description.bus import Bus, Domain
+from ecatd.description.bus_reader import read_bus
+from ecatd.etg.datatypes import DataType
+from ecatd.operations.encoding import MAX_REPLY, pack, unpack
 from ecatdev import sample_buses
 
 

@@ -3,9 +3,9 @@
 import json
 from dataclasses import replace
 
-from ecatd.model.bus import Bus, Domain, Slave
-from ecatd.model.bus_reader import read_bus
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.description.bus import Bus, Domain, Slave
+from ecatd.description.bus_reader import read_bus
+from ecatd.etg.pdo import Entry, Pdo
 
 
 def slave(position: int, out_bits: list[int], in_bits: list[int]) -> Slave:

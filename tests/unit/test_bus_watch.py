@@ -7,14 +7,14 @@ import pytest
 
 import virtual_time
 from conftest import names
-from ecatd.batch import Batch
-from ecatd.bus.engine.engine import Event
-from ecatd.bus.watch.counters import Disturbance, Report
-from ecatd.bus.watch.interfaces import describe_ring
-from ecatd.bus.watch.presence import describe_presence
-from ecatd.bus.watch.rate_limiter import Throttle
-from ecatd.model.bus import Bus, Slave
-from ecatd.shm import Ring
+from ecatd.base.batch import Batch
+from ecatd.description.bus import Bus, Slave
+from ecatd.master.engine.engine import Event
+from ecatd.server.watch.counters import Disturbance, Report
+from ecatd.server.watch.interfaces import describe_ring
+from ecatd.server.watch.presence import describe_presence
+from ecatd.server.watch.rate_limiter import Throttle
+from ecatd.shm.contract import Ring
 
 BUS = Bus("b", 1000, [Slave(i, f"EL{i}", 2, 3, 4) for i in range(4)])
 

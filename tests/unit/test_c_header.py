@@ -10,11 +10,11 @@ import pytest
 from bus_strategies import buses
 from hypothesis import HealthCheck, given, settings
 
-from ecatd.bus.engine.layout import lay_out
-from ecatd.model.bus import Bus
-from ecatd.model.datatypes import is_real, is_signed
-from ecatd.model.errors import StateError
-from ecatd.model.pdo import Entry
+from ecatd.base.errors import StateError
+from ecatd.description.bus import Bus
+from ecatd.etg.datatypes import is_real, is_signed
+from ecatd.etg.pdo import Entry
+from ecatd.master.engine.layout import lay_out
 from ecatdev import sample_buses
 from ecatgen.c_header import c_header
 

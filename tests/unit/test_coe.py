@@ -13,25 +13,25 @@ from hypothesis import strategies as st
 from wire_bench import FIRST_STATION, Correspondent, corresponding, in_preop
 
 from conftest import names, naming
-from ecatd.bus.frames.datagrams import Datagrams, fpwr
-from ecatd.bus.mailbox import coe as coe_module
-from ecatd.bus.mailbox import line as line_module
-from ecatd.bus.mailbox import mailbox as mailbox_module
-from ecatd.bus.mailbox.coe import Coe, UnsizedBytes
-from ecatd.bus.mailbox.dictionary import read_dictionary, read_object
-from ecatd.bus.mailbox.line import Line
-from ecatd.bus.mailbox.sdo_information import (
+from ecatd.base.errors import EcatError, NoAnswerError, SdoAbortError, StateError
+from ecatd.etg import unit_codes
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.dictionary import DictionaryEntry, DictionaryObject
+from ecatd.master.frames.datagrams import Datagrams, fpwr
+from ecatd.master.mailbox import coe as coe_module
+from ecatd.master.mailbox import line as line_module
+from ecatd.master.mailbox import mailbox as mailbox_module
+from ecatd.master.mailbox.coe import Coe, UnsizedBytes
+from ecatd.master.mailbox.dictionary import read_dictionary, read_object
+from ecatd.master.mailbox.line import Line
+from ecatd.master.mailbox.sdo_information import (
     EntryDescription,
     ObjectDescription,
     describe_entry,
     describe_object,
     list_objects,
 )
-from ecatd.bus.mailbox.talks import Talk, converse
-from ecatd.model import unit_codes
-from ecatd.model.datatypes import DataType
-from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
-from ecatd.model.errors import EcatError, NoAnswerError, SdoAbortError, StateError
+from ecatd.master.mailbox.talks import Talk, converse
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 from ecatsim.slave.mailbox import MailboxFault

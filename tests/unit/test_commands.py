@@ -52,7 +52,14 @@ def test_ctrl_c_before_the_work_begins(monkeypatch: pytest.MonkeyPatch) -> None:
         assert module.main() == status
 
 
-SLOW = ("asyncio", "inspect", "importlib.metadata", "ecatd.shm", "ecatd.model.bus", "ecatd.stats")
+SLOW = (
+    "asyncio",
+    "inspect",
+    "importlib.metadata",
+    "ecatd.shm.contract",
+    "ecatd.description.bus",
+    "ecatd.shm.statistics",
+)
 
 
 @pytest.mark.parametrize("module", ["ecatd.cli.sdo", "ecatd.client.remote"])

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names, naming, without_notes
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import (
+from ecatd.base.errors import ConfigError
+from ecatd.config import (
     POSITION_MAX,
     Config,
     CopyConfig,
@@ -28,8 +28,8 @@ from ecatd.model.config import (
     load_config,
     read_config,
 )
-from ecatd.model.config.writer import write_config
-from ecatd.model.errors import ConfigError
+from ecatd.config.writer import write_config
+from ecatd.description.bus import Bus, Slave
 
 COPY = "[[copy]]\nslave = 1\nentry = '0x7000:01'\nfrom_slave = 0\nfrom_entry = '0x6000:01'\n"
 

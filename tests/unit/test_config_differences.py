@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from ecatd.model.config import load_config
-from ecatd.model.config.differences import differences
+from ecatd.config import load_config
+from ecatd.config.differences import differences
 
 SLAVES = "".join(
     f"[[slave]]\nposition = {{{n}}}\nvendor = 2\nproduct = {product}\n"

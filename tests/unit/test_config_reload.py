@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from ecatd.model.config import Config, load_config, read_config
-from ecatd.model.config.origins import find_origins
-from ecatd.model.config.reload import reload
+from ecatd.config import Config, load_config, read_config
+from ecatd.config.origins import find_origins
+from ecatd.config.reload import reload
 
 BEFORE = """
 cycle_time_us = 1000

@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
+from ecatd.base.errors import UsageError
 from ecatd.cli.confirm import add_yes, confirm
-from ecatd.model.errors import UsageError
 
 ABOUT = "The EEPROM of slave 3 (EL1008) gets a new alias, 5."
 

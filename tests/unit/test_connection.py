@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from conftest import names
-from ecatd.connection import Connection
-from ecatd.encoding import MAX_REPLY, frame
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
+from ecatd.operations.connection import Connection
+from ecatd.operations.encoding import MAX_REPLY, frame
 
 LIMIT = 1000
 

@@ -14,25 +14,25 @@ import pytest
 from wire_bench import FIRST_STATION, Wire, in_preop
 
 from conftest import PATIENCE, names, naming
-from ecatd.batch import Batch
-from ecatd.bus.mailbox import coe as coe_module
-from ecatd.bus.mailbox import line as line_module
-from ecatd.bus.mailbox.coe import Coe
-from ecatd.bus.mailbox.line import Line
-from ecatd.bus.mailbox.talks import Talk, converse
-from ecatd.bus.master.emergencies import Emergency, tell_emergencies
-from ecatd.bus.master.master import Master
-from ecatd.bus.master.worker import Worker
-from ecatd.bus.requests.changes import Changes
-from ecatd.bus.requests.conversations import Conversations
-from ecatd.bus.requests.dictionaries import Dictionaries
-from ecatd.bus.requests.objects import Objects
-from ecatd.log import Log
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import BusyError, NoAnswerError, SdoAbortError, UsageError
-from ecatd.model.patience import Patience
-from ecatd.model.requests.objects import DescribeObject, SdoRead, SdoWrite
+from ecatd.base.batch import Batch
+from ecatd.base.durations import Patience
+from ecatd.base.errors import BusyError, NoAnswerError, SdoAbortError, UsageError
+from ecatd.base.log import Log
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.datatypes import DataType
+from ecatd.master.emergencies import Emergency, tell_emergencies
+from ecatd.master.mailbox import coe as coe_module
+from ecatd.master.mailbox import line as line_module
+from ecatd.master.mailbox.coe import Coe
+from ecatd.master.mailbox.line import Line
+from ecatd.master.mailbox.talks import Talk, converse
+from ecatd.master.master import Master
+from ecatd.master.worker import Worker
+from ecatd.operations.objects import DescribeObject, SdoRead, SdoWrite
+from ecatd.server.requests.changes import Changes
+from ecatd.server.requests.conversations import Conversations
+from ecatd.server.requests.dictionaries import Dictionaries
+from ecatd.server.requests.objects import Objects
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 from ecatsim.slave.mailbox import MailboxError, MailboxFault, RefusedMailError
@@ -292,7 +292,7 @@ def test_r24_too_many_requests_are_told_so_and_take_no_place_from_others() -> No
 
 
 def test_what_waited_for_too_long_is_not_carried_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ecatd.bus.requests.conversations._PATIENCE", Patience(0.1))
+    monkeypatch.setattr("ecatd.server.requests.conversations._PATIENCE", Patience(0.1))
     with bench() as made:
         made.patient()
         (device,) = made.devices

@@ -6,14 +6,14 @@ import tomllib
 import pytest
 
 from conftest import names, naming
-from ecatd.model.applied.copies import Copy, find_copies
-from ecatd.model.applied.safe import safe_outputs
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import ABSENT, Config, CopyConfig, SafeConfig, read_config
-from ecatd.model.config.writer import write_config
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import ConfigError
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.base.errors import ConfigError
+from ecatd.config import ABSENT, Config, CopyConfig, SafeConfig, read_config
+from ecatd.config.resolve.copies import Copy, find_copies
+from ecatd.config.resolve.safe import safe_outputs
+from ecatd.config.writer import write_config
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 
 KINDS = {
     1: (DataType.INTEGER16, 16),

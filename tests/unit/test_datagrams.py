@@ -7,20 +7,11 @@ import pytest
 from wire_bench import Wire, served
 
 from conftest import naming
-from ecatd.bus.engine.framing import DATAGRAM_MAX
-from ecatd.bus.frames.datagrams import (
-    Datagrams,
-    Station,
-    aprd,
-    apwr,
-    brd,
-    bwr,
-    fprd,
-    fpwr,
-)
-from ecatd.bus.frames.eeprom import read_eeproms, reading_eeproms
-from ecatd.coroutine_steps import finish
-from ecatd.model.errors import StateError
+from ecatd.base.coroutine_steps import finish
+from ecatd.base.errors import StateError
+from ecatd.master.engine.framing import DATAGRAM_MAX
+from ecatd.master.frames.datagrams import Datagrams, Station, aprd, apwr, brd, bwr, fprd, fpwr
+from ecatd.master.frames.eeprom import read_eeproms, reading_eeproms
 from ecatsim.esc import Chip, Segment
 from ecatsim.slave.sii import Description, build
 

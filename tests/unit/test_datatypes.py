@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import naming
-from ecatd.model.datatypes import (
+from ecatd.base.errors import UsageError
+from ecatd.etg.datatypes import (
     DataType,
     bit_length,
     decode,
@@ -16,7 +17,6 @@ from ecatd.model.datatypes import (
     type_name,
     value_range,
 )
-from ecatd.model.errors import UsageError
 
 INTEGERS = [t for t in DataType if bit_length(t) and not is_real(t)]
 

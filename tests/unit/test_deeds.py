@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ecatd.bus.watch.deeds import Deed, Whom, deeds, facts, sentence
+from ecatd.server.watch.deeds import Deed, Whom, deeds, facts, sentence
 
 BRD, FPWR, BWR, LRW = 7, 5, 8, 12
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import pytest
 
 from conftest import naming
-from ecatd.bus.frames.topology import Ports, reached, way_out
-from ecatd.bus.start.delays import arrivals, arrivals_at_both_ends
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
+from ecatd.master.frames.topology import Ports, reached, way_out
+from ecatd.server.start.delays import arrivals, arrivals_at_both_ends
 
 CABLE, FORWARD = 100, 300
 HOP = CABLE + FORWARD

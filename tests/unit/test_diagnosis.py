@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ecatd.model.datatypes import DataType
-from ecatd.model.diagnosis import FIRST, Kind, order, parse_message
-from ecatd.model.emergency_codes import emergency_text, error_class
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.diagnosis import FIRST, Kind, order, parse_message
+from ecatd.etg.emergency_codes import emergency_text, error_class
 
 
 def message(

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from conftest import names
-from ecatd.doctor.findings import Finding, Level
-from ecatd.doctor.interface import look_at
-from ecatd.doctor.processors import look_at_processors
+from ecatd.admin.doctor.findings import Finding, Level
+from ecatd.admin.doctor.interface import look_at
+from ecatd.admin.doctor.processors import look_at_processors
 
 DOCTOR = Path(__file__).parents[2] / "daemon" / "ecatd" / "doctor"
 CPUS = "sys/devices/system/cpu"

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.datatypes import DataType
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatdev import sample_buses
 from ecatdev.drawing.checks import check_diagram, check_icon
 from ecatdev.drawing.pictures import found_with

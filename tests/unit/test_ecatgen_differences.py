@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 
 import ecatgen.build
 from conftest import names
-from ecatd.model import bus_file
-from ecatd.model.bus import Bus, Domain, Slave
-from ecatd.model.config import Config
-from ecatd.model.datatypes import DataType
-from ecatd.model.meanings import give_meanings
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.profiles import load_profiles
+from ecatd.config import Config
+from ecatd.config.meanings import give_meanings
+from ecatd.config.profiles import load_profiles
+from ecatd.description import bus_file
+from ecatd.description.bus import Bus, Domain, Slave
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatdev import sample_buses
 from ecatgen import generate
 from ecatgen.build import build_library

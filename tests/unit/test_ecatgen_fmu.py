@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.datatypes import DataType
-from ecatd.model.meanings import give_meanings
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.profiles import load_profiles
+from ecatd.config.meanings import give_meanings
+from ecatd.config.profiles import load_profiles
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatdev import sample_buses
 from ecatgen.build import build_library
 from ecatgen.fmu.build import build_fmu

@@ -3,12 +3,12 @@
 import pytest
 
 from conftest import names as all_named
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import UsageError
-from ecatd.model.meanings import give_meanings
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.profiles import load_profiles
+from ecatd.base.errors import UsageError
+from ecatd.config.meanings import give_meanings
+from ecatd.config.profiles import load_profiles
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatdev import sample_buses
 from ecatgen.blocks import EXAMPLE_COMPONENTS
 from ecatgen.build import build_library

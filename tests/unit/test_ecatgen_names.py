@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 from ecatgen.names import (
     MAX_LENGTH,
     Namespace,

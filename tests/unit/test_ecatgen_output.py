@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from conftest import names, naming
-from ecatd.model.errors import NotPermittedError, StateError, UsageError
+from ecatd.base.errors import NotPermittedError, StateError, UsageError
 from ecatdev import sample_buses
 from ecatgen import generate
 from ecatgen.output import MANIFEST, Report, install

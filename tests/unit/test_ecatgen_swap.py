@@ -12,8 +12,8 @@ import killed_install
 import pytest
 
 from conftest import names, naming
-from ecatd.model.errors import StateError
-from ecatd.model.patience import Patience
+from ecatd.base.durations import Patience
+from ecatd.base.errors import StateError
 from ecatgen.output import install, swap
 
 MINE = {"Mine.mo": "mine"}
@@ -169,7 +169,7 @@ def test_a_disk_that_is_full(tmp_path: Path) -> None:
         [sys.executable, "-c", program, tmp_path], capture_output=True, text=True, check=False
     )
     said = ended.stderr.strip().splitlines()[-1]
-    assert said.startswith("ecatd.model.errors.StateError: ")
+    assert said.startswith("ecatd.base.errors.StateError: ")
     names(said, "File too large")
     assert (tmp_path / "Plant" / "a").read_text() == "1"
     assert names_in(tmp_path) == ["Plant"]

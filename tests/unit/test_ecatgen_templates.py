@@ -7,7 +7,7 @@ import pytest
 from pymoca.parser import parse
 
 from conftest import naming
-from ecatd.model.errors import ConfigError
+from ecatd.base.errors import ConfigError
 from ecatdev import sample_buses
 from ecatdev.checks.template_reference import updated
 from ecatgen.build import build_library

@@ -19,7 +19,7 @@ from test_ecatsim_frames import (
     set_sm,
 )
 
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
 from ecatsim.esc import Area, Chip, Segment
 from ecatsim.slave.sii import Description, build
 

@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim.esc import Chip, Segment
 from ecatsim.files.sii_image import device_from_sii
 from ecatsim.slave.sii import Description, FmmuType, SmType, SyncManager, build

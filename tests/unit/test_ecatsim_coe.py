@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conftest import naming
-from ecatd.model import abort_codes, unit_codes
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import SdoAbortError, UsageError
+from ecatd.base.errors import SdoAbortError, UsageError
+from ecatd.etg import abort_codes, unit_codes
+from ecatd.etg.datatypes import DataType
 from ecatsim.slave.coe import CoeServer
 from ecatsim.slave.mailbox import MailboxServer, Protocol
 from ecatsim.slave.objects import Access, Dictionary, ObjectCode, Variable

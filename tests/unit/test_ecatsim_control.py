@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from conftest import names, naming
-from ecatd.model.errors import NoAnswerError, NotPermittedError, StateError, UsageError
-from ecatd.model.patience import Patience
+from ecatd.base.durations import Patience
+from ecatd.base.errors import NoAnswerError, NotPermittedError, StateError, UsageError
 from ecatsim import DataType, Device, Entry, Mailbox, Pdo, Rig, Simulation
 from ecatsim.control import Server, client, sockets
 from ecatsim.control.server import MAX_CONNECTIONS, MAX_REQUEST

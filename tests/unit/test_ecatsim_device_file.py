@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conftest import names, names_at, naming
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import ConfigError, SdoAbortError
+from ecatd.base.errors import ConfigError, SdoAbortError
+from ecatd.etg.datatypes import DataType
 from ecatsim import Access, Chip, Device, Mailbox, Rig, Simulation
 from ecatsim.chip import MODELS
 from ecatsim.devices.beckhoff import EL3008

@@ -5,10 +5,10 @@ import math
 import pytest
 
 from conftest import naming
-from ecatd.model.al import AlState
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import ConfigError, UsageError
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.base.errors import ConfigError, UsageError
+from ecatd.etg.al import AlState
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim.devices.beckhoff import EL1018, EL3008
 from ecatsim.devices.cia402 import PowerState, PowerStateMachine
 from ecatsim.devices.elmo import ElmoGold

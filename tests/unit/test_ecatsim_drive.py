@@ -16,7 +16,7 @@ from drive_bench import (
 )
 from hypothesis import given, settings
 
-from ecatd.model.errors import SdoAbortError
+from ecatd.base.errors import SdoAbortError
 from ecatsim.devices.positioning import Trapezoid
 from ecatsim.plants.motor import Control
 

@@ -8,7 +8,7 @@ import pytest
 from test_ecatsim_frames import APRD, APWR, datagram, frame, send
 
 from conftest import naming
-from ecatd.model.errors import StateError, UsageError
+from ecatd.base.errors import StateError, UsageError
 from ecatsim.chip import MODELS
 from ecatsim.esc import Chip, Event, Segment
 from ecatsim.slave.sii import Description, build, checksum

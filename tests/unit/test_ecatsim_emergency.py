@@ -6,7 +6,7 @@ import pytest
 from slave_bench import COE, ERROR, INIT, PREOP, SAFEOP, Bench
 
 from conftest import naming
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim import Access, Device, Mailbox
 
 

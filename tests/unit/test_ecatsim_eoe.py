@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ecatd.model.eoe import (
+from ecatd.etg.eoe import (
     HEADER_BYTES,
     EoeType,
     IpParameters,

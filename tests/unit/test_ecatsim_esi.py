@@ -7,11 +7,11 @@ import pytest
 from esi_sample import SAMPLE
 
 from conftest import names, naming
-from ecatd.model import abort_codes
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import ConfigError, SdoAbortError
-from ecatd.model.sii import SiiDc
-from ecatd.model.sii_check import check_sii
+from ecatd.base.errors import ConfigError, SdoAbortError
+from ecatd.etg import abort_codes
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.sii import SiiDc
+from ecatd.etg.sii_check import check_sii
 from ecatsim.esc import Segment
 from ecatsim.files.esi import device_from_esi
 from ecatsim.rigs import library as rigs

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from conftest import names_at, naming
-from ecatd.model.errors import ConfigError, UsageError
+from ecatd.base.errors import ConfigError, UsageError
 from ecatsim import Rig, Simulation
 from ecatsim.devices.library import make
 from ecatsim.faults import FAULTS, Faults, FrameFault, SlaveFault, parse

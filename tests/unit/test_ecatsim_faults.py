@@ -8,7 +8,7 @@ import pytest
 from test_ecatsim_frames import APRD, APWR, BRD, LRW, datagram, frame
 
 from conftest import names, naming
-from ecatd.model.errors import StateError, UsageError
+from ecatd.base.errors import StateError, UsageError
 from ecatsim import Chip, DataType, Device, Entry, Mailbox, Pdo, Rig, Simulation
 from ecatsim.faults import parse
 from ecatsim.faults.schedule import MAX_FAULTS

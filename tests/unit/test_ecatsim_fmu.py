@@ -11,7 +11,7 @@ pytest.importorskip("fmpy", reason="FMPy is not installed (extra 'fmu')")
 
 from motor_fmu import make_fmu
 
-from ecatd.model.errors import ConfigError, StateError, UsageError
+from ecatd.base.errors import ConfigError, StateError, UsageError
 from ecatsim import Rig
 from ecatsim.devices.library import make
 from ecatsim.plants.fmu import Connection, FmuPlant, add_fmu

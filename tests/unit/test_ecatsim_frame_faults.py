@@ -7,7 +7,7 @@ import pytest
 from test_ecatsim_frames import APWR, BRD, LRD, LRW, LWR, datagram, frame, send, set_fmmu, set_sm
 
 from conftest import naming
-from ecatd.model.errors import StateError, UsageError
+from ecatd.base.errors import StateError, UsageError
 from ecatsim.esc import MAX_FAULTS, Chip, FaultKind, FrameFault, Segment
 from ecatsim.slave.sii import Description, build
 

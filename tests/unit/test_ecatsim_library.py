@@ -5,11 +5,11 @@ import json
 import pytest
 
 from conftest import naming
-from ecatd.model import sii_reader
-from ecatd.model.al import AlState
-from ecatd.model.errors import UsageError
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.witnesses import clash
+from ecatd.base.errors import UsageError
+from ecatd.description.witnesses import clash
+from ecatd.etg import sii_reader
+from ecatd.etg.al import AlState
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim.cli.main import main
 from ecatsim.devices.library import library, make
 from ecatsim.devices.parameters import Parameter

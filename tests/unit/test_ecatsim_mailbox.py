@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from slave_bench import COE, FOE, INIT, PREOP, SAFEOP, Bench
 
 from conftest import naming
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import UsageError
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.base.errors import UsageError
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim import Device, Mailbox
 from ecatsim.slave.mailbox import MailboxError, MailboxFault, MailboxMode, MailboxServer, Protocol
 

@@ -5,10 +5,10 @@ import struct
 import pytest
 from slave_bench import ACK, ERROR, PREOP, SAFEOP, Bench
 
-from ecatd.model import abort_codes
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import SdoAbortError
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.base.errors import SdoAbortError
+from ecatd.etg import abort_codes
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim import Access, Device, Mailbox
 
 

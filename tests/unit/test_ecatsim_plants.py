@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from conftest import naming
-from ecatd.model.errors import ConfigError, UsageError
+from ecatd.base.errors import ConfigError, UsageError
 from ecatsim import DataType, Device, Entry, Pdo, Rig
 from ecatsim.devices.library import make
 from ecatsim.plants import waveforms

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from conftest import names
+from ecatd.base.errors import ConfigError, StateError, UsageError
 from ecatd.cli.recordings import FORMATS, Cell, Column, open_recording
-from ecatd.model.errors import ConfigError, StateError, UsageError
 from ecatsim import replay
 from ecatsim.replay import Replay
 from ecatsim.rigs import library

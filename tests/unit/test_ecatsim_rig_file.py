@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from test_ecatsim_device_file import SMALL, mutate
 
 from conftest import names_at, naming
-from ecatd.model.errors import ConfigError, UsageError
-from ecatd.model.sii_check import check_sii
+from ecatd.base.errors import ConfigError, UsageError
+from ecatd.etg.sii_check import check_sii
 from ecatsim import Device, Rig, Simulation
 from ecatsim.rigs import library as rigs
 

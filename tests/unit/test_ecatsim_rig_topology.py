@@ -3,7 +3,7 @@
 import pytest
 
 from conftest import naming
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 from ecatsim.devices.beckhoff import EK1100, EK1122
 from ecatsim.esc import Chip
 from ecatsim.rig import Rig

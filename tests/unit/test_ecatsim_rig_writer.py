@@ -7,9 +7,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from ecatd.model.datatypes import DataType
-from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
-from ecatd.model.errors import SdoAbortError
+from ecatd.base.errors import SdoAbortError
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.dictionary import DictionaryEntry, DictionaryObject
 from ecatsim import Device
 from ecatsim.capture import CapturedSlave, Upload, topology
 from ecatsim.devices.library import make

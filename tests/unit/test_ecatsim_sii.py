@@ -3,10 +3,10 @@ import struct
 import pytest
 
 from conftest import names, naming
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import UsageError
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.sii_check import check_sii
+from ecatd.base.errors import UsageError
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.sii_check import check_sii
 from ecatsim.rigs import library as rigs
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device

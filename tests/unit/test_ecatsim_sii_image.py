@@ -5,11 +5,11 @@ import struct
 import pytest
 
 from conftest import names_at, naming
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import ConfigError
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.sii import CATEGORY_DC, SiiDc, SiiMailbox
-from ecatd.model.sii_check import check_sii
+from ecatd.base.errors import ConfigError
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.sii import CATEGORY_DC, SiiDc, SiiMailbox
+from ecatd.etg.sii_check import check_sii
 from ecatsim.esc import Chip, Segment
 from ecatsim.files.sii_image import device_from_sii
 from ecatsim.slave.sii import (

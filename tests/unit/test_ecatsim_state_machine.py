@@ -6,7 +6,7 @@ import pytest
 from slave_bench import ACK, BOOT, ERROR, INIT, OP, PREOP, SAFEOP, Bench
 from test_ecatsim_frames import APWR, datagram, frame
 
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim import AlState, Device, Mailbox, RefusedError
 from ecatsim.slave.sii import SmType, SyncManager
 

@@ -5,9 +5,9 @@ import struct
 import pytest
 from slave_bench import ACK, ERROR, OP, PREOP, SAFEOP, Bench
 
-from ecatd.model import abort_codes
-from ecatd.model.errors import SdoAbortError
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.base.errors import SdoAbortError
+from ecatd.etg import abort_codes
+from ecatd.etg.pdo import Entry, Pdo
 from ecatsim import DcMode, Device, Mailbox
 from ecatsim.esc import Event
 

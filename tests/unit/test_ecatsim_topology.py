@@ -18,7 +18,7 @@ from test_ecatsim_frames import (
 )
 
 from conftest import naming
-from ecatd.model.errors import StateError, UsageError
+from ecatd.base.errors import StateError, UsageError
 from ecatsim.esc import Chip, Event, Segment
 from ecatsim.slave.sii import Description, build
 

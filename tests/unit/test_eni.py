@@ -9,17 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names, naming
-from ecatd.eni import Converted, convert, read_network
-from ecatd.eni.report import Report
-from ecatd.esi import Findings
-from ecatd.model.config import read_config
-from ecatd.model.config.clocks import DcSlaveConfig
-from ecatd.model.config.config import Config
-from ecatd.model.config.slave_settings import SlaveConfig
-from ecatd.model.config.startup import StartupConfig
-from ecatd.model.config.writer import write_config
-from ecatd.model.errors import ConfigError
-from ecatd.model.expected_bus import compare
+from ecatd.base.errors import ConfigError
+from ecatd.config import read_config
+from ecatd.config.clocks import DcSlaveConfig
+from ecatd.config.config import Config
+from ecatd.config.expected_bus import compare
+from ecatd.config.slave_settings import SlaveConfig
+from ecatd.config.startup import StartupConfig
+from ecatd.config.writer import write_config
+from ecatd.vendor.eni import Converted, convert, read_network
+from ecatd.vendor.eni.report import Report
+from ecatd.vendor.esi import Findings
 
 OUTPUTS = (
     "<ProcessData><Sm2><Type>Outputs</Type><ControlByte>{}</ControlByte><Pdo>#x1600</Pdo></Sm2>"

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names
-from ecatd.model.eoe import (
+from ecatd.base.errors import UsageError
+from ecatd.etg.eoe import (
     FRAME_MAX,
     HEADER_BYTES,
     IpParameters,
@@ -18,7 +19,6 @@ from ecatd.model.eoe import (
     parse_mac,
     parse_name,
 )
-from ecatd.model.errors import UsageError
 
 frames = st.binary(min_size=14, max_size=FRAME_MAX)
 rooms = st.integers(36, 1486)

@@ -6,10 +6,10 @@ import pytest
 from esi_sample import SAMPLE
 
 from conftest import names, naming
-from ecatd.esi import EsiDevice, EsiEntry, Findings, choose, list_devices, read_device
-from ecatd.model.datatypes import DataType
-from ecatd.model.dictionary import ObjectCode
-from ecatd.model.errors import ConfigError
+from ecatd.base.errors import ConfigError
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.dictionary import ObjectCode
+from ecatd.vendor.esi import EsiDevice, EsiEntry, Findings, choose, list_devices, read_device
 
 R, W, W_UP_TO_SAFEOP = 0x07, 0x38, 0x18
 

@@ -10,18 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names
-from ecatd.esi import EsiDevice, choose, list_devices, read_device
-from ecatd.esi.check import pdo_problems
-from ecatd.esi.configure import add_esi
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import Config, DcSlaveConfig, SignalConfig, read_config
-from ecatd.model.config.pdos import PdoConfig, PdoEntryConfig
-from ecatd.model.config.slave_settings import SlaveConfig
-from ecatd.model.config.startup import StartupConfig
-from ecatd.model.config.writer import write_config
-from ecatd.model.datatypes import DataType
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.unit_codes import code, meaning
+from ecatd.config import Config, DcSlaveConfig, SignalConfig, read_config
+from ecatd.config.pdos import PdoConfig, PdoEntryConfig
+from ecatd.config.slave_settings import SlaveConfig
+from ecatd.config.startup import StartupConfig
+from ecatd.config.writer import write_config
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.unit_codes import code, meaning
+from ecatd.vendor.esi import EsiDevice, choose, list_devices, read_device
+from ecatd.vendor.esi.check import pdo_problems
+from ecatd.vendor.esi.configure import add_esi
 
 COMMANDS = """<CoE SdoInfo="true"><InitCmds>
 <InitCmd><Transition>IP</Transition><Transition>SO</Transition><Index>#x2000</Index>

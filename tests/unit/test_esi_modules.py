@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 
 from conftest import names, names_at
-from ecatd.esi import EsiDevice, choose, list_devices, module_problems, plug, read_device
-from ecatd.esi.check import pdo_problems
-from ecatd.esi.configure import add_esi
-from ecatd.model.bus import Bus, Module, Slave
-from ecatd.model.config import Config, ModuleConfig, SlaveConfig
-from ecatd.model.config.writer import write_config
-from ecatd.model.errors import ConfigError
+from ecatd.base.errors import ConfigError
+from ecatd.config import Config, ModuleConfig, SlaveConfig
+from ecatd.config.writer import write_config
+from ecatd.description.bus import Bus, Module, Slave
+from ecatd.vendor.esi import EsiDevice, choose, list_devices, module_problems, plug, read_device
+from ecatd.vendor.esi.check import pdo_problems
+from ecatd.vendor.esi.configure import add_esi
 from ecatsim.files.esi import device_from_esi
 from esi_island import ISLAND
 

@@ -8,8 +8,8 @@ import pytest
 from esi_sample import SAMPLE
 
 from conftest import names, naming
+from ecatd.base.errors import ConfigError, UsageError
 from ecatd.cli.esi_rig import expected, listed, rig
-from ecatd.model.errors import ConfigError, UsageError
 
 
 @pytest.fixture

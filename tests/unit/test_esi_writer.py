@@ -6,10 +6,10 @@ from xml.etree import ElementTree
 from bus_strategies import buses
 from hypothesis import HealthCheck, given, settings
 
-from ecatd.esi import list_devices, read_device
-from ecatd.esi.writer import bus_document
-from ecatd.model.bus import Bus
-from ecatd.model.pdo import Pdo
+from ecatd.description.bus import Bus
+from ecatd.etg.pdo import Pdo
+from ecatd.vendor.esi import list_devices, read_device
+from ecatd.vendor.esi.writer import bus_document
 from ecatdev import sample_buses
 
 

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from ecatd.bus.ethernet.switch import Switch
+from ecatd.master.ethernet.switch import Switch
 
 ALL = bytes(6 * [0xFF])
 

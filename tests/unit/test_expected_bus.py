@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import Config, read_config
-from ecatd.model.config.writer import write_config
-from ecatd.model.expected_bus import Comparison, compare
+from ecatd.config import Config, read_config
+from ecatd.config.expected_bus import Comparison, compare
+from ecatd.config.writer import write_config
+from ecatd.description.bus import Bus, Slave
 
 VENDOR = 2
 

@@ -6,12 +6,12 @@ from collections.abc import Callable
 import pytest
 
 from conftest import names, naming
-from ecatd.bus.mailbox import foe
-from ecatd.bus.mailbox.foe import FileRead, FileTransfer, FileWrite
-from ecatd.bus.mailbox.mailbox import HEADER_BYTES, Mailbox, Protocol
-from ecatd.bus.mailbox.talks import Talk
-from ecatd.model.errors import NoAnswerError, StateError
-from ecatd.model.patience import Patience
+from ecatd.base.durations import Patience
+from ecatd.base.errors import NoAnswerError, StateError
+from ecatd.master.mailbox import foe
+from ecatd.master.mailbox.foe import FileRead, FileTransfer, FileWrite
+from ecatd.master.mailbox.mailbox import HEADER_BYTES, Mailbox, Protocol
+from ecatd.master.mailbox.talks import Talk
 from ecatsim.slave.foe import FoeServer
 
 SIZE = 64

@@ -10,7 +10,7 @@ import zenoh
 
 from ecatd.gateway.replies import Replies
 from ecatd.gateway.sessions import Sessions
-from ecatd.zenoh_keys import session_config
+from ecatd.operations.zenoh_keys import session_config
 
 PATIENCE = 60.0
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 from typing import Any
 
 from conftest import names
-from ecatd.bus.watch.exchange import Counts, Window, is_well
-from ecatd.bus.watch.suspects import Finding, are_damaged
-from ecatd.interface_state import LEAST_MTU, InterfaceState, read_interfaces, remarks
-from ecatd.model.al import AlState
-from ecatd.model.bus import Bus
-from ecatd.model.faults import LATE, LOST, UNSENT, WORKING_COUNTER, Fault
-from ecatd.model.health import look_at
+from ecatd.description.bus import Bus
+from ecatd.etg.al import AlState
+from ecatd.linux.interface_state import LEAST_MTU, InterfaceState, read_interfaces, remarks
+from ecatd.operations.faults import LATE, LOST, UNSENT, WORKING_COUNTER, Fault
+from ecatd.operations.health import look_at
+from ecatd.server.watch.exchange import Counts, Window, is_well
+from ecatd.server.watch.suspects import Finding, are_damaged
 
 LIMIT = 0.01
 

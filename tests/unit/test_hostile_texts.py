@@ -23,17 +23,17 @@ from pymoca.parser import parse
 
 import ecatgen
 from conftest import naming
-from ecatd.bus.engine.layout import lay_out
+from ecatd.base.errors import ConfigError, UsageError
 from ecatd.cli.graph_svg import svg_text
 from ecatd.cli.slave_tree import Node
-from ecatd.esi.writer import bus_document
-from ecatd.model import bus_file
-from ecatd.model.bus import Bus, Domain, Module, Slave
-from ecatd.model.bus_reader import read_bus
-from ecatd.model.config import Config
-from ecatd.model.config.writer import Notes, write_config
-from ecatd.model.errors import ConfigError, UsageError
-from ecatd.model.pdo import Pdo, Value
+from ecatd.config import Config
+from ecatd.config.writer import Notes, write_config
+from ecatd.description import bus_file
+from ecatd.description.bus import Bus, Domain, Module, Slave
+from ecatd.description.bus_reader import read_bus
+from ecatd.etg.pdo import Pdo, Value
+from ecatd.master.engine.layout import lay_out
+from ecatd.vendor.esi.writer import bus_document
 from ecatdev import sample_buses
 from ecatgen import generate
 from ecatgen.build import build_library

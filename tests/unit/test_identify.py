@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 import pytest
 from wire_bench import FIRST_STATION, Wire, served
 
-from ecatd.bus.frames.datagrams import Datagrams, apwr
-from ecatd.bus.start.identify import Finder
-from ecatd.model.bus import Slave
-from ecatd.model.config import SlaveConfig
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
+from ecatd.config import SlaveConfig
+from ecatd.description.bus import Slave
+from ecatd.master.frames.datagrams import Datagrams, apwr
+from ecatd.server.start.identify import Finder
 from ecatsim.esc import Chip, Segment
 from ecatsim.slave.sii import Description, build
 

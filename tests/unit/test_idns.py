@@ -7,12 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names
-from ecatd.bus.mailbox.mailbox import HEADER_BYTES, Mailbox, Protocol
-from ecatd.bus.mailbox.soe import read_idn, write_idn
-from ecatd.bus.mailbox.talks import Talk
-from ecatd.model.al import AlState
-from ecatd.model.errors import NoAnswerError, StateError, UsageError
-from ecatd.model.idns import Attribute, Element, idn_text, parse_idn, split_elements
+from ecatd.base.errors import NoAnswerError, StateError, UsageError
+from ecatd.etg.al import AlState
+from ecatd.etg.idns import Attribute, Element, idn_text, parse_idn, split_elements
+from ecatd.master.mailbox.mailbox import HEADER_BYTES, Mailbox, Protocol
+from ecatd.master.mailbox.soe import read_idn, write_idn
+from ecatd.master.mailbox.talks import Talk
 from ecatsim.slave.soe import READ_ONLY, Idn, SoeServer
 from rigs.files import IDNS, LIST, LONG, NUMBERS, SHORT, SIGNED, TEXT, UNSIGNED, WORDS
 

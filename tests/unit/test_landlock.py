@@ -10,8 +10,8 @@ import pytest
 PROGRAM = """
 import os, signal, subprocess, sys
 from pathlib import Path
-from ecatd.landlock import restrict
-from ecatd.process import drop_rights
+from ecatd.base.landlock import restrict
+from ecatd.base.process import drop_rights
 inside, outside, parent = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
 drop_rights()
 opened = (outside / "open").open("w")
@@ -50,8 +50,8 @@ def test_a_process_can_be_restricted(tmp_path: Path) -> None:
 
 def test_a_folder_that_is_not_there() -> None:
     program = (
-        "from pathlib import Path\nfrom ecatd.landlock import restrict\n"
-        "from ecatd.process import drop_rights\ndrop_rights()\n"
+        "from pathlib import Path\nfrom ecatd.base.landlock import restrict\n"
+        "from ecatd.base.process import drop_rights\ndrop_rights()\n"
         "try: print(restrict([Path('/absent')]))\nexcept OSError as error: print(error.strerror)"
     )
     command = [sys.executable, "-c", program]
@@ -62,7 +62,7 @@ def test_a_folder_that_is_not_there() -> None:
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root has rights to drop")
 def test_rights_are_dropped_but_some() -> None:
     program = (
-        "from pathlib import Path\nfrom ecatd.process import OF_A_SEGMENT, drop_rights\n"
+        "from pathlib import Path\nfrom ecatd.base.process import OF_A_SEGMENT, drop_rights\n"
         "import subprocess\ndrop_rights(OF_A_SEGMENT)\n"
         "print(subprocess.run(['cat', '/proc/self/status'], capture_output=True).stdout.decode())\n"
         "print(Path('/proc/self/status').read_text())"

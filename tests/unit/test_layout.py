@@ -7,22 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import naming
-from ecatd.bus.engine.framing import DOMAIN_DATAGRAM_MAX
-from ecatd.bus.engine.layout import (
-    LRD,
-    LRW,
-    LWR,
-    WINDOW,
-    DomainImage,
-    Image,
-    lay_out,
-)
-from ecatd.model.applied.domains import assign_domains
-from ecatd.model.bus import Bus, Domain, Slave
-from ecatd.model.config import DomainConfig
-from ecatd.model.errors import ConfigError, StateError
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.shm import MAX_GROUPS
+from ecatd.base.errors import ConfigError, StateError
+from ecatd.config import DomainConfig
+from ecatd.config.resolve.domains import assign_domains
+from ecatd.description.bus import Bus, Domain, Slave
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.master.engine.framing import DOMAIN_DATAGRAM_MAX
+from ecatd.master.engine.layout import LRD, LRW, LWR, WINDOW, DomainImage, Image, lay_out
+from ecatd.shm.contract import MAX_GROUPS
 
 
 def pdos(index: int, bits: int) -> list[Pdo]:

@@ -12,9 +12,9 @@ from time import sleep
 
 import pytest
 
-from ecatd.log import STORM_MAX, Log, message_id
-from ecatd.model.event_facts import KINDS
-from ecatd.model.log_levels import LEVELS, PARTS
+from ecatd.base.log import STORM_MAX, Log, message_id
+from ecatd.base.log_levels import LEVELS, PARTS
+from ecatd.operations.event_facts import KINDS
 
 ROOT = Path(__file__).parents[2]
 CATALOG = ROOT / "systemd" / "ecatd.catalog"
@@ -92,8 +92,8 @@ def test_r47_a_storm_of_messages_is_counted(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, more: int, level: str
 ) -> None:
     """However fast they come: each is either written or counted. Other parts are not concerned."""
-    monkeypatch.setattr("ecatd.log.STORM_S", 0.05)
-    monkeypatch.setattr("ecatd.log.time.monotonic", lambda: 7.0)  # all come at the same time
+    monkeypatch.setattr("ecatd.base.log.STORM_S", 0.05)
+    monkeypatch.setattr("ecatd.base.log.time.monotonic", lambda: 7.0)  # all come at the same time
     log = Log("ecatd", {"level": "debug"})
     storm = log.of("mailbox")
     with ThreadPoolExecutor(4) as threads:

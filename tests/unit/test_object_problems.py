@@ -5,10 +5,10 @@ import tomllib
 import pytest
 
 from conftest import names
-from ecatd.model.applied.objects import object_indices, object_problems
-from ecatd.model.config import SlaveConfig, read_config
-from ecatd.model.datatypes import DataType
-from ecatd.model.dictionary import Access, DictionaryEntry, DictionaryObject, ObjectCode
+from ecatd.config import SlaveConfig, read_config
+from ecatd.config.resolve.objects import object_indices, object_problems
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.dictionary import Access, DictionaryEntry, DictionaryObject, ObjectCode
 
 LIMIT = DictionaryEntry(
     "Limit", DataType.INTEGER16, 16, Access.RW | Access.RX_PDO, 0, None, b"\xf6\xff", b"\x64\0"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from ecatd.model.bus import Slave
-from ecatd.model.datatypes import DataType
-from ecatd.model.object_types import ObjectType, ObjectTypes
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.description.bus import Slave
+from ecatd.description.object_types import ObjectType, ObjectTypes
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 
 SPEED = Entry(0x606C, 0, "Speed", DataType.INTEGER32, 32, unit="rad/s", scale=0.5, offset=1.0)
 NAMED_ONLY = Entry(0x6064, 0, "Where it is", 0, 32)

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from ecatd.bus.once import KEPT, Once
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
+from ecatd.server.once import KEPT, Once
 
 
 class Changes:

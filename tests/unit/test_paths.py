@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(os.geteuid() != 0, reason="these are folders tha
 CODE = """
 import os, sys
 from pathlib import Path
-from ecatd.paths import make_dir, user_dir
+from ecatd.base.paths import make_dir, user_dir
 for bus in ("ecat0", "hand"):
     make_dir(bus, user_dir())
 for name in ("", "ecat0", "hand"):

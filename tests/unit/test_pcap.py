@@ -16,8 +16,8 @@ from pcap_sample import (
 )
 
 from conftest import names, naming
-from ecatd.model.errors import ConfigError, StateError
-from ecatd.pcap_reader import PcapReader
+from ecatd.base.errors import ConfigError, StateError
+from ecatd.base.pcap_reader import PcapReader
 from ecatsim.devices.generic_drive import CiA402Drive
 from ecatsim.files import rig_file
 from ecatsim.files.rig_writer import rig_text

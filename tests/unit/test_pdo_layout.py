@@ -3,9 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ecatd.model.bus import Slave
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.pdo_layout import SyncManagerBytes, byte_length, places, sync_manager_bytes
+from ecatd.description.bus import Slave
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.pdo_layout import SyncManagerBytes, byte_length, places, sync_manager_bytes
 
 
 def pdo(sync_manager: int, *bits: int, index: int = 0x1600) -> Pdo:

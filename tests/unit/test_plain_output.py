@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from conftest import names
+from ecatd.base.log import Log
+from ecatd.base.plain_output import json_text, plain_output
+from ecatd.base.quoting import printable, toml_string, xml_text
 from ecatd.cli.output import print_json_line, table_lines
 from ecatd.cli.terminal import Screen, alarm, show
-from ecatd.log import Log
-from ecatd.model import bus_file
-from ecatd.model.quoting import printable, toml_string, xml_text
-from ecatd.plain_output import json_text, plain_output
+from ecatd.description import bus_file
 from ecatdev import sample_buses
 
 HOSTILE = "A\x1b]0;title\x07\x1b[31m\x9b2J\u202eB\rC\x00\ud800\x7f"
@@ -54,7 +54,7 @@ def test_json_has_the_texts_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_our_own_sequences_reach_a_terminal_and_those_of_others_do_not() -> None:
     program = (
-        "from ecatd.plain_output import plain_output\n"
+        "from ecatd.base.plain_output import plain_output\n"
         "from ecatd.cli.terminal import Screen, alarm, show\n"
         "from ecatd.cli.progress import progress\n"
         f"text = {HOSTILE[:5]!r} + 'x'\n"

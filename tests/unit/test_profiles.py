@@ -7,16 +7,16 @@ from typing import Any
 import pytest
 
 from conftest import names_at, naming
-from ecatd.model.applied import missing_folders
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import CaptureConfig, Config, SignalConfig, load_config
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import ConfigError
-from ecatd.model.meanings import give_meanings
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.profiles import Profiles, load_profiles
-from ecatd.model.profiles.file import DEVICE, ENTRY
-from ecatd.model.units import is_unit, modelica_unit
+from ecatd.base.errors import ConfigError
+from ecatd.config import CaptureConfig, Config, SignalConfig, load_config
+from ecatd.config.meanings import give_meanings
+from ecatd.config.profiles import Profiles, load_profiles
+from ecatd.config.profiles.file import DEVICE, ENTRY
+from ecatd.config.resolve import missing_folders
+from ecatd.description.bus import Bus, Slave
+from ecatd.description.units import is_unit, modelica_unit
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 from ecatgen.build import build_library
 from ecatgen.ir import Connector
 
@@ -383,6 +383,6 @@ def test_the_profile_of_the_documentation(tmp_path: Path) -> None:
 
 
 def test_the_documentation_names_every_file_of_ours() -> None:
-    folder = Path(__file__).parents[2] / "daemon" / "ecatd" / "model" / "profiles"
+    folder = Path(__file__).parents[2] / "daemon" / "ecatd" / "config" / "profiles"
     names = {file.name for file in folder.glob("*.toml")}
     assert names == set(re.findall(r"`(\w+\.toml)`", DOCUMENT.read_text()))

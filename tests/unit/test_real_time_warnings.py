@@ -6,9 +6,9 @@ import os
 import pytest
 
 from conftest import names
-from ecatd.bus.engine.engine import Grant
-from ecatd.real_time import warnings
-from ecatd.shm import Setting
+from ecatd.master.engine.engine import Grant
+from ecatd.shm.contract import Setting
+from ecatd.shm.real_time import warnings
 
 REFUSED = [
     Grant(Setting.SCHEDULING, True, 80, errno.EPERM),

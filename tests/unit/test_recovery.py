@@ -5,12 +5,12 @@ from typing import Any
 import pytest
 
 from conftest import names
-from ecatd.bus.master.al_states import SlaveState
-from ecatd.bus.start.matching import Sought, branch_ends, match
-from ecatd.bus.watch.recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
-from ecatd.model.al import AlState
-from ecatd.model.bus import Slave
-from ecatd.model.config import SlaveConfig
+from ecatd.config import SlaveConfig
+from ecatd.description.bus import Slave
+from ecatd.etg.al import AlState
+from ecatd.master.al_states import SlaveState
+from ecatd.server.start.matching import Sought, branch_ends, match
+from ecatd.server.watch.recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
 
 ERROR = 0x10
 SAFEOP_ERROR = AlState.SAFEOP | ERROR

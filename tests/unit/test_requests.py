@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import naming
-from ecatd.encoding import unpack
-from ecatd.model.errors import EcatError, SdoAbortError, UsageError
-from ecatd.model.queries import from_query, to_query
-from ecatd.model.requests.objects import SdoRead
-from ecatd.model.requests.parsing import KINDS, parse_request
-from ecatd.model.requests.request import Request, to_map
+from ecatd.base.errors import EcatError, SdoAbortError, UsageError
+from ecatd.operations.encoding import unpack
+from ecatd.operations.objects import SdoRead
+from ecatd.operations.operation import Request, to_map
+from ecatd.operations.parsing import KINDS, parse_request
+from ecatd.operations.queries import from_query, to_query
 from request_samples import SAMPLES, VALUES
 
 

@@ -6,16 +6,16 @@ from typing import Any
 import pytest
 
 from conftest import names, naming
-from ecatd.encoding import pack, unpack
-from ecatd.model.applied.safe import SafeOutputs, safe_outputs
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.bus_reader import read_bus
-from ecatd.model.config import SafeConfig, SignalConfig
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import ConfigError
-from ecatd.model.meanings import give_meanings, untold_types
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.profiles import Profiles
+from ecatd.base.errors import ConfigError
+from ecatd.config import SafeConfig, SignalConfig
+from ecatd.config.meanings import give_meanings, untold_types
+from ecatd.config.profiles import Profiles
+from ecatd.config.resolve.safe import SafeOutputs, safe_outputs
+from ecatd.description.bus import Bus, Slave
+from ecatd.description.bus_reader import read_bus
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.operations.encoding import pack, unpack
 
 I8, I16, I32, U16 = (
     DataType.INTEGER8,

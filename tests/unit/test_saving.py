@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from conftest import names
+from ecatd.base.atomic_write import open_new
+from ecatd.base.errors import NotPermittedError, StateError, UsageError
 from ecatd.cli.saving import check_target, save_bytes
-from ecatd.model.atomic_write import open_new
-from ecatd.model.errors import NotPermittedError, StateError, UsageError
 
 OTHER = 12345
 ROOT = pytest.mark.skipif(os.geteuid() != 0, reason="only root can make files of others")

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names, naming
-from ecatd.model.sii import USAGE_OUTPUTS, Sii, SiiMailbox, SiiSyncManager
-from ecatd.model.sii_parts import read_mailbox
-from ecatd.model.sii_reader import read_sii
+from ecatd.etg.sii import USAGE_OUTPUTS, Sii, SiiMailbox, SiiSyncManager
+from ecatd.etg.sii_parts import read_mailbox
+from ecatd.etg.sii_reader import read_sii
 
 STANDARD = 0x1000, 128, 0x1080, 96
 """The standard mailbox: words 0x18 to 0x1B."""

@@ -7,21 +7,21 @@ import pytest
 from soe_samples import NETWORK, SHAPES
 
 from conftest import names, naming
-from ecatd.eni import convert, read_network
-from ecatd.esi import list_devices, read_device
-from ecatd.esi.check import described_pdos
-from ecatd.esi.configure import add_esi
-from ecatd.esi.findings import Findings
-from ecatd.model.applied.believed import remaining
-from ecatd.model.applied.slaves import check_slaves
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import Config, IdnConfig, SlaveConfig, load_config
-from ecatd.model.config.writer import write_config
-from ecatd.model.errors import ConfigError, UsageError
-from ecatd.model.idns import Attribute
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.sii_check import check_sii
-from ecatd.model.witnesses import contradictions_text
+from ecatd.base.errors import ConfigError, UsageError
+from ecatd.config import Config, IdnConfig, SlaveConfig, load_config
+from ecatd.config.resolve.believed import remaining
+from ecatd.config.resolve.slaves import check_slaves
+from ecatd.config.writer import write_config
+from ecatd.description.bus import Bus, Slave
+from ecatd.description.witnesses import contradictions_text
+from ecatd.etg.idns import Attribute
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.sii_check import check_sii
+from ecatd.vendor.eni import convert, read_network
+from ecatd.vendor.esi import list_devices, read_device
+from ecatd.vendor.esi.check import described_pdos
+from ecatd.vendor.esi.configure import add_esi
+from ecatd.vendor.esi.findings import Findings
 from ecatsim.files.esi import device_from_esi, image_from_esi
 
 pytestmark = pytest.mark.unprivileged

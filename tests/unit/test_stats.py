@@ -13,15 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names, naming
-from ecatd import shm
+from ecatd.base.errors import EcatError, StateError, UsageError
 from ecatd.cli import info
 from ecatd.cli.output import print_json, print_json_line
 from ecatd.cli.stats import stats as stats_command
 from ecatd.cli.stats_screen import histogram_lines, stats_lines
-from ecatd.model.errors import EcatError, StateError, UsageError
-from ecatd.stats.maps import from_map, histogram_to_map, interval_to_map, to_map
-from ecatd.stats.problems import find_problems
-from ecatd.stats.snapshot import (
+from ecatd.shm import contract as shm
+from ecatd.shm.statistics.maps import from_map, histogram_to_map, interval_to_map, to_map
+from ecatd.shm.statistics.problems import find_problems
+from ecatd.shm.statistics.snapshot import (
     COUNTERS,
     TIMES,
     Bin,

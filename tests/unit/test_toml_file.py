@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names, names_at, naming
-from ecatd.model.errors import ConfigError, UsageError
-from ecatd.model.toml_file import Document, Table, integer, number, parse_toml, read_toml
-from ecatd.model.toml_places import Path as KeyPath
-from ecatd.model.toml_places import find_places
+from ecatd.base.errors import ConfigError, UsageError
+from ecatd.base.toml_file import Document, Table, integer, number, parse_toml, read_toml
+from ecatd.base.toml_places import Path as KeyPath
+from ecatd.base.toml_places import find_places
 
 TEXT = '''\
 # [not.a.table]

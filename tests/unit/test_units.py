@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ecatd.installation.places import LOCAL, files
+from ecatd.admin.installation.places import LOCAL, files
 from ecatd.service.failed_starts import RESTART_S
 from ecatd.service.main import make_parser
 from ecatd.service.supervisor import STOP_PATIENCE_S

@@ -6,10 +6,10 @@ import pytest
 from vendor_shapes import ENCODINGS, SHAPES, entry, esi, pdo
 
 from conftest import names, naming
-from ecatd.esi import EsiDevice, Findings, choose, list_devices, read_device
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import ConfigError
-from ecatd.model.sii_check import check_sii
+from ecatd.base.errors import ConfigError
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.sii_check import check_sii
+from ecatd.vendor.esi import EsiDevice, Findings, choose, list_devices, read_device
 from ecatsim.esc import Segment
 from ecatsim.files.esi import device_from_esi
 from ecatsim.rigs import library as rigs

@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import names, naming
-from ecatd.bus.engine.framing import DOMAIN_DATAGRAM_MAX
-from ecatd.bus.engine.layout import LRW, Datagram, DomainImage, Image
-from ecatd.bus.start.wire_time import WireTime, wire_time
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
+from ecatd.master.engine.framing import DOMAIN_DATAGRAM_MAX
+from ecatd.master.engine.layout import LRW, Datagram, DomainImage, Image
+from ecatd.server.start.wire_time import WireTime, wire_time
 
 
 def image(*lengths: int) -> Image:

@@ -5,18 +5,18 @@ from collections.abc import Callable
 import pytest
 
 from conftest import names
-from ecatd.esi.check import described_pdos
-from ecatd.esi.configure import add_esi
-from ecatd.esi.device import EsiDevice, EsiPdo
-from ecatd.model.applied.believed import Believed, Told, believe, remaining
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import Config, PdoConfig, SlaveConfig
-from ecatd.model.config.pdos import PdoEntryConfig
-from ecatd.model.config.startup import StartupConfig
-from ecatd.model.doubts import CONTRADICTED, UNREADABLE
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.sii import UNASSIGNED, Sii, SiiSyncManager
-from ecatd.model.witnesses import COE, CONFIGURATION, SII, clash, contradictions_text
+from ecatd.config import Config, PdoConfig, SlaveConfig
+from ecatd.config.pdos import PdoEntryConfig
+from ecatd.config.resolve.believed import Believed, Told, believe, remaining
+from ecatd.config.startup import StartupConfig
+from ecatd.description.bus import Bus, Slave
+from ecatd.description.doubts import CONTRADICTED, UNREADABLE
+from ecatd.description.witnesses import COE, CONFIGURATION, SII, clash, contradictions_text
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.sii import UNASSIGNED, Sii, SiiSyncManager
+from ecatd.vendor.esi.check import described_pdos
+from ecatd.vendor.esi.configure import add_esi
+from ecatd.vendor.esi.device import EsiDevice, EsiPdo
 
 ENTRIES = {
     "a": (0x6000, 1, 1),

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import pytest
 
-from ecatd.bus.master.worker import Worker
-from ecatd.coroutine_steps import Steps
-from ecatd.model.errors import StateError
+from ecatd.base.coroutine_steps import Steps
+from ecatd.base.errors import StateError
+from ecatd.master.worker import Worker
 
 
 def until(condition: Callable[[], bool]) -> Steps[str]:
@@ -36,7 +36,7 @@ def test_a_request_that_waits_holds_up_nobody() -> None:
 
 def test_a_turn_ends_when_somebody_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """However long turns are, and also after one that waited has been given up."""
-    monkeypatch.setattr("ecatd.bus.master.worker._TURN", 3600.0)
+    monkeypatch.setattr("ecatd.master.worker._TURN", 3600.0)
 
     async def use() -> None:
         worker, came = Worker(), threading.Event()

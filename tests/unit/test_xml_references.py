@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from conftest import names
-from ecatd.esi.findings import Findings
-from ecatd.esi.xml import Element, read_xml
-from ecatd.model.errors import ConfigError
+from ecatd.base.errors import ConfigError
+from ecatd.vendor.esi.findings import Findings
+from ecatd.vendor.esi.xml import Element, read_xml
 
 ALL = """<a first="&auml; &amp; &#228; &foo; &">
 <b>Verst&auml;rker&nbsp;f&uuml;r &lt;R &amp; D&gt;</b>

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-from ecatd.bus.frames.datagrams import Datagrams, apwr, source_address
+from ecatd.master.frames.datagrams import Datagrams, apwr, source_address
 from ecatsim.esc import Chip, Event, Segment
 from ecatsim.slave.device import Device
 from ecatsim.slave.sii import Description, build

@@ -17,7 +17,7 @@ from argparse_manpage.manpage import Manpage
 import ecatd.cli.main
 import ecatd.service.main
 import ecatsim.cli.main
-from ecatd.lazy_command import LazyCommand
+from ecatd.base.lazy_command import LazyCommand
 
 _PARSERS = {
     "ecatd": ecatd.service.main.make_parser,

@@ -2,7 +2,7 @@
 
     PYTHONPATH=tools .venv/bin/python -m ecatdev.configuration_page docs/configuration-keys.md
 
-All of it is in `ecatd.model.config`. Each table of the file is a dataclass there, and each key one
+All of it is in `ecatd.config`. Each table of the file is a dataclass there, and each key one
 of its fields, with the default and, in the annotation, the rule that has the range. Docstrings say
 what tables and keys mean. Two things in them are for this page:
 
@@ -21,12 +21,12 @@ from pathlib import Path
 from textwrap import TextWrapper
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
-from ecatd.model.config import Config
-from ecatd.model.config.config import LOG
-from ecatd.model.config.placed import required_in, rules_of
-from ecatd.model.config.writer import value_text
-from ecatd.model.log_levels import DEFAULTS, OTHERS, PARTS
-from ecatd.model.toml_file import Limits, Rule, Table
+from ecatd.base.log_levels import DEFAULTS, OTHERS, PARTS
+from ecatd.base.toml_file import Limits, Rule, Table
+from ecatd.config import Config
+from ecatd.config.config import LOG
+from ecatd.config.placed import required_in, rules_of
+from ecatd.config.writer import value_text
 
 from .docstrings import attributes, paragraphs
 from .markdown import head, row

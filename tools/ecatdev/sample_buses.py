@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.datatypes import DataType
-from ecatd.model.meanings import give_meanings
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.profiles import load_profiles
+from ecatd.config.meanings import give_meanings
+from ecatd.config.profiles import load_profiles
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 
 _BECKHOFF = 0x00000002
 _GAP8 = Entry(0, 0, "", DataType.PADDING, 8)

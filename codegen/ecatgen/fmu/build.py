@@ -7,10 +7,10 @@ import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from ecatd.model.bus import Bus
-from ecatd.model.datatypes import DataType, is_real, is_signed, value_range
-from ecatd.model.pdo import Entry
-from ecatd.version import VERSION
+from ecatd.base.version import VERSION
+from ecatd.description.bus import Bus
+from ecatd.etg.datatypes import DataType, is_real, is_signed, value_range
+from ecatd.etg.pdo import Entry
 
 from .. import names
 from ..ir import Block, Connector, Library

@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 from pathlib import Path
 
-from ecatd.model.errors import EcatError
+from ecatd.base.errors import EcatError
 
 from ..static_library import built_folder
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.bus import Bus
+from ecatd.description.bus import Bus
 
 from ..build import build_library
 from ..differences import Difference, compare, lines

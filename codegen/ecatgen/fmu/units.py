@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ecatd.model.units import BASE_UNITS, si_unit
+from ecatd.description.units import BASE_UNITS, si_unit
 
 from .ir import Unit
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ecatd.model.errors import NotPermittedError, StateError
+from ecatd.base.errors import NotPermittedError, StateError
 
 TEMPORARY = ".ecatgen-"
 """The beginning of the names of temporary files and folders."""

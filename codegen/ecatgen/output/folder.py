@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
 
 MANIFEST = ".ecatgen.json"
 _SCHEMA = 1

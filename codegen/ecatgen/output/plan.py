@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
 
 from . import order
 from .folder import MANIFEST, Folder, Tree, digest, manifest_of, parents

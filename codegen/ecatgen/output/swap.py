@@ -19,8 +19,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ecatd.model.errors import StateError
-from ecatd.model.patience import Patience
+from ecatd.base.durations import Patience
+from ecatd.base.errors import StateError
 
 from .failures import TEMPORARY
 from .folder import parents, read_folder

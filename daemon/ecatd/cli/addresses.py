@@ -1,18 +1,18 @@
-"""Arguments that are addresses: objects of a slave. `model/addresses.py` has the notation."""
+"""Arguments that are addresses: objects of a slave. `base/addresses.py` has the notation."""
 
 from __future__ import annotations
 
 import argparse
 from typing import TYPE_CHECKING
 
-from ecatd.model.addresses import (
+from ecatd.base.addresses import (
     INDEX_MOST,
     SUBINDEX_MOST,
     address_text,
     parse_address,
     parse_number,
 )
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import sys
 
-from ecatd.model.errors import EcatError, NoAnswerError, UnreachableError
-from ecatd.model.health import Health, required
-from ecatd.plain_output import error_text
-from ecatd.stats import Snapshot
+from ecatd.base.errors import EcatError, NoAnswerError, UnreachableError
+from ecatd.base.plain_output import error_text
+from ecatd.operations.health import Health, required
+from ecatd.shm.statistics import Snapshot
 
 from .source import Source
 

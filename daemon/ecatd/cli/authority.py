@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from ecatd.base.errors import NotPermittedError, StateError
 from ecatd.client.identity import USER_LINE
-from ecatd.model.errors import NotPermittedError, StateError
 
 from .saving import save_bytes
 

@@ -14,12 +14,12 @@ import tempfile
 from pathlib import Path
 from typing import Any, Literal
 
-from ecatd.model import bus_file
-from ecatd.model.bus import Bus
-from ecatd.model.bus_name import check_bus_name
-from ecatd.model.config import Config, load_config
-from ecatd.model.config.origins import find_origins
-from ecatd.model.errors import EcatError, UsageError, error_class
+from ecatd.base.bus_name import check_bus_name
+from ecatd.base.errors import EcatError, UsageError, error_class
+from ecatd.config import Config, load_config
+from ecatd.config.origins import find_origins
+from ecatd.description import bus_file
+from ecatd.description.bus import Bus
 
 from .outdated import tell_outdated
 

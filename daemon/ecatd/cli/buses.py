@@ -7,9 +7,9 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from ecatd.model.errors import JOIN, EcatError, NoAnswerError, NotPermittedError, StateError
-from ecatd.model.health import look_at
-from ecatd.paths import closed_buses, search_dirs, served_buses
+from ecatd.base.errors import JOIN, EcatError, NoAnswerError, NotPermittedError, StateError
+from ecatd.base.paths import closed_buses, search_dirs, served_buses
+from ecatd.operations.health import look_at
 
 from .output import print_json, print_table
 

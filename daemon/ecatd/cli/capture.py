@@ -10,10 +10,10 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from ecatd.model.atomic_write import open_new
-from ecatd.model.errors import EcatError, StateError, UsageError
-from ecatd.model.requests.frames import RINGS
-from ecatd.pcapng import Frame, header, packet, read_records
+from ecatd.base.atomic_write import open_new
+from ecatd.base.errors import EcatError, StateError, UsageError
+from ecatd.base.pcapng import Frame, header, packet, read_records
+from ecatd.operations.frames import RINGS
 
 from .arguments import seconds
 from .output import print_json

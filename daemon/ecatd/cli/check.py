@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import argparse
 
-from ecatd.model.errors import EcatError, NoAnswerError, NotPermittedError, UnreachableError
-from ecatd.model.health import Health
-from ecatd.stats.problems import find_problems, is_exchanged
+from ecatd.base.errors import EcatError, NoAnswerError, NotPermittedError, UnreachableError
+from ecatd.operations.health import Health
+from ecatd.shm.statistics.problems import find_problems, is_exchanged
 
 from .output import print_json
 from .source import Source

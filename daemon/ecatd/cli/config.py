@@ -10,15 +10,15 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.bus_name import check_bus_name
-from ecatd.model.config import Config, load_config
-from ecatd.model.config.differences import Difference, Moved, differences
-from ecatd.model.config.origins import COMMAND_LINE, DEFAULT, flatten
-from ecatd.model.config.writer import number_of, value_text, write_config
-from ecatd.model.errors import StateError, UsageError
-from ecatd.model.expected_bus import compare
-from ecatd.version import VERSION
+from ecatd.base.bus_name import check_bus_name
+from ecatd.base.errors import StateError, UsageError
+from ecatd.base.version import VERSION
+from ecatd.config import Config, load_config
+from ecatd.config.differences import Difference, Moved, differences
+from ecatd.config.expected_bus import compare
+from ecatd.config.origins import COMMAND_LINE, DEFAULT, flatten
+from ecatd.config.writer import number_of, value_text, write_config
+from ecatd.description.bus import Bus, Slave
 
 from .bus_source import add_options, check_options, get_bus, use_bus_of
 from .config_check import check, described
@@ -127,8 +127,8 @@ def _init(options: argparse.Namespace) -> int:
     known = known.moved(compare(known, bus.slaves).places)
     notes = None
     if options.esi is not None:
-        from ecatd.esi import Findings
-        from ecatd.esi.configure import add_esi
+        from ecatd.vendor.esi import Findings
+        from ecatd.vendor.esi.configure import add_esi
 
         from .esi_devices import warn
 
@@ -207,8 +207,8 @@ def _keep(file: Path, text: str) -> str:
 
 
 def _from_eni(options: argparse.Namespace) -> int:
-    from ecatd.eni import convert, read_network
-    from ecatd.esi import Findings
+    from ecatd.vendor.eni import convert, read_network
+    from ecatd.vendor.esi import Findings
 
     network = read_network(options.file, Findings(strict=options.strict))
     found = convert(network, check_bus_name(options.bus))

@@ -8,26 +8,26 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.applied import alike_slaves, load_description, misfits, missing_folders
-from ecatd.model.applied.objects import object_indices, object_problems
-from ecatd.model.applied.pdos import (
+from ecatd.base.errors import ConfigError, StateError
+from ecatd.base.paths import profile_folders
+from ecatd.config import Config, SlaveConfig, StartupConfig, load_config
+from ecatd.config.expected_bus import Difference, compare
+from ecatd.config.placed import Placed
+from ecatd.config.problems import Collected
+from ecatd.config.profiles import load_profiles
+from ecatd.config.resolve import alike_slaves, load_description, misfits, missing_folders
+from ecatd.config.resolve.objects import object_indices, object_problems
+from ecatd.config.resolve.pdos import (
     chosen_from_eeprom,
     indices_text,
     new_pdos,
     pdo_change,
     pdo_obstacles,
 )
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import Config, SlaveConfig, StartupConfig, load_config
-from ecatd.model.config.placed import Placed
-from ecatd.model.doubts import CONTRADICTED, REMEDIES, SILENT
-from ecatd.model.errors import ConfigError, StateError
-from ecatd.model.expected_bus import Difference, compare
-from ecatd.model.problems import Collected
-from ecatd.model.profiles import load_profiles
-from ecatd.model.sii import Sii
-from ecatd.model.wire import found_slaves, known_slaves
-from ecatd.paths import profile_folders
+from ecatd.description.bus import Bus, Slave
+from ecatd.description.doubts import CONTRADICTED, REMEDIES, SILENT
+from ecatd.etg.sii import Sii
+from ecatd.operations.wire import found_slaves, known_slaves
 
 from .bus_source import check_options, get_bus, use_bus_of
 from .named_objects import Told, ask_slaves, esi_objects, refresh_modules
@@ -36,7 +36,7 @@ from .output import print_json
 from .witness_check import contradictions
 
 if TYPE_CHECKING:
-    from ecatd.esi import EsiDevice, Findings
+    from ecatd.vendor.esi import EsiDevice, Findings
 
 
 def check(options: argparse.Namespace) -> int:
@@ -82,7 +82,7 @@ def check(options: argparse.Namespace) -> int:
         for n, row in doubtful.items()
         if n not in unexpected and row["recovery"] != CONTRADICTED
     ]
-    from ecatd.esi import Findings
+    from ecatd.vendor.esi import Findings
 
     findings = Findings(strict=options.strict)
     in_esi = {} if options.esi is None else described(bus, options.esi, findings)
@@ -262,8 +262,8 @@ def _unknown_pdos(wanted: Config, bus: Bus, changed: Collection[int], told: Told
 
 def _forbidden(wanted: Config, bus: Bus, devices: dict[int, EsiDevice]) -> list[Difference]:
     """PDOs and modules of the configuration that the ESI files do not allow."""
-    from ecatd.esi.check import pdo_problems
-    from ecatd.esi.modules import module_problems
+    from ecatd.vendor.esi.check import pdo_problems
+    from ecatd.vendor.esi.modules import module_problems
 
     found = []
     for settings in wanted.slave:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 _YES = ("y", "yes")
 

@@ -6,8 +6,8 @@ import argparse
 import datetime
 from typing import Any
 
-from ecatd.model.errors import EcatError
-from ecatd.stats.clocks import read_clocks
+from ecatd.base.errors import EcatError
+from ecatd.shm.statistics.clocks import read_clocks
 
 from .output import print_json, print_table, shortened
 from .source import Source

@@ -7,9 +7,10 @@ import datetime
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.abort_codes import NO_OBJECT
-from ecatd.model.bus import Slave
-from ecatd.model.diagnosis import (
+from ecatd.base.errors import SdoAbortError, StateError
+from ecatd.description.bus import Slave
+from ecatd.etg.abort_codes import NO_OBJECT
+from ecatd.etg.diagnosis import (
     ACKNOWLEDGED,
     HISTORY,
     MOST,
@@ -18,7 +19,6 @@ from ecatd.model.diagnosis import (
     order,
     parse_message,
 )
-from ecatd.model.errors import SdoAbortError, StateError
 
 from .arguments import slave
 from .confirm import add_yes, confirm

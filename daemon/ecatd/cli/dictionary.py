@@ -6,15 +6,15 @@ import argparse
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.datatypes import STRINGS, bit_length, decode, type_alias, type_name
-from ecatd.model.dictionary import (
+from ecatd.base.errors import SdoAbortError, UsageError
+from ecatd.etg.datatypes import STRINGS, bit_length, decode, type_alias, type_name
+from ecatd.etg.dictionary import (
     Access,
     DictionaryEntry,
     DictionaryObject,
     access_text,
     mapping_text,
 )
-from ecatd.model.errors import SdoAbortError, UsageError
 
 from . import addresses
 from .arguments import slave
@@ -24,8 +24,8 @@ from .sdo import physical_text, value_text
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote, SdoValue
-    from ecatd.esi import EsiDevice
-    from ecatd.model.bus import Slave
+    from ecatd.description.bus import Slave
+    from ecatd.vendor.esi import EsiDevice
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:

@@ -10,23 +10,23 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ecatd.doctor.findings import Finding, Level
-from ecatd.doctor.interface import look_at
-from ecatd.doctor.mend import mend, undo
-from ecatd.doctor.processors import look_at_processors
-from ecatd.doctor.rights import look_at_rights, service_group
-from ecatd.doctor.service import look_at_service
-from ecatd.doctor.software import (
+from ecatd.admin.doctor.findings import Finding, Level
+from ecatd.admin.doctor.interface import look_at
+from ecatd.admin.doctor.mend import mend, undo
+from ecatd.admin.doctor.processors import look_at_processors
+from ecatd.admin.doctor.rights import look_at_rights, service_group
+from ecatd.admin.doctor.service import look_at_service
+from ecatd.admin.doctor.software import (
     look_at_configuration,
     look_at_settings,
     look_at_shared_memory,
     look_at_versions,
 )
-from ecatd.doctor.wakeup import Wakeups, measure
-from ecatd.model.config import Config
-from ecatd.model.errors import EcatError, UsageError
-from ecatd.paths import MACHINE
-from ecatd.stats import Snapshot
+from ecatd.admin.doctor.wakeup import Wakeups, measure
+from ecatd.base.errors import EcatError, UsageError
+from ecatd.base.paths import MACHINE
+from ecatd.config import Config
+from ecatd.shm.statistics import Snapshot
 
 from .arguments import seconds
 from .bus_source import use_bus_of

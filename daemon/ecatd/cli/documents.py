@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ecatd.version import VERSION
+from ecatd.base.version import VERSION
 
 from .bus_source import add_options, get_bus
 from .output import print_json
@@ -31,7 +31,7 @@ def cstruct(options: argparse.Namespace) -> None:
 
 def xml(options: argparse.Namespace) -> None:
     """Prints or saves XML."""
-    from ecatd.esi.writer import bus_document
+    from ecatd.vendor.esi.writer import bus_document
 
     bus, more = get_bus(options)
     _give(options, bus.name, bus_document(bus, VERSION), more)

@@ -6,8 +6,8 @@ import argparse
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.eoe import NONE, parse_address, parse_interface, parse_mac, parse_name
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
+from ecatd.etg.eoe import NONE, parse_address, parse_interface, parse_mac, parse_name
 
 from .arguments import slave
 from .output import print_json, print_table

@@ -8,9 +8,9 @@ import time
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.bus import Bus
-from ecatd.model.errors import NoAnswerError, UsageError
-from ecatd.model.port_errors import LinkErrors, PortErrors, SlaveErrors, links_with_errors
+from ecatd.base.errors import NoAnswerError, UsageError
+from ecatd.description.bus import Bus
+from ecatd.etg.port_errors import LinkErrors, PortErrors, SlaveErrors, links_with_errors
 
 from .arguments import add_slave, add_watch
 from .output import print_json, print_json_line, print_table

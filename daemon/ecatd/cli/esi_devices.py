@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from ecatd.esi import Described, EsiDevice, Findings, devices_in, read_device
-from ecatd.model.bus import Slave
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
+from ecatd.description.bus import Slave
+from ecatd.vendor.esi import Described, EsiDevice, Findings, devices_in, read_device
 
 _WARNED = 10
 

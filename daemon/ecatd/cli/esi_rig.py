@@ -10,12 +10,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ecatd.esi import Described, Findings, devices_in, fitting, parse_code, parse_name
-from ecatd.model.config import POSITION_MAX, load_config
-from ecatd.model.config.writer import value_text
-from ecatd.model.errors import ConfigError, UsageError
-from ecatd.model.quoting import toml_string
-from ecatd.model.text_file import read_text
+from ecatd.base.errors import ConfigError, UsageError
+from ecatd.base.quoting import toml_string
+from ecatd.base.text_file import read_text
+from ecatd.config import POSITION_MAX, load_config
+from ecatd.config.writer import value_text
+from ecatd.vendor.esi import Described, Findings, devices_in, fitting, parse_code, parse_name
 
 from .esi_devices import warn
 

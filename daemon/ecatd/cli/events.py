@@ -9,8 +9,8 @@ import time
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.bus import Bus
-from ecatd.model.event_facts import KINDS, shown
+from ecatd.description.bus import Bus
+from ecatd.operations.event_facts import KINDS, shown
 
 from .arguments import add_slave
 from .output import print_json, print_json_line

@@ -9,15 +9,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ecatd.model.bus import Slave
-from ecatd.model.errors import (
-    EcatError,
-    NoAnswerError,
-    StateError,
-    UnreachableError,
-    UsageError,
-)
-from ecatd.model.requests.files import FILE_MAX
+from ecatd.base.errors import EcatError, NoAnswerError, StateError, UnreachableError, UsageError
+from ecatd.description.bus import Slave
+from ecatd.operations.files import FILE_MAX
 
 from .arguments import bounded, slave
 from .confirm import add_yes, confirm

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.al import al_state_text
-from ecatd.model.bus import Bus
-from ecatd.model.errors import UsageError
-from ecatd.model.port_errors import PORT_ORDER, SlaveErrors, links_with_errors
-from ecatd.model.quoting import printable
+from ecatd.base.errors import UsageError
+from ecatd.base.quoting import printable
+from ecatd.description.bus import Bus
+from ecatd.etg.al import al_state_text
+from ecatd.etg.port_errors import PORT_ORDER, SlaveErrors, links_with_errors
 
 from .output import print_json
 from .saving import save

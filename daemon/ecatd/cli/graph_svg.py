@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ecatd.model.quoting import xml_text
+from ecatd.base.quoting import xml_text
 
 from .slave_tree import Node, rows
 

@@ -7,7 +7,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from ecatd.model.errors import StateError
+from ecatd.base.errors import StateError
 
 from .arguments import seconds, slave
 from .output import print_json

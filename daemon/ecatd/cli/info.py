@@ -8,13 +8,13 @@ import textwrap
 import time
 from typing import Any
 
-from ecatd import shm
-from ecatd.model.al import AlState, al_state_text
-from ecatd.model.bus import positions_text
-from ecatd.model.errors import NoAnswerError, UnreachableError
-from ecatd.real_time import SETTINGS
-from ecatd.stats import Grant, Snapshot, to_map
-from ecatd.stats.problems import ring_line, word
+from ecatd.base.errors import NoAnswerError, UnreachableError
+from ecatd.description.bus import positions_text
+from ecatd.etg.al import AlState, al_state_text
+from ecatd.shm import contract as shm
+from ecatd.shm.real_time import SETTINGS
+from ecatd.shm.statistics import Grant, Snapshot, to_map
+from ecatd.shm.statistics.problems import ring_line, word
 
 from .answering import check_cycle
 from .output import print_json, table_lines

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ecatd import shm
+from ecatd.shm import contract as shm
 
 # A comment ends with the writer of the field, or of all fields of a struct. Fields without a writer
 # are written once, by the control side before clients connect.

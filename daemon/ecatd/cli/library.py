@@ -10,14 +10,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.errors import EcatError, NotPermittedError, UsageError
-from ecatd.paths import user_config
+from ecatd.base.errors import EcatError, NotPermittedError, UsageError
+from ecatd.base.paths import user_config
 
 from .bus_source import add_options, get_bus
 from .output import print_json
 
 if TYPE_CHECKING:
-    from ecatd.model.bus import Bus
+    from ecatd.description.bus import Bus
     from ecatgen import Report
     from ecatgen.fmu import FmuReport
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from ecatd.model.log_levels import LEVELS, PARTS
+from ecatd.base.log_levels import LEVELS, PARTS
 
 from .output import print_json, print_table
 

@@ -12,11 +12,11 @@ import sys
 from contextlib import suppress
 from typing import NoReturn
 
-from ecatd.lazy_command import LazyCommand
-from ecatd.model.bus_name import check_bus_name, check_full_bus_name
-from ecatd.model.errors import EcatError, StateError, UsageError
-from ecatd.plain_output import error_text, plain_output
-from ecatd.version import VERSION
+from ecatd.base.bus_name import check_bus_name, check_full_bus_name
+from ecatd.base.errors import EcatError, StateError, UsageError
+from ecatd.base.lazy_command import LazyCommand
+from ecatd.base.plain_output import error_text, plain_output
+from ecatd.base.version import VERSION
 
 from .arguments import seconds
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from ecatd.model.errors import EcatError, UsageError
-from ecatd.model.health import Health
-from ecatd.stats.open_metrics import write_metrics
+from ecatd.base.errors import EcatError, UsageError
+from ecatd.operations.health import Health
+from ecatd.shm.statistics.open_metrics import write_metrics
 
 from .source import Source
 

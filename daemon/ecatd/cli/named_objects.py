@@ -7,21 +7,21 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.abort_codes import NO_OBJECT
-from ecatd.model.applied.objects import Objects, object_indices
-from ecatd.model.applied.pdos import pdo_change, pdo_objects
-from ecatd.model.bus import Bus, Module
-from ecatd.model.config import Config, SlaveConfig
-from ecatd.model.dictionary import DictionaryObject
-from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError
-from ecatd.model.expected_bus import compare
-from ecatd.model.modules import CONFIGURED, DETECTED, module_differences
-from ecatd.model.sii import Sii
-from ecatd.model.sii_check import check_sii
+from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError
+from ecatd.config import Config, SlaveConfig
+from ecatd.config.expected_bus import compare
+from ecatd.config.resolve.objects import Objects, object_indices
+from ecatd.config.resolve.pdos import pdo_change, pdo_objects
+from ecatd.description.bus import Bus, Module
+from ecatd.description.modules import CONFIGURED, DETECTED, module_differences
+from ecatd.etg.abort_codes import NO_OBJECT
+from ecatd.etg.dictionary import DictionaryObject
+from ecatd.etg.sii import Sii
+from ecatd.etg.sii_check import check_sii
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
-    from ecatd.esi import EsiDevice
+    from ecatd.vendor.esi import EsiDevice
 
 
 @dataclass(slots=True)
@@ -111,7 +111,7 @@ def _ask_objects(remote: Remote, settings: SlaveConfig) -> dict[int, DictionaryO
 
 def esi_objects(wanted: Config, devices: dict[int, EsiDevice]) -> dict[int, Objects]:
     """The objects that the configuration names, by position, of devices with a dictionary."""
-    from ecatd.esi.modules import plug
+    from ecatd.vendor.esi.modules import plug
 
     from .dictionary import objects_of
 

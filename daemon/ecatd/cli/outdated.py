@@ -7,8 +7,8 @@ import time
 from collections.abc import Collection, Sequence
 from typing import Any
 
-from ecatd.model.bus import Bus
-from ecatd.model.health import outdated
+from ecatd.description.bus import Bus
+from ecatd.operations.health import outdated
 
 _NAMED_MAX = 8
 

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from ecatd.model.quoting import printable
-from ecatd.plain_output import json_text
+from ecatd.base.plain_output import json_text
+from ecatd.base.quoting import printable
 
 SCHEMA = 1
 

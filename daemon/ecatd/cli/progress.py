@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TypeVar
 
-from ecatd.model.quoting import printable
-from ecatd.plain_output import write_controls
+from ecatd.base.plain_output import write_controls
+from ecatd.base.quoting import printable
 
 T = TypeVar("T")
 

@@ -12,9 +12,9 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ecatd.base.atomic_write import open_new
+from ecatd.base.errors import NotPermittedError, StateError, UsageError
 from ecatd.client.patterns import find_signals
-from ecatd.model.atomic_write import open_new
-from ecatd.model.errors import NotPermittedError, StateError, UsageError
 
 from .arguments import times
 from .output import print_json

@@ -18,8 +18,8 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any, NamedTuple, Protocol
 
-from ecatd.model.errors import StateError, UsageError
-from ecatd.version import VERSION
+from ecatd.base.errors import StateError, UsageError
+from ecatd.base.version import VERSION
 
 Cell = float | int | None
 """A value; None if it cannot be trusted."""

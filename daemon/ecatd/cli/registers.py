@@ -6,9 +6,9 @@ import argparse
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.addresses import REGISTER_MOST, parse_number
-from ecatd.model.errors import StateError, UsageError
-from ecatd.model.registers import (
+from ecatd.base.addresses import REGISTER_MOST, parse_number
+from ecatd.base.errors import StateError, UsageError
+from ecatd.etg.registers import (
     REGISTERS,
     Register,
     controlled,

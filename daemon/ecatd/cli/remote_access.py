@@ -13,10 +13,10 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from ecatd.base.bus_name import HOST_NAME, HOST_NAME_RULE
+from ecatd.base.errors import StateError, UsageError
 from ecatd.client.identity import find_identity, read_identity
-from ecatd.model.bus_name import HOST_NAME, HOST_NAME_RULE
-from ecatd.model.config.gateway import USER_NAME, USER_NAME_RULE
-from ecatd.model.errors import StateError, UsageError
+from ecatd.config.gateway import USER_NAME, USER_NAME_RULE
 
 from .arguments import bounded
 from .authority import (

@@ -6,10 +6,10 @@ import argparse
 import time
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.al import AlState
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.errors import EcatError, NoAnswerError, StateError
-from ecatd.model.patience import Patience
+from ecatd.base.durations import Patience
+from ecatd.base.errors import EcatError, NoAnswerError, StateError
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.al import AlState
 
 from .arguments import slave
 from .confirm import add_yes, confirm

@@ -6,8 +6,8 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from ecatd.zenoh_access import ASKING, READ, TELLING, rule
-from ecatd.zenoh_keys import AS
+from ecatd.operations.zenoh_access import ASKING, READ, TELLING, rule
+from ecatd.operations.zenoh_keys import AS
 
 _HEAD = """\
 // A Zenoh router for ecatd, made by `ecatctl remote router`. Start it with: zenohd -c THIS_FILE

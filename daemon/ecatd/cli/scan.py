@@ -6,9 +6,9 @@ import argparse
 import sys
 from pathlib import Path
 
-from ecatd.model.bus import Bus
-from ecatd.model.bus_file import dump
-from ecatd.version import VERSION
+from ecatd.base.version import VERSION
+from ecatd.description.bus import Bus
+from ecatd.description.bus_file import dump
 
 from .bus_source import add_options, get_bus
 from .output import print_json

@@ -7,8 +7,9 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.addresses import address_text
-from ecatd.model.datatypes import (
+from ecatd.base.addresses import address_text
+from ecatd.base.errors import UsageError
+from ecatd.etg.datatypes import (
     STRINGS,
     TYPE_NAMES,
     DataType,
@@ -18,8 +19,7 @@ from ecatd.model.datatypes import (
     parse_type,
     type_name,
 )
-from ecatd.model.errors import UsageError
-from ecatd.model.requests.objects import DATA_MAX
+from ecatd.operations.objects import DATA_MAX
 
 from . import addresses
 from .arguments import slave
@@ -159,8 +159,8 @@ def _data(remote: Remote, options: argparse.Namespace, chosen: DataType | None) 
 
 def _raw(remote: Remote, options: argparse.Namespace, value: float, unit: str) -> str:
     """Converts a physical value to the raw one; returns the text itself if the object is a text."""
-    from ecatd.model.pdo import Entry  # loading it takes longer than the rest of the command
-    from ecatd.model.physical import to_raw
+    from ecatd.description.physical import to_raw
+    from ecatd.etg.pdo import Entry  # loading it takes longer than the rest of the command
 
     known = remote.sdo_read(options.slave, options.index, options.subindex)
     if known.data_type in STRINGS:

@@ -13,15 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.bus import Slave
-from ecatd.model.config import StartupConfig
-from ecatd.model.config.startup import read_parameter
-from ecatd.model.config.writer import value_text as toml_text
-from ecatd.model.datatypes import STRINGS, decode, parse_type, type_alias
-from ecatd.model.dictionary import Access, DictionaryEntry, access_text
-from ecatd.model.errors import EcatError, SdoAbortError, StateError, UsageError
-from ecatd.model.toml_file import Rules, Table, integer, read_toml
-from ecatd.version import VERSION
+from ecatd.base.errors import EcatError, SdoAbortError, StateError, UsageError
+from ecatd.base.toml_file import Rules, Table, integer, read_toml
+from ecatd.base.version import VERSION
+from ecatd.config import StartupConfig
+from ecatd.config.startup import read_parameter
+from ecatd.config.writer import value_text as toml_text
+from ecatd.description.bus import Slave
+from ecatd.etg.datatypes import STRINGS, decode, parse_type, type_alias
+from ecatd.etg.dictionary import Access, DictionaryEntry, access_text
 
 from .arguments import slave
 from .confirm import add_yes, confirm

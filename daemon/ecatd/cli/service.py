@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
-from ecatd.installation.actions import Action
-from ecatd.installation.buses import configured, enabled, is_masked, outdated, unit
-from ecatd.installation.places import CONFIGURATION, Place, here
-from ecatd.installation.removal import uninstall
-from ecatd.installation.service import install, upgrade
-from ecatd.model.errors import UsageError
-from ecatd.version import VERSION
+from ecatd.admin.installation.actions import Action
+from ecatd.admin.installation.buses import configured, enabled, is_masked, outdated, unit
+from ecatd.admin.installation.places import CONFIGURATION, Place, here
+from ecatd.admin.installation.removal import uninstall
+from ecatd.admin.installation.service import install, upgrade
+from ecatd.base.errors import UsageError
+from ecatd.base.version import VERSION
 
 from .confirm import add_yes, confirm
 from .output import print_json

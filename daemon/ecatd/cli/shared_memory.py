@@ -6,12 +6,12 @@ import argparse
 import textwrap
 from typing import Any
 
-from ecatd import shm as layout
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.errors import StateError, UnreachableError, UsageError
-from ecatd.shared_memory.claims import read_claims
-from ecatd.shared_memory.contents import contents
-from ecatd.shared_memory.raw import NAMES, plain, read_raw
+from ecatd.base.errors import StateError, UnreachableError, UsageError
+from ecatd.description.bus import Bus, Slave
+from ecatd.shm import contract as layout
+from ecatd.shm.claims import read_claims
+from ecatd.shm.contents import contents
+from ecatd.shm.raw import NAMES, plain, read_raw
 
 from .arguments import add_slave, add_watch
 from .layout_tables import layout_lines

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby, zip_longest
 from typing import Any
 
-from ecatd.shared_memory.contents import COUNTERS
+from ecatd.shm.contents import COUNTERS
 
 from .output import shortened, table_lines
 from .stats_screen import duration

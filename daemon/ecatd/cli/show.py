@@ -8,14 +8,14 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.al import AL_ERROR_FLAG, AlState, al_state_text
-from ecatd.model.bus import Bus, Slave, display_name, positions_text
-from ecatd.model.datatypes import type_name
-from ecatd.model.errors import StateError, UsageError
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.pdo_layout import places
-from ecatd.model.plain import plain
-from ecatd.model.witnesses import contradiction_text, witness_name
+from ecatd.base.errors import StateError, UsageError
+from ecatd.base.maps import plain
+from ecatd.description.bus import Bus, Slave, display_name, positions_text
+from ecatd.description.witnesses import contradiction_text, witness_name
+from ecatd.etg.al import AL_ERROR_FLAG, AlState, al_state_text
+from ecatd.etg.datatypes import type_name
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.pdo_layout import places
 
 from .answering import check_slaves
 from .arguments import add_slave

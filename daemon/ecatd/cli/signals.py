@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 from .arguments import seconds
 

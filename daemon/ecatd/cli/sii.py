@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.bus import Slave
-from ecatd.model.pdo import Pdo
-from ecatd.model.sii import UNASSIGNED, Sii, SiiMailbox
-from ecatd.model.sii_check import check_sii
+from ecatd.description.bus import Slave
+from ecatd.etg.pdo import Pdo
+from ecatd.etg.sii import UNASSIGNED, Sii, SiiMailbox
+from ecatd.etg.sii_check import check_sii
 
 from .arguments import slave
 from .output import print_json

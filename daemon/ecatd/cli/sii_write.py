@@ -10,14 +10,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ecatd.model.bus import Slave
-from ecatd.model.errors import BusyError, EcatError, NotPermittedError, StateError, UsageError
-from ecatd.model.expected_bus import compare
-from ecatd.model.intel_hex import image_bytes
-from ecatd.model.requests.eeproms import SII_WORDS_MAX
-from ecatd.model.sii import Sii
-from ecatd.model.sii_categories import FIRST_CATEGORY
-from ecatd.model.sii_check import MAX_IMAGE, check_sii, sii_checksum
+from ecatd.base.errors import BusyError, EcatError, NotPermittedError, StateError, UsageError
+from ecatd.config.expected_bus import compare
+from ecatd.description.bus import Slave
+from ecatd.etg.intel_hex import image_bytes
+from ecatd.etg.sii import Sii
+from ecatd.etg.sii_categories import FIRST_CATEGORY
+from ecatd.etg.sii_check import MAX_IMAGE, check_sii, sii_checksum
+from ecatd.operations.eeproms import SII_WORDS_MAX
 
 from .arguments import bounded, slave
 from .confirm import add_yes, confirm

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from ecatd.model.port_errors import LinkErrors
+from ecatd.etg.port_errors import LinkErrors
 
 
 @dataclass(slots=True)

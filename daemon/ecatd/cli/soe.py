@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.errors import StateError, UsageError
-from ecatd.model.idns import ALL_IDNS, IdnValue, idn_text, parse_idn
+from ecatd.base.errors import StateError, UsageError
+from ecatd.etg.idns import ALL_IDNS, IdnValue, idn_text, parse_idn
 
 from .arguments import bounded, slave
 from .output import print_json, print_table

@@ -6,9 +6,9 @@ import argparse
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from ecatd.model.errors import EcatError, UnreachableError
-from ecatd.shm_files import exists
-from ecatd.stats import Snapshot, read
+from ecatd.base.errors import EcatError, UnreachableError
+from ecatd.shm.files import exists
+from ecatd.shm.statistics import Snapshot, read
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.abort_codes import WRITE_ONLY
-from ecatd.model.bus import Bus, Slave
-from ecatd.model.config import (
+from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError, UsageError
+from ecatd.base.paths import profile_folders
+from ecatd.base.quoting import printable
+from ecatd.config import (
     TRANSITIONS,
     TRANSITIONS_DOWN,
     Config,
@@ -21,17 +22,16 @@ from ecatd.model.config import (
     StartupConfig,
     load_config,
 )
-from ecatd.model.config.writer import value_text
-from ecatd.model.datatypes import STRINGS, bit_length, decode, parse_type, type_alias
-from ecatd.model.dictionary import Access, DictionaryEntry, DictionaryObject
-from ecatd.model.errors import NoAnswerError, SdoAbortError, StateError, UsageError
-from ecatd.model.expected_bus import compare
-from ecatd.model.meanings import object_meaning
-from ecatd.model.pdo import Entry
-from ecatd.model.physical import physical_text
-from ecatd.model.profiles import load_profiles
-from ecatd.model.quoting import printable
-from ecatd.paths import profile_folders
+from ecatd.config.expected_bus import compare
+from ecatd.config.meanings import object_meaning
+from ecatd.config.profiles import load_profiles
+from ecatd.config.writer import value_text
+from ecatd.description.bus import Bus, Slave
+from ecatd.description.physical import physical_text
+from ecatd.etg.abort_codes import WRITE_ONLY
+from ecatd.etg.datatypes import STRINGS, bit_length, decode, parse_type, type_alias
+from ecatd.etg.dictionary import Access, DictionaryEntry, DictionaryObject
+from ecatd.etg.pdo import Entry
 
 from .arguments import slave
 from .bus_source import use_bus_of

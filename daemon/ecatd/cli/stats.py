@@ -6,9 +6,9 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
-from ecatd.model.errors import EcatError
-from ecatd.stats import TIMES, Snapshot
-from ecatd.stats.maps import histogram_to_map, interval_to_map, to_map
+from ecatd.base.errors import EcatError
+from ecatd.shm.statistics import TIMES, Snapshot
+from ecatd.shm.statistics.maps import histogram_to_map, interval_to_map, to_map
 
 from .answering import check_cycle
 from .arguments import add_watch

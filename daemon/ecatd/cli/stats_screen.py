@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ecatd import shm
-from ecatd.stats import Domain, Histogram, Snapshot
-from ecatd.stats.maps import QUANTILES
-from ecatd.stats.problems import ring_line, word
+from ecatd.shm import contract as shm
+from ecatd.shm.statistics import Domain, Histogram, Snapshot
+from ecatd.shm.statistics.maps import QUANTILES
+from ecatd.shm.statistics.problems import ring_line, word
 
 from .output import shortened, table_lines
 

@@ -8,9 +8,9 @@ import sys
 from collections.abc import Iterable
 from typing import Self
 
-from ecatd.model.errors import StateError
-from ecatd.model.quoting import printable
-from ecatd.plain_output import write_controls
+from ecatd.base.errors import StateError
+from ecatd.base.plain_output import write_controls
+from ecatd.base.quoting import printable
 
 _HIDE, _SHOW = "\033[?25l", "\033[?25h"
 _HOME, _CLEAR = "\033[H", "\033[2J"

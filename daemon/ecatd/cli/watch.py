@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.errors import EcatError, UsageError
+from ecatd.base.errors import EcatError, UsageError
 
 from .output import print_json, print_json_line
 from .terminal import Screen, check_stdout, show

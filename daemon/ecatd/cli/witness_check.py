@@ -6,11 +6,11 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ecatd.model.applied.believed import remaining
-from ecatd.model.bus import Bus
-from ecatd.model.config import Config
-from ecatd.model.expected_bus import Difference
-from ecatd.model.witnesses import (
+from ecatd.config import Config
+from ecatd.config.expected_bus import Difference
+from ecatd.config.resolve.believed import remaining
+from ecatd.description.bus import Bus
+from ecatd.description.witnesses import (
     COE,
     CONFIGURATION,
     ESI,
@@ -23,7 +23,7 @@ from ecatd.model.witnesses import (
 )
 
 if TYPE_CHECKING:
-    from ecatd.esi import EsiDevice
+    from ecatd.vendor.esi import EsiDevice
 
 
 def contradictions(
@@ -40,7 +40,7 @@ def contradictions(
     Returns:
         Those about which the configuration does not decide, and notes about the others.
     """
-    from ecatd.esi.check import described_pdos
+    from ecatd.vendor.esi.check import described_pdos
 
     open_, notes = [], []
     for slave in bus.slaves:

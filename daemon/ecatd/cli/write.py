@@ -7,9 +7,9 @@ import time
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from ecatd.base.errors import LeaseError, StateError, UsageError
 from ecatd.client.patterns import find_output
-from ecatd.model.al import AlState, al_state_text
-from ecatd.model.errors import LeaseError, StateError, UsageError
+from ecatd.etg.al import AlState, al_state_text
 
 from .confirm import add_yes, confirm
 from .output import print_json

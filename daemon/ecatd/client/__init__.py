@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ecatd.shm import Direction, Outputs, Reason, Validity, WkcState
+    from ecatd.shm.contract import Direction, Outputs, Reason, Validity, WkcState
 
     from .claims import Claim
     from .client import Client
@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from .summaries import Summaries
 
 _HOME = {
-    **dict.fromkeys(("Direction", "Outputs", "Reason", "Validity", "WkcState"), "ecatd.shm"),
+    **dict.fromkeys(
+        ("Direction", "Outputs", "Reason", "Validity", "WkcState"), "ecatd.shm.contract"
+    ),
     "Claim": ".claims",
     "Client": ".client",
     "SignalGroup": ".group",

@@ -6,7 +6,7 @@ import math
 import operator
 import reprlib
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 INT = (-(1 << 31), (1 << 31) - 1)
 INDEX, SUBINDEX, U32 = (0, 0xFFFF), (0, 0xFF), (0, 0xFFFF_FFFF)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 from .signals import Signal, letter
 

@@ -13,8 +13,8 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
-from ecatd import shm
-from ecatd.model.errors import UnreachableError
+from ecatd.base.errors import UnreachableError
+from ecatd.shm import contract as shm
 
 from .connection import Connection, text_of
 from .info import OutputInfo

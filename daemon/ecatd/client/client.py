@@ -9,10 +9,10 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self, SupportsIndex, overload
 from weakref import WeakSet
 
-from ecatd import shm
-from ecatd.model.al import AlState
-from ecatd.model.errors import UnreachableError, UsageError
-from ecatd.shm import Direction
+from ecatd.base.errors import UnreachableError, UsageError
+from ecatd.etg.al import AlState
+from ecatd.shm import contract as shm
+from ecatd.shm.contract import Direction
 
 from .arguments import COUNT, INDEX, SUBINDEX, U32, refuse, seconds, whole
 from .claims import Claim, Claims

@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
-from ecatd.model.errors import (
+from ecatd.base.durations import Patience
+from ecatd.base.errors import (
     EcatError,
     LeaseError,
     NoAnswerError,
@@ -22,8 +23,7 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
-from ecatd.model.patience import Patience
-from ecatd.shm import Direction, Errno
+from ecatd.shm.contract import Direction, Errno
 
 from .arguments import text
 from .structs import QUICK, WAITING, SignalStruct, SummaryStruct

@@ -14,8 +14,8 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 
-from ecatd.model.errors import EcatError, NoAnswerError, StateError, UnreachableError
-from ecatd.model.patience import Patience
+from ecatd.base.durations import Patience
+from ecatd.base.errors import EcatError, NoAnswerError, StateError, UnreachableError
 
 from .connection import Connection
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.errors import EcatError
-from ecatd.model.requests.files import FILE_PART, CancelFoe, PutFoe, ReadFoe, TakeFoe
+from ecatd.base.errors import EcatError
+from ecatd.operations.files import FILE_PART, CancelFoe, PutFoe, ReadFoe, TakeFoe
 
 from .identity import who
 

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-from ecatd.model.errors import NotPermittedError, UsageError
+from ecatd.base.errors import NotPermittedError, UsageError
 
 _BLOCK = re.compile("-----BEGIN ([A-Z ]+)-----.*?-----END \\1-----\n?", re.DOTALL)
 _USER = re.compile("^ecatd user: (.+)$", re.MULTILINE)

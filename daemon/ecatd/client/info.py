@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from ecatd import shm
+from ecatd.shm import contract as shm
 
 if TYPE_CHECKING:
     from .signals import Signal

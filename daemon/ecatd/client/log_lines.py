@@ -8,9 +8,9 @@ from typing import Any
 
 import zenoh
 
-from ecatd.encoding import MAX_REPLY, unpack
-from ecatd.model.errors import NoAnswerError
-from ecatd.zenoh_keys import bus_key
+from ecatd.base.errors import NoAnswerError
+from ecatd.operations.encoding import MAX_REPLY, unpack
+from ecatd.operations.zenoh_keys import bus_key
 
 _LINES = 1000
 """Lines that may wait; older ones are dropped."""

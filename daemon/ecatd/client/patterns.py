@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from ecatd.model.addresses import address_text, parse_address
-from ecatd.model.errors import StateError
+from ecatd.base.addresses import address_text, parse_address
+from ecatd.base.errors import StateError
 
 if TYPE_CHECKING:
     from .client import Client
@@ -61,7 +61,7 @@ def find_output(client: Client, name: str) -> Signal:
     Raises:
         StateError: There is no such output, or there are several.
     """
-    from ecatd.shm import Direction
+    from ecatd.shm.contract import Direction
 
     try:
         return client.signal(name, direction=Direction.OUTPUT)

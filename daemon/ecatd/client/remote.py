@@ -7,18 +7,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from ecatd.model.errors import NotPermittedError
-from ecatd.model.requests.bus import ReadEvents, ReadInfo, ReadStates, Rescan, SetState
-from ecatd.model.requests.eeproms import ReadSii, WriteSii
-from ecatd.model.requests.ethernet import ReadEthernet, ReadIp, WriteIp
-from ecatd.model.requests.files import StartFoe
-from ecatd.model.requests.frames import ReadFrames
-from ecatd.model.requests.idns import ReadIdn, WriteIdn
-from ecatd.model.requests.log import ReadLogLevels, SetLogLevel
-from ecatd.model.requests.objects import DescribeObject, ListObjects, SdoRead, SdoWrite
-from ecatd.model.requests.registers import ReadErrors, ReadRegister, ResetErrors, WriteRegister
-from ecatd.model.requests.request import Request
-from ecatd.zenoh_keys import AS, RIGHTS
+from ecatd.base.errors import NotPermittedError
+from ecatd.operations.bus import ReadEvents, ReadInfo, ReadStates, Rescan, SetState
+from ecatd.operations.eeproms import ReadSii, WriteSii
+from ecatd.operations.ethernet import ReadEthernet, ReadIp, WriteIp
+from ecatd.operations.files import StartFoe
+from ecatd.operations.frames import ReadFrames
+from ecatd.operations.idns import ReadIdn, WriteIdn
+from ecatd.operations.log import ReadLogLevels, SetLogLevel
+from ecatd.operations.objects import DescribeObject, ListObjects, SdoRead, SdoWrite
+from ecatd.operations.operation import Request
+from ecatd.operations.registers import ReadErrors, ReadRegister, ResetErrors, WriteRegister
+from ecatd.operations.zenoh_keys import AS, RIGHTS
 
 from .arguments import octets, real, text
 from .identity import who
@@ -26,13 +26,13 @@ from .session import Session
 
 # What only some requests need is loaded by them: most commands are one request, and short.
 if TYPE_CHECKING:
-    from ecatd.model.bus import Bus
-    from ecatd.model.config import Config
-    from ecatd.model.dictionary import DictionaryObject
-    from ecatd.model.health import Health
-    from ecatd.model.idns import IdnValue
-    from ecatd.model.port_errors import SlaveErrors
-    from ecatd.stats import Snapshot
+    from ecatd.config import Config
+    from ecatd.description.bus import Bus
+    from ecatd.etg.dictionary import DictionaryObject
+    from ecatd.etg.idns import IdnValue
+    from ecatd.etg.port_errors import SlaveErrors
+    from ecatd.operations.health import Health
+    from ecatd.shm.statistics import Snapshot
 
     from .file_transfer import FileTransfer
     from .stream import Stream
@@ -158,7 +158,7 @@ class Remote:
         return self.request(ReadEvents(since))
 
     def read_frames(self, ring: str, position: int = 0) -> dict[str, Any]:
-        """The last frames that were sent and received; see `bus/requests/frames.py`.
+        """The last frames that were sent and received; see `server/requests/frames.py`.
 
         Raises:
             StateError: The daemon keeps none.
@@ -167,17 +167,17 @@ class Remote:
 
     def describe(self) -> Bus:
         """The bus description."""
-        from ecatd.model.bus_reader import read_bus
+        from ecatd.description.bus_reader import read_bus
 
         return read_bus(self._session.ask("ro", "slaves"), "the answer of the daemon", strict=False)
 
     def configuration(self) -> tuple[Config, dict[str, str]]:
         """The configuration in force, and where values come from, by key.
 
-        Keys are named as by `ecatd.model.config.origins.flatten`; those that are not in the map
+        Keys are named as by `ecatd.config.origins.flatten`; those that are not in the map
         have their defaults.
         """
-        from ecatd.model.config import read_config
+        from ecatd.config import read_config
 
         answer = self._session.ask("ro", "config")
         return read_config(answer["config"], "the answer of the daemon"), dict(answer["origins"])
@@ -188,7 +188,7 @@ class Remote:
 
     def health(self) -> Health:
         """How the slaves are, with those that were missing at the start, and with other devices."""
-        from ecatd.model.health import look_at
+        from ecatd.operations.health import look_at
 
         return look_at(self.states_reply())
 
@@ -226,12 +226,12 @@ class Remote:
 
     def stats(self) -> Snapshot:
         """Statistics of the bus since the start of the exchange."""
-        from ecatd.stats import from_map
+        from ecatd.shm.statistics import from_map
 
         return from_map(self._session.ask("ro", "stats", parameters="buckets=1"))
 
     def clocks(self) -> dict[str, Any]:
-        """The distributed clocks of the bus; see `ecatd.stats.clocks.read_clocks`."""
+        """The distributed clocks of the bus; see `ecatd.shm.statistics.clocks.read_clocks`."""
         return self._session.ask("ro", "dc")
 
     def sdo_read(
@@ -280,7 +280,7 @@ class Remote:
             NoAnswerError: The slave does not describe its objects.
             StateError: As above; or it has no object dictionary.
         """
-        from ecatd.model.dictionary import DictionaryObject
+        from ecatd.etg.dictionary import DictionaryObject
 
         return DictionaryObject.from_map(self.request(DescribeObject(slave, index)))
 
@@ -300,18 +300,18 @@ class Remote:
         )
 
     def read_idn(self, slave: int | str, idn: int, drive: int = 0) -> IdnValue:
-        """Reads an IDN of a drive (SoE), given as `ecatd.model.idns.parse_idn` makes it.
+        """Reads an IDN of a drive (SoE), given as `ecatd.etg.idns.parse_idn` makes it.
 
         Raises:
             StateError: There is no such slave or IDN, or the slave has no SoE.
         """
-        from ecatd.model.idns import IdnValue
+        from ecatd.etg.idns import IdnValue
 
         return IdnValue.from_map(self.request(ReadIdn(slave, idn, drive)))
 
     def write_idn(self, slave: int | str, idn: int, data: bytes, drive: int = 0) -> IdnValue:
         """Writes the value of an IDN; returns what was written. Raises as `read_idn`."""
-        from ecatd.model.idns import IdnValue
+        from ecatd.etg.idns import IdnValue
 
         request = WriteIdn(slave, idn, octets("data", data), drive, who())
         return IdnValue.from_map(self.request(request))
@@ -366,7 +366,7 @@ class Remote:
         Raises:
             StateError: There is no such slave, or its EEPROM cannot be read.
         """
-        from ecatd.model.sii_categories import whole_image
+        from ecatd.etg.sii_categories import whole_image
 
         parts: dict[int, bytes] = {}  # by number, `_SII_PART` words each
 
@@ -500,7 +500,7 @@ def _levels(answer: dict[str, Any]) -> dict[str, dict[str, str]]:
 
 
 def _slave_errors(answer: dict[str, Any]) -> list[SlaveErrors]:
-    from ecatd.model.port_errors import SlaveErrors
+    from ecatd.etg.port_errors import SlaveErrors
 
     return [SlaveErrors.from_map(item) for item in answer["slaves"]]
 

@@ -6,9 +6,9 @@ import ctypes
 from collections.abc import Generator
 from contextlib import suppress
 
-from ecatd import shm
-from ecatd.model.errors import EcatError, SdoAbortError, StateError
-from ecatd.shm import Errno
+from ecatd.base.errors import EcatError, SdoAbortError, StateError
+from ecatd.shm import contract as shm
+from ecatd.shm.contract import Errno
 
 from .arguments import INDEX, SUBINDEX, U32, octets, seconds, whole
 from .connection import Connection, text_of

@@ -9,9 +9,9 @@ from typing import Any
 
 import zenoh
 
-from ecatd.encoding import MAX_REPLY, pack, unpack
-from ecatd.model.bus_name import check_bus_name, check_full_bus_name
-from ecatd.model.errors import (
+from ecatd.base.bus_name import check_bus_name, check_full_bus_name
+from ecatd.base.durations import Patience
+from ecatd.base.errors import (
     JOIN,
     LOOPBACK,
     EcatError,
@@ -20,13 +20,13 @@ from ecatd.model.errors import (
     UnreachableError,
     UsageError,
 )
-from ecatd.model.patience import Patience
-from ecatd.model.queries import to_query
-from ecatd.model.requests.parsing import check_request
-from ecatd.model.requests.request import Request
-from ecatd.paths import read_host, search_dirs, zenoh_socket
-from ecatd.systemd_services import how_to_start
-from ecatd.zenoh_keys import AS, RIGHTS, bus_key, bus_of, full_name, session_config
+from ecatd.base.paths import read_host, search_dirs, zenoh_socket
+from ecatd.linux.systemd_services import how_to_start
+from ecatd.operations.encoding import MAX_REPLY, pack, unpack
+from ecatd.operations.operation import Request
+from ecatd.operations.parsing import check_request
+from ecatd.operations.queries import to_query
+from ecatd.operations.zenoh_keys import AS, RIGHTS, bus_key, bus_of, full_name, session_config
 
 from .arguments import refuse, seconds, text
 from .identity import find_identity, is_encrypted

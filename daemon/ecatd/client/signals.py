@@ -12,9 +12,9 @@ import struct
 from operator import index as as_integer
 from typing import Any, Protocol
 
-from ecatd.model.datatypes import is_real, is_signed
-from ecatd.model.errors import EcatError, StateError, UsageError
-from ecatd.shm import Validity
+from ecatd.base.errors import EcatError, StateError, UsageError
+from ecatd.etg.datatypes import is_real, is_signed
+from ecatd.shm.contract import Validity
 
 from .connection import Connection
 from .structs import QUICK
@@ -86,7 +86,7 @@ class Signal:
         index: Object index.
         subindex: Object subindex.
         output: Whether it is an output (RxPDO) and not an input (TxPDO).
-        data_type: CoE data type (`ecatd.model.datatypes.DataType`).
+        data_type: CoE data type (`ecatd.etg.datatypes.DataType`).
         bit_length: Bits in the image, 1 to 64.
         signed: Whether `raw` is a signed integer.
         real: Whether `raw` is a floating-point number.

@@ -10,10 +10,10 @@ from typing import Any, Self
 
 import zenoh
 
-from ecatd.encoding import MAX_REPLY, unpack
-from ecatd.model.errors import NoAnswerError, UnreachableError
-from ecatd.model.patience import Patience
-from ecatd.zenoh_keys import bus_key, bus_of
+from ecatd.base.durations import Patience
+from ecatd.base.errors import NoAnswerError, UnreachableError
+from ecatd.operations.encoding import MAX_REPLY, unpack
+from ecatd.operations.zenoh_keys import bus_key, bus_of
 
 _ROWS = 100
 """Rows that may wait; older ones are dropped."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 
-from ecatd import shm
+from ecatd.shm import contract as shm
 
 
 class SlaveStruct(ctypes.Structure):

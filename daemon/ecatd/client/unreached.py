@@ -5,14 +5,14 @@ from __future__ import annotations
 import socket
 import ssl
 
-from ecatd.model.errors import (
+from ecatd.base.durations import Patience
+from ecatd.base.errors import (
     EcatError,
     NoAnswerError,
     NotPermittedError,
     UnreachableError,
     UsageError,
 )
-from ecatd.model.patience import Patience
 
 from .identity import Identity
 

@@ -5,20 +5,20 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from ecatd import shm
-from ecatd.failure_record import find_record
-from ecatd.model.errors import EcatError, NoAnswerError, UnreachableError
-from ecatd.paths import search_dirs, served_buses, takes_connections
-from ecatd.shared_memory.reader import opened
-from ecatd.shm_files import exists
-from ecatd.stats import read
-from ecatd.systemd_services import (
+from ecatd.base.errors import EcatError, NoAnswerError, UnreachableError
+from ecatd.base.failure_record import find_record
+from ecatd.base.paths import search_dirs, served_buses, takes_connections
+from ecatd.linux.systemd_services import (
     how_to_start,
     other_version,
     service,
     why_no_gateway,
     why_not_running,
 )
+from ecatd.shm import contract as shm
+from ecatd.shm.files import exists
+from ecatd.shm.reader import opened
+from ecatd.shm.statistics import read
 
 _HANG_S = 1.0
 """Seconds without a cycle after which the daemon counts as hung."""

@@ -4,8 +4,8 @@ It has no capabilities, may write only into the folders of its sockets, and the 
 on it. It gets its settings from the bus server.
 
 Usually it is a child of `ecatd`, which tells it when the bus is in OP and asks whether it works
-(see `ecatd.service_link`). With `--alone` it is a service of its own, which reports to the service
-manager.
+(see `ecatd.base.service_link`). With `--alone` it is a service of its own, which reports to the
+service manager.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ecatd.landlock import restrict
-from ecatd.log import Log
-from ecatd.model.config import GatewayConfig
-from ecatd.model.errors import EcatError
-from ecatd.notify import notify
-from ecatd.paths import gateway_dir, user_dir
-from ecatd.process import (
+from ecatd.base.errors import EcatError
+from ecatd.base.landlock import restrict
+from ecatd.base.log import Log
+from ecatd.base.notify import notify
+from ecatd.base.paths import gateway_dir, user_dir
+from ecatd.base.process import (
     die_with_parent,
     drop_rights,
     leave_processor,
     leave_signals_to_the_service,
     offer_to_oom_killer,
 )
-from ecatd.service_link import answer_pings, read_settings, tell
-from ecatd.stats import read
-from ecatd.systemd_services import other_version
+from ecatd.base.service_link import answer_pings, read_settings, tell
+from ecatd.config import GatewayConfig
+from ecatd.linux.systemd_services import other_version
+from ecatd.shm.statistics import read
 
 if TYPE_CHECKING:
     from .gateway import Gateway

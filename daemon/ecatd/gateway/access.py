@@ -19,15 +19,15 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from ecatd.batch import Batch, last_of
-from ecatd.log import Log
-from ecatd.model.bus import Bus
-from ecatd.model.config import GatewayConfig, UserConfig
-from ecatd.model.config.gateway import ENCRYPTED, PLAIN, host_of, is_encrypted
-from ecatd.model.errors import BusyError, NotPermittedError, StateError
-from ecatd.model.requests.request import Request
-from ecatd.zenoh_access import ASKING, READ, TELLING, rule
-from ecatd.zenoh_keys import AS
+from ecatd.base.batch import Batch, last_of
+from ecatd.base.errors import BusyError, NotPermittedError, StateError
+from ecatd.base.log import Log
+from ecatd.config import GatewayConfig, UserConfig
+from ecatd.config.gateway import ENCRYPTED, PLAIN, host_of, is_encrypted
+from ecatd.description.bus import Bus
+from ecatd.operations.operation import Request
+from ecatd.operations.zenoh_access import ASKING, READ, TELLING, rule
+from ecatd.operations.zenoh_keys import AS
 
 _BURST_S, _WAIT_S = 1.0, 2.0
 """The allowed changes of the first number of seconds may come at once; those of the second number

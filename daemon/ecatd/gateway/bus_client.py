@@ -8,10 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ecatd.connection import Connection
-from ecatd.encoding import MAX_REPLY
-from ecatd.model.errors import BusyError, EcatError, UnreachableError, UsageError
-from ecatd.model.requests.request import Request, to_map
+from ecatd.base.errors import BusyError, EcatError, UnreachableError, UsageError
+from ecatd.operations.connection import Connection
+from ecatd.operations.encoding import MAX_REPLY
+from ecatd.operations.operation import Request, to_map
 
 Answer = asyncio.Future[dict[str, Any]]
 

@@ -26,9 +26,9 @@ from typing import Any
 
 import zenoh
 
-from ecatd.batch import Batch, last_of
-from ecatd.log import Log
-from ecatd.model.config import GatewayConfig
+from ecatd.base.batch import Batch, last_of
+from ecatd.base.log import Log
+from ecatd.config import GatewayConfig
 
 from .aside import aside
 

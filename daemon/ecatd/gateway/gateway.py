@@ -14,30 +14,25 @@ from urllib.parse import unquote
 
 import zenoh
 
-from ecatd.certificates import contents, watch_certificates, wrong_certificates
-from ecatd.encoding import MAX_MESSAGE, pack, unpack
-from ecatd.log import Log
-from ecatd.model.bus import Bus
-from ecatd.model.bus_reader import read_bus
-from ecatd.model.config import Config, GatewayConfig, UserConfig, read_config
-from ecatd.model.errors import EcatError, NotPermittedError, UnreachableError, UsageError
-from ecatd.model.log_levels import DEFAULTS
-from ecatd.model.patience import Patience
-from ecatd.model.queries import from_query, needs_right, read_flag, read_parameters
-from ecatd.model.requests.bus import Describe, ReadConfig, ReadStates
-from ecatd.model.requests.files import PutFoe
-from ecatd.model.requests.frames import ReadFrames
-from ecatd.model.requests.log import ReadLogLevels
-from ecatd.model.requests.request import Request, on_behalf
-from ecatd.paths import (
-    control_socket,
-    remove_zenoh_socket,
-    write_host,
-    zenoh_socket,
-)
-from ecatd.stats import read, to_map
-from ecatd.stats.clocks import read_clocks
-from ecatd.zenoh_keys import AS, RIGHTS, SCHEMA, bus_key, full_name, session_config
+from ecatd.base.durations import Patience
+from ecatd.base.errors import EcatError, NotPermittedError, UnreachableError, UsageError
+from ecatd.base.log import Log
+from ecatd.base.log_levels import DEFAULTS
+from ecatd.base.paths import control_socket, remove_zenoh_socket, write_host, zenoh_socket
+from ecatd.config import Config, GatewayConfig, UserConfig, read_config
+from ecatd.config.certificates import contents, watch_certificates, wrong_certificates
+from ecatd.description.bus import Bus
+from ecatd.description.bus_reader import read_bus
+from ecatd.operations.bus import Describe, ReadConfig, ReadStates
+from ecatd.operations.encoding import MAX_MESSAGE, pack, unpack
+from ecatd.operations.files import PutFoe
+from ecatd.operations.frames import ReadFrames
+from ecatd.operations.log import ReadLogLevels
+from ecatd.operations.operation import Request, on_behalf
+from ecatd.operations.queries import from_query, needs_right, read_flag, read_parameters
+from ecatd.operations.zenoh_keys import AS, RIGHTS, SCHEMA, bus_key, full_name, session_config
+from ecatd.shm.statistics import read, to_map
+from ecatd.shm.statistics.clocks import read_clocks
 
 from .access import (
     Rate,

@@ -13,8 +13,8 @@ import socket
 from collections.abc import Sequence
 from functools import partial
 
-from ecatd.log import Log
-from ecatd.model.config.gateway import PROTOCOLS
+from ecatd.base.log import Log
+from ecatd.config.gateway import PROTOCOLS
 
 from .aside import aside
 

@@ -9,11 +9,11 @@ from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ecatd.log import Log
-from ecatd.model.errors import EcatError, NoAnswerError
-from ecatd.model.health import Health, look_at
-from ecatd.stats import read
-from ecatd.stats.open_metrics import CONTENT_TYPE, write_metrics
+from ecatd.base.errors import EcatError, NoAnswerError
+from ecatd.base.log import Log
+from ecatd.operations.health import Health, look_at
+from ecatd.shm.statistics import read
+from ecatd.shm.statistics.open_metrics import CONTENT_TYPE, write_metrics
 
 _PREFIX = "unix:"
 _HEAD_MAX = 8192

@@ -6,12 +6,12 @@ import asyncio
 from contextlib import suppress
 from typing import Any
 
+from ecatd.base.errors import EcatError
+from ecatd.base.log import Log
 from ecatd.client import Client
-from ecatd.encoding import pack
-from ecatd.log import Log
-from ecatd.model.errors import EcatError
-from ecatd.stats import read, to_map
-from ecatd.zenoh_keys import SCHEMA, bus_key
+from ecatd.operations.encoding import pack
+from ecatd.operations.zenoh_keys import SCHEMA, bus_key
+from ecatd.shm.statistics import read, to_map
 
 from .sessions import Sessions
 

@@ -14,10 +14,10 @@ from typing import Any
 
 import zenoh
 
-from ecatd.log import Log
-from ecatd.model.bus_name import HOST_NAME
-from ecatd.model.config import GatewayConfig
-from ecatd.model.config.gateway import host_of, is_encrypted
+from ecatd.base.bus_name import HOST_NAME
+from ecatd.base.log import Log
+from ecatd.config import GatewayConfig
+from ecatd.config.gateway import host_of, is_encrypted
 
 from .access import router_names
 from .aside import aside

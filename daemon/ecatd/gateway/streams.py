@@ -17,11 +17,11 @@ from typing import Any
 
 import zenoh
 
+from ecatd.base.errors import BusyError, EcatError, UsageError
 from ecatd.client import Client, Signal, Summaries
 from ecatd.client.patterns import find_signals
-from ecatd.encoding import pack
-from ecatd.model.errors import BusyError, EcatError, UsageError
-from ecatd.zenoh_keys import SCHEMA, bus_key
+from ecatd.operations.encoding import pack
+from ecatd.operations.zenoh_keys import SCHEMA, bus_key
 
 from .sessions import Sessions
 

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
-from ecatd.process import OF_THE_SERVICE
-from ecatd.service_link import HANG_S
+from ecatd.base.process import OF_THE_SERVICE
+from ecatd.base.service_link import HANG_S
 
 PYTHON = (sys.executable, "-P", "-m")
 """Runs a module. -P: Python does not look for modules in the current directory."""
@@ -20,7 +20,7 @@ _KILL_PATIENCE = 5.0
 
 
 class Child:
-    """A child process. `ecatd.service_link` has the messages of both sides.
+    """A child process. `ecatd.base.service_link` has the messages of both sides.
 
     Args:
         name: What it is, for messages.

@@ -4,7 +4,7 @@ systemd starts a service that has failed again, `RestartSec=` later, for ever. F
 it can make that pause grow (`RestartSteps=`), but Debian 12 has 252. So ecatd counts failed starts,
 and waits by itself before it ends. It does not try again in the same process, so that `systemctl
 start` returns with an error after the first failed start, and each try begins with a new process.
-The count is in the folder of the bus (`ecatd.failure_record`), which systemd keeps while it
+The count is in the folder of the bus (`ecatd.base.failure_record`), which systemd keeps while it
 restarts the service (`RuntimeDirectoryPreserve=restart`). It also keeps the folder if somebody
 stops the service between two tries. So a start by `systemctl start` begins to count anew
 (`NRestarts` of the unit shows that).
@@ -19,9 +19,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ecatd.failure_record import FailureRecord, clock, read_record, remove_record, write_record
-from ecatd.log import Log
-from ecatd.notify import notify
+from ecatd.base.failure_record import FailureRecord, clock, read_record, remove_record, write_record
+from ecatd.base.log import Log
+from ecatd.base.notify import notify
 
 RESTART_S = 2
 """`RestartSec=` of the units."""

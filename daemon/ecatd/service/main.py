@@ -9,17 +9,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ecatd.log import Log
-from ecatd.model.applied import alike_slaves, load_description, missing_folders
-from ecatd.model.bus_name import check_bus_name
-from ecatd.model.config import Config, load_config, read_config
-from ecatd.model.config.origins import COMMAND_LINE, find_origins
-from ecatd.model.errors import EcatError, UsageError
-from ecatd.model.log_levels import OTHERS
-from ecatd.model.profiles import load_profiles
-from ecatd.paths import profile_folders
-from ecatd.plain_output import plain_output
-from ecatd.version import VERSION
+from ecatd.base.bus_name import check_bus_name
+from ecatd.base.errors import EcatError, UsageError
+from ecatd.base.log import Log
+from ecatd.base.log_levels import OTHERS
+from ecatd.base.paths import profile_folders
+from ecatd.base.plain_output import plain_output
+from ecatd.base.version import VERSION
+from ecatd.config import Config, load_config, read_config
+from ecatd.config.origins import COMMAND_LINE, find_origins
+from ecatd.config.profiles import load_profiles
+from ecatd.config.resolve import alike_slaves, load_description, missing_folders
 
 from .child import PYTHON
 from .supervisor import Supervisor

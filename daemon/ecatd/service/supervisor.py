@@ -23,17 +23,17 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ecatd.log import Log
-from ecatd.model.config import Config
-from ecatd.model.config.reload import reload
-from ecatd.model.errors import ConfigError, EcatError, StateError, UsageError
-from ecatd.model.patience import Patience
-from ecatd.notify import is_managed, notify
-from ecatd.paths import make_dir, remove_dir, user_dir
-from ecatd.process import leave_processor, offer_to_oom_killer
-from ecatd.served import check_free
-from ecatd.service_link import HANG_S
-from ecatd.shm_files import make_folder
+from ecatd.base.durations import Patience
+from ecatd.base.errors import ConfigError, EcatError, StateError, UsageError
+from ecatd.base.log import Log
+from ecatd.base.notify import is_managed, notify
+from ecatd.base.paths import make_dir, remove_dir, user_dir
+from ecatd.base.process import leave_processor, offer_to_oom_killer
+from ecatd.base.service_link import HANG_S
+from ecatd.config import Config
+from ecatd.config.reload import reload
+from ecatd.shm.files import make_folder
+from ecatd.shm.other_daemon import check_free
 
 from .child import Child
 from .failed_starts import FailedStarts, not_started
@@ -182,7 +182,7 @@ class Supervisor:
                 )
             settings["namespace_of"] = ready["pid"]
             fatal.append(simulator)
-        server = await self._start("the bus server", "ecatd.bus")
+        server = await self._start("the bus server", "ecatd.server")
         server.give(settings)
         if self._describe:
             await self._print_description(server)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict, dataclass
 
-from ecatd.model.errors import EcatError
-from ecatd.plain_output import json_text
+from ecatd.base.errors import EcatError
+from ecatd.base.plain_output import json_text
 
 from ..rigs import library as rigs
 from ..simulation import Simulation

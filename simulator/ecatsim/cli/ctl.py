@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.al import al_status_text
-from ecatd.model.errors import EcatError
-from ecatd.plain_output import json_text
+from ecatd.base.errors import EcatError
+from ecatd.base.plain_output import json_text
+from ecatd.etg.al import al_status_text
 
 from ..control.client import Simulator, running
 from ..control.requests import REQUESTS

@@ -12,9 +12,9 @@ import sys
 import traceback
 from collections.abc import Sequence
 
-from ecatd.model.errors import EcatError, UsageError
-from ecatd.plain_output import error_text, plain_output
-from ecatd.version import VERSION
+from ecatd.base.errors import EcatError, UsageError
+from ecatd.base.plain_output import error_text, plain_output
+from ecatd.base.version import VERSION
 
 from ..files import python_file
 from .options import Command, Parser

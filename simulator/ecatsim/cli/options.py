@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import NoReturn, TypeAlias
 
-from ecatd.lazy_command import LazyCommand
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
+from ecatd.base.lazy_command import LazyCommand
 
 
 class Parser(argparse.ArgumentParser):

@@ -7,8 +7,8 @@ import os
 import tempfile
 from pathlib import Path
 
-from ecatd.model.atomic_write import check_owners
-from ecatd.model.errors import UsageError
+from ecatd.base.atomic_write import check_owners
+from ecatd.base.errors import UsageError
 
 
 def check(output: Path, force: bool) -> None:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ecatd.model.errors import ConfigError
+from ecatd.base.errors import ConfigError
 
 from ..rig import Rig
 from .options import Parser

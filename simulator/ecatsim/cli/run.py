@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 from types import FrameType
 
-from ecatd import network_namespace as namespace
-from ecatd.model.errors import NotPermittedError, UsageError
-from ecatd.process import OF_A_SEGMENT, die_with_parent, drop_rights
+from ecatd.base import network_namespace as namespace
+from ecatd.base.errors import NotPermittedError, UsageError
+from ecatd.base.process import OF_A_SEGMENT, die_with_parent, drop_rights
 
 from ..control.server import Server
 from ..control.sockets import FOLDER_VARIABLE, NAME_VARIABLE, folder

@@ -10,14 +10,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from ecatd.model.errors import (
+from ecatd.base.durations import Patience
+from ecatd.base.errors import (
     EcatError,
     NoAnswerError,
     NotPermittedError,
     UnreachableError,
     UsageError,
 )
-from ecatd.model.patience import Patience
 
 from ..clocks import Clock
 from ..faults import FAULTS, Fault, FaultState

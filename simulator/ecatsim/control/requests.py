@@ -8,11 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
-from ecatd.model import abort_codes
-from ecatd.model.addresses import INDEX_MOST, address_text, parse_address, parse_number
-from ecatd.model.datatypes import STRINGS, is_real, is_signed
-from ecatd.model.errors import SdoAbortError, StateError, UsageError
-from ecatd.model.sii_check import is_description
+from ecatd.base.addresses import INDEX_MOST, address_text, parse_address, parse_number
+from ecatd.base.errors import SdoAbortError, StateError, UsageError
+from ecatd.etg import abort_codes
+from ecatd.etg.datatypes import STRINGS, is_real, is_signed
+from ecatd.etg.sii_check import is_description
 
 from ..faults import FAULTS, Fault
 from ..faults.fault import Slave

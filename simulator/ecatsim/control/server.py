@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ecatd.model.errors import EcatError, UsageError
+from ecatd.base.errors import EcatError, UsageError
 
 from ..simulation import Simulation
 from . import sockets

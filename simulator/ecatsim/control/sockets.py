@@ -17,7 +17,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from ecatd.model.errors import NotPermittedError, StateError, UsageError
+from ecatd.base.errors import NotPermittedError, StateError, UsageError
 
 FOLDER_VARIABLE = "ECATSIM_RUNTIME_DIR"
 NAME_VARIABLE = "ECATSIM_NAME"

@@ -7,7 +7,7 @@ import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ecatd.model.al import al_state_text
+from ecatd.etg.al import al_state_text
 
 if TYPE_CHECKING:
     from ..simulation import Simulation

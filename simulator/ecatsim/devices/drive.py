@@ -6,8 +6,8 @@ rated current.
 
 from __future__ import annotations
 
-from ecatd.model import abort_codes
-from ecatd.model.errors import SdoAbortError
+from ecatd.base.errors import SdoAbortError
+from ecatd.etg import abort_codes
 
 from ..plants.motor import Control, Motor
 from ..slave.device import Device

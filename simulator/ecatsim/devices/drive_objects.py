@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ecatd.model.datatypes import DataType
+from ecatd.etg.datatypes import DataType
 
 from ..plants.motor import MotorData
 from ..slave.objects import Access, Dictionary, Variable

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ecatd.model.datatypes import DataType
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 
 from ..slave.sii import FmmuType, Mailbox, SmType, SyncManager
 from .drive import Drive

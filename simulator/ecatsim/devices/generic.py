@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ecatd.model.datatypes import DataType
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 
 from ..esc import Chip
 from ..slave.device import Device

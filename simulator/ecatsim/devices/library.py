@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 from ..slave.device import Device
 from ..slave.sync_managers import default_size

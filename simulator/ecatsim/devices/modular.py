@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import UsageError
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.base.errors import UsageError
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 
 from ..slave.device import Device
 from ..slave.sii import Mailbox

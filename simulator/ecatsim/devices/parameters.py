@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 
 @dataclass(frozen=True, slots=True)

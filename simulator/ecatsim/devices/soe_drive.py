@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 import struct
 
-from ecatd.model.al import AlState
-from ecatd.model.datatypes import DataType
-from ecatd.model.idns import AT_LIST, CONTROL, MDT_LIST, STATUS, TELEGRAM_TYPE, idn_text
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.al import AlState
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.idns import AT_LIST, CONTROL, MDT_LIST, STATUS, TELEGRAM_TYPE, idn_text
+from ecatd.etg.pdo import Entry, Pdo
 
 from ..plants.motor import Control, Motor, MotorData
 from ..slave.device import Device

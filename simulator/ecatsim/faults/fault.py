@@ -6,7 +6,7 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 from ..esc import MAX_SLAVES
 from ..parameters import Described, Is, parameters

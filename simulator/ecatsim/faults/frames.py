@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 from ..links import FaultKind
 from ..links import FrameFault as SegmentFault

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from ecatd.model.errors import ConfigError, UsageError
-from ecatd.model.intel_hex import image_bytes
-from ecatd.model.sii_check import MAX_IMAGE
+from ecatd.base.errors import ConfigError, UsageError
+from ecatd.etg.intel_hex import image_bytes
+from ecatd.etg.sii_check import MAX_IMAGE
 
 from ..slave.device import Device
 

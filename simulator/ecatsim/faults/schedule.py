@@ -7,7 +7,7 @@ import heapq
 import random
 from dataclasses import dataclass, field
 
-from ecatd.model.errors import EcatError, StateError, UsageError
+from ecatd.base.errors import EcatError, StateError, UsageError
 
 from .fault import Fault, SlaveFault
 from .frames import FrameFault

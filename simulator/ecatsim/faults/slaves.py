@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from ecatd.model.al import AlState
-from ecatd.model.errors import StateError, UsageError
+from ecatd.base.errors import StateError, UsageError
+from ecatd.etg.al import AlState
 
 from ..parameters import Is
 from ..slave.mailbox import MailboxFault, MailboxMode

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from ecatd.model.errors import ConfigError, UsageError
+from ecatd.base.errors import ConfigError, UsageError
 
 from .fault import Fault
 from .frames import Corrupt, Delay, Drop, Duplicate, Noise, Wkc

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ecatd.model.datatypes import DataType, bit_length
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.sii import USAGE_INPUTS, USAGE_OUTPUTS
-from ecatd.model.sii_check import check_sii, is_description
+from ecatd.etg.datatypes import DataType, bit_length
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.sii import USAGE_INPUTS, USAGE_OUTPUTS
+from ecatd.etg.sii_check import check_sii, is_description
 
 from ..capture import CapturedSlave, Upload, number
 from ..slave.device import Device

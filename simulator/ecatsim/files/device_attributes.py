@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any, TypeVar
 
-from ecatd.model.frame_sizes import DATAGRAM_MAX
-from ecatd.model.idns import parse_idn
-from ecatd.model.pdo import Entry
-from ecatd.model.toml_file import Key, Rules, Table, choice, integer, show
+from ecatd.base.toml_file import Key, Rules, Table, choice, integer, show
+from ecatd.etg.frame_sizes import DATAGRAM_MAX
+from ecatd.etg.idns import parse_idn
+from ecatd.etg.pdo import Entry
 
 from ..chip import MODELS, Chip
 from ..slave.device import Device

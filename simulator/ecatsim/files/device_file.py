@@ -10,9 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.errors import ConfigError, EcatError
-from ecatd.model.pdo import Pdo
-from ecatd.model.toml_file import Table, read_toml
+from ecatd.base.errors import ConfigError, EcatError
+from ecatd.base.toml_file import Table, read_toml
+from ecatd.etg.pdo import Pdo
 
 from ..slave import sync_managers
 from ..slave.device import Device

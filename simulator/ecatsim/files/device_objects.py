@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ecatd.model import unit_codes
-from ecatd.model.datatypes import (
+from ecatd.base.errors import SdoAbortError
+from ecatd.base.toml_file import REQUIRED, Key, Table
+from ecatd.etg import unit_codes
+from ecatd.etg.datatypes import (
     STRINGS,
     DataType,
     bit_length,
@@ -14,10 +16,8 @@ from ecatd.model.datatypes import (
     type_name,
     value_range,
 )
-from ecatd.model.errors import SdoAbortError
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.toml_file import REQUIRED, Key, Table
-from ecatd.model.wire_text import encode_text
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.wire_text import encode_text
 
 from ..slave.objects import Access, Dictionary, ObjectCode, Value, Variable
 from ..slave.sii import UNASSIGNED

@@ -7,7 +7,13 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
-from ecatd.esi import (
+from ecatd.base.errors import ConfigError, SdoAbortError, UsageError
+from ecatd.base.text_file import is_folder
+from ecatd.etg import abort_codes
+from ecatd.etg.datatypes import STRINGS, DataType
+from ecatd.etg.sii import SiiProblem
+from ecatd.etg.sii_check import check_sii, is_description
+from ecatd.vendor.esi import (
     Described,
     EsiChoice,
     EsiDevice,
@@ -26,12 +32,6 @@ from ecatd.esi import (
     plug,
     read_device,
 )
-from ecatd.model import abort_codes
-from ecatd.model.datatypes import STRINGS, DataType
-from ecatd.model.errors import ConfigError, SdoAbortError, UsageError
-from ecatd.model.sii import SiiProblem
-from ecatd.model.sii_check import check_sii, is_description
-from ecatd.model.text_file import is_folder
 
 from ..slave import sii
 from ..slave.device import Device

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from ecatd.model.errors import ConfigError, EcatError, UsageError
+from ecatd.base.errors import ConfigError, EcatError, UsageError
 
 T = TypeVar("T")
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.errors import ConfigError
-from ecatd.model.text_file import is_folder
-from ecatd.model.toml_file import Key, Table, read_toml, show
+from ecatd.base.errors import ConfigError
+from ecatd.base.text_file import is_folder
+from ecatd.base.toml_file import Key, Table, read_toml, show
 
 from .. import faults
 from ..devices import library

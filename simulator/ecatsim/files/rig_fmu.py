@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ecatd.model.toml_file import Table
+from ecatd.base.toml_file import Table
 
 from ..plants.fmu import Connection, add_fmu
 from ..rig import Rig

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from ecatd.model.toml_file import Table
+from ecatd.base.toml_file import Table
 
 from ..rig import Rig
 

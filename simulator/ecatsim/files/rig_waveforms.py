@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from ecatd.model.toml_file import Key, Rules, Table, integer, number
+from ecatd.base.toml_file import Key, Rules, Table, integer, number
 
 from ..plants import waveforms
 from ..plants.waveforms import Waveform

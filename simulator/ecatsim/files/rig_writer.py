@@ -8,18 +8,11 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
 
-from ecatd.model.abort_codes import WRITE_ONLY, abort_text
-from ecatd.model.datatypes import (
-    STRINGS,
-    DataType,
-    bit_length,
-    is_real,
-    is_signed,
-    value_range,
-)
-from ecatd.model.dictionary import DictionaryEntry, DictionaryObject
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.quoting import printable, toml_string
+from ecatd.base.quoting import printable, toml_string
+from ecatd.etg.abort_codes import WRITE_ONLY, abort_text
+from ecatd.etg.datatypes import STRINGS, DataType, bit_length, is_real, is_signed, value_range
+from ecatd.etg.dictionary import DictionaryEntry, DictionaryObject
+from ecatd.etg.pdo import Entry, Pdo
 
 from ..capture import CapturedSlave, Upload, topology
 from ..chip import Chip, from_registers

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import count
 
-from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, is_signed, type_of_bits
-from ecatd.model.errors import ConfigError, UsageError
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.sii import Sii, SiiMailbox, SiiSyncManager, in_memory
-from ecatd.model.sii_categories import FIRST_CATEGORY
-from ecatd.model.sii_check import MAILBOX_SIZES, MAX_IMAGE, check_sii
+from ecatd.base.errors import ConfigError, UsageError
+from ecatd.etg.datatypes import STRINGS, DataType, bit_length, is_real, is_signed, type_of_bits
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.sii import Sii, SiiMailbox, SiiSyncManager, in_memory
+from ecatd.etg.sii_categories import FIRST_CATEGORY
+from ecatd.etg.sii_check import MAILBOX_SIZES, MAX_IMAGE, check_sii
 
 from ..esc import Chip
 from ..slave.device import Device

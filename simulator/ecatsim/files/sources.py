@@ -6,10 +6,10 @@ import base64
 import binascii
 import struct
 
-from ecatd.model.intel_hex import image_bytes
-from ecatd.model.sii_check import MAX_IMAGE, sii_checksum
-from ecatd.model.text_file import check_regular
-from ecatd.model.toml_file import Table
+from ecatd.base.text_file import check_regular
+from ecatd.base.toml_file import Table
+from ecatd.etg.intel_hex import image_bytes
+from ecatd.etg.sii_check import MAX_IMAGE, sii_checksum
 
 from ..slave.device import Device
 from .sii_image import device_from_sii

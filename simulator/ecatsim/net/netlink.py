@@ -11,7 +11,7 @@ import socket
 import struct
 from pathlib import Path
 
-from ecatd.model.errors import EcatError, NotPermittedError, StateError, UnreachableError
+from ecatd.base.errors import EcatError, NotPermittedError, StateError, UnreachableError
 
 _RTM_NEWLINK = 16
 _NLM_F_REQUEST, _NLM_F_ACK, _NLM_F_EXCL, _NLM_F_CREATE = 0x01, 0x04, 0x200, 0x400

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.abort_codes import abort_text
-from ecatd.model.al import AlState, al_state_text, al_status_text
-from ecatd.model.quoting import printable
-from ecatd.pcap_reader import PcapReader
+from ecatd.base.pcap_reader import PcapReader
+from ecatd.base.quoting import printable
+from ecatd.etg.abort_codes import abort_text
+from ecatd.etg.al import AlState, al_state_text, al_status_text
 
 from .mailboxes import Sdo
 from .segment import LRD, LWR, Area, Segment, Slave, StateChange

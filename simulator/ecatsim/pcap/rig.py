@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import StateError
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.pdo_layout import byte_length
-from ecatd.model.sii import UNASSIGNED, Sii
-from ecatd.model.sii_check import check_sii, sii_checksum
+from ecatd.base.errors import StateError
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.pdo_layout import byte_length
+from ecatd.etg.sii import UNASSIGNED, Sii
+from ecatd.etg.sii_check import check_sii, sii_checksum
 
 from ..capture import CapturedSlave, Upload
 from ..chip import Chip, to_registers

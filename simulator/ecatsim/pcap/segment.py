@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from statistics import median
 
-from ecatd.model.sii import Sii
-from ecatd.model.sii_categories import FIRST_CATEGORY
-from ecatd.model.sii_check import check_sii
-from ecatd.model.sii_reader import read_sii
+from ecatd.etg.sii import Sii
+from ecatd.etg.sii_categories import FIRST_CATEGORY
+from ecatd.etg.sii_check import check_sii
+from ecatd.etg.sii_reader import read_sii
 
 from .mailboxes import Mailbox
 from .wire import Datagram, Exchange

@@ -8,14 +8,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ecatd.model.frame_sizes import (
+from ecatd.base.pcap_reader import CapturedFrame
+from ecatd.etg.frame_sizes import (
     DATAGRAM_HEADER,
     DATAGRAM_WKC,
     ETHERNET_HEADER,
     ETHERTYPE,
     FIRST_DATAGRAM,
 )
-from ecatd.pcap_reader import CapturedFrame
 
 _VLAN, _IP = 0x8100, 0x0800
 _UDP, _UDP_PORT = 17, 0x88A4

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 _BUDGET = 0.005  # seconds of processor time per call; the slaves must be served in between
 

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.errors import ConfigError, EcatError, StateError, UsageError
+from ecatd.base.errors import ConfigError, EcatError, StateError, UsageError
 
 from ..rig import Rig
 from .point import Point, Terminal

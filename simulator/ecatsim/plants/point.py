@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from ecatd.model.datatypes import is_real, is_signed
-from ecatd.model.errors import ConfigError, UsageError
-from ecatd.model.pdo import Entry
+from ecatd.base.errors import ConfigError, UsageError
+from ecatd.etg.datatypes import is_real, is_signed
+from ecatd.etg.pdo import Entry
 
 from ..slave.device import Device
 from ..slave.objects import Variable

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from random import Random
 
-from ecatd.model.errors import ConfigError, UsageError
+from ecatd.base.errors import ConfigError, UsageError
 
 Waveform = Callable[[float], float]
 

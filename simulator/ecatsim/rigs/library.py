@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ecatd.model.errors import ConfigError, UsageError
+from ecatd.base.errors import ConfigError, UsageError
 
 from ..rig import Rig
 

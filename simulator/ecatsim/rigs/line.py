@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 from ..devices.generic import Loopback
 from ..esc import MAX_SLAVES

@@ -6,7 +6,7 @@ the outputs of the EL2008 before it.
 
 from __future__ import annotations
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 from ..devices.beckhoff import EK1100, EL1018, EL2008
 from ..esc import MAX_SLAVES

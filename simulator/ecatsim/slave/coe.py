@@ -6,7 +6,7 @@ import struct
 from collections.abc import Callable
 from enum import IntEnum
 
-from ecatd.model.al import AlState
+from ecatd.etg.al import AlState
 
 from .mailbox import HEADER_SIZE, MailboxError, RefusedMailError
 from .objects import Dictionary

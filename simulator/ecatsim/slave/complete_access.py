@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ecatd.model import abort_codes
-from ecatd.model.datatypes import STRINGS
-from ecatd.model.errors import SdoAbortError
+from ecatd.base.errors import SdoAbortError
+from ecatd.etg import abort_codes
+from ecatd.etg.datatypes import STRINGS
 
 from .objects import Access, DictionaryObject, ObjectCode, Variable
 

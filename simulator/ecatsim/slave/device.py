@@ -18,11 +18,11 @@ from collections.abc import Iterable
 from copy import copy
 from dataclasses import replace
 
-from ecatd.model.al import AlState
-from ecatd.model.diagnosis import Kind
-from ecatd.model.eoe import IpParameters
-from ecatd.model.errors import UsageError
-from ecatd.model.pdo import Pdo
+from ecatd.base.errors import UsageError
+from ecatd.etg.al import AlState
+from ecatd.etg.diagnosis import Kind
+from ecatd.etg.eoe import IpParameters
+from ecatd.etg.pdo import Pdo
 
 from ..esc import Event, Segment
 from . import emergency, standard_objects

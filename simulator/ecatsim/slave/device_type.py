@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.pdo_layout import byte_length
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.pdo_layout import byte_length
 
 from ..esc import Chip
 from . import sii

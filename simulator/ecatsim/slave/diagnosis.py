@@ -6,10 +6,10 @@ import struct
 import time
 from collections.abc import Sequence
 
-from ecatd.model import abort_codes
-from ecatd.model.datatypes import DataType
-from ecatd.model.diagnosis import ACKNOWLEDGED, FIRST, FLAGS, HISTORY, MOST, NEWEST, Kind
-from ecatd.model.errors import SdoAbortError
+from ecatd.base.errors import SdoAbortError
+from ecatd.etg import abort_codes
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.diagnosis import ACKNOWLEDGED, FIRST, FLAGS, HISTORY, MOST, NEWEST, Kind
 
 from .objects import Access, Dictionary, Value, Variable
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from ecatd.model.al import AlState
+from ecatd.etg.al import AlState
 
 _SERVICE = 1 << 12
 _DATA_SIZE = 5

@@ -6,7 +6,8 @@ import itertools
 from collections.abc import Callable
 from typing import Protocol as Interface
 
-from ecatd.model.eoe import (
+from ecatd.base.errors import UsageError
+from ecatd.etg.eoe import (
     HEADER_BYTES,
     EoeType,
     IpParameters,
@@ -15,7 +16,6 @@ from ecatd.model.eoe import (
     message,
     type_of,
 )
-from ecatd.model.errors import UsageError
 
 from .mailbox import HEADER_SIZE, MailboxError, RefusedMailError
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import struct
 
-from ecatd.model.eoe import FRAME_MAX, FRAME_MIN, IpParameters
-from ecatd.model.errors import StateError
-from ecatd.tap import Tap
+from ecatd.base.errors import StateError
+from ecatd.base.tap import Tap
+from ecatd.etg.eoe import FRAME_MAX, FRAME_MIN, IpParameters
 
 _ETHERNET = struct.Struct(">6s6sH")
 _ARP, _IP = 0x0806, 0x0800

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 
-from ecatd.model.errors import UsageError
+from ecatd.base.errors import UsageError
 
 _HEADER = struct.Struct("<HHBB")
 HEADER_SIZE = _HEADER.size

@@ -6,12 +6,12 @@ import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
-from ecatd.model import abort_codes
-from ecatd.model.datatypes import STRINGS, DataType, bit_length, is_real, is_signed
-from ecatd.model.dictionary import Access as Access
-from ecatd.model.dictionary import ObjectCode as ObjectCode
-from ecatd.model.errors import ConfigError, SdoAbortError
-from ecatd.model.wire_text import decode_text, encode_text
+from ecatd.base.errors import ConfigError, SdoAbortError
+from ecatd.etg import abort_codes
+from ecatd.etg.datatypes import STRINGS, DataType, bit_length, is_real, is_signed
+from ecatd.etg.dictionary import Access as Access
+from ecatd.etg.dictionary import ObjectCode as ObjectCode
+from ecatd.etg.wire_text import decode_text, encode_text
 
 Value = int | float | str | bytes
 
@@ -31,7 +31,7 @@ class Variable:
         minimum: Smallest value that a master may write, or None.
         maximum: Largest value that a master may write, or None.
         default: Default value for SDO information; None takes `initial`.
-        unit: Unit code, see `ecatd.model.unit_codes.code`; 0 for no unit.
+        unit: Unit code, see `ecatd.etg.unit_codes.code`; 0 for no unit.
         initial: Value at power-on, set by `Dictionary.remember`.
         on_read: Called when a master reads the entry; returns the value.
         on_write: Called with a value that a master writes by SDO, before it is stored. It may raise

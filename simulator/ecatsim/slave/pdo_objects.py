@@ -10,12 +10,12 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial
 
-from ecatd.model import abort_codes, unit_codes
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import SdoAbortError, UsageError
-from ecatd.model.pdo import Entry, Pdo
-from ecatd.model.pdo_layout import byte_length
-from ecatd.model.sii_check import is_description
+from ecatd.base.errors import SdoAbortError, UsageError
+from ecatd.etg import abort_codes, unit_codes
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.pdo_layout import byte_length
+from ecatd.etg.sii_check import is_description
 
 from .objects import Access, Dictionary, DictionaryObject, ObjectCode, Value, Variable
 from .sii import UNASSIGNED

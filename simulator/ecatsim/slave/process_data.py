@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from ecatd.model.pdo import Pdo
+from ecatd.etg.pdo import Pdo
 
 from ..esc import Area, Segment
 from .objects import Dictionary

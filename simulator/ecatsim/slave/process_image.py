@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ecatd.model.datatypes import STRINGS, is_real, is_signed
-from ecatd.model.pdo import Pdo
-from ecatd.model.pdo_layout import byte_length, places, sync_manager_bytes
+from ecatd.etg.datatypes import STRINGS, is_real, is_signed
+from ecatd.etg.pdo import Pdo
+from ecatd.etg.pdo_layout import byte_length, places, sync_manager_bytes
 
 from .objects import Dictionary, Variable
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
-from ecatd.model import abort_codes
-from ecatd.model.al import AlState
-from ecatd.model.errors import SdoAbortError
+from ecatd.base.errors import SdoAbortError
+from ecatd.etg import abort_codes
+from ecatd.etg.al import AlState
 
 from . import complete_access
 from .objects import Access, Dictionary, DictionaryObject, Variable

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import struct
 
-from ecatd.model import abort_codes
-from ecatd.model.errors import SdoAbortError
-from ecatd.model.wire_text import encode_text
+from ecatd.base.errors import SdoAbortError
+from ecatd.etg import abort_codes
+from ecatd.etg.wire_text import encode_text
 
 from .objects import Access, Dictionary, Value, Variable
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from ecatd.model.al import AlState
+from ecatd.etg.al import AlState
 
 from ..esc import Event, Segment
 from .coe import CoeServer

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-from ecatd.model.errors import UsageError
-from ecatd.model.pdo import Pdo
-from ecatd.model.sii import UNASSIGNED as UNASSIGNED
-from ecatd.model.sii_check import sii_checksum as checksum
-from ecatd.model.wire_text import decode_text, encode_text
+from ecatd.base.errors import UsageError
+from ecatd.etg.pdo import Pdo
+from ecatd.etg.sii import UNASSIGNED as UNASSIGNED
+from ecatd.etg.sii_check import sii_checksum as checksum
+from ecatd.etg.wire_text import decode_text, encode_text
 
 _HEADER_WORDS = 0x40
 _MAX_STRINGS = 255

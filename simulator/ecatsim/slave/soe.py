@@ -6,9 +6,9 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from ecatd.model.al import AlState
-from ecatd.model.idns import Attribute, Element, list_bytes
-from ecatd.model.wire_text import encode_text
+from ecatd.etg.al import AlState
+from ecatd.etg.idns import Attribute, Element, list_bytes
+from ecatd.etg.wire_text import encode_text
 
 from .mailbox import HEADER_SIZE, MailboxError, RefusedMailError
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ecatd.model.datatypes import DataType
+from ecatd.etg.datatypes import DataType
 
 from .objects import Dictionary, Variable
 from .sii import SyncManager

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ecatd.model.al import AlState
+from ecatd.etg.al import AlState
 
 from ..esc import Segment
 from . import sync_managers

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from enum import IntEnum
 
-from ecatd.model.al import AL_ERROR_FLAG, AlState
+from ecatd.etg.al import AL_ERROR_FLAG, AlState
 
 _STATE_MASK = 0x0F
 _ACKNOWLEDGE = 0x10

@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 
-from ecatd.model.pdo import Pdo
-from ecatd.model.pdo_layout import byte_length
+from ecatd.etg.pdo import Pdo
+from ecatd.etg.pdo_layout import byte_length
 
 from ..esc import Segment
 from .sii import UNASSIGNED, Mailbox, SmType, SyncManager

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 
-from ecatd.model import abort_codes
-from ecatd.model.datatypes import DataType
-from ecatd.model.errors import SdoAbortError
+from ecatd.base.errors import SdoAbortError
+from ecatd.etg import abort_codes
+from ecatd.etg.datatypes import DataType
 
 from .objects import Access, Dictionary, Value, Variable
 from .sii import DcMode

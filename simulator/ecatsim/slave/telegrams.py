@@ -5,9 +5,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable
 
-from ecatd.model.datatypes import is_real, is_signed
-from ecatd.model.idns import ALL_IDNS, AT_LIST, CONTROL, MDT_LIST, STATUS, TELEGRAM_TYPE
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.datatypes import is_real, is_signed
+from ecatd.etg.idns import ALL_IDNS, AT_LIST, CONTROL, MDT_LIST, STATUS, TELEGRAM_TYPE
+from ecatd.etg.pdo import Entry, Pdo
 
 from .soe import READ_ONLY, Idn
 

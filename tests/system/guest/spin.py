@@ -4,7 +4,7 @@ import struct
 import sys
 
 from ecatd import Client
-from ecatd.model.errors import EcatError
+from ecatd.base.errors import EcatError
 
 DRIVE, SPEED = 0, 200_000
 

@@ -13,7 +13,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.pdo import Value
+from ecatd.etg.pdo import Value
 from ecatgen import ir
 from ecatgen.render import FILTERS
 

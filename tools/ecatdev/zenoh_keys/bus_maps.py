@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NotRequired, TypedDict
 
-from ecatd.model.bus import Domain, Slave
+from ecatd.description.bus import Domain, Slave
 
 
 class Info(TypedDict):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from ecatd.model.queries import needs_right
-from ecatd.model.requests.bus import (
+from ecatd.operations.bus import (
     Describe,
     ReadConfig,
     ReadEvents,
@@ -12,15 +11,16 @@ from ecatd.model.requests.bus import (
     Rescan,
     SetState,
 )
-from ecatd.model.requests.eeproms import ReadSii, WriteSii
-from ecatd.model.requests.ethernet import ReadEthernet, ReadIp, WriteIp
-from ecatd.model.requests.files import CancelFoe, PutFoe, ReadFoe, StartFoe, TakeFoe
-from ecatd.model.requests.frames import ReadFrames
-from ecatd.model.requests.idns import ReadIdn, WriteIdn
-from ecatd.model.requests.log import ReadLogLevels, SetLogLevel
-from ecatd.model.requests.objects import DescribeObject, ListObjects, SdoRead, SdoWrite
-from ecatd.model.requests.registers import ReadErrors, ReadRegister, ResetErrors, WriteRegister
-from ecatd.model.requests.request import Request
+from ecatd.operations.eeproms import ReadSii, WriteSii
+from ecatd.operations.ethernet import ReadEthernet, ReadIp, WriteIp
+from ecatd.operations.files import CancelFoe, PutFoe, ReadFoe, StartFoe, TakeFoe
+from ecatd.operations.frames import ReadFrames
+from ecatd.operations.idns import ReadIdn, WriteIdn
+from ecatd.operations.log import ReadLogLevels, SetLogLevel
+from ecatd.operations.objects import DescribeObject, ListObjects, SdoRead, SdoWrite
+from ecatd.operations.operation import Request
+from ecatd.operations.queries import needs_right
+from ecatd.operations.registers import ReadErrors, ReadRegister, ResetErrors, WriteRegister
 
 from .bus_maps import (
     BusDescription,

@@ -2,7 +2,7 @@
 
     PYTHONPATH=tools .venv/bin/python -m ecatdev.zenoh_keys.page docs/zenoh-keys.md
 
-Requests are those of `ecatd.model.requests`, answers and publications those of this package.
+Requests are those of `ecatd.operations`, answers and publications those of this package.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ecatd.model.queries import ALL, needs_right
-from ecatd.model.requests.parsing import RANGES
-from ecatd.model.requests.request import Request
+from ecatd.operations.operation import Request
+from ecatd.operations.parsing import RANGES
+from ecatd.operations.queries import ALL, needs_right
 
 from ..markdown import head, row
 from .bus_maps import Failure

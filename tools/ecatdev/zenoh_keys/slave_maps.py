@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NotRequired, TypedDict
 
-from ecatd.model.port_errors import PortErrors
+from ecatd.etg.port_errors import PortErrors
 
 from .bus_maps import Error
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ecatd.model.al import AlState
-from ecatd.model.datatypes import DataType
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.al import AlState
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 
 from ...slave.objects import Access, Variable
 from ...slave.sii import Mailbox, SmType, SyncManager

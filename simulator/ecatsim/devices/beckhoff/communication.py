@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ecatd.model.datatypes import DataType
+from ecatd.etg.datatypes import DataType
 
 from ...slave.objects import Access, Variable
 from ...slave.sii import Mailbox, SmType, SyncManager

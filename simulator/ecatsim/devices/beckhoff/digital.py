@@ -6,8 +6,8 @@ device emulation: they check each request, so that the rig `troll` reveals mista
 
 from __future__ import annotations
 
-from ecatd.model.datatypes import DataType
-from ecatd.model.pdo import Entry, Pdo
+from ecatd.etg.datatypes import DataType
+from ecatd.etg.pdo import Entry, Pdo
 
 from ...slave.sii import SmType, SyncManager
 from .terminal import SIMPLE_CHIP, Terminal

@@ -1,0 +1,1 @@
+"""The installation of the service, and the doctor of a machine."""

@@ -1,0 +1,301 @@
+"""Installs and upgrades the service of systemd, and what belongs to it."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import re
+import shutil
+import stat
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path, PurePosixPath
+
+from ecatd.base.bus_name import check_bus_name
+from ecatd.base.errors import EcatError, StateError, UsageError
+from ecatd.config import load_config
+
+from .actions import Action, Link, Remove, Save, Write, run
+from .buses import is_masked, unit
+from .places import CONFIGURATION, LOCAL, PROGRAMS, Place, example, files
+from .record import BEFORE, LIST, OLD, Record, copies, digest, is_ours, read, read_record
+
+_BIN = PurePosixPath("/usr/local/bin")
+_HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
+"""Folders that the service cannot see (`ProtectHome=`, `PrivateTmp=`)."""
+_INTERFACE_NAME = re.compile(r"(?!\.{1,2}$)[A-Za-z0-9_.:@+-]{1,15}")
+_INTERFACE = re.compile(rb'^interface = "[^"\n]*"', re.MULTILINE)
+
+
+def install(place: Place, bus: str, interface: str | None) -> Iterator[Action]:
+    """The actions that install the service of a bus, or bring what is installed up to date.
+
+    Args:
+        place: Where.
+        bus: Name of the bus.
+        interface: The interface for a new configuration; without it, none is written.
+
+    Raises:
+        UsageError: The service could not see the program, or a name is not valid.
+    """
+    check_bus_name(bus)
+    if interface is not None and not _INTERFACE_NAME.fullmatch(interface):
+        raise UsageError(f"{interface!r} is not a network interface: `ip link` lists them")
+    if place.is_packaged:
+        yield Action(
+            "keep", "/usr/lib/ecatd", "the package of the distribution has all other files"
+        )
+    else:
+        _check_visible(place)
+        yield from _bring_up_to_date(place)
+    yield from _configure(place, bus, interface)
+    yield from tell_system(place)
+    yield from _release(place, bus, interface)
+    if is_masked(place, unit(bus)):
+        why = f"it is masked: `systemctl unmask {unit(bus)}`, then install again"
+        yield Action("skip", f"systemctl enable {unit(bus)}", why)
+    elif place.is_running:
+        yield run("systemctl", "enable", unit(bus), why="it starts with the machine")
+
+
+def upgrade(place: Place) -> Iterator[Action]:
+    """The actions that bring what is installed up to date. A bus that runs goes on as it is.
+
+    Raises:
+        UsageError: The service could not see the program.
+        StateError: Nothing is installed, or a package of the distribution has installed it.
+    """
+    refuse_package(place, "upgrade")
+    _check_visible(place)
+    if not place.at(LIST).exists():
+        raise StateError("no service is installed: `ecatctl service install` does that")
+    yield from _bring_up_to_date(place)
+    yield from tell_system(place)
+
+
+def refuse_package(place: Place, how: str) -> None:
+    """Refuses to change what a package has installed: that is up to the tools of the distribution.
+
+    Raises:
+        StateError: A package has installed ecatd.
+    """
+    if place.is_packaged:
+        raise StateError(f"a Debian package has installed ecatd: use `apt {how} ecatd`")
+
+
+def _check_visible(place: Place) -> None:
+    programs = str(place.programs)
+    if not programs.isprintable() or any(sign in programs for sign in "\"'\\"):
+        raise UsageError(
+            f"ecatd is installed in {programs!a}: a unit of systemd cannot name a program whose "
+            "path has quotes, backslashes or control characters; install ecatd elsewhere, for "
+            "example in /opt/ecatd"
+        )
+    if place.root != Path("/"):
+        return
+    for what, path in (("ecatd", place.programs), ("the Python of ecatd", Path(sys.base_prefix))):
+        for folder in _HIDDEN:
+            if path.resolve().is_relative_to(folder):
+                raise UsageError(
+                    f"{what} is installed in {path}, but the service has no access to {folder}: "
+                    "install ecatd into another environment, such as one of `sudo "
+                    "/usr/bin/python3 -m venv /opt/ecatd`"
+                )
+    for file in (place.programs.resolve() / "ecatd", Path(__file__).resolve()):
+        check_readable(file)
+
+
+def check_readable(file: Path) -> None:
+    """Refuses a program that only root can read, as after an installation with a umask of 077.
+
+    Raises:
+        UsageError: The file, or a folder above it, is closed to other users.
+    """
+    prefix = Path(sys.prefix).resolve()
+    for path in (*reversed(file.parents), file):
+        mode = path.stat().st_mode
+        wanted = stat.S_IXOTH if stat.S_ISDIR(mode) else stat.S_IROTH
+        if not mode & wanted:
+            inside = path.is_relative_to(prefix)
+            command = f"chmod -R go+rX {prefix}" if inside else f"chmod go+x {path}"
+            raise UsageError(
+                f"{path} has mode {stat.S_IMODE(mode):04o}, so the users of the service cannot "
+                f"read ecatd: `sudo {command}`, or install ecatd into another environment"
+            )
+
+
+def _bring_up_to_date(place: Place) -> Iterator[Action]:
+    """Writes the files, the links, and the list of both."""
+    before = read_record(place)
+    data_of, links = files(LOCAL, place.programs / "ecatd"), _links(place)
+    kept = {path for path in data_of if _is_kept(place, path)}
+    kept |= {p for p, target in links.items() if not _is_free(place, p, before.files, target)}
+    content = {str(path): digest(data) for path, data in data_of.items() if path not in kept}
+    content |= {str(path): f"link:{to}" for path, to in links.items() if path not in kept}
+    folders = before.folders | _missing_folders(place, content)
+    # An interrupted installation can be removed: it first copies foreign files, and then writes the
+    # list.
+    for path, data in data_of.items():
+        if path not in kept:
+            yield from _save(place, path, data, before.files)
+    listed = Record(content, folders).to_json()
+    if read(place.at(LIST)) != listed:
+        yield Write("write", str(LIST), "what is installed", place.at(LIST), listed)
+    for path, data in data_of.items():
+        if path in kept:
+            yield Action("keep", str(path), "yours: a link or a folder")
+        else:
+            yield _write(place, path, data)
+    for path, target in links.items():
+        if path in kept:
+            yield Action("keep", str(path), f"another program, which is not {target}")
+        elif place.at(path).is_symlink() and place.at(path).readlink() == target:
+            yield Action("keep", str(path), "up to date")
+        else:
+            yield Link("link", str(path), f"to {target}", place.at(path), target)
+    for old, listed_digest in before.files.items():
+        if old not in content:
+            yield from _remove_old(place, old, listed_digest)
+
+
+def _missing_folders(place: Place, paths: Iterable[str]) -> set[str]:
+    """The folders that the installation makes for these files and for its list."""
+    above = {folder for path in (*paths, str(LIST)) for folder in PurePosixPath(path).parents}
+    return {str(folder) for folder in above if not place.at(folder).exists()}
+
+
+def _is_kept(place: Place, path: PurePosixPath) -> bool:
+    """Whether the place of a file is taken by something that must stay.
+
+    Raises:
+        StateError: A link among the folders above it leads out of the file system of the image.
+    """
+    file = place.at(path)
+    if not place.holds(file):
+        raise StateError(f"{file.parent} leads out of {place.root}: remove the link")
+    return file.is_symlink() or (file.exists() and not file.is_file())
+
+
+def _save(
+    place: Place, path: PurePosixPath, data: bytes, before: Mapping[str, str]
+) -> Iterator[Action]:
+    """Copies a file that the installation did not write, before it is replaced."""
+    file = place.at(path)
+    there = read(file)
+    if there in (None, data) or is_ours(file, before.get(str(path), "")):
+        return
+    if any(read(copy) == there for suffix in (BEFORE, OLD) for copy in copies(file, suffix)):
+        return  # an interrupted installation has saved it
+    suffix, why = (
+        (OLD, f"{path} as you have changed it")
+        if str(path) in before
+        else (BEFORE, f"your own {path}")
+    )
+    copy = file.with_name(file.name + suffix)
+    for number in itertools.count(2):
+        if not copy.exists() and not copy.is_symlink():
+            break
+        copy = file.with_name(f"{file.name}{suffix}-{number}")
+    yield Save("save", str(place.seen(copy)), why, file, copy)
+
+
+def _write(place: Place, path: PurePosixPath, data: bytes) -> Action:
+    there = read(place.at(path))
+    if there == data:
+        return Action("keep", str(path), "up to date")
+    return Write("write", str(path), "new" if there is None else "changed", place.at(path), data)
+
+
+def _remove_old(place: Place, path: str, listed: str) -> Iterator[Action]:
+    """Removes a file that an older version has installed and this version does not have."""
+    file = place.at(PurePosixPath(path))
+    if is_ours(file, listed) and place.holds(file):
+        yield Remove("remove", path, "this version has no such file", file)
+    elif file.exists() or file.is_symlink():
+        yield Action("keep", path, "changed since it was installed: remove it yourself")
+
+
+def _links(place: Place) -> dict[PurePosixPath, Path]:
+    """Links from a folder in the PATH of all users to the programs, if they are elsewhere."""
+    if place.programs in (Path("/usr/local/bin"), Path("/usr/bin"), Path("/bin")):
+        return {}
+    return {_BIN / name: place.programs / name for name in PROGRAMS}
+
+
+def _is_free(place: Place, path: PurePosixPath, before: Mapping[str, str], target: Path) -> bool:
+    """Whether a link can be made: nothing is there, or a link that the installation has made."""
+    link = place.at(path)
+    if link.is_symlink():
+        return f"link:{link.readlink()}" in (before.get(str(path)), f"link:{target}")
+    return not link.exists()
+
+
+def _configure(place: Place, bus: str, interface: str | None) -> Iterator[Action]:
+    path = CONFIGURATION / f"{bus}.toml"
+    file = place.at(path)
+    if file.is_symlink() and not file.exists():
+        yield Action("keep", str(path), f"a link to {file.readlink()}, which does not exist")
+    elif file.exists():
+        yield Action("keep", str(path), _state(file))
+    elif interface is None:
+        why = f"--interface IF writes it; {unit(bus)} does not start without it"
+        yield Action("skip", str(path), why)
+    else:
+        data = _INTERFACE.sub(b'interface = "' + interface.encode() + b'"', example(), count=1)
+        data = data.replace(b'bus = "ecat0"', f'bus = "{bus}"'.encode(), 1)
+        yield Write("write", str(path), f"the bus at {interface}", file, data)
+
+
+def _release(place: Place, bus: str, interface: str | None) -> Iterator[Action]:
+    """Takes the interfaces of a bus from NetworkManager.
+
+    It finds the property of the udev rule (NM_UNMANAGED) when an interface appears. An interface
+    that it manages already it releases only when it is told so.
+    """
+    if not place.is_running or not shutil.which("nmcli"):
+        return
+    names = [interface]
+    with contextlib.suppress(EcatError):
+        config = load_config(place.at(CONFIGURATION / f"{bus}.toml"))
+        names = [config.interface, config.second_interface]
+    for name in filter(None, names):
+        why = "NetworkManager leaves it alone at once"
+        yield run("nmcli", "device", "set", name, "managed", "no", why=why, may_fail=True)
+
+
+def _state(file: Path) -> str:
+    try:
+        load_config(file)
+    except EcatError as error:
+        return f"it has a mistake: {error}"
+    return "your configuration"
+
+
+def tell_system(place: Place, *, users: bool = True) -> Iterator[Action]:
+    """Makes the parts of the system read the new files.
+
+    Args:
+        place: Where they are.
+        users: Make the users and groups that do not exist.
+    """
+    if place.root != Path("/"):
+        yield Action("skip", "commands of the system", f"{place.root} is not the running system")
+        return
+    if users and shutil.which("systemd-sysusers"):
+        yield run("systemd-sysusers", why="users and groups ecatd, ecatd-gateway, ecat")
+    elif users:
+        why = (
+            "it is not installed: make the users and groups of /etc/sysusers.d/ecatd.conf yourself"
+        )
+        yield Action("skip", "systemd-sysusers", why)
+    if users and shutil.which("systemd-tmpfiles"):
+        why = "/dev/shm/ecat, for the shared memory"
+        yield run("systemd-tmpfiles", "--create", "ecatd.conf", why=why)
+    if not place.is_running:
+        yield Action("skip", "systemctl, udevadm", "systemd does not run here")
+        return
+    yield run("systemctl", "daemon-reload")
+    yield run("journalctl", "--update-catalog", why="explanations for journalctl -x")
+    yield run("udevadm", "control", "--reload", may_fail=True)
+    events = ("--subsystem-match=net", "--subsystem-match=misc")
+    yield run("udevadm", "trigger", "--action=change", *events, may_fail=True)

@@ -1,0 +1,78 @@
+"""What commands print: no text from elsewhere can control the terminal.
+
+Names of slaves, files and answers may have escape sequences in them, which set titles, hide lines,
+or have some terminals type. So `sys.stdout` and `sys.stderr` of all commands let lines and tabs
+through, and only `write_controls` writes sequences, which are our own.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, TextIO, cast
+
+from .quoting import printable
+
+_SEPARATORS = re.compile(r"([\n\t])")
+
+
+def plain_text(text: str) -> str:
+    """The text with `?` for every character that has no glyph, but for ends of lines and tabs."""
+    if text.isprintable():
+        return text
+    parts = _SEPARATORS.split(text)
+    return "".join(part if part in ("\n", "\t") else printable(part) for part in parts)
+
+
+def error_text(error: object) -> str:
+    """A message as one paragraph: the text of an error cannot look like a line of its own."""
+    return str(error).replace("\n", "\n  ")
+
+
+def json_text(document: Any, *, indent: int | None = None) -> str:
+    """JSON with all letters as they are, and every other character as an escape sequence."""
+    text = json.dumps(document, indent=indent, ensure_ascii=False)
+    if text.isprintable():
+        return text
+    lines = text.split("\n")
+    return "\n".join(line if line.isprintable() else _escaped(line) for line in lines)
+
+
+def _escaped(text: str) -> str:
+    return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text)
+
+
+class _PlainStream:
+    """A text stream that writes plain text to another one; all else is that of the other one."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+
+    def write(self, text: str) -> int:
+        return self.stream.write(plain_text(text))
+
+    def writelines(self, lines: Iterable[str]) -> None:
+        for line in lines:
+            self.write(line)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+
+def write_controls(stream: TextIO, text: str) -> None:
+    """Writes a text with control sequences, which must be our own."""
+    (stream.stream if isinstance(stream, _PlainStream) else stream).write(text)
+
+
+@contextmanager
+def plain_output() -> Iterator[None]:
+    """Has `sys.stdout` and `sys.stderr` write plain text, for the time of a command."""
+    streams = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (cast("TextIO", stream and _PlainStream(stream)) for stream in streams)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = streams

@@ -1,0 +1,89 @@
+"""The link between the service and a child process, on the side of the child.
+
+The service writes lines of JSON to the child's stdin: first the settings, later `{"ping": 1}` or
+changed settings. The child writes lines to its stdout, each with a word and a text:
+
+- `starting` regularly while it starts, if that may take long;
+- `ready` once it serves;
+- `failed` with the reason;
+- `alive` with a JSON document, as the answer to a ping;
+- `changed` when it uses the changed settings, or with the reason why it cannot;
+- `log` with the levels of the log, when a request has changed them.
+
+`ecatd.service.child` is the other side.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import sys
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from .errors import EcatError
+
+_STARTING_S = 2.0
+"""Seconds between two lines that say that the start goes on."""
+
+_LINE_MAX = 1 << 26
+"""Most bytes of the settings."""
+
+HANG_S = 10.0
+"""Seconds without an answer after which a process counts as hung. A process that only waits for a
+busy processor or a slow slave answers much earlier."""
+
+
+def read_settings() -> dict[str, Any]:
+    """Returns the settings, which are the first line of stdin. Further lines come after `ready`.
+
+    Ends this process if the service was killed before it wrote them.
+    """
+    try:
+        settings: dict[str, Any] = json.loads(sys.stdin.buffer.readline())
+    except ValueError:
+        sys.exit(0)
+    return settings
+
+
+def tell(word: str, text: str = "") -> None:
+    """Writes a line to the service; does nothing if the service has been killed."""
+    with contextlib.suppress(BrokenPipeError):
+        os.write(sys.stdout.fileno(), f"{word} {text}\n".encode())
+
+
+async def tell_starting() -> None:
+    """Tells the service regularly that the start goes on, until it is cancelled."""
+    while True:
+        await asyncio.sleep(_STARTING_S)
+        tell("starting")
+
+
+async def answer_pings(
+    alive: Callable[[], Awaitable[dict[str, Any]]],
+    change: Callable[[dict[str, Any]], Awaitable[None]] | None = None,
+) -> None:
+    """Answers the service until its end of the pipe is closed.
+
+    Args:
+        alive: Checks that this process does its work, and returns the answer to the ping. If it
+            waits for too long, the service takes this process for hung.
+        change: Takes over changed settings. If it cannot use them, it changes nothing and raises
+            `EcatError`.
+    """
+    reader = asyncio.StreamReader(limit=_LINE_MAX)
+    loop = asyncio.get_running_loop()
+    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+    while line := await reader.readline():
+        message = json.loads(line)
+        if "ping" in message:
+            tell("alive", json.dumps(await alive()))
+        elif change is not None:
+            try:
+                await change(message)
+            except EcatError as error:
+                tell("changed", str(error))
+            else:
+                tell("changed")

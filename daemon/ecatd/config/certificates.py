@@ -1,0 +1,89 @@
+"""Checks whether the certificates of `[gateway]` can be used, and sees when they are renewed."""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from ecatd.base.log import Log
+
+from . import GatewayConfig
+
+_FILES = ("certificate", "key", "users_ca")
+_PERIOD_S = 2.0
+
+
+def wrong_certificates(config: GatewayConfig) -> str:
+    """Returns what is wrong with the certificates and what to do; empty if nothing is wrong."""
+    for key in _FILES:
+        if (path := getattr(config, key)) and (problem := _unreadable(key, Path(path))):
+            return problem
+    if config.certificate:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        try:
+            context.load_cert_chain(config.certificate, config.key)
+        except (ssl.SSLError, OSError, ValueError) as error:
+            why = "do not belong together" if "MISMATCH" in str(error) else "are no PEM files"
+            return (
+                f"gateway.certificate {config.certificate} and gateway.key {config.key} {why}: "
+                "`ecatctl remote init` makes such a pair"
+            )
+    if config.users_ca:
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_verify_locations(config.users_ca)
+        except (ssl.SSLError, OSError, ValueError):
+            return f"gateway.users_ca {config.users_ca} has no certificate in PEM"
+    return ""
+
+
+def _unreadable(key: str, path: Path) -> str:
+    try:
+        path.read_bytes()
+    except FileNotFoundError:
+        return f"gateway.{key}: there is no file {path}; `ecatctl remote init` makes it"
+    except OSError as error:
+        return (
+            f"gateway.{key}: the gateway cannot read {path}: {error.strerror}. As a service it has "
+            f"the user 'ecatd-gateway': sudo chgrp ecatd-gateway {path}; sudo chmod 640 {path}"
+        )
+    return ""
+
+
+async def watch_certificates(
+    config: GatewayConfig, used: list[bytes], log: Log, on_change: Callable[[], None]
+) -> None:
+    """Calls a function once when files have changed and can be used, as after a renewal.
+
+    Args:
+        config: The configuration that names them.
+        used: What was in them when they were last checked.
+        log: The log, which says so, also if the new ones cannot be used.
+        on_change: Has another gateway started, which reads the files.
+    """
+    before = known = used
+    while True:
+        await asyncio.sleep(_PERIOD_S)
+        now = contents(config)
+        # While files are being written, they differ from one look to the next.
+        if now == before and now not in (used, known):
+            known = now
+            if not (wrong := wrong_certificates(config)):
+                log.info("the certificates have changed: the gateway starts again to use them")
+                on_change()
+                return
+            log.warning(f"the certificates have changed, but the new ones are not used: {wrong}")
+        before = now
+
+
+def contents(config: GatewayConfig) -> list[bytes]:
+    """What is in the files of the certificates; empty for one that cannot be read."""
+    found = []
+    for key in _FILES:
+        found.append(b"")
+        if path := getattr(config, key):
+            with suppress(OSError):
+                found[-1] = Path(path).read_bytes()
+    return found

@@ -1,0 +1,36 @@
+"""Checks the folders to which the configuration wants files written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ecatd.base.text_file import is_folder
+
+from .. import Config
+
+
+def missing_folders(config: Config) -> list[str]:
+    """Warns about folders that do not exist: `capture.folder`, and that of `audit_file`.
+
+    This is not an error: the bus server makes the first one at its start, if its user may.
+    """
+    folder = config.capture.folder
+    texts = missing_audit_folder(config)
+    if folder and not is_folder(Path(folder)):
+        texts.append(
+            f"{config.capture.table.where('folder')}: there is no folder {folder}: ecatd makes it "
+            "at its start if its user may, and otherwise writes no frames of faults; make it for "
+            "that user, or correct the path"
+        )
+    return texts
+
+
+def missing_audit_folder(config: Config) -> list[str]:
+    """Warns if the folder of `audit_file` does not exist. Nobody but its administrator makes it."""
+    folder = Path(config.audit_file).parent
+    if not config.audit_file or is_folder(folder):
+        return []
+    return [
+        f"{config.table.where('audit_file')}: there is no folder {folder}, so changes are only in "
+        "the log: make it for the user of ecatd, or correct the path"
+    ]

@@ -1,0 +1,1 @@
+"""What the standards say: states, registers, types, EEPROMs, PDOs, mailbox protocols."""

@@ -1,0 +1,1 @@
+"""What the kernel and systemd of this machine know and can do."""

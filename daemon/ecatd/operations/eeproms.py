@@ -1,0 +1,54 @@
+"""Requests about the EEPROMs of slaves (SII)."""
+
+from __future__ import annotations
+
+from ecatd.base.errors import UsageError
+
+from .operation import Request
+
+SII_WORDS_MAX = 64
+"""Words of an EEPROM that one request writes: that takes up to half a second."""
+
+
+class ReadSii(Request):
+    """Reads a part of the EEPROM of a slave (SII).
+
+    Attributes:
+        slave: Position or name.
+        word: Address of the first word.
+        count: How many words.
+    """
+
+    op = "read_sii"
+    key = "ro/sii/{slave}"
+    slave: int | str
+    word: int = 0
+    count: int = 64
+
+
+class WriteSii(Request):
+    """Writes a part of the EEPROM of a slave (SII).
+
+    Attributes:
+        slave: Position or name.
+        word: Address of the first word.
+        data: The words, little endian, 1 to 64 of them.
+        more: Whether the same client writes more parts. For ten seconds, no other client may write
+            this EEPROM, so that it does not get parts of two images.
+        by: The name that the client gives itself, for the log.
+    """
+
+    op = "write_sii"
+    key = "rw/sii/{slave}"
+    slave: int | str
+    word: int
+    data: bytes
+    more: bool = False
+    by: str = ""
+
+    def _check(self) -> None:
+        if len(self.data) % 2 or not 2 <= len(self.data) <= 2 * SII_WORDS_MAX:
+            raise UsageError(
+                f"'data' of {self.op} has {len(self.data)} bytes: 1 to {SII_WORDS_MAX} words of 2 "
+                "bytes are allowed"
+            )

@@ -1,0 +1,165 @@
+"""The process of the bus server: `python -m ecatd.server`, started by the service.
+
+Its settings (see `ecatd.base.service_link`) are:
+
+- `config`: the configuration;
+- `origins`: where each key of the configuration is written, for messages;
+- `interface`, `second_interface`: the interfaces, which may be those of a simulator instead of
+  those of the configuration;
+- `runtime_dir`: the folder with the folder of the bus;
+- `memory_dir`: the folder of the shared memory. Both depend on the user, and a namespace hides who
+  that is, so the service finds them out;
+- `namespace_of`: process ID of a simulator whose network namespace is entered, or 0;
+- `parent`: process ID of the service;
+- `log`: the levels of the log in force;
+- `describe`: whether the process only writes the bus description to stdout
+  (`ecatd.description.bus_file`), and ends.
+
+The process reports that it is ready when the bus is in OP, with a line about the bus. The service
+logs this line once the gateway answers, too.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+import traceback
+from collections.abc import Coroutine
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ecatd.base.errors import EcatError
+from ecatd.base.log import Log
+from ecatd.base.paths import control_socket
+from ecatd.base.process import (
+    CAP_NET_ADMIN,
+    OF_ROOT,
+    die_with_parent,
+    drop_rights,
+    leave_signals_to_the_service,
+    lower,
+)
+from ecatd.base.service_link import answer_pings, read_settings, tell, tell_starting
+from ecatd.config import read_config
+
+if TYPE_CHECKING:
+    from .server import BusServer
+
+
+async def _serve(settings: dict[str, Any], log: Log) -> None:
+    # Not imported earlier, since entering a namespace needs a process without other threads.
+    from .control import ControlSocket
+    from .log_lines import LogLines
+    from .server import BusServer
+
+    config = read_config(settings["config"], origins=settings["origins"])
+    config.second_interface = settings["second_interface"]
+    control = ControlSocket(control_socket(Path(settings["runtime_dir"]), config.bus), log)
+    server = BusServer(
+        config,
+        _in_force(settings),
+        settings["interface"],
+        log,
+        control.publish,
+        lambda levels: tell("log", json.dumps(dict(levels))),
+        Path(settings["memory_dir"]),
+    )
+    log.pass_on(LogLines(control.publish).note)
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGQUIT):
+        loop.add_signal_handler(number, stop.set)
+    starting = asyncio.create_task(server.start())
+    stopping = asyncio.create_task(stop.wait())
+    telling = asyncio.create_task(tell_starting())
+    try:
+        await asyncio.wait((starting, stopping), return_when=asyncio.FIRST_COMPLETED)
+        telling.cancel()
+        if starting.done():
+            starting.result()
+            await control.open(server)
+            tell("ready", server.begin)
+            await _run_until(
+                stopping, server.monitor(), server.attend(), _answer_service(server, log)
+            )
+    finally:
+        server.abort()
+        await asyncio.wait((starting,))
+        if not starting.cancelled():
+            starting.exception()  # raised above already, or caused by the abort
+        await control.close()
+        await server.stop()
+        stopping.cancel()
+
+
+async def _run_until(stopping: asyncio.Task[Any], *work: Coroutine[Any, Any, None]) -> None:
+    """Runs coroutines until `stopping` is done, or one of them ends or fails; raises its error.
+
+    One of them ends because of a defect, or because the service has ended.
+    """
+    tasks = [asyncio.create_task(item) for item in work]
+    await asyncio.wait((stopping, *tasks), return_when=asyncio.FIRST_COMPLETED)
+    ended = [task for task in tasks if task.done()]
+    for task in tasks:
+        task.cancel()
+    await asyncio.wait(tasks)
+    for task in ended:
+        task.result()
+
+
+async def _answer_service(server: BusServer, log: Log) -> None:
+    async def change(settings: dict[str, Any]) -> None:
+        config = read_config(settings["config"], origins=settings["origins"])
+        await server.reconfigure(config, _in_force(settings))
+        log.levels = settings["log"]
+
+    await answer_pings(server.report, change)
+
+
+def _in_force(settings: dict[str, Any]) -> dict[str, Any]:
+    return {key: settings[key] for key in ("config", "origins")}
+
+
+def _describe(settings: dict[str, Any], log: Log) -> None:
+    from ecatd.description.bus_file import dump
+
+    from .description import describe
+
+    config = read_config(settings["config"], origins=settings["origins"])
+    config.second_interface = settings["second_interface"]
+    sys.stdout.write(dump(describe(config, settings["interface"], log)))
+
+
+def main() -> int:
+    """Runs the bus server; returns the exit code, which says why it ended."""
+    leave_signals_to_the_service()
+    settings = read_settings()
+    log = Log("ecatd", settings["log"], settings["config"]["bus"])
+    try:
+        if settings["namespace_of"]:
+            from ecatd.base.network_namespace import join
+
+            join(settings["namespace_of"])
+        die_with_parent(settings["parent"])
+        drop_rights(OF_ROOT)
+        lower(CAP_NET_ADMIN)
+        if settings["describe"]:
+            _describe(settings, log)
+        else:
+            asyncio.run(_serve(settings, log))
+    except EcatError as error:
+        log.error(str(error), "failed")
+        if not settings["describe"]:
+            tell("failed", str(error))
+        return error.exit_code
+    except Exception as error:
+        log.error(f"defect in the bus server: {error!r}")
+        log.debug(traceback.format_exc())
+        return EcatError.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

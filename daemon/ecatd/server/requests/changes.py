@@ -1,0 +1,179 @@
+"""The line of each change that somebody asks for: what, values, who, and the outcome.
+
+A change over Zenoh has a line of its own. A program with shared memory may write an object at each
+sample, so its changes are told together, at growing intervals: one line for each object.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from ecatd.base.batch import Batch
+from ecatd.base.errors import EcatError, NoAnswerError
+from ecatd.base.log import Log
+
+ZENOH = -1
+"""In place of the slot of a program: the request came over Zenoh."""
+SHOWN = 32
+"""Bytes of a value in a line."""
+
+
+@dataclass(slots=True)
+class Change:
+    """A change that is being made.
+
+    Attributes:
+        what: What changes.
+        after: The wanted value.
+        by: Who asks for it.
+        before: The value before; empty if it is not known. It is known if a change of the same
+            thing by the same program waits to be told: a program that writes an object at each
+            sample must not take twice the time.
+        is_told: Whether there is a line about it.
+        is_secret: Whether its values may be secrets, such as passwords, so that only the log and
+            the audit file of this machine have them.
+        problem: Why it failed; empty if it did not.
+        is_doubtful: Whether it may have been made although it failed.
+    """
+
+    what: str
+    after: str
+    by: str
+    before: str = ""
+    is_told: bool = True
+    is_secret: bool = False
+    problem: str = ""
+    is_doubtful: bool = False
+
+    @property
+    def result(self) -> str:
+        """The value afterwards; empty if it is not known."""
+        return "" if self.is_doubtful else self.before if self.problem else self.after
+
+    def fail(self, error: BaseException) -> None:
+        """Notes why it failed."""
+        # Any other error ends the work somewhere, perhaps after the slave has got the request.
+        self.is_doubtful = isinstance(error, NoAnswerError) or not isinstance(error, EcatError)
+        self.problem = str(error) or "nobody waits for the answer any more"
+
+
+class Changes:
+    """Tells of changes. For the thread of the event loop.
+
+    Args:
+        log: The log for changes.
+        publish: Called with each line as an event, which is a map.
+    """
+
+    def __init__(
+        self, log: Log, publish: Callable[[dict[str, Any]], None] = lambda _event: None
+    ) -> None:
+        self._log = log
+        self._publish = publish
+        self._batches: dict[int, Batch[Change]] = {}  # by slot
+        self._waiting: dict[int, dict[str, Change]] = {}  # the last ones in a batch, by `what`
+
+    @contextmanager
+    def telling(
+        self, what: str, after: str, by: str, slot: int = ZENOH, *, is_secret: bool = False
+    ) -> Iterator[Change]:
+        """Tells of the change that the block makes, also if it fails.
+
+        Args:
+            what: What changes.
+            after: The wanted value.
+            by: Who asks for it.
+            slot: The slot of the program that asks for it, or `ZENOH`.
+            is_secret: See `Change`.
+        """
+        earlier = self._waiting.get(slot, {}).get(what)
+        before = earlier.result if earlier else ""
+        change = Change(what, after, by, before, is_secret=is_secret)
+        try:
+            yield change
+        except BaseException as error:
+            change.fail(error)
+            raise
+        finally:
+            if change.is_told:
+                self._note(change, slot)
+
+    def _note(self, change: Change, slot: int) -> None:
+        if slot == ZENOH:
+            self._tell([change])
+            return
+        if slot not in self._batches:
+            self._batches[slot] = Batch(partial(self._tell_all, slot))
+        self._waiting.setdefault(slot, {})[change.what] = change
+        self._batches[slot].note(change)
+
+    def _tell_all(self, slot: int, changes: list[Change], left_out: int) -> None:
+        self._waiting.pop(slot, None)
+        groups: dict[tuple[str, str, bool, bool], list[Change]] = {}
+        for item in changes:
+            alike = item.what, item.by, bool(item.problem), item.is_doubtful
+            groups.setdefault(alike, []).append(item)
+        if left_out:
+            self._log.notice(
+                f"{left_out} earlier changes by the program in slot {slot} are not told, because "
+                "they came too often"
+            )
+        for group in groups.values():
+            self._tell(group)
+
+    def _tell(self, alike: Sequence[Change]) -> None:
+        """Writes one line about changes of the same thing."""
+        first, last = alike[0], alike[-1]
+        was = f"from {first.before} " if first.before else ""
+        often = f" {len(alike)} times" if len(alike) > 1 else ""
+        outcome = "may have been made" if last.is_doubtful else "has failed"
+
+        def line(values: str) -> str:
+            if not last.problem:
+                return f"{last.what}: changed{often and often + ','} {values}by {last.by}"
+            how = f"{outcome}{often}: {last.problem}"
+            return f"{last.what}: change {values}by {last.by} {how}"
+
+        text = line(f"{was}to {last.after} ")
+        told = line("") if last.is_secret else ""
+        facts = {"what": last.what, "by": last.by, "times": len(alike)}
+        self._write(facts, text, failed=bool(last.problem), told=told)
+
+    def tell_step(self, what: str, by: str, text: str, *, failed: bool = False) -> None:
+        """Tells of a step of a change that takes a while, such as the end of a file transfer.
+
+        Args:
+            what: What is done.
+            by: Who asks for it.
+            text: The whole line.
+            failed: Whether it has failed.
+        """
+        self._write({"what": what, "by": by, "times": 1}, text, failed=failed)
+
+    def _write(self, facts: dict[str, Any], text: str, *, failed: bool, told: str = "") -> None:
+        self._log.notice(text, failed=failed, told=told)
+        more = {"failed": failed, "text": told or text}
+        self._publish({"event": "change", "time_ns": time.time_ns(), **facts, **more})
+
+    def close(self) -> None:
+        """Tells of the changes that are still waiting."""
+        for batch in self._batches.values():
+            batch.close()
+
+
+def shown(data: bytes) -> str:
+    """Bytes in a line; of long ones the beginning, the length and the SHA-256."""
+    if len(data) <= SHOWN:
+        return data.hex(" ") or "nothing"
+    return f"{data[:SHOWN].hex(' ')} ... ({content(data)})"
+
+
+def content(data: bytes | bytearray) -> str:
+    """Length and SHA-256 of a content, which identify it."""
+    return f"{len(data)} bytes, SHA-256 {hashlib.sha256(data).hexdigest()}"

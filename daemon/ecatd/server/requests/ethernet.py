@@ -1,0 +1,94 @@
+"""Requests about Ethernet over EtherCAT (EoE)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from ecatd.base.errors import StateError, UsageError
+from ecatd.config.eoe import SlaveEoeConfig
+from ecatd.description.bus import Bus, Slave
+from ecatd.etg.eoe import NONE, IpParameters, parse_address, parse_interface, parse_mac, parse_name
+from ecatd.master.mailbox.eoe import get_ip, set_ip
+from ecatd.master.mailbox.mailbox import Mailbox
+from ecatd.master.mailbox.talks import Talk
+from ecatd.operations.ethernet import ReadIp, WriteIp
+
+from .changes import Changes
+from .conversations import Conversations
+
+
+class Ethernet:
+    """The IP parameters of all slaves.
+
+    Args:
+        bus: The bus description.
+        conversations: The conversations with the slaves.
+        changes: Tells of changes.
+    """
+
+    def __init__(self, bus: Bus, conversations: Conversations, changes: Changes) -> None:
+        self._bus = bus
+        self._conversations = conversations
+        self._changes = changes
+
+    async def read(self, request: ReadIp) -> dict[str, Any]:
+        """The reply has the fields of `IpParameters.to_map`.
+
+        Raises:
+            StateError: There is no such slave, it has no EoE, or it refuses the request.
+        """
+        slave = self._find(request.slave)
+        return (await self._conversations.eoe(slave, get_ip)).to_map()
+
+    async def write(self, request: WriteIp) -> dict[str, Any]:
+        """The reply has the fields of that of `read`, and those from before as `before`.
+
+        Raises:
+            StateError: As `read`.
+            UsageError: A parameter is malformed.
+        """
+        slave = self._find(request.slave)
+        wanted = _parameters(request)
+        if not wanted:
+            raise UsageError("nothing is to be written: give at least one IP parameter")
+
+        def talk(mailbox: Mailbox) -> Talk[tuple[IpParameters, IpParameters]]:
+            try:
+                before = yield from get_ip(mailbox)
+            except StateError:
+                before = IpParameters()  # some slaves take parameters, and do not tell them
+            after = replace(before, **wanted)
+            if after.mac is None:
+                own = SlaveEoeConfig().with_mac(self._bus.name, slave.position)
+                after = replace(after, mac=own.mac)
+            change.before, change.after = before.text, after.text
+            yield from set_ip(mailbox, after)
+            return before, after
+
+        what, asked = f"{slave.label}, IP parameters", IpParameters(**wanted).text
+        with self._changes.telling(what, asked, request.by) as change:
+            before, after = await self._conversations.eoe(slave, talk, changes=True)
+        return {**after.to_map(), "before": before.to_map()}
+
+    def _find(self, name: int | str) -> Slave:
+        slave = self._bus.find(name)
+        if not slave.eoe:
+            raise StateError(f"{slave.label} has no EoE: `ecatctl eoe` lists the slaves that have")
+        return slave
+
+
+def _parameters(request: WriteIp) -> dict[str, Any]:
+    """The parameters that a request gives."""
+    found: dict[str, Any] = {}
+    if request.address is not None:
+        found["address"], found["mask"] = parse_interface(request.address)
+    for key, parse in (
+        ("mac", parse_mac),
+        ("gateway", parse_address),
+        ("dns", parse_address),
+        ("name", parse_name),
+    ):
+        if (text := getattr(request, key)) is not None:
+            found[key] = None if text == NONE and key != "mac" else parse(text)
+    return found

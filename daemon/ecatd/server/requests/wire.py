@@ -1,0 +1,70 @@
+"""Requests about the wire: which devices are on it now, whatever the start has found."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from ecatd.config import Config
+from ecatd.description.bus import Bus
+from ecatd.master.frames.wire import WireChangedError
+from ecatd.master.master import Master
+from ecatd.master.wire_scan import scanning_wire
+from ecatd.master.worker import Worker
+
+_TRIES = 3
+"""Scans, if slaves come or go meanwhile; as long as one waits for an EEPROM, they easily do."""
+
+
+class Wire:
+    """The wire of a bus.
+
+    Args:
+        bus: The bus description.
+        master: The master.
+        config: The configuration as the user has given it.
+        worker: The worker on which slaves are asked.
+    """
+
+    def __init__(self, bus: Bus, master: Master, config: Config, worker: Worker) -> None:
+        self._bus = bus
+        self._master = master
+        self._config = config
+        self._worker = worker
+        self._scan: asyncio.Task[dict[str, Any]] | None = None  # the last one
+
+    def close(self) -> None:
+        """Ends a scan that is under way."""
+        if self._scan is not None:
+            self._scan.cancel()
+
+    async def scan(self) -> dict[str, Any]:
+        """The reply has `devices` in the order of the wire, and `missing`, positions of slaves.
+
+        Of a device it has what `ecatd.operations.wire` needs, and its `station` address. All who
+        ask during a scan get its result.
+
+        Raises:
+            StateError: Devices come and go meanwhile.
+        """
+        if self._scan is None or self._scan.done():
+            self._scan = asyncio.create_task(self._look())
+        # A client that goes away ends only its own waiting.
+        return await asyncio.shield(self._scan)
+
+    async def _look(self) -> dict[str, Any]:
+        devices = await self._devices()
+        known = {item["position"] for item in devices}
+        slaves = range(len(self._bus.slaves))
+        return {"devices": devices, "missing": [at for at in slaves if at not in known]}
+
+    async def _devices(self) -> list[dict[str, Any]]:
+        left = _TRIES
+        while True:
+            steps = scanning_wire(self._bus, self._master, self._config, again=True)
+            try:
+                return await self._worker.request(steps)
+            except WireChangedError:
+                left -= 1
+                if not left:
+                    raise

@@ -1,0 +1,381 @@
+"""Reads the PDOs of each slave, and sets up its ESC for them.
+
+Slaves with CoE have a PDO assignment that can be read (`assignment.py`), drives with SoE have
+telegrams (`telegrams.py`). Other slaves have fixed PDOs, described by their SII (categories 50 and
+51). `doubtful.py` decides how to use slaves that do not answer, or whose EEPROM is damaged.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field, replace
+
+from ecatd.base.coroutine_steps import Steps
+from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError
+from ecatd.config import Config, SlaveConfig
+from ecatd.config.resolve.believed import Believed, Told, believe
+from ecatd.description.bus import Slave
+from ecatd.description.doubts import STUCK
+from ecatd.etg.datatypes import type_by_size
+from ecatd.etg.pdo import Pdo
+from ecatd.etg.pdo_layout import sync_manager_bytes
+from ecatd.etg.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
+from ecatd.etg.sii_reader import read_sii
+from ecatd.master.engine.layout import Image
+from ecatd.master.mailbox.coe import Coe
+from ecatd.master.mailbox.talks import Talk, converse
+from ecatd.master.master import Master
+
+from .assignment import Assignment
+from .modules import Modules
+from .pdo_writer import choose_from_sii, tell_of_none, warn_of_none
+from .refused import RefusedError
+from .slave_configuration import SlaveConfiguration
+from .telegrams import Telegrams
+from .watchdog_registers import WATCHED, watchdog_writes
+
+_PROTOCOL_EOE, _PROTOCOL_COE, _PROTOCOL_SOE = 0x02, 0x04, 0x10
+_FEATURES, _NO_LRW = 0x0008, 0x0200
+SYNC_MANAGER = 0x0800
+FMMU = 0x0600
+_FMMU_COUNT = 0x0004
+_FMMUS_MAX = 16
+_FMMU_READ, _FMMU_WRITE = 1, 2
+
+
+@dataclass(slots=True)
+class Scanned:
+    """A slave, with all that is needed to set it up.
+
+    Attributes:
+        slave: The slave.
+        sii: Its SII.
+        settings: Its table in the configuration.
+        refused: Messages about optional start-up parameters that it has refused, and about PDOs.
+        emergencies: Error code and error register of each emergency that came during the scan.
+        silence: The request that failed and the reason, if the mailbox did not answer, or answered
+            with malformed messages; else empty. The process data are then those of the SII.
+        nonsense: Whether it has answered with malformed messages.
+        doubt: `CONTRADICTED` or `UNREADABLE`, if its witnesses do not say what its process data
+            are; `STUCK` if it does not reach PREOP; else empty.
+        why: The reason for `doubt`.
+        notes: Sentences about what is wrong with its process data, and how it is taken.
+        settled: Sentences about witnesses that differ where it is clear which one is right, and
+            about a slave that describes its PDOs nowhere.
+        guessed: Index and subindex of the entries whose type nobody tells.
+        read_at: When its SII was read, in Unix seconds; None if it has never been there.
+        known: Whether its SII is known; false for a slave that has been absent since the start.
+    """
+
+    slave: Slave
+    sii: Sii
+    settings: SlaveConfig
+    refused: list[str] = field(default_factory=list)
+    emergencies: list[tuple[int, int]] = field(default_factory=list)
+    silence: str = ""
+    nonsense: bool = False
+    doubt: str = ""
+    why: str = ""
+    notes: list[str] = field(default_factory=list)
+    settled: list[str] = field(default_factory=list)
+    guessed: set[tuple[int, int]] = field(default_factory=set)
+    read_at: float | None = None
+    known: bool = True
+
+    @property
+    def gets_ip(self) -> bool:
+        """Whether it gets IP parameters for Ethernet over EtherCAT."""
+        return self.slave.eoe and self.settings.eoe is not None
+
+    @property
+    def speaks(self) -> bool:
+        """Whether its mailbox describes its process data: by CoE or SoE."""
+        return self.slave.coe or self.slave.soe
+
+    @property
+    def unplaced(self) -> str:
+        """The reason why its sync managers cannot hold its process data; empty if they can."""
+        managers = self.sii.sync_managers
+        for pdo in (*self.slave.outputs, *self.slave.inputs):
+            if pdo.sync_manager >= len(managers):
+                return (
+                    f"it wants PDO 0x{pdo.index:04X} in sync manager {pdo.sync_manager}, but its "
+                    f"EEPROM describes {len(managers) or 'none'}"
+                )
+        for pdos in (self.slave.outputs, self.slave.inputs):
+            for area in sync_manager_bytes(pdos):
+                if not managers[area.number].holds(area.size):
+                    return (
+                        f"its EEPROM has sync manager {area.number} at "
+                        f"0x{managers[area.number].start:04X}, where {area.size} bytes of process "
+                        "data have no room"
+                    )
+        return ""
+
+
+def identify_slaves(master: Master) -> list[Scanned]:
+    """Reads the EEPROM of every slave, with its identity.
+
+    Raises:
+        StateError: An EEPROM cannot be read.
+    """
+    return [
+        _identify_slave(master, position, sii)
+        for position, sii in enumerate(master.read_eeproms(read_sii))
+    ]
+
+
+def read_modules(
+    master: Master, scanned: Sequence[Scanned], cancelled: Callable[[], bool] = lambda: False
+) -> None:
+    """Reads the modules in the slots of the slaves with CoE, which must be in PREOP.
+
+    If a slave does not answer, they are read again when its configuration is written.
+    """
+    asked = [item for item in scanned if item.slave.coe]
+    coe = [master.coe(item.slave.position) for item in asked]
+    converse(master.registers, list(map(_ask_modules, asked, coe)), cancelled)
+    for item, way in zip(asked, coe, strict=True):
+        item.emergencies += way.emergencies
+
+
+def _ask_modules(item: Scanned, coe: Coe) -> Talk[None]:
+    try:
+        modules = Modules(item.slave, item.sii, coe)
+        item.slave.modules = yield from coe.talk(modules.detected)
+    except (NoAnswerError, StateError, SdoAbortError):
+        return
+
+
+def configure_slaves(
+    master: Master,
+    scanned: Sequence[Scanned],
+    config: Config,
+    unexpected: Collection[int] = (),
+    cancelled: Callable[[], bool] = lambda: False,
+) -> None:
+    """Writes the configuration of the slaves, which must be in PREOP, and reads their PDOs.
+
+    Args:
+        master: The master.
+        scanned: All slaves; the results are added to them.
+        config: The configuration.
+        unexpected: Positions of slaves that are not the expected ones. Nothing is written to them.
+        cancelled: Called while waiting; when it returns true, `StateError` is raised.
+
+    Raises:
+        StateError: A slave refuses its configuration, or `cancelled` returned true.
+    """
+    expected = [item for item in scanned if item.slave.position not in unexpected]
+    for item in expected:
+        item.settings = config.settings_of(item.slave.position)
+        if (eoe := item.settings.eoe) is not None:
+            eoe = eoe.with_mac(config.bus, item.slave.position)
+            item.settings = replace(item.settings, eoe=eoe)
+        item.slave.given_name = item.settings.name
+        for module, wanted in zip(item.slave.modules, item.settings.modules, strict=False):
+            module.name = wanted.name
+        if item.settings.mailbox_timeout_ms is not None:
+            master.set_mailbox_timeout(item.slave.position, item.settings.mailbox_timeout_ms / 1000)
+        item.slave.group = item.settings.group_at(item.slave.position)
+        if item.known and not item.speaks and not item.doubt:
+            take_pdos_from_sii(item)
+    asked = [
+        item
+        for item in expected
+        if item.known and item.doubt != STUCK and (item.speaks or item.gets_ip)
+    ]
+    coe = [master.coe(item.slave.position) for item in asked]
+    converse(master.registers, list(map(_configure_and_read, asked, coe)), cancelled)
+    for item, way in zip(asked, coe, strict=True):
+        item.emergencies += way.emergencies
+
+
+def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
+    item.refused = []
+    try:
+        if item.settings.is_told or item.gets_ip:
+            talk = SlaveConfiguration(item.slave, item.sii, coe, item.settings).tell()
+            item.refused = yield from talk
+        if not item.speaks:
+            return
+        reader = describer(item, coe)
+        found = yield from reader.read()
+        take_believed(item, found)
+        item.guessed = reader.guessed
+        if not item.doubt:
+            item.refused = [*item.refused, *warn_of_none(item.slave, item.sii, item.settings)]
+            item.settled += tell_of_none(item.slave, item.sii, item.settings)
+    except RefusedError:
+        raise
+    except (NoAnswerError, StateError, SdoAbortError) as error:
+        item.silence = str(error)
+        item.nonsense = not isinstance(error, NoAnswerError)
+        if not item.settings.is_told:  # else its PDOs may differ from those of its EEPROM
+            told = Told(_default(item.sii.outputs), _default(item.sii.inputs), silent=True)
+            take_believed(item, believe(item.slave, item.sii, item.settings, told))
+
+
+def describer(item: Scanned, coe: Coe) -> Assignment | Telegrams:
+    """What reads the process data of a slave over its mailbox."""
+    kind = Assignment if item.slave.coe else Telegrams
+    return kind(item.slave, item.sii, coe, item.settings)
+
+
+def take_pdos_from_sii(item: Scanned) -> None:
+    """Sets the PDOs of a slave without CoE and SoE: of those in its SII, the configured ones."""
+    slave, sii = item.slave, item.sii
+    slave.outputs, slave.inputs = _default(sii.outputs), _default(sii.inputs)
+    choose_from_sii(slave, sii, item.settings)
+    take_believed(item, believe(slave, sii, item.settings, Told(slave.outputs, slave.inputs)))
+    for pdo in (*slave.outputs, *slave.inputs):
+        for entry in pdo.entries:
+            if not entry.is_gap and not entry.data_type:
+                entry.data_type = type_by_size(entry.bit_length)
+                item.guessed.add((entry.index, entry.subindex))
+
+
+def take_believed(item: Scanned, found: Believed) -> None:
+    """Notes what the process data of a slave are, or why that is not certain."""
+    slave = item.slave
+    slave.outputs, slave.inputs = found.outputs, found.inputs
+    slave.contradictions = found.contradictions
+    item.doubt, item.why = found.doubt, found.why
+    item.notes = [f"{slave.label}: {note}" for note in found.notes]
+    item.settled = [f"{slave.label}: {note}" for note in found.settled]
+
+
+def _default(pdos: list[Pdo]) -> list[Pdo]:
+    return [pdo for pdo in pdos if pdo.sync_manager != UNASSIGNED]
+
+
+def _identify_slave(master: Master, position: int, sii: Sii) -> Scanned:
+    slave = Slave(
+        position=position,
+        name=sii.order or sii.name,
+        vendor=sii.vendor,
+        product=sii.product,
+        revision=sii.revision,
+        serial=sii.serial,
+        alias=sii.alias,
+        address=master.stations[position],
+        coe=bool(sii.mailbox_protocols & _PROTOCOL_COE),
+        eoe=bool(sii.mailbox_protocols & _PROTOCOL_EOE),
+        soe=bool(sii.mailbox_protocols & _PROTOCOL_SOE),
+        problems=[str(problem) for problem in sii.problems],
+    )
+    return Scanned(slave, sii, SlaveConfig(position), read_at=time.time())
+
+
+def without_lrw(master: Master, scanned: Sequence[Scanned]) -> set[int]:
+    """Returns the positions of slaves that do not support LRW, by their SII or ESC features."""
+    wanted = [(item.slave.position, _FEATURES, 2) for item in scanned]
+    return {
+        item.slave.position
+        for item, features in zip(scanned, master.read_registers(wanted), strict=True)
+        if item.sii.without_lrw or int.from_bytes(features, "little") & _NO_LRW
+    }
+
+
+def configure(master: Master, scanned: Sequence[Scanned], image: Image) -> Steps[None]:
+    """Sets up sync managers, FMMUs and watchdogs of slaves, which must be in PREOP.
+
+    Raises:
+        StateError: A slave does not answer, or has too few sync managers or FMMUs for its process
+            data.
+    """
+    wanted = [(item.slave.position, _FMMU_COUNT, 1) for item in scanned]
+    counts = yield from master.reading(wanted)
+    writes: list[tuple[int, int, bytes]] = []
+    for item, count in zip(scanned, counts, strict=True):
+        slave, available = item.slave, count[0]
+        if item.unplaced:
+            raise StateError(f"{slave.label}: {item.unplaced}")
+        managers, fmmus = process_data_registers(item, image)
+        writes += [(slave.position, *write) for write in managers]
+        writes += _unused(slave, item.sii)
+        writes += [(slave.position, *write) for write in watchdog_writes(item.settings)]
+        if len(fmmus) > available:
+            raise StateError(
+                f"{slave.label} needs {len(fmmus)} FMMUs for its process data, but has {available}"
+            )
+        writes += [(slave.position, *write) for write in fmmus]
+        # All FMMUs are written, so that none from an earlier master answers at these addresses.
+        for number in range(len(fmmus), min(available, _FMMUS_MAX)):
+            writes.append((slave.position, FMMU + 16 * number, bytes(16)))
+    yield from master.writing(writes)
+
+
+def process_data_registers(
+    item: Scanned, image: Image
+) -> tuple[list[tuple[int, bytes]], list[tuple[int, bytes]]]:
+    """Returns the sync managers and the FMMUs that exchange the process data of a slave.
+
+    Each with its register and the content.
+    """
+    slave, start = item.slave, image.domains[item.slave.domain].address
+    managers: list[tuple[int, bytes]] = []
+    fmmus: list[_Fmmu] = []
+    for pdos, kind, offset in (
+        (slave.outputs, _FMMU_WRITE, slave.output_offset),
+        (slave.inputs, _FMMU_READ, slave.input_offset),
+    ):
+        for area in sync_manager_bytes(pdos):
+            manager = item.sii.sync_managers[area.number]
+            if not manager.virtual:
+                watched = kind == _FMMU_WRITE and item.settings.watchdog_ms
+                control = manager.control | (WATCHED if watched else 0)
+                content = _sync_manager(manager.start, area.size, control)
+                managers.append((SYNC_MANAGER + 8 * area.number, content))
+            _map(fmmus, _Fmmu(start + offset + area.offset, area.size, manager.start, kind))
+    return managers, [(FMMU + 16 * n, fmmu.registers()) for n, fmmu in enumerate(fmmus)]
+
+
+@dataclass(slots=True)
+class _Fmmu:
+    """An FMMU: maps whole bytes of the logical image to the memory of the slave."""
+
+    logical: int
+    length: int
+    physical: int
+    kind: int
+
+    def registers(self) -> bytes:
+        head = (self.logical, self.length, 0, 7, self.physical, 0, self.kind, 1)
+        return struct.pack("<IHBBHBBB3x", *head)
+
+
+def _map(fmmus: list[_Fmmu], new: _Fmmu) -> None:
+    """Adds an FMMU, or extends the last one if possible, since some ESCs have few FMMUs."""
+    last = fmmus[-1] if fmmus else None
+    if (
+        last is not None
+        and last.kind == new.kind
+        and last.logical + last.length == new.logical
+        and last.physical + last.length == new.physical
+    ):
+        last.length += new.length
+    else:
+        fmmus.append(new)
+
+
+def _sync_manager(start: int, length: int, control: int) -> bytes:
+    return struct.pack("<HHBBBB", start, length, control, 0, 1, 0)
+
+
+def _unused(slave: Slave, sii: Sii) -> list[tuple[int, int, bytes]]:
+    """Returns the writes that switch off process-data sync managers without PDOs."""
+    used = {pdo.sync_manager for pdo in (*slave.outputs, *slave.inputs) if pdo.bit_length}
+    return [
+        (
+            slave.position,
+            SYNC_MANAGER + 8 * number,
+            struct.pack("<HHBBBB", manager.start, 0, manager.control, 0, 0, 0),
+        )
+        for number, manager in enumerate(sii.sync_managers)
+        if manager.usage in (USAGE_OUTPUTS, USAGE_INPUTS)
+        and number not in used
+        and not manager.virtual
+    ]

@@ -1,0 +1,164 @@
+"""Writes the configuration of a slave: start-up parameters, modules, and its PDOs.
+
+This is done whenever the slave starts or comes back, in this order (ETG.1000.6):
+
+- in PREOP: the parameters and IDNs of transition IP, the modules in its slots, then the PDOs,
+  which may depend on all of them, then the parameters and IDNs of PS, and the IP parameters;
+- in SAFEOP, before OP: the parameters of SO.
+
+On the way down, the parameters of OS are written in OP, and those of SP in SAFEOP
+(`telling.leave`).
+
+`pdo_writer.py` writes the PDOs.
+"""
+
+from __future__ import annotations
+
+from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError, UsageError
+from ecatd.config import TRANSITIONS_DOWN, SlaveConfig, StartupConfig
+from ecatd.config.eoe import SlaveEoeConfig
+from ecatd.description.bus import Slave
+from ecatd.etg.sii import Sii
+from ecatd.master.mailbox.coe import Coe
+from ecatd.master.mailbox.eoe import set_ip
+from ecatd.master.mailbox.soe import SoeRefusedError, read_attribute, write_idn
+from ecatd.master.mailbox.talks import Talk
+
+from .modules import Modules
+from .pdo_writer import PdoWriter
+from .refused import RefusedError, reason
+
+
+class SlaveConfiguration:
+    """Writes the configuration of one slave with a mailbox.
+
+    Args:
+        slave: The slave.
+        sii: Its SII.
+        coe: A conversation with the slave.
+        settings: Its table in the configuration.
+    """
+
+    def __init__(self, slave: Slave, sii: Sii, coe: Coe, settings: SlaveConfig) -> None:
+        self._slave = slave
+        self._sii = sii
+        self._coe = coe
+        self._settings = settings
+        self._log = coe.line.log.of("start")
+
+    def tell(self) -> Talk[list[str]]:
+        """Writes the whole configuration for PREOP to the slave, which must be in PREOP.
+
+        Returns:
+            Messages about refused parameters that are optional.
+
+        Raises:
+            RefusedError: The slave refuses its configuration.
+            NoAnswerError: It does not answer.
+            StateError: Its answers are malformed.
+        """
+        return self._coe.talk(self._tell)
+
+    def _tell(self) -> Talk[list[str]]:
+        refused = yield from self._written("IP")
+        if self._settings.module:
+            modules = Modules(self._slave, self._sii, self._coe)
+            yield from self._placed("module", modules.tell(self._settings.modules))
+        if self._slave.coe and (self._settings.pdos is not None or self._settings.mapped):
+            key = "pdo" if self._settings.pdos is None else "pdos"
+            pdos = PdoWriter(self._slave, self._sii, self._coe, self._settings, self._log_detail)
+            yield from self._placed(key, pdos.write())
+        refused += yield from self._parameters("PS")
+        refused += yield from self._idns("PS")
+        if self._slave.eoe and self._settings.eoe is not None:
+            yield from self._give_ip(self._settings.eoe)
+        return refused
+
+    def _give_ip(self, eoe: SlaveEoeConfig) -> Talk[None]:
+        parameters = eoe.parameters
+        self._log_detail(f"IP parameters: {parameters.interface or parameters.mac}")
+        try:
+            yield from set_ip(self._coe.mailbox, parameters)
+        except NoAnswerError as error:
+            where = eoe.table.where()
+            raise NoAnswerError(f"{where}: no answer to its IP parameters: {error}") from error
+        except StateError as error:
+            raise RefusedError(
+                f"{eoe.table.where()}: {self._slave.label} refuses its IP parameters: {error}; "
+                f"correct or remove [slave.eoe]"
+            ) from error
+
+    def _placed(self, key: str, talk: Talk[None]) -> Talk[None]:
+        """Runs `talk`, and adds file, line and key to the message of a `RefusedError`."""
+        try:
+            yield from talk
+        except RefusedError as error:
+            raise RefusedError(f"{self._settings.table.where(key)}: {error}") from error
+
+    def write_parameters(self, transition: str) -> Talk[list[str]]:
+        """Writes the parameters of one transition; returns and raises as `tell`."""
+        return self._coe.talk(lambda: self._written(transition))
+
+    def _written(self, transition: str) -> Talk[list[str]]:
+        refused = yield from self._parameters(transition)
+        return refused + (yield from self._idns(transition))
+
+    def _log_detail(self, what: str) -> None:
+        self._log.debug(f"{self._slave.label} gets {what}", slaves=[self._slave.position])
+
+    # --- start-up parameters -------------------------------------------------------------------
+
+    def _parameters(self, transition: str) -> Talk[list[str]]:
+        refused = []
+        for parameter in self._settings.parameters(transition):
+            index, subindex = parameter.address
+            self._log_detail(f"start-up parameter {_text(parameter)} ({transition})")
+            try:
+                yield from self._coe.download(
+                    index, subindex, parameter.data, complete=parameter.complete
+                )
+            except SdoAbortError as abort:
+                text = (
+                    f"{parameter.table.where('object')}: {self._slave.label} refuses its start-up "
+                    f"parameter {_text(parameter)}: {reason(abort)}"
+                )
+                refused.append(_refused(text, transition, abort, optional=parameter.optional))
+        return refused
+
+    def _idns(self, transition: str) -> Talk[list[str]]:
+        refused = []
+        mailbox = self._coe.mailbox
+        for idn in self._settings.idns(transition):
+            self._log_detail(f"IDN {idn} ({transition})")
+            try:
+                attribute = yield from read_attribute(mailbox, idn.drive, idn.number)
+                data = idn.data(attribute)
+                if not attribute.is_list and attribute.size not in (0, len(data)):
+                    raise UsageError(f"it takes {attribute.size} bytes, not {len(data)}")
+                is_list = attribute.is_list
+                yield from write_idn(mailbox, idn.drive, idn.number, data, is_list=is_list)
+            except (SoeRefusedError, UsageError) as error:
+                text = (
+                    f"{idn.table.where('idn')}: {self._slave.label} cannot take the IDN {idn}: "
+                    f"{error}"
+                )
+                refused.append(_refused(text, transition, error, optional=idn.optional))
+        return refused
+
+
+def _refused(text: str, transition: str, why: Exception, *, optional: bool) -> str:
+    """Returns a message about a refused parameter with what follows.
+
+    Raises:
+        RefusedError: The slave must have it.
+    """
+    if transition in TRANSITIONS_DOWN:
+        return f"{text}; its state is changed nevertheless"
+    if optional:
+        return f"{text}; it is optional, so the slave is used"
+    raise RefusedError(f"{text}; correct the value, or write optional = true") from why
+
+
+def _text(parameter: StartupConfig) -> str:
+    value = parameter.value if parameter.hex is None else parameter.hex
+    return f"{parameter.object} = {value}"

@@ -1,0 +1,98 @@
+"""Polls the mailboxes of the slaves for messages that nobody has asked for.
+
+They are emergencies, and Ethernet frames, which `server/ethernet` takes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from ecatd.base.batch import Batch
+from ecatd.base.coroutine_steps import Steps
+from ecatd.base.log import Log
+from ecatd.description.bus import Slave
+from ecatd.etg.emergency_codes import emergency_text
+from ecatd.master.emergencies import Emergency, tell_emergencies
+from ecatd.master.mailbox.mailbox import MAILBOX_IN, has_mail
+from ecatd.master.mailbox.talks import talk_all
+from ecatd.master.worker import Worker
+
+from ..start.running import RunningBus
+
+_TOGETHER_S = 0.005
+"""Looks that are due within so many seconds are one: they share frames."""
+_MANAGER_SIZE = 8
+
+
+class MailboxWatch:
+    """The watch over the mailboxes of a bus.
+
+    Args:
+        running: The bus.
+        worker: The worker on which slaves are asked.
+        log: The log for emergencies.
+        tell: Publishes an event: its kind and its facts.
+
+    Attributes:
+        emergencies: Takes emergencies, also those that come with answers to requests, and tells of
+            them in batches.
+    """
+
+    def __init__(
+        self, running: RunningBus, worker: Worker, log: Log, tell: Callable[..., None]
+    ) -> None:
+        self._polls = running.polls
+        self._slaves = {
+            slave.position: slave
+            for slave in running.bus.slaves
+            if (slave.coe or slave.eoe) and running.polls[slave.position]
+        }
+        self._due = dict.fromkeys(self._slaves, 0.0)
+        self._master = running.master
+        self._worker = worker
+        self._log = log
+        self._tell = tell
+        self.emergencies = Batch[Emergency](self._pass_on)
+
+    def _pass_on(self, found: list[Emergency], left_out: int) -> None:
+        tell_emergencies(self._log, found, left_out)
+        counts = Counter((slave.position, code, register) for slave, code, register in found)
+        for (position, code, register), times in counts.items():
+            facts = {"code": code, "register": register, "text": emergency_text(code, register)}
+            self._tell("emergency", slave=position, **facts, times=times)
+
+    async def watch(self) -> None:
+        """Looks for messages of each slave again and again."""
+        while self._due:
+            await asyncio.sleep(max(0.0, min(self._due.values()) - time.monotonic()))
+            end = time.monotonic() + _TOGETHER_S
+            slaves = [
+                slave for position, slave in self._slaves.items() if self._due[position] < end
+            ]
+            for emergency in await self._worker.run_steps(self._collect(slaves)):
+                self.emergencies.note(emergency)
+            now = time.monotonic()
+            self._due |= {slave.position: now + self._polls[slave.position] for slave in slaves}
+        await asyncio.Event().wait()  # no slave has CoE or EoE, or nobody shall look
+
+    def _collect(self, slaves: Sequence[Slave]) -> Steps[list[Emergency]]:
+        """Reads the messages of those slaves with which nobody has a conversation now."""
+        stations = [slave.address for slave in slaves]
+        answers = self._master.registers.read_all(stations, MAILBOX_IN, _MANAGER_SIZE)
+        ways = [
+            (slave, self._master.coe(slave.position))
+            for slave, answer in zip(slaves, answers, strict=True)
+            if answer.wkc == 1 and has_mail(answer.data)
+        ]
+        ways = [(slave, way) for slave, way in ways if not len(way.line)]
+        if ways:
+            # Errors are ignored here: whoever sends a request to the slave reports them.
+            yield from talk_all(self._master.registers, [way.collect() for _, way in ways])
+        return [(slave, *found) for slave, way in ways for found in way.emergencies]
+
+    def close(self) -> None:
+        """Tells of the emergencies that are not told yet."""
+        self.emergencies.close()

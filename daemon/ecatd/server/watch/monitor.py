@@ -1,0 +1,301 @@
+"""Watches a running bus: passes the engine's events to the modules that handle them, and polls.
+
+`slaves.py` knows the slaves, `clocks.py` their clocks, `interfaces.py` what lies between
+them and the engine. Whatever changes is written to shared memory, logged, and published as an
+event.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections import deque
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any
+
+from ecatd.base.batch import Batch
+from ecatd.base.errors import StateError
+from ecatd.base.log import Log
+from ecatd.config import HealthConfig, OutputsConfig, RecoveryConfig
+from ecatd.etg.al import AlState
+from ecatd.master.al_states import SlaveState
+from ecatd.master.emergencies import Emergency
+from ecatd.master.engine.engine import Event, EventType
+from ecatd.master.worker import Worker
+from ecatd.operations.faults import Fault
+from ecatd.shm import contract as shm
+
+from ..start.running import RunningBus
+from .clocks import ClockWatch
+from .exchange import ExchangeWatch
+from .fault_files import FaultFiles
+from .files import FileWatch
+from .interfaces import InterfaceWatch
+from .mailboxes import MailboxWatch
+from .outputs import OutputWatch
+from .rate_limiter import Throttle
+from .slaves import SlaveWatch
+from .slot_requests import Answer, SlotRequests
+
+_EVENT_PATIENCE = 0.2
+_EVENTS_WAITING = 64
+"""Events that may wait for the event loop; others wait in the engine, which has bounded room."""
+_LAST_EVENTS = 1024
+"""Most events that are read from the engine at the end; a client could go on causing more."""
+_ABOUT_OUTPUTS = frozenset(
+    {
+        EventType.CLAIMED,
+        EventType.SAFE,
+        EventType.REFUSED,
+        EventType.MALFORMED,
+        EventType.CONFLICT,
+        EventType.STOPPED,
+    }
+)
+_COUNTER_PAUSE = 0.1
+"""Seconds between two events about a domain's working counter, which may change in every cycle."""
+
+
+class Monitor:
+    """The watch over one bus, from OP until it is stopped.
+
+    Args:
+        running: The bus.
+        outputs: What is configured about outputs.
+        health: When the exchange is not well.
+        answer: Carries out requests of clients.
+        worker: The worker on which slaves are asked.
+        log: The log for events.
+        publish: Called with every event, as a map, on the event loop's thread.
+        fault_files: Writes the frames of faults to files.
+    """
+
+    def __init__(
+        self,
+        running: RunningBus,
+        outputs: OutputsConfig,
+        health: HealthConfig,
+        answer: Answer,
+        worker: Worker,
+        log: Log,
+        publish: Callable[[dict[str, Any]], None],
+        fault_files: FaultFiles,
+    ) -> None:
+        self._bus = running.bus
+        self._shared = running.shared
+        self._engine = running.engine
+        self._log = log.of("slaves")
+        self._publish = publish
+        self._fault_files = fault_files
+        self._requests = SlotRequests(
+            running.shared, running.engine, answer, self._on_wrong_request, log.of("mailbox")
+        )
+        outputs_log = log.of("outputs")
+        self._outputs = OutputWatch(running.bus, running.shared, outputs, outputs_log, self._tell)
+        self._interfaces = InterfaceWatch(running, log.of("interfaces"), self._tell)
+        self._slaves = SlaveWatch(running, worker, log, self._tell, self._interfaces)
+        self._exchange = ExchangeWatch(
+            running, health, worker, log.of("interfaces"), self._tell, self._interfaces.explain
+        )
+        self._clocks = (
+            None
+            if running.clocks is None
+            else ClockWatch(running.clocks, running.shared, worker, log.of("dc"), self._tell)
+        )
+        self._working_counters = [
+            Throttle(self._tell_working_counter, _COUNTER_PAUSE) for _ in running.bus.domains
+        ]
+        self._mailboxes = MailboxWatch(running, worker, log.of("mailbox"), self._tell)
+        self._files = FileWatch(running.shared, outputs_log, self._tell)
+        self._events: deque[Event] = deque()
+        self._room = threading.Semaphore(_EVENTS_WAITING)
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def emergencies(self) -> Batch[Emergency]:
+        """Takes the emergencies that slaves send, and reports them."""
+        return self._mailboxes.emergencies
+
+    @property
+    def states(self) -> list[SlaveState]:
+        """AL status of every slave when it was last read."""
+        return self._slaves.states
+
+    def read_states(self) -> None:
+        """Reads the AL states into shared memory; on the worker."""
+        self._slaves.read()
+
+    async def change(self, positions: Sequence[int], state: AlState) -> None:
+        """Brings slaves to a state on request; they stay there.
+
+        Raises:
+            StateError: Slaves did not reach it; the message names each, and why.
+        """
+        await self._slaves.change(positions, state)
+
+    def wanted(self, position: int) -> AlState:
+        """The state in which a slave should be."""
+        return self._slaves.wanted(position)
+
+    def condition(self, position: int) -> tuple[str, str]:
+        """What is known of a slave that should be in OP and is not: a condition, and a text."""
+        return self._slaves.condition(position)
+
+    def down_since(self, position: int) -> float | None:
+        """When a slave that should be in OP has left it, in Unix seconds; None if it has not."""
+        return self._slaves.down_since(position)
+
+    @property
+    def others(self) -> str:
+        """What devices are there beside the slaves of the bus, in words; empty: none."""
+        return self._slaves.others
+
+    @property
+    def faults(self) -> list[Fault]:
+        """What is wrong with interfaces, exchange and clocks now, causes before consequences."""
+        clocks = [] if self._clocks is None else self._clocks.faults
+        return [*self._interfaces.faults, *self._exchange.faults, *clocks]
+
+    def set_health(self, config: HealthConfig) -> None:
+        """Changes when the exchange is not well."""
+        self._exchange.set_config(config)
+
+    def set_recovery(self, config: RecoveryConfig) -> None:
+        """Changes which slaves are recovered, and how often it is tried."""
+        self._slaves.set_recovery(config)
+
+    async def look(self) -> None:
+        """Reads the AL states and the station aliases, and reports every change of a state."""
+        await self._slaves.look()
+        await self._slaves.read_aliases()
+
+    def present(self, position: int) -> dict[str, Any]:
+        """What is known of a slave now and may differ from its description; see `AlState`."""
+        return self._slaves.present(position)
+
+    def describe(self) -> dict[str, Any]:
+        """What `ecatctl info` shows of links and slaves, in addition to the shared memory."""
+        conditions = {i: self.condition(i) for i in range(len(self._bus.slaves))}
+        recovery = [
+            {"slave": position, "state": str(word), "text": text}
+            for position, (word, text) in conditions.items()
+            if word
+        ]
+        return {**self._interfaces.describe(), "recovery": recovery}
+
+    def start(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Starts passing the events of the engine and of the links to the event loop."""
+        self._interfaces.start(loop)
+        self._thread = threading.Thread(target=self._watch_events, args=(loop,), daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ends the watch: handles no more events, and brings no more slaves back."""
+        self._stopping.set()
+        self._requests.close()
+        self._slaves.close()
+
+    def close(self) -> None:
+        """Waits until nothing uses the engine any more; after `stop`."""
+        if self._thread is not None:
+            self._thread.join()
+        self._handle_last_events()
+        for item in self._working_counters:
+            item.close()
+        self._outputs.close()
+        self._mailboxes.close()
+        if self._clocks is not None:
+            self._clocks.close()
+        self._interfaces.close()
+
+    def _watch_events(self, loop: asyncio.AbstractEventLoop) -> None:
+        while not self._stopping.is_set():
+            if not self._room.acquire(timeout=_EVENT_PATIENCE):
+                continue
+            event = self._engine.wait_event(_EVENT_PATIENCE)
+            if event is None:
+                self._room.release()
+            else:
+                self._events.append(event)
+                loop.call_soon_threadsafe(self._take)
+
+    def _take(self) -> None:
+        if self._events:  # else `close` has taken it
+            self._room.release()
+            self._handle(self._events.popleft())
+
+    def _handle_last_events(self) -> None:
+        """Handles what nobody has taken yet: the last events say why outputs became safe."""
+        while self._events:
+            self._handle(self._events.popleft())
+        for _ in range(_LAST_EVENTS):
+            if (event := self._engine.wait_event(0)) is None:
+                break
+            self._handle(event)
+
+    def _handle(self, event: Event) -> None:
+        if event.type in _ABOUT_OUTPUTS:
+            self._outputs.handle(event)
+        elif not self._stopping.is_set():
+            self._handle_while_running(event)
+
+    def _handle_while_running(self, event: Event) -> None:
+        match event.type:
+            case EventType.REQUEST:
+                self._requests.ring(event.slot)
+            case EventType.WKC:
+                self._working_counters[event.slave].note(event)
+            case EventType.SEND:
+                self._interfaces.on_send(event)
+            case EventType.SLAVES:
+                self._slaves.on_change(event.slave)
+            case EventType.RING:
+                self._interfaces.on_ring(event)
+            case EventType.CLOCK:
+                if self._clocks is not None:
+                    self._clocks.handle(event)
+            case EventType.OVERRUN:
+                self._interfaces.look()
+
+    def _on_wrong_request(self, slot: int, generation: int) -> None:
+        kind = EventType.MALFORMED
+        cycle = self._shared.header.cycle
+        self._outputs.handle(Event(kind, slave=-1, slot=slot, value=generation, cycle=cycle))
+
+    def _tell_working_counter(self, event: Event) -> None:
+        state = shm.WkcState(event.value).name.lower()
+        text = f"domain {event.slave}: working counter {state}"
+        self._log.debug(text)
+        times = self._working_counters[event.slave].taken
+        facts = {"domain": event.slave, "state": state, "cycle": event.cycle, "times": times}
+        self._tell("working_counter", **facts, text=text)
+
+    def _tell(self, kind: str, **facts: Any) -> None:
+        self._publish({"event": kind, "time_ns": time.time_ns(), **facts})
+        self._fault_files.note(kind, facts)
+
+    async def run(self) -> None:
+        """Watches everything until the watch is stopped."""
+        watches = [
+            self._slaves.watch,
+            self._interfaces.watch,
+            self._exchange.watch,
+            self._mailboxes.watch,
+            self._files.watch,
+        ]
+        if self._clocks is not None:
+            watches.append(self._clocks.watch)
+        await asyncio.gather(*(self._persist(watch) for watch in watches))
+
+    async def _persist(self, watch: Callable[[], Awaitable[None]]) -> None:
+        """Starts a watch again whenever it fails: an unwatched bus looks like a healthy one."""
+        while not self._stopping.is_set():
+            try:
+                await watch()
+            except StateError:
+                await asyncio.sleep(0.1)  # the worker is busy: the next look is soon
+            except Exception as error:
+                self._log.error(f"defect in ecatd while watching the bus: {error!r}")
+                await asyncio.sleep(1)

@@ -1,0 +1,249 @@
+"""Reports who owns outputs, why outputs are safe, and which client misbehaves.
+
+Name and process number of a client come from its slot, which the client writes itself: they are
+reported, but not trusted. Another process may also have written into a slot. So messages name all
+processes that could have done it.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
+from typing import Any
+
+from ecatd.base.batch import Batch
+from ecatd.base.log import Log
+from ecatd.base.pid_namespace import said_pid
+from ecatd.config import OutputsConfig
+from ecatd.description.bus import Bus, Slave, positions_text
+from ecatd.etg.pdo import Entry
+from ecatd.master.engine.engine import Event, EventType
+from ecatd.master.engine.shared_memory import SharedMemory
+from ecatd.shm import contract as shm
+
+from .file_users import Program, names, programs_with
+
+_TOLD = 4
+"""Most events about one client in one report; earlier ones are only counted."""
+
+_FRESH = 0.25
+"""Seconds for which the list of programs that have the file open is reused; it is slow to make."""
+_WRONG = (EventType.REFUSED, EventType.MALFORMED)
+
+_REASONS = {
+    shm.Reason.RELEASED: "{} released them",
+    shm.Reason.DIED: "the process of {} has ended without a release",
+    shm.Reason.LAPSED: "{} gave no sign of life during its lease",
+    shm.Reason.GONE: "{} lost its slot: another client took it, or a program has overwritten it",
+    shm.Reason.STOPPING: "the daemon stops; {} owned them",
+    shm.Reason.WKC: (
+        "one of the domains of {} had too many wrong working counters in a row, so it lost all its "
+        "outputs"
+    ),
+}
+_EXPECTED = (shm.Reason.RELEASED, shm.Reason.STOPPING)
+
+
+@dataclass(frozen=True, slots=True)
+class _Client:
+    """Who is in a slot, as it says itself."""
+
+    slot: int
+    program: str = ""
+    pid: int = 0
+    namespace: int = 0
+
+    def __str__(self) -> str:
+        if not self.pid:
+            return f"the client in slot {self.slot}"
+        return f"'{self.program}' ({said_pid(self.pid, self.namespace)})"
+
+
+class OutputWatch:
+    """Reports about outputs and their owners; for the thread of the event loop.
+
+    Args:
+        bus: The bus.
+        shared: Its shared memory.
+        config: Has the time that drives may take to stop.
+        log: The log for these reports.
+        tell: Publishes an event; gets its kind, and facts about it.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        shared: SharedMemory,
+        config: OutputsConfig,
+        log: Log,
+        tell: Callable[..., None],
+    ) -> None:
+        self._bus = bus
+        self._shared = shared
+        self._patience = {rule.slave: rule.patience for rule in config.safe}
+        self._log = log
+        self._tell = tell
+        self._clients: dict[int, _Client] = {}
+        self._gathered: dict[tuple[int, int], Batch[tuple[Event, _Client]]] = {}
+        self._writers: list[Program] = []
+        self._looked = 0.0
+
+    def handle(self, event: Event) -> None:
+        """Takes an event of the engine about a client, or about the drive of a slave."""
+        if event.type in (EventType.CLAIMED, EventType.MALFORMED):
+            self._look_at(event.slot, event.value)
+        if event.type == EventType.CONFLICT:  # the client knows: nobody else needs to
+            self._tell_conflict(event)
+            return
+        about = (event.slot, event.slave if event.slot < 0 else -1)
+        if about not in self._gathered:
+            self._gathered[about] = Batch(partial(self._tell_all, event.slot))
+        client = self._clients.get(event.slot, _Client(event.slot))
+        self._gathered[about].note((event, client))
+
+    def _tell_conflict(self, event: Event) -> None:
+        client = self._clients.get(event.slot, _Client(event.slot))
+        self._log.debug(
+            f"{client} is refused outputs of {self._bus.slaves[event.slave].label}: "
+            f"{self._entry(event.value).address} has another owner",
+            slaves=[event.slave],
+        )
+
+    def close(self) -> None:
+        """Reports the events that are still waiting."""
+        for item in self._gathered.values():
+            item.close()
+
+    def _look_at(self, slot: int, generation: int) -> None:
+        """Remembers the client in a slot, so that it can be named after it has left."""
+        out, kind = self._shared.out, shm.struct("ecat_out_slot")
+        at = out.slots_offset + slot * out.slot_stride
+        data = os.pread(self._shared.out_fd, shm.size(kind.__name__), at)
+        if len(data) < shm.size(kind.__name__):
+            return
+        found = kind.from_buffer_copy(data)
+        if found.generation == generation:
+            program = shm.printable(found.program)
+            self._clients[slot] = _Client(slot, program, found.pid, found.pid_namespace)
+
+    def _tell_all(self, slot: int, events: list[tuple[Event, _Client]], left_out: int) -> None:
+        groups = [
+            ([event for event, _ in group], client)
+            for (_, _, client), group in groupby(events, lambda e: (e[0].type, e[0].value, e[1]))
+        ]
+        if any(group[0].type in _WRONG for group, _ in groups[-_TOLD:]):
+            self._find_writers()
+        left_out += sum(len(group) for group, _ in groups[:-_TOLD])
+        if left_out:
+            self._log.warning(
+                f"{left_out} events about outputs of the client in slot {slot} were not reported, "
+                "because they come too often"
+            )
+        for group, client in groups[-_TOLD:]:
+            self._say(group, client)
+            alike: dict[int, list[Event]] = {}
+            for event in group:
+                alike.setdefault(event.slave, []).append(event)
+            for events_of_slave in alike.values():
+                self._publish(events_of_slave, client)
+
+    def _find_writers(self) -> None:
+        if time.monotonic() - self._looked > _FRESH:
+            self._writers = programs_with(self._shared.out_fd, writing=True)
+            self._looked = time.monotonic()
+
+    def _others(self, owner: _Client) -> str:
+        """Which programs can have written into a slot; empty if only its owner can."""
+        if all(program.calls_itself(owner.pid, owner.namespace) for program in self._writers):
+            return ""
+        return f"{self._shared.out_path} is open for writing in {names(self._writers)}"
+
+    def _publish(self, alike: list[Event], client: _Client) -> None:
+        """Publishes one event about the same thing that has happened to the same slave."""
+        event = alike[-1]
+        positions = {event.slave} - {-1}
+        facts: dict[str, Any] = {"cycle": event.cycle, "text": self._text(event, client, positions)}
+        if len(alike) > 1:
+            facts["times"] = len(alike)
+        if event.slot >= 0:
+            facts |= {"slot": event.slot, "program": client.program, "pid": client.pid}
+        if event.slave >= 0:
+            facts["slave"] = event.slave
+        if event.type in _WRONG:
+            facts["programs"] = [*map(str, self._writers)]
+        if event.type == EventType.SAFE:
+            facts["reason"] = shm.Reason(event.value).name.lower()
+        elif event.type == EventType.REFUSED:
+            facts["entry"] = self._entry(event.value).address
+        elif event.type == EventType.STOPPED:
+            facts["in_time"] = bool(event.value)
+        self._tell(EventType(event.type).name.lower(), **facts)
+
+    def _say(self, group: list[Event], who: _Client) -> None:
+        """Logs one line about consecutive events of one kind."""
+        first = group[0]
+        positions = {event.slave for event in group if event.slave >= 0}
+        wanted = (
+            first.type == EventType.CLAIMED
+            or (first.type == EventType.SAFE and shm.Reason(first.value) in _EXPECTED)
+            or (first.type == EventType.STOPPED and first.value)
+        )
+        say = self._log.info if wanted else self._log.warning
+        text = self._text(first, who, positions)
+        say(text, EventType(first.type).name.lower(), positions)
+
+    def _text(self, first: Event, who: _Client, positions: set[int]) -> str:
+        """What has happened to slaves: the line of the log, and the text of the event."""
+        slaves, others = self._slaves(positions), ""
+        if first.type in _WRONG:
+            others = self._others(who)
+        match first.type:
+            case EventType.CLAIMED:
+                return f"{who} owns outputs of {slaves}"
+            case EventType.SAFE:
+                because = _REASONS[shm.Reason(first.value)].format(who)
+                return f"outputs of {slaves} are safe: {because}"
+            case EventType.REFUSED:
+                by = f"slot {first.slot}, of {who}, got" if others else f"{who} wrote"
+                return f"{by} {self._refused(first)}" + (others and f"; {others}")
+            case EventType.MALFORMED:
+                return (
+                    f"slot {first.slot}{others and f', of {who},'} contains data that no client "
+                    f"library writes; ecatd ignores it: "
+                    + (f"{others}: check what they do" if others else f"check what {who} does")
+                )
+            case EventType.STOPPED if first.value:
+                return f"{slaves}: the drive has stopped"
+        return (
+            f"{slaves}: the drive has not stopped in {self._patience.get(first.slave, 0):g} s; "
+            "its controlword is 0 now"
+        )
+
+    def _slaves(self, positions: set[int]) -> str:
+        if len(positions) == 1:
+            return self._bus.slaves[next(iter(positions))].label
+        return f"slaves {positions_text(positions)}"
+
+    def _entry(self, signal: int) -> Entry:
+        row = self._shared.signals[signal]
+        slave: Slave = self._bus.slaves[row.slave]
+        return next(
+            entry
+            for _pdo, entry, _bit in slave.entries(outputs=True)
+            if (entry.index, entry.subindex) == (row.index, row.subindex)
+        )
+
+    def _refused(self, event: Event) -> str:
+        entry = self._entry(event.value)
+        low = "any" if entry.minimum is None else f"{entry.minimum:g}"
+        high = "any" if entry.maximum is None else f"{entry.maximum:g}"
+        slave = self._bus.slaves[event.slave].label
+        return (
+            f"{entry.address} ({entry.name or 'no name'}) of {slave} out of its declared range, "
+            f"{low} to {high} {entry.unit}".rstrip()
+            + "; the output keeps the value before"
+        )

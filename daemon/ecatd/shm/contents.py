@@ -1,0 +1,364 @@
+"""All that is in the shared memory of a bus, as a document that also a damaged one has.
+
+What does not make sense is left out, and told in `problems`: where it is, and what is wrong.
+"""
+
+from __future__ import annotations
+
+import struct as binary
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from ecatd.base.errors import EcatError, NotPermittedError
+from ecatd.base.pid_namespace import is_ours
+from ecatd.etg.al import AL_ERROR_FLAG, AlState, al_state_text
+from ecatd.etg.datatypes import DataType, is_signed, type_name
+
+from . import contract as shm
+from .checks import domain_faults, output_faults, signal_faults, slave_faults
+from .reader import Page, Reader, SlotReader, opened, version
+
+_T = TypeVar("_T")
+_SILENCE_NS = 80_000_000  # after which a cycle that does not end stands still (`shared_memory.c`)
+_REALS = {(DataType.REAL32, 32): "<f", (DataType.REAL64, 64): "<d"}
+
+COUNTERS = (
+    *("cycles", "missed", "frames", "lost", "late", "foreign", "wkc_bad", "send_errors"),
+    *("commits", "torn", "malformed", "refused", "lapses", "mailbox_frames", "mailbox_lost"),
+)
+
+
+def contents(bus: str) -> dict[str, Any]:
+    """Everything in the shared memory of a bus on this machine, also after its daemon has died.
+
+    Returns:
+        A map, as `ecatctl shm --json` prints it (docs/command-line.md); `problems` are sentences.
+
+    Raises:
+        EcatError: There is nothing to show: no shared memory, no right to read it, another version,
+            or a header that makes no sense.
+    """
+    with opened(bus) as shared:
+        return Contents(shared, leftover=True).document()
+
+
+class Contents:
+    """Shared memory, taken apart; what is damaged goes to `problems`.
+
+    Args:
+        shared: The open shared memory.
+        leftover: Also of shared memory whose daemon was killed.
+
+    Attributes:
+        problems: What is wrong, in the order in which it was found.
+        head: `ecat_shm_header`.
+        now_ns: CLOCK_MONOTONIC when they were read.
+
+    Raises:
+        EcatError: The header makes no sense.
+    """
+
+    def __init__(self, shared: Reader, *, leftover: bool = False) -> None:
+        self._shared = shared
+        self.problems: list[str] = []
+        self.alive = shared.alive
+        self.head = head = shared.header(leftover=leftover)
+        self._domain_rows = self._table("domains")
+        self._pages = [self._page(n, row) for n, row in enumerate(self._domain_rows)]
+        self._slave_rows = self._table("slaves")
+        self._status_rows = self._table("slave_status")
+        self._signal_rows = self._table("signals")
+        self._output_rows = self._table("outputs")
+        self._slot_rows = self._table("slot_status")
+        self.now_ns = time.monotonic_ns()
+        if head.cycle_time_ns == 0:
+            self.problems.append("header: the cycle time is 0")
+
+    def document(self) -> dict[str, Any]:
+        """Everything, as JSON has it."""
+        head = self.head
+        return {
+            **self.summary(),
+            "bytes": self._shared.size,
+            "layout": version(head.layout),
+            "fingerprint": f"{head.fingerprint:016x}",
+            "counts": {
+                name: getattr(head, f"{name}_count")
+                for name in ("slave", "signal", "domain", "slot")
+            },
+            "domains": self.domains(),
+            "slaves": self.slaves(),
+            "signals": self.signals(),
+            "slots": self.slots(),
+            "settings": self._settings(),
+            "health": self._health(),
+            "problems": self.problems,
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """Who runs the bus, and how it goes."""
+        head = self.head
+        return {
+            "bus": self._shared.bus,
+            "file": str(self._shared.path),
+            "alive": self.alive,
+            "state": _word(shm.BusState(head.state)),
+            "version": shm.printable(head.version),
+            "pid": head.pid,
+            "started": head.instance * 1e-9,
+            "cycle_time_us": head.cycle_time_ns / 1000,
+            "lease_us": head.lease_ns / 1000,
+            "lease_max_us": head.lease_max_ns / 1000,
+            "cycle": head.cycle,
+            "age_us": self._age(head.cycle_end_ns),
+        }
+
+    # --- domains and slaves ---------------------------------------------------------------------
+
+    def _page(self, number: int, row: Any) -> Page | None:
+        fault = domain_faults(row, self.head)
+        if fault:
+            self._fault("domains", number, fault)
+        page = self._try(lambda: self._shared.page(row))
+        if page is not None and page.torn:
+            self._fault("domains", number, "has a page that its writer left in the middle")
+        return page
+
+    def domains(self) -> list[dict[str, Any]]:
+        """All domains, with their newest exchange."""
+        made = []
+        for number, (row, page) in enumerate(zip(self._domain_rows, self._pages, strict=True)):
+            exchanged = page is not None and page.head.cycle > 0
+            made.append(
+                {
+                    "number": number,
+                    "name": shm.printable(row.name),
+                    "divider": row.divider,
+                    "phase": row.phase,
+                    "output_bytes": row.output_bytes,
+                    "input_bytes": max(0, row.image_bytes - row.output_bytes),
+                    "wkc_expected": row.wkc_expected,
+                    "wkc": page.head.wkc if page else None,
+                    "wkc_state": _word(shm.WkcState(page.head.wkc_state)) if page else None,
+                    "cycle": page.head.cycle if page else None,
+                    "age_us": self._age(page.head.time_ns) if page and exchanged else None,
+                }
+            )
+        return made
+
+    def slaves(self) -> list[dict[str, Any]]:
+        """All slaves, with their AL state."""
+        made = []
+        for position, row in enumerate(self._slave_rows):
+            fault = slave_faults(row, self.head, self._domain_rows)
+            if fault:
+                self._fault("slaves", position, fault)
+            status = _at(self._status_rows, position)
+            made.append(
+                {
+                    "position": position,
+                    "name": shm.printable(row.name),
+                    **{k: getattr(row, k) for k in ("vendor", "product", "revision", "serial")},
+                    **{k: getattr(row, k) for k in ("alias", "address", "domain")},
+                    **{k: getattr(row, k) for k in ("output_bytes", "input_bytes", "dc_bits")},
+                    "state": al_state_text(status.al_state) if status else None,
+                    "al_code": status.al_code if status else None,
+                }
+            )
+        return made
+
+    # --- signals --------------------------------------------------------------------------------
+
+    def signals(self, *, outputs: bool = False) -> list[dict[str, Any]]:
+        """All entries of the process image, with their present values; or outputs only."""
+        made = []
+        for number, row in enumerate(self._signal_rows):
+            if outputs and not row.output:
+                continue
+            fault = signal_faults(row, self.head, self._domain_rows)
+            if fault:
+                self._fault("signals", number, fault)
+            made.append(self._signal(number, row, bool(fault)))
+        return made
+
+    def _signal(self, number: int, row: Any, damaged: bool) -> dict[str, Any]:
+        page = None if damaged else _at(self._pages, row.domain)
+        raw = None if page is None else _decode(page.image, row)
+        return {
+            "number": number,
+            "slave": row.slave,
+            "address": f"0x{row.index:04X}:{row.subindex:02X}",
+            "name": shm.printable(row.name),
+            "pdo": row.pdo,
+            "pdo_name": shm.printable(row.pdo_name),
+            "output": bool(row.output),
+            "type": type_name(row.type),
+            "domain": row.domain,
+            "bit_offset": row.bit_offset,
+            "bit_length": row.bit_length,
+            "raw": raw,
+            "value": None if raw is None else raw * row.scale + row.offset,
+            "unit": shm.printable(row.unit),
+            "scaled": (row.scale, row.offset) != (1.0, 0.0),
+            "validity": "damaged" if page is None else self._validity(row, page),
+            **(self._owner(number) if row.output else {}),
+        }
+
+    def _validity(self, row: Any, page: Page) -> str:
+        """`ecat_validity()` of the C client."""
+        status = _at(self._status_rows, row.slave)
+        state = status.al_state if status else AlState.NONE
+        needed = (AlState.OP,) if row.output else (AlState.OP, AlState.SAFEOP)
+        if page.head.cycle == 0:
+            found = shm.Validity.NEVER
+        elif not self._delivers():
+            found = shm.Validity.STALE
+        elif page.head.wkc_state != shm.WkcState.COMPLETE or self._is_absent(row.slave, page):
+            found = shm.Validity.INCOMPLETE
+        elif state & AL_ERROR_FLAG or state not in needed:
+            found = shm.Validity.NOT_OPERATIONAL
+        else:
+            found = shm.Validity.VALID
+        return _word(found)
+
+    def _is_absent(self, position: int, page: Page) -> bool:
+        """Whether a slave is optional, and its group did not take part."""
+        slave = _at(self._slave_rows, position)
+        group = -1 if slave is None else slave.group
+        return 0 <= group < shm.MAX_GROUPS and bool(page.head.absent >> group & 1)
+
+    def _delivers(self) -> bool:
+        limit = max(20_000_000, 5 * self.head.cycle_time_ns) + _SILENCE_NS
+        return (
+            self.alive
+            and self.head.state != shm.BusState.STOPPED
+            and self.now_ns - self.head.cycle_end_ns <= limit
+        )
+
+    def _owner(self, number: int) -> dict[str, Any]:
+        row = _at(self._output_rows, number)
+        if row is None:
+            return dict.fromkeys(("owner", "state", "reason", "source", "since_cycle"))
+        fault = output_faults(row, self.head)
+        if fault:
+            self._fault("outputs", number, fault)
+        return {
+            "owner": row.owner if row.owner >= 0 and not fault else None,
+            "state": _word(shm.Outputs(row.state)),
+            "reason": _word(shm.Reason(row.reason)),
+            "source": self._source(row) if row.state == shm.Outputs.COPIED else None,
+            "since_cycle": row.since_cycle,
+            "since_us": self._age(row.since_ns) if row.since_ns else None,
+        }
+
+    def _source(self, row: Any) -> str | None:
+        """The input that is copied to an output, such as "1/0x6000:01"."""
+        source = _at(self._signal_rows, row.source)
+        return source and f"{source.slave}/0x{source.index:04X}:{source.subindex:02X}"
+
+    # --- clients --------------------------------------------------------------------------------
+
+    def slots(self) -> list[dict[str, Any]]:
+        """Client slots that are or were in use."""
+        try:
+            with self._shared.slots(self.head) as out:
+                count = out.header.slot_count
+                if count < len(self._slot_rows):
+                    self.problems.append(f".out: {count} slots, and {len(self._slot_rows)} states")
+                made = [self._slot(n, row, out) for n, row in enumerate(self._slot_rows)]
+        except EcatError as error:
+            # A leftover need not have clients; who may not see them sees the rest.
+            if self.alive and not isinstance(error, NotPermittedError):
+                self.problems.append(str(error))
+            made = [self._slot(n, row, None) for n, row in enumerate(self._slot_rows)]
+        return [slot for slot in made if slot is not None]
+
+    def _slot(self, number: int, row: Any, out: SlotReader | None) -> dict[str, Any] | None:
+        bell = out.doorbell(number) if out else None
+        client = out.slot(number) if out else None
+        if row.state == shm.SlotState.FREE and (bell is None or bell.generation == 0):
+            return None
+        since = client.since_ns if client else 0
+        seconds = (self.now_ns - since) * 1e-9 if 0 < since <= self.now_ns else None
+        return {
+            "slot": number,
+            "state": _word(shm.SlotState(row.state)),
+            "reason": _word(shm.Reason(row.reason)),
+            "pid": client.pid if client else None,
+            "pid_is_ours": is_ours(client.pid_namespace) if client else None,
+            "program": shm.printable(client.program) if client else None,
+            "held": out.held(number) if out else None,
+            "seconds": seconds,
+            "since": None if seconds is None else time.time() - seconds,
+            "heartbeat_us": self._age(row.beat_ns),
+            "lease_us": row.lease_ns / 1000,
+            "lapses": row.lapses,
+            "refused": row.refused,
+            "commit_cycle": row.commit_cycle,
+            "outputs": sum(output.owner == number for output in self._output_rows),
+        }
+
+    # --- the rest -------------------------------------------------------------------------------
+
+    def _settings(self) -> list[dict[str, Any]]:
+        return [
+            {
+                "setting": _word(shm.Setting(number)),
+                "wanted": bool(row.wanted),
+                "granted": bool(row.granted),
+                "value": row.value,
+                "error": row.error,
+            }
+            for number, row in enumerate(self._table("settings"))
+        ]
+
+    def _health(self) -> dict[str, Any] | None:
+        for row in self._table("health"):
+            return {
+                **{name: getattr(row, name) for name in COUNTERS},
+                "slaves_found": row.slaves_found,
+                "al_status": row.al_status,
+                "ring": _word(shm.Ring(row.ring)),
+                "links": [_word(shm.Link(link)) for link in (row.link_first, row.link_second)],
+                "dc": _word(shm.DcState(row.dc_state)),
+            }
+        return None
+
+    def _table(self, name: str) -> list[Any]:
+        return self._try(lambda: self._shared.table(self.head, name)) or []
+
+    def _try(self, part: Callable[[], _T]) -> _T | None:
+        try:
+            return part()
+        except EcatError as error:
+            self.problems.append(str(error))
+            return None
+
+    def _fault(self, table: str, number: int, fault: str) -> None:
+        self.problems.append(f"{table}[{number}] {fault}")
+
+    def _age(self, then_ns: int) -> float:
+        """Microseconds since a time of CLOCK_MONOTONIC; 0 for what is yet to come."""
+        return float(max(0, self.now_ns - then_ns) / 1000)
+
+
+def _at(rows: list[_T], number: int) -> _T | None:
+    return rows[number] if number < len(rows) else None
+
+
+def _word(member: Any) -> str:
+    return str(member.name).lower()
+
+
+def _decode(image: bytes, row: Any) -> int | float:
+    """The raw value of an entry (`client_c/src/entries.h`)."""
+    first, bits = row.bit_offset // 8, row.bit_length
+    end = (row.bit_offset + bits + 7) // 8
+    raw: int = int.from_bytes(image[first:end], "little") >> row.bit_offset % 8 & (1 << bits) - 1
+    if (row.type, bits) in _REALS:
+        value: float = binary.unpack(_REALS[row.type, bits], raw.to_bytes(bits // 8, "little"))[0]
+        return value
+    if is_signed(row.type) and raw >> bits - 1:
+        raw -= 1 << bits
+    return raw

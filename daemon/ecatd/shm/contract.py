@@ -1,0 +1,361 @@
+"""The layout of the shared memory, taken from the C client at import.
+
+`client_c/include/ecat/ecat_shm.def` defines the layout, and says which side writes each field.
+`libecat` returns this definition as text. This module makes constants and ctypes classes from it,
+and `cli/layout_tables.py` makes the tables of the documentation. The enumerations are repeated here
+so that a type checker knows their members; a test compares them with the definition.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cache
+from typing import Any, NamedTuple, Self
+
+from ecatd.base import native
+from ecatd.etg.al import AlState
+
+LIBRARY = native.load("ecatd", "ecat")
+LIBRARY.ecat_layout.restype = ctypes.c_char_p
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line of the definition.
+
+    Attributes:
+        kind: `const`, `enum`, `value` (of the enumeration `of`), `struct` or `field` (of the struct
+            `of`).
+        of: The enumeration or struct to which the line belongs, or which it begins.
+        name: Name of a constant, enumerator or field.
+        type: C type of a field.
+        value: Value of a constant or enumerator; offset of a field in bytes.
+        size: Bytes of a struct, or of all `count` elements of a field.
+        count: Elements of a field, 1 for a scalar.
+        comment: The meaning, and which side writes it.
+    """
+
+    kind: str
+    of: str
+    name: str
+    type: str
+    value: int
+    size: int
+    count: int
+    comment: str
+
+
+def _parse(text: str) -> Line:
+    kind, of, name, type_, value, size, count, comment = text.split(" ", 7)
+    return Line(kind, of, name, type_, _int(value), _int(size), _int(count), comment)
+
+
+def _int(word: str) -> int:
+    return 0 if word == "-" else int(word)
+
+
+DEFINITION = tuple(_parse(line) for line in LIBRARY.ecat_layout().decode().splitlines())
+
+_CONSTANTS = {line.name: line.value for line in DEFINITION if line.kind == "const"}
+SHM_MAGIC = _CONSTANTS["ECAT_SHM_MAGIC"]
+OUT_MAGIC = _CONSTANTS["ECAT_OUT_MAGIC"]
+LAYOUT = _CONSTANTS["ECAT_SHM_LAYOUT"]
+SLOTS = _CONSTANTS["ECAT_SLOTS"]
+IMAGES = _CONSTANTS["ECAT_IMAGES"]
+REQUESTS = _CONSTANTS["ECAT_REQUESTS"]
+REQUEST_BYTES = _CONSTANTS["ECAT_REQUEST_BYTES"]
+SETTINGS = _CONSTANTS["ECAT_SETTINGS"]
+MAX_SLAVES = _CONSTANTS["ECAT_MAX_SLAVES"]
+MAX_DOMAINS = _CONSTANTS["ECAT_MAX_DOMAINS"]
+MAX_GROUPS = _CONSTANTS["ECAT_MAX_GROUPS"]
+LOCK_DAEMON = _CONSTANTS["ECAT_LOCK_DAEMON"]
+LOCK_SLOT = _CONSTANTS["ECAT_LOCK_SLOT"]
+DIED = _CONSTANTS["ECAT_DIED"]
+
+
+class _Open(IntEnum):
+    """An enumeration to which later minor versions of the layout may add members.
+
+    A number that is not known here becomes a member with a name such as `UNKNOWN_9`.
+    """
+
+    @classmethod
+    def _missing_(cls, value: object) -> Self | None:
+        if not isinstance(value, int):
+            return None
+        member = int.__new__(cls, value)
+        member._name_ = f"UNKNOWN_{value}"
+        member._value_ = value
+        return member
+
+    @classmethod
+    def named(cls, name: str) -> Self:
+        """Returns the member with a name, in upper or lower case; `unknown_9` is member number 9.
+
+        Raises:
+            KeyError: There is no such member.
+        """
+        word, _, number = name.upper().rpartition("_")
+        if word == "UNKNOWN" and number.isascii() and number.isdecimal():
+            return cls(int(number))
+        return cls[name.upper()]
+
+
+class BusState(_Open):
+    """`ecat_bus_state`: what the daemon is doing."""
+
+    STARTING = 1
+    RUNNING = 2
+    STOPPING = 3
+    STOPPED = 4
+
+
+class WkcState(_Open):
+    """`ecat_wkc_state`: how many slaves took part in a domain's exchange."""
+
+    ZERO = 0
+    INCOMPLETE = 1
+    COMPLETE = 2
+
+
+class Ring(_Open):
+    """`ecat_ring`: whether the ring is closed, as the second interface sees it."""
+
+    NONE = 0
+    CLOSED = 1
+    OPEN = 2
+
+
+class Link(_Open):
+    """`ecat_link`: state of a network interface."""
+
+    UNUSED = 0
+    UP = 1
+    NO_CARRIER = 2
+    DOWN = 3
+    GONE = 4
+
+
+class DcState(_Open):
+    """`ecat_dc_state`: whether the cycle follows the reference clock."""
+
+    OFF = 0
+    LOCKING = 1
+    LOCKED = 2
+
+
+class Setting(_Open):
+    """`ecat_setting`: the real-time settings."""
+
+    SCHEDULING = 0
+    AFFINITY = 1
+    MEMORY = 2
+    TIMER_SLACK = 3
+    DMA_LATENCY = 4
+    BUSY_RECEIVE = 5
+
+
+class Outputs(_Open):
+    """`ecat_outputs`: the source of the value of an output."""
+
+    SAFE = 0
+    CLAIMED = 1
+    ACTIVE = 2
+    STOPPING = 3
+    COPIED = 4
+
+
+class Reason(_Open):
+    """`ecat_reason`: why an output is, or was last, at its safe value."""
+
+    START = 0
+    RELEASED = 1
+    LAPSED = 2
+    GONE = 3
+    STOPPING = 4
+    WKC = 5
+    SOURCE = 6
+    DIED = 7
+
+
+class Request(_Open):
+    """`ecat_request_op`: the kinds of requests of a client to the worker."""
+
+    UPLOAD = 1
+    DOWNLOAD = 2
+    STATE = 3
+
+
+class SlotState(_Open):
+    """`ecat_slot_state`: state of a client slot."""
+
+    FREE = 0
+    ACTIVE = 1
+    LAPSED = 2
+
+
+class Errno(_Open):
+    """`ecat_errno`: return values of failed calls of the C client."""
+
+    OK = 0
+    EARG = -1
+    EDOWN = -2
+    ELAYOUT = -3
+    EPERM = -4
+    EBUS = -5
+    ESIGNAL = -6
+    EOWNED = -7
+    ECLAIM = -8
+    ELEASE = -9
+    ERANGE = -10
+    ETIMEOUT = -11
+    ESTALE = -12
+    EFULL = -13
+    EABORT = -14
+    EBUSY = -15
+    ESYS = -16
+    ESTATE = -17
+
+
+class Direction(_Open):
+    """`ecat_direction`: selects the input or the output where one address has both."""
+
+    INPUT = 0
+    OUTPUT = 1
+    ANY = 2
+
+
+class Validity(_Open):
+    """`ecat_validity`: whether the value of an entry in the last sample can be trusted."""
+
+    VALID = 0
+    NEVER = 1
+    STALE = 2
+    INCOMPLETE = 3
+    NOT_OPERATIONAL = 4
+
+
+ENUMS: dict[str, type[IntEnum]] = {
+    "ecat_bus_state": BusState,
+    "ecat_wkc_state": WkcState,
+    "ecat_ring": Ring,
+    "ecat_link": Link,
+    "ecat_dc_state": DcState,
+    "ecat_setting": Setting,
+    "ecat_outputs": Outputs,
+    "ecat_reason": Reason,
+    "ecat_slot_state": SlotState,
+    "ecat_request_op": Request,
+    "ecat_errno": Errno,
+    "ecat_direction": Direction,
+    "ecat_al_state": AlState,
+    "ecat_validity": Validity,
+}
+"""The enumerations by their name in C."""
+
+
+_SCALARS: dict[str, Any] = {
+    "uint8_t": ctypes.c_uint8,
+    "uint16_t": ctypes.c_uint16,
+    "uint32_t": ctypes.c_uint32,
+    "int32_t": ctypes.c_int32,
+    "uint64_t": ctypes.c_uint64,
+    "int64_t": ctypes.c_int64,
+    "double": ctypes.c_double,
+    "char": ctypes.c_char,
+}
+
+
+@cache
+def struct(name: str) -> Any:
+    """Returns the ctypes class of a struct, for example `struct("ecat_shm_header")`."""
+    fields: list[tuple[str, Any]] = []
+    for field in fields_of(name):
+        base = _SCALARS.get(field.type) or struct(field.type)
+        fields.append((field.name, base if field.count == 1 else base * field.count))
+    made: Any = type(name, (ctypes.Structure,), {"_fields_": fields})
+    if ctypes.sizeof(made) != size(name):
+        raise ImportError(
+            f"{name} has {ctypes.sizeof(made)} bytes in Python, but another size in C"
+        )
+    return made
+
+
+_SIZES = {line.of: line.size for line in DEFINITION if line.kind == "struct"}
+
+
+def size(name: str) -> int:
+    """Returns the size of a struct in bytes."""
+    return _SIZES[name]
+
+
+@cache
+def fields_of(name: str) -> tuple[Line, ...]:
+    """Returns the fields of a struct."""
+    return tuple(line for line in DEFINITION if line.kind == "field" and line.of == name)
+
+
+LIBRARY.ecat_histogram_quantile.restype = ctypes.c_uint64
+LIBRARY.ecat_histogram_quantile.argtypes = [ctypes.c_void_p, ctypes.c_double]
+
+
+def quantile(histogram: ctypes.Structure, q: float) -> int:
+    """Returns the `q`-quantile, for example 0.99, of an `ecat_shm_histogram`: a time in ns."""
+    return int(LIBRARY.ecat_histogram_quantile(ctypes.byref(histogram), q))
+
+
+LIBRARY.ecat_histogram_bucket.restype = ctypes.c_uint
+LIBRARY.ecat_histogram_bucket.argtypes = [ctypes.c_uint64]
+LIBRARY.ecat_histogram_bound.restype = ctypes.c_uint64
+LIBRARY.ecat_histogram_bound.argtypes = [ctypes.c_uint]
+
+
+def bucket(ns: int) -> int:
+    """Returns the number of the bucket of an `ecat_shm_histogram` to which a time in ns belongs."""
+    return int(LIBRARY.ecat_histogram_bucket(ns))
+
+
+def bound(number: int) -> int:
+    """Returns the smallest time in ns that belongs to a bucket."""
+    return int(LIBRARY.ecat_histogram_bound(number))
+
+
+def printable(raw: bytes) -> str:
+    """Decodes text from shared memory; replaces characters that cannot be printed."""
+    text = raw.decode("utf-8", "replace")
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+class Table(NamedTuple):
+    """A table of the daemon's shared memory; it begins at `<name>_offset` of the header.
+
+    Attributes:
+        struct: The struct of its entries.
+        counted: The field of the header with the number of entries, or empty for 1.
+        times: Factor by which the number of entries is multiplied.
+    """
+
+    struct: str
+    counted: str = ""
+    times: int = 1
+
+    def count(self, head: Any) -> int:
+        """Returns the number of entries in shared memory with this header."""
+        return self.times * (getattr(head, self.counted) if self.counted else 1)
+
+
+TABLES = {
+    "slaves": Table("ecat_shm_slave", "slave_count"),
+    "signals": Table("ecat_shm_signal", "signal_count"),
+    "domains": Table("ecat_shm_domain", "domain_count"),
+    "slave_status": Table("ecat_shm_slave_status", "slave_count"),
+    "outputs": Table("ecat_shm_output", "signal_count"),
+    "slot_status": Table("ecat_shm_slot_status", "slot_count"),
+    "replies": Table("ecat_shm_reply", "slot_count", REQUESTS),
+    "domain_status": Table("ecat_shm_domain_status", "domain_count"),
+    "settings": Table("ecat_shm_setting", times=SETTINGS),
+    "health": Table("ecat_shm_health"),
+}
+"""All tables by name."""

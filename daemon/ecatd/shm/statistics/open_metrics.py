@@ -1,0 +1,246 @@
+"""Statistics as text in the OpenMetrics format 1.0, for Prometheus and programs like it.
+
+Counters are those since the start of the exchange; times are in seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from ecatd.base.errors import EcatError
+from ecatd.base.quoting import printable
+from ecatd.description.bus import display_name
+from ecatd.etg.al import AlState
+from ecatd.operations.faults import EXCHANGE
+from ecatd.operations.health import Health, required
+
+from .. import contract as shm
+from .problems import find_problems, is_exchanged
+from .snapshot import DOMAIN_COUNTERS, Histogram, Snapshot
+
+CONTENT_TYPE = "application/openmetrics-text; version=1.0.0; charset=utf-8"
+
+_BOUNDS_NS = tuple(step * 10**power for power in range(3, 9) for step in (1, 2, 5))
+"""Upper bounds of the steps of all histograms: 1 µs to 0.5 s."""
+_COUNTERS = {
+    "cycles": "Cycles of the exchange.",
+    "missed": "Cycles that were left out because the one before took too long.",
+    "frames": "Frames that were sent.",
+    "lost": "Frames that did not come back in time.",
+    "late": "Frames that came back after their cycle.",
+    "foreign": "Frames of another master.",
+    "wkc_bad": "Exchanges of a domain with a wrong working counter.",
+    "send_errors": "Frames that the interface did not take.",
+    "commits": "Outputs of clients that were taken over.",
+    "torn": "Outputs of clients that were read in the next cycle only.",
+    "lapses": "Clients that lost their outputs because they did not answer in time.",
+    "mailbox_frames": "Frames of the control side.",
+    "mailbox_lost": "Frames of the control side that did not come back in time.",
+}
+_DOMAIN_COUNTERS = {
+    "exchanges": "Exchanges of a domain.",
+    "overruns": "Exchanges of a domain that were left out because their cycle was missed.",
+    "lost": "Frames with data of a domain that did not come back in time.",
+    "late": "Frames with data of a domain that came back after their cycle.",
+    "unsent": "Frames with data of a domain that could not be sent.",
+    "wkc_bad": "Exchanges of a domain with an incomplete working counter.",
+    "wkc_wrong": "Those of them whose frames all came back.",
+}
+_TIMES = {
+    "wakeup": "How late the cycle begins.",
+    "exchange": "From sending the frames of a cycle to the last answer.",
+    "cycle": "Work in a cycle, with the exchange.",
+    "delay": "From a sample to the exchange with the outputs that answer it.",
+    "dc_offset": "How far the cycle is from its place in the cycle of the reference clock.",
+    "mailbox": "Round trip of a frame of the control side.",
+}
+
+
+def write_metrics(snapshot: Snapshot, slaves: Health | EcatError) -> str:
+    """Makes the text of one scrape.
+
+    Args:
+        snapshot: Statistics since the start.
+        slaves: The health of the slaves, or why it is unknown.
+    """
+    return "\n".join([*_lines(snapshot, slaves), "# EOF", ""])
+
+
+def _lines(snapshot: Snapshot, slaves: Health | EcatError) -> Iterator[str]:
+    bus = {"bus": snapshot.bus}
+    yield from _family("ecat_bus", "info", "The daemon.")
+    yield _sample("ecat_bus_info", {**bus, "version": snapshot.version}, 1)
+    yield from _gauge(
+        "ecat_up", "Whether the bus is exchanged.", [(bus, int(is_exchanged(snapshot)))]
+    )
+    yield from _gauge(
+        "ecat_problems",
+        "Number of problems that ecatctl check names.",
+        [(bus, len(find_problems(snapshot, slaves)))],
+    )
+    yield from _gauge(
+        "ecat_start_time_seconds",
+        "Start of the daemon.",
+        [(bus, snapshot.instance / 1e9)],
+        "seconds",
+    )
+    yield from _gauge(
+        "ecat_cycle_time_seconds", "Base cycle.", [(bus, snapshot.cycle_time_ns / 1e9)], "seconds"
+    )
+    yield from _gauge(
+        "ecat_slaves_expected", "Slaves of the bus.", [(bus, snapshot.slaves_expected)]
+    )
+    yield from _gauge("ecat_slaves_found", "Slaves that answer.", [(bus, snapshot.slaves_found)])
+    yield from _gauge(
+        "ecat_states_known",
+        "Whether the bus server says how the slaves are.",
+        [(bus, int(isinstance(slaves, Health)))],
+    )
+    if isinstance(slaves, Health):
+        yield from _slaves(bus, slaves)
+        yield from _faults(bus, snapshot, slaves)
+    yield from _gauge(
+        "ecat_link_up",
+        "Whether an interface has a carrier.",
+        [
+            ({**bus, "interface": name}, int(link == shm.Link.UP))
+            for name, link in zip(("first", "second"), snapshot.links, strict=True)
+            if link != shm.Link.UNUSED
+        ],
+    )
+    if snapshot.ring != shm.Ring.NONE:
+        closed = snapshot.ring == shm.Ring.CLOSED
+        yield from _gauge(
+            "ecat_ring_closed", "Whether the ring of cables is closed.", [(bus, int(closed))]
+        )
+    if snapshot.clock.state != shm.DcState.OFF:
+        locked = snapshot.clock.state == shm.DcState.LOCKED
+        yield from _gauge(
+            "ecat_dc_locked", "Whether the cycle follows the reference clock.", [(bus, int(locked))]
+        )
+    for name, text in _COUNTERS.items():
+        yield from _counter(f"ecat_{name}", text, [(bus, getattr(snapshot.counters, name))])
+    for name in DOMAIN_COUNTERS:
+        yield from _counter(
+            f"ecat_domain_{name}",
+            _DOMAIN_COUNTERS[name],
+            [
+                ({**bus, "domain": str(domain.number), "name": domain.name}, getattr(domain, name))
+                for domain in snapshot.domains
+            ],
+        )
+    for name, histogram in snapshot.times.items():
+        yield from _histogram(f"ecat_{name}_seconds", _TIMES[name], bus, histogram)
+
+
+def _slaves(bus: Mapping[str, str], slaves: Health) -> Iterator[str]:
+    for name, text, count in (
+        ("required", "Slaves that should be in OP.", slaves.expected),
+        ("in_op", "Slaves that are in OP.", slaves.in_op),
+        ("missing", "Slaves that were missing at the start.", slaves.missing),
+    ):
+        yield from _gauge(f"ecat_slaves_{name}", text, [(bus, count)])
+    rows = required(slaves.rows)
+    labels = [
+        {
+            **bus,
+            "slave": str(row["position"]),
+            "name": display_name(row.get("given_name", ""), row["name"]),
+        }
+        for row in rows
+    ]
+    if rows:
+        yield from _gauge(
+            "ecat_slave_in_op",
+            "Whether a slave is in OP.",
+            [
+                (label, int(row["al_state"] == AlState.OP))
+                for label, row in zip(labels, rows, strict=True)
+            ],
+        )
+        yield from _gauge(
+            "ecat_slave_al_status",
+            "AL status register of a slave, 0 if it does not answer.",
+            [(label, row["al_state"]) for label, row in zip(labels, rows, strict=True)],
+        )
+
+
+def _faults(bus: Mapping[str, str], snapshot: Snapshot, health: Health) -> Iterator[str]:
+    spoilt = {fault.domain for fault in health.faults}
+    yield from _gauge(
+        "ecat_domain_well",
+        "Whether the exchanges of a domain succeed, by the limits of [health].",
+        [
+            (
+                {**bus, "domain": str(domain.number), "name": domain.name},
+                int(domain.number not in spoilt),
+            )
+            for domain in snapshot.domains
+        ],
+    )
+    if health.faults:
+        yield from _gauge(
+            "ecat_fault",
+            "Share of the exchanges that a fault spoils; 1 for faults of interfaces and clocks.",
+            [
+                (
+                    {
+                        **bus,
+                        "kind": fault.kind,
+                        "domain": "" if fault.domain is None else str(fault.domain),
+                        "interface": fault.interface,
+                    },
+                    fault.share if fault.kind in EXCHANGE else 1,
+                )
+                for fault in health.faults
+            ],
+        )
+
+
+def _family(name: str, kind: str, text: str, unit: str = "") -> Iterator[str]:
+    yield f"# TYPE {name} {kind}"
+    if unit:
+        yield f"# UNIT {name} {unit}"
+    yield f"# HELP {name} {text}"
+
+
+def _gauge(
+    name: str, text: str, samples: Iterable[tuple[Mapping[str, str], float]], unit: str = ""
+) -> Iterator[str]:
+    yield from _family(name, "gauge", text, unit)
+    for labels, value in samples:
+        yield _sample(name, labels, value)
+
+
+def _counter(
+    name: str, text: str, samples: Iterable[tuple[Mapping[str, str], int]]
+) -> Iterator[str]:
+    yield from _family(name, "counter", text)
+    for labels, value in samples:
+        yield _sample(f"{name}_total", labels, value)
+
+
+def _histogram(
+    name: str, text: str, labels: Mapping[str, str], histogram: Histogram
+) -> Iterator[str]:
+    """A step belongs to the first bound at or above its upper edge. The bounds are much wider."""
+    yield from _family(name, "histogram", text, "seconds")
+    bins = list(histogram.bins())
+    below = at = 0
+    for bound in _BOUNDS_NS:
+        while at < len(bins) and bins[at].high_ns <= bound:
+            below += bins[at].count
+            at += 1
+        yield _sample(f"{name}_bucket", {**labels, "le": repr(bound / 1e9)}, below)
+    yield _sample(f"{name}_bucket", {**labels, "le": "+Inf"}, histogram.count)
+    yield _sample(f"{name}_count", labels, histogram.count)
+    yield _sample(f"{name}_sum", labels, histogram.sum_ns / 1e9)
+
+
+def _sample(name: str, labels: Mapping[str, str], value: float) -> str:
+    inside = ",".join(f'{key}="{_escape(text)}"' for key, text in labels.items())
+    return f"{name}{{{inside}}} {value!r}"
+
+
+def _escape(text: str) -> str:
+    return printable(text).replace("\\", "\\\\").replace('"', '\\"')

@@ -1,0 +1,317 @@
+"""Classes for statistics: counters, histograms, and the state of a bus at one time.
+
+A `Snapshot` contains everything. The difference of two snapshots has the statistics of the interval
+between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from ecatd.base.errors import StateError, UsageError
+
+from .. import contract as shm
+
+_BUCKETS = len(shm.struct("ecat_shm_histogram")().buckets)
+_OVERDUE_NS = 500_000_000
+"""A shorter silence does not count: a process may get no processor for a moment."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bin:
+    """One step of a histogram: `count` samples were at least `low_ns` and less than `high_ns`."""
+
+    low_ns: int
+    high_ns: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Histogram:
+    """Distribution of a time: exact below 32 ns, then in steps of about 3 % or less up to 8.6 s.
+
+    Attributes:
+        buckets: Number of samples in each bucket (`ecat_histogram_bucket()`).
+        sum_ns: Sum of all samples.
+        min_ns: Smallest sample, 0 if there are none. For an interval it is exact if it is also the
+            smallest since the start, else it is the lower edge of its bucket.
+        max_ns: Largest sample, 0 if there are none. For an interval it is exact if it is also the
+            largest since the start, else it is the upper edge of its bucket.
+    """
+
+    buckets: tuple[int, ...] = (0,) * _BUCKETS
+    sum_ns: int = 0
+    min_ns: int = 0
+    max_ns: int = 0
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return sum(self.buckets)
+
+    @property
+    def mean_ns(self) -> float:
+        """Mean in ns, 0 without samples."""
+        return self.sum_ns / max(1, self.count)
+
+    def quantile(self, q: float) -> int:
+        """The time in ns that the share `q` of all samples does not exceed, 0 without samples.
+
+        It is the upper edge of a bucket, or the largest sample if that is less: never less than
+        the exact quantile, and at most 3.2 % more.
+
+        Raises:
+            UsageError: `q` is not within 0 to 1.
+        """
+        if not 0 <= q <= 1:
+            raise UsageError(f"{q} is no quantile: use 0 to 1, for example 0.99")
+        raw = shm.struct("ecat_shm_histogram")(max_ns=self.max_ns)
+        raw.buckets[:] = self.buckets
+        return shm.quantile(raw, q)
+
+    def bins(self) -> Iterator[Bin]:
+        """Yields the steps that have samples, in ascending order of time."""
+        for number, count in enumerate(self.buckets):
+            if count:
+                last = number == _BUCKETS - 1  # has no upper edge
+                high = max(shm.bound(number + 1), self.max_ns + 1 if last else 0)
+                yield Bin(shm.bound(number), high, count)
+
+    def __sub__(self, earlier: Histogram) -> Histogram:
+        buckets = tuple(
+            max(0, now - then) for now, then in zip(self.buckets, earlier.buckets, strict=True)
+        )
+        made = Histogram(buckets, max(0, self.sum_ns - earlier.sum_ns), self.min_ns, self.max_ns)
+        steps = list(made.bins())
+        if not steps:
+            return Histogram()
+        if earlier.count and self.min_ns == earlier.min_ns:
+            made = replace(made, min_ns=max(self.min_ns, steps[0].low_ns))
+        if earlier.count and self.max_ns == earlier.max_ns:
+            made = replace(made, max_ns=min(self.max_ns, steps[-1].high_ns - 1))
+        return made
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """Times measured by the daemon; `ecat_shm_health` in the layout describes each of them."""
+
+    wakeup: Histogram
+    exchange: Histogram
+    cycle: Histogram
+    delay: Histogram
+    dc_offset: Histogram
+    mailbox: Histogram
+
+    def items(self) -> Iterator[tuple[str, Histogram]]:
+        """Yields name and histogram of each time."""
+        for field in fields(self):
+            yield field.name, getattr(self, field.name)
+
+
+TIMES = tuple(field.name for field in fields(Times))
+
+
+@dataclass(frozen=True, slots=True)
+class Counters:
+    """Counters since the start of the exchange, or of an interval (`ecat_shm_health`)."""
+
+    cycles: int
+    missed: int
+    frames: int
+    lost: int
+    late: int
+    foreign: int
+    wkc_bad: int
+    send_errors: int
+    commits: int
+    torn: int
+    lapses: int
+    mailbox_frames: int
+    mailbox_lost: int
+    mailbox_ns: int
+
+
+COUNTERS = tuple(field.name for field in fields(Counters))
+DOMAIN_COUNTERS = ("exchanges", "overruns", "lost", "late", "unsent", "wkc_bad", "wkc_wrong")
+
+
+@dataclass(frozen=True, slots=True)
+class Domain:
+    """One domain: what it is, its last exchange, and its counters (`ecat_shm_domain_status`).
+
+    Attributes:
+        number: 0 first.
+        name: Name from the configuration.
+        divider: The domain is exchanged in every n-th base cycle; this is n.
+        phase: Remainder of cycle number / divider in these cycles.
+        output_bytes: Bytes of outputs in its image.
+        input_bytes: Bytes of inputs in its image.
+        wkc_expected: Working counter when all slaves take part.
+        wkc: Working counter of its last exchange.
+        wkc_state: Whether none, some or all slaves took part in it.
+        cycle: Number of the cycle of its last exchange.
+        exchanges: Number of exchanges.
+        overruns: Exchanges left out because their cycle was missed.
+        lost: Frames with its data that did not come back in time.
+        late: Frames with its data that came back after their cycle.
+        unsent: Frames with its data that could not be sent.
+        wkc_bad: Exchanges with an incomplete working counter.
+        wkc_wrong: Those of them whose frames all came back.
+    """
+
+    number: int
+    name: str
+    divider: int
+    phase: int
+    output_bytes: int
+    input_bytes: int
+    wkc_expected: int
+    wkc: int
+    wkc_state: shm.WkcState
+    cycle: int
+    exchanges: int
+    overruns: int
+    lost: int
+    late: int
+    unsent: int
+    wkc_bad: int
+    wkc_wrong: int
+
+    def __sub__(self, earlier: Domain) -> Domain:
+        return replace(self, **_difference(self, earlier, DOMAIN_COUNTERS))
+
+
+@dataclass(frozen=True, slots=True)
+class Grant:
+    """One real-time setting.
+
+    Attributes:
+        setting: Kind of the setting.
+        wanted: Whether the daemon asked for it.
+        granted: Whether it is in force.
+        value: Priority, CPU, ns or µs; see `ecat_setting`.
+        error: errno if it was refused, else 0.
+    """
+
+    setting: shm.Setting
+    wanted: bool
+    granted: bool
+    value: int
+    error: int
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """State of the distributed clocks.
+
+    Attributes:
+        state: Whether the cycle follows the reference clock.
+        reference: Position of the reference clock, -1 for none.
+        time_ns: Time of the reference clock in the last cycle.
+        offset_ns: Phase of the last cycle relative to the reference clock.
+        drift_ppb: How much faster the reference clock runs than CLOCK_MONOTONIC.
+    """
+
+    state: shm.DcState
+    reference: int
+    time_ns: int
+    offset_ns: int
+    drift_ppb: int
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """State and statistics of a bus at one time; `later - earlier` is an interval.
+
+    In an interval, `start_ns`, `counters`, `delay_cycles`, `times` and the counters of `domains`
+    are those of the interval; all other attributes are those of its end.
+
+    Attributes:
+        bus: Name of the bus.
+        version: Version of the daemon.
+        state: What the daemon is doing.
+        instance: CLOCK_REALTIME in ns at the start of the daemon; a restart changes it.
+        cycle_time_ns: Base cycle.
+        cycle: Number of the last finished cycle.
+        cycle_end_ns: CLOCK_MONOTONIC at its end.
+        start_ns: CLOCK_MONOTONIC at the first cycle, or at the start of the interval.
+        read_ns: CLOCK_MONOTONIC when the statistics were read.
+        slaves_expected: Number of slaves in the bus description.
+        slaves_found: Number of slaves that answered in the last cycle.
+        al_status: Bitwise OR of the AL status of all slaves.
+        ring: What the second interface sees.
+        ring_break: Number of slaves before the break, if the ring is open.
+        links: State of the interface and of the second one.
+        clock: Distributed clocks.
+        counters: Counters of the exchange.
+        delay_cycles: Number of commits that were sent 0, 1, 2, and 3 or more cycles after the
+            sample that they answer.
+        times: Histograms.
+        domains: Domains by number.
+        grants: Real-time settings, in the order of `shm.Setting`.
+    """
+
+    bus: str
+    version: str
+    state: shm.BusState
+    instance: int
+    cycle_time_ns: int
+    cycle: int
+    cycle_end_ns: int
+    start_ns: int
+    read_ns: int
+    slaves_expected: int
+    slaves_found: int
+    al_status: int
+    ring: shm.Ring
+    ring_break: int
+    links: tuple[shm.Link, shm.Link]
+    clock: Clock
+    counters: Counters
+    delay_cycles: tuple[int, ...]
+    times: Times
+    domains: tuple[Domain, ...]
+    grants: tuple[Grant, ...]
+
+    @property
+    def seconds(self) -> float:
+        """Seconds over which the counters have counted."""
+        return max(0, self.read_ns - self.start_ns) * 1e-9
+
+    @property
+    def silence(self) -> float:
+        """Seconds since the last cycle, if the next ones are overdue; else 0."""
+        age = self.read_ns - self.cycle_end_ns
+        return age * 1e-9 if age > max(5 * self.cycle_time_ns, _OVERDUE_NS) else 0.0
+
+    def __sub__(self, earlier: Snapshot) -> Snapshot:
+        if (self.bus, self.instance) != (earlier.bus, earlier.instance):
+            raise StateError(
+                f"these statistics cannot be subtracted: the daemon of bus '{self.bus}' was "
+                "restarted in between, or they are of two buses"
+            )
+        if self.read_ns < earlier.read_ns:
+            raise UsageError("cannot subtract later statistics from earlier ones")
+        return replace(
+            self,
+            start_ns=earlier.read_ns,
+            counters=Counters(**_difference(self.counters, earlier.counters, COUNTERS)),
+            delay_cycles=tuple(
+                max(0, now - then)
+                for now, then in zip(self.delay_cycles, earlier.delay_cycles, strict=True)
+            ),
+            times=Times(
+                **{name: getattr(self.times, name) - getattr(earlier.times, name) for name in TIMES}
+            ),
+            domains=tuple(
+                now - then for now, then in zip(self.domains, earlier.domains, strict=False)
+            ),
+        )
+
+
+def _difference(now: object, then: object, names: tuple[str, ...]) -> dict[str, Any]:
+    """Increase of counters; 0 for a counter that has decreased, as in damaged shared memory."""
+    return {name: max(0, getattr(now, name) - getattr(then, name)) for name in names}

@@ -1,0 +1,1 @@
+"""Files of vendors and of other tools: ESI (ETG.2000) and ENI (ETG.2100)."""
