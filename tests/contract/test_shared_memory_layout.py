@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from ecatd.cli.layout_tables import layout_lines
-from ecatd.config import DOMAINS_MAX
+from ecatd.description.limits import DOMAINS_MAX
 from ecatd.shm import contract as shm
 
 INCLUDE = Path(__file__).parents[2] / "client_c" / "include"

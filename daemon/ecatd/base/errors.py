@@ -23,8 +23,6 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from ecatd.etg.abort_codes import abort_text
-
 JOIN = "become a member of the group 'ecat' ('sudo usermod -aG ecat $USER', then log in again)"
 """Advice for messages if a daemon runs, but this user may not use it."""
 LOOPBACK = "tcp/127.0.0.1:7447"
@@ -51,7 +49,7 @@ class EcatError(Exception):
         """Makes an error from a map of `to_reply`; an unknown name gives a plain `EcatError`."""
         name, message = reply.get("name"), str(reply.get("message", "unknown error"))
         if name == SdoAbortError.name:
-            return SdoAbortError(int(reply.get("code", 0)), message)
+            return SdoAbortError(int(reply.get("code", 0)), message, str(reply.get("text", "")))
         return _BY_NAME.get(str(name), EcatError)(message)
 
 
@@ -85,20 +83,24 @@ class NoAnswerError(EcatError):
 class SdoAbortError(EcatError):
     """A slave refused an SDO request.
 
+    `ecatd.etg.abort_codes.abort_error` makes one with the text of its code.
+
     Attributes:
         code: The 32-bit abort code (ETG.1000.6, table "SDO abort codes").
+        text: What the standard says about it; may be empty.
     """
 
     name = "sdo_abort"
     exit_code = 5
 
-    def __init__(self, code: int, message: str | None = None) -> None:
-        super().__init__(message or f"SDO abort 0x{code:08X}: {abort_text(code)}")
+    def __init__(self, code: int, message: str = "", text: str = "") -> None:
+        super().__init__(message or f"SDO abort 0x{code:08X}: {text}".removesuffix(": "))
         self.code = code
+        self.text = text
 
     def to_reply(self) -> dict[str, Any]:
-        """Adds `code`, and its standard text as `text`."""
-        return super().to_reply() | {"code": self.code, "text": abort_text(self.code)}
+        """Adds `code` and `text`."""
+        return super().to_reply() | {"code": self.code, "text": self.text}
 
 
 class NotPermittedError(EcatError):

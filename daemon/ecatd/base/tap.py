@@ -7,8 +7,7 @@ import fcntl
 import os
 import socket
 import struct
-
-from ecatd.etg.eoe import parse_interface
+from ipaddress import IPv4Address
 
 from .errors import StateError
 from .process import CAP_NET_ADMIN, raised
@@ -36,13 +35,13 @@ class Tap:
 
     Args:
         name: Its name.
-        address: Its IP address with the size of the network; empty to leave that to others.
+        address: Its IP address and the mask of its network; None to leave that to others.
 
     Raises:
         StateError: The system does not permit it.
     """
 
-    def __init__(self, name: str, address: str) -> None:
+    def __init__(self, name: str, address: tuple[IPv4Address, IPv4Address] | None) -> None:
         self.name = name
         self._fd = -1
         if len(name.encode()) >= _NAME_BYTES:
@@ -62,10 +61,8 @@ class Tap:
                 f"interface {name} for Ethernet over EtherCAT cannot be made: {reason}"
             ) from error
 
-    def _set_address(self, address: str) -> None:
-        for request, value in zip(
-            (_SIOCSIFADDR, _SIOCSIFNETMASK), parse_interface(address), strict=True
-        ):
+    def _set_address(self, address: tuple[IPv4Address, IPv4Address]) -> None:
+        for request, value in zip((_SIOCSIFADDR, _SIOCSIFNETMASK), address, strict=True):
             self._control(request, struct.pack("H2x4s8x", socket.AF_INET, value.packed))
 
     def _set_up(self) -> None:

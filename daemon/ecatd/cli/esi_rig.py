@@ -13,8 +13,9 @@ from pathlib import Path
 from ecatd.base.errors import ConfigError, UsageError
 from ecatd.base.quoting import toml_string
 from ecatd.base.text_file import read_text
-from ecatd.config import POSITION_MAX, load_config
+from ecatd.config import load_config
 from ecatd.config.writer import value_text
+from ecatd.description.limits import POSITION_MAX
 from ecatd.vendor.esi import Described, Findings, devices_in, fitting, parse_code, parse_name
 
 from .esi_devices import warn

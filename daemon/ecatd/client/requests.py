@@ -6,7 +6,8 @@ import ctypes
 from collections.abc import Generator
 from contextlib import suppress
 
-from ecatd.base.errors import EcatError, SdoAbortError, StateError
+from ecatd.base.errors import EcatError, StateError
+from ecatd.etg.abort_codes import abort_error
 from ecatd.shm import contract as shm
 from ecatd.shm.contract import Errno
 
@@ -113,7 +114,7 @@ class Request:
         if code == Errno.EBUSY:
             return None
         if code == Errno.EABORT:
-            raise SdoAbortError(abort.value, text_of(QUICK.ecat_error(address)))
+            raise abort_error(abort.value, text_of(QUICK.ecat_error(address)))
         self._connection.check(code)
         return buffer.raw[: length.value]
 

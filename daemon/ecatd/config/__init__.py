@@ -17,21 +17,18 @@ from .config import (
     RecoveryConfig,
 )
 from .copies import ABSENT, CopyConfig
-from .domains import DOMAINS_MAX, DomainConfig
+from .domains import DomainConfig
 from .file import load_config, read_config
 from .gateway import GatewayConfig, UserConfig
 from .idns import IdnConfig
 from .outputs import STOPS, OutputsConfig, SafeConfig
 from .pdos import PdoConfig, PdoEntryConfig
 from .signals import SignalConfig
-from .slave_reference import POSITION_MAX
 from .slave_settings import STRICT, TOLERANT, ExpectedConfig, Mark, ModuleConfig, SlaveConfig
 from .startup import TRANSITIONS, TRANSITIONS_DOWN, StartupConfig
 
 __all__ = [
     "ABSENT",
-    "DOMAINS_MAX",
-    "POSITION_MAX",
     "STOPS",
     "STRICT",
     "TOLERANT",

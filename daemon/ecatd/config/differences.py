@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 from difflib import SequenceMatcher
 from typing import Any
 
+from ecatd.description.limits import POSITION_MAX
+
 from .config import Config
-from .slave_reference import POSITION_MAX
 
 _Row = dict[str, Any]
 _Label = str | int

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 from ecatd.base.toml_file import Key, Table, accepts, integer, printable
+from ecatd.description.limits import DOMAIN_NAME_BYTES, DOMAINS_MAX, POSITION_MAX
 
 from .placed import Placed, rules_of
-from .slave_reference import POSITION_MAX, known_names, slave_reference
+from .slave_reference import known_names, slave_reference
 
-DOMAINS_MAX = 16
-NAME_BYTES = 31
 """Most bytes of the name of a domain in UTF-8."""
 
 _POSITIONS = re.compile(r"([0-9]{1,5})(?:\s*-\s*([0-9]{1,5}))?")
@@ -39,7 +38,7 @@ class DomainConfig(Placed):
             in no list belong to domain 0.
     """
 
-    name: Annotated[str, printable(NAME_BYTES)] = ""
+    name: Annotated[str, printable(DOMAIN_NAME_BYTES)] = ""
     divider: Annotated[int, integer(1, 65535)] = 1
     phase: Annotated[int, integer(0, 65534)] = 0
     slaves: Annotated[list[int], _slaves] = field(default_factory=list)

@@ -10,8 +10,9 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ecatd.description.bus import Slave
+from ecatd.description.limits import POSITION_MAX
 
-from . import POSITION_MAX, STRICT, Config, Mark, SlaveConfig
+from . import STRICT, Config, Mark, SlaveConfig
 from .alignment import Alignment, Pair
 from .expected_slave import device, difference, has_mark, label
 

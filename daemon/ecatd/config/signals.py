@@ -9,13 +9,13 @@ from typing import Annotated
 
 from ecatd.base.addresses import address_text, parse_address
 from ecatd.base.toml_file import Key, Rules, Table, accepts, number, printable, show
+from ecatd.description.limits import SIGNAL_NAME_BYTES, UNIT_BYTES
 from ecatd.etg.datatypes import bit_length, parse_type
 from ecatd.etg.pdo import Entry, Value
 
 from .placed import Placed, read, rules_of
 from .slave_reference import slave_reference
 
-NAME_BYTES, UNIT_BYTES = 63, 15
 """Most bytes of a name and of a unit in UTF-8: the room in the signal table of shared memory."""
 
 _NUMBER = re.compile(r"-?[0-9]{1,10}|0x[0-9A-Fa-f]{1,8}")
@@ -95,7 +95,7 @@ class SignalConfig(Placed):
 
     slave: Annotated[int, slave_reference]
     entry: Annotated[str, read_entry]
-    name: Annotated[str, printable(NAME_BYTES)] = ""
+    name: Annotated[str, printable(SIGNAL_NAME_BYTES)] = ""
     unit: Annotated[str | None, printable(UNIT_BYTES)] = None
     scale: Annotated[float | None, read_scale] = None
     offset: Annotated[float | None, number()] = None

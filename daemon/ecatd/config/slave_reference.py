@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from ecatd.base.toml_file import Key, Table, accepts, show
-
-POSITION_MAX = 65535
+from ecatd.description.limits import POSITION_MAX
 
 
 @accepts(f"0 to {POSITION_MAX} or a name")

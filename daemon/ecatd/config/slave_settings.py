@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple
 
@@ -19,14 +18,18 @@ from ecatd.base.toml_file import (
     zero_or,
 )
 from ecatd.description.bus import Module
+from ecatd.description.limits import (
+    POSITION_MAX,
+    SIGNAL_NAME_BYTES,
+    SLAVE_NAME_BYTES,
+    is_slave_name,
+)
 from ecatd.description.witnesses import COE, CONFIGURATION, SII, SOE
 
 from .eoe import SlaveEoeConfig, read_slave_eoe
 from .idns import IdnConfig, read_idn_parameter
 from .pdos import PdoConfig, check_pdos, read_assigned
 from .placed import Placed, each, rules_of
-from .signals import NAME_BYTES
-from .slave_reference import POSITION_MAX
 from .startup import StartupConfig, read_parameter
 
 STRICT, TOLERANT = "strict", "tolerant"
@@ -44,12 +47,7 @@ slave tells on request, in place of the AL status code."""
 _SLOTS_MAX = 254
 WATCHDOG_MIN_MS, WATCHDOG_MAX_MS = 0.1, 6553.5
 _POLL_MIN_MS, _POLL_MAX_MS = 10, 60_000
-_NAME_BYTES = 31
 _MARKS = ("alias", "identification")
-_NAME = re.compile(r"[^\W\d][\w-]*")
-SLAVE_NAME_RULE = (
-    f"be a letter, then letters, digits, '_' and '-', at most {_NAME_BYTES} bytes in UTF-8"
-)
 
 
 @accepts(f"0 to {POSITION_MAX}")
@@ -67,19 +65,14 @@ def _file(table: Table, key: Key) -> str:
     return path
 
 
-def is_slave_name(name: str) -> bool:
-    """Whether a slave or a group of slaves can have this name."""
-    return bool(_NAME.fullmatch(name)) and len(name.encode()) <= _NAME_BYTES
-
-
-@accepts(f"a letter, then letters, digits, `_`, `-`; at most {_NAME_BYTES} bytes")
+@accepts(f"a letter, then letters, digits, `_`, `-`; at most {SLAVE_NAME_BYTES} bytes")
 def _name(table: Table, key: Key) -> str:
     name = table.text(key)
     if name and not is_slave_name(name):
         table.fail(
             key,
             f"{show(name)} is no name for a {'group' if key == 'group' else 'slave'}: write a "
-            f"letter, then letters, digits, '_' and '-', at most {_NAME_BYTES} bytes",
+            f"letter, then letters, digits, '_' and '-', at most {SLAVE_NAME_BYTES} bytes",
         )
     return name
 
@@ -105,7 +98,7 @@ class ModuleConfig(Placed):
 
     slot: Annotated[int, integer(1, _SLOTS_MAX)]
     ident: Annotated[int, integer(1, 0xFFFFFFFF)]
-    type: Annotated[str, printable(NAME_BYTES)] = ""
+    type: Annotated[str, printable(SIGNAL_NAME_BYTES)] = ""
 
 
 @dataclass(slots=True)
@@ -205,7 +198,7 @@ class SlaveConfig(Placed):
     # If something else finds the slave: above `POSITION_MAX`, until the bus is known.
     position: Annotated[int, _position]
     name: Annotated[str, _name] = ""
-    type: Annotated[str, printable(NAME_BYTES)] = ""
+    type: Annotated[str, printable(SIGNAL_NAME_BYTES)] = ""
     vendor: Annotated[int | None, _UNSIGNED32] = None
     product: Annotated[int | None, _UNSIGNED32] = None
     revision: Annotated[int | None, _UNSIGNED32] = None

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from ecatd.base.addresses import parse_address
 from ecatd.base.toml_file import Key, Table, accepts, one_of, printable, show
+from ecatd.description.limits import SIGNAL_NAME_BYTES, UNIT_BYTES
 from ecatd.description.physical import to_raw
 from ecatd.etg.datatypes import (
     STRINGS,
@@ -21,7 +22,7 @@ from ecatd.etg.datatypes import (
 from ecatd.etg.pdo import Entry
 
 from .placed import Placed, rules_of
-from .signals import NAME_BYTES, UNIT_BYTES, read_entry
+from .signals import read_entry
 
 TRANSITIONS = ("IP", "PS", "SO", "OS", "SP")
 """Transitions of the state machine in which start-up parameters are written (ETG.1000.6): I INIT,
@@ -30,7 +31,7 @@ P PREOP, S SAFEOP, O OP."""
 TRANSITIONS_DOWN = ("OS", "SP")
 """Those to a lower state, which a slave reaches whatever it refuses."""
 
-COMMENT_BYTES = 4 * NAME_BYTES
+COMMENT_BYTES = 4 * SIGNAL_NAME_BYTES
 DATA_MAX = 1 << 15
 """Most bytes of a start-up parameter."""
 

@@ -12,6 +12,7 @@ from typing import Any
 from ecatd.base.log_levels import DEFAULTS
 from ecatd.base.quoting import printable, toml_string
 from ecatd.description.bus import Bus, Slave
+from ecatd.description.limits import SIGNAL_NAME_BYTES, SLAVE_NAME_BYTES
 from ecatd.description.modules import module_differences
 from ecatd.description.witnesses import contradiction_text
 from ecatd.etg.datatypes import STRINGS, parse_type
@@ -20,13 +21,11 @@ from ecatd.etg.pdo import Entry
 from .config import Config
 from .copies import ABSENT
 from .pdos import INPUT_PDOS, OUTPUT_PDOS
-from .signals import NAME_BYTES
 from .slave_settings import ModuleConfig, SlaveConfig
 
 _WIDTH = 100
 _HEX32 = ("vendor", "product", "revision", "revision_min", "ident")
 _HEX16 = ("index", "pdos", "identification_register")
-_NAME_BYTES = 31
 _COPY_EXAMPLE = [
     "",
     "# [[copy]]  # an input of one slave decides an output of another, in every cycle",
@@ -135,7 +134,7 @@ def unique_name(text: str, taken: set[str]) -> str:
 
 
 def _cut(stem: str, end: str) -> str:
-    return stem.encode()[: _NAME_BYTES - len(end)].decode("utf-8", "ignore") + end
+    return stem.encode()[: SLAVE_NAME_BYTES - len(end)].decode("utf-8", "ignore") + end
 
 
 def _about(slave: Slave) -> Iterator[str]:
@@ -180,7 +179,7 @@ def _slave(
     identity = replace(
         settings,
         name=name,
-        type=printable(slave.name).encode()[:NAME_BYTES].decode("utf-8", "ignore"),
+        type=printable(slave.name).encode()[:SIGNAL_NAME_BYTES].decode("utf-8", "ignore"),
         vendor=slave.vendor,
         product=slave.product,
         revision_min=slave.revision if settings.revision is None else None,

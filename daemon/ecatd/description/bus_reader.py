@@ -9,14 +9,19 @@ from typing import Any
 
 from ecatd.base.bus_name import BUS_NAME, BUS_NAME_RULE
 from ecatd.base.errors import UsageError
-from ecatd.config import DOMAINS_MAX, POSITION_MAX
-from ecatd.config.domains import NAME_BYTES as _DOMAIN_NAME_BYTES
-from ecatd.config.signals import NAME_BYTES, UNIT_BYTES
-from ecatd.config.slave_settings import SLAVE_NAME_RULE, is_slave_name
 from ecatd.etg.datatypes import bit_length, is_real, type_name
 from ecatd.etg.pdo import Entry, Pdo, Value
 
 from .bus import SCHEMA, Bus, Domain, Module, Slave
+from .limits import (
+    DOMAIN_NAME_BYTES,
+    DOMAINS_MAX,
+    POSITION_MAX,
+    SIGNAL_NAME_BYTES,
+    SLAVE_NAME_RULE,
+    UNIT_BYTES,
+    is_slave_name,
+)
 from .units import is_unit
 from .witnesses import WITNESSES, Contradiction
 
@@ -205,10 +210,10 @@ _ENTRY: dict[str, Check] = {
     "connector": _truth,
     "safe": _safe,
 }
-_MODULE: dict[str, Check] = {"ident": _integer(0, _U32), "name": _printable(NAME_BYTES)}
+_MODULE: dict[str, Check] = {"ident": _integer(0, _U32), "name": _printable(SIGNAL_NAME_BYTES)}
 _VALUE: dict[str, Check] = {"number": _integer(-_I64, _I64), "name": _text}
 _DOMAIN: dict[str, Check] = {
-    "name": _printable(_DOMAIN_NAME_BYTES),
+    "name": _printable(DOMAIN_NAME_BYTES),
     "divider": _integer(1, _U16),
     "phase": _integer(0, _U16 - 1),
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from ecatd.base.errors import SdoAbortError
+
 TOGGLE = 0x05030000
 TIMED_OUT = 0x05040000
 INVALID_COMMAND = 0x05040001
@@ -65,3 +67,8 @@ _TEXTS = {
 def abort_text(code: int) -> str:
     """The standard text of an abort code; for other codes a text that says so."""
     return _TEXTS.get(code, "not a standard abort code; see the manual of the slave")
+
+
+def abort_error(code: int, message: str = "") -> SdoAbortError:
+    """The error of an abort, with the text of its code; its message says more, if there is one."""
+    return SdoAbortError(code, message, abort_text(code))

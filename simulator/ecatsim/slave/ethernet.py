@@ -58,7 +58,7 @@ class TapHost:
             StateError: The system does not permit it.
         """
         if self._tap is None:
-            self._tap = Tap(self._name, "")
+            self._tap = Tap(self._name, None)
         frames: list[bytes] = []
         try:
             while len(frames) < _AT_ONCE and (frame := self._tap.read()) is not None:

@@ -11,10 +11,11 @@ from typing import Any
 from ecatd.base.errors import ConfigError
 from ecatd.base.text_file import is_folder
 from ecatd.base.toml_file import Key, Rules, Table, array, integer, number, printable, read_toml
+from ecatd.description.limits import UNIT_BYTES
 from ecatd.description.units import QUANTITIES, is_unit
 
 from .. import Config
-from ..signals import MEANING, UNIT_BYTES, check_limits
+from ..signals import MEANING, check_limits
 from .profile import DeviceProfile, EntryProfile, Meaning, Profiles
 
 _OURS = Path(__file__).parent

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from ecatd.base.errors import SdoAbortError
 from ecatd.description.modules import CONFIGURED, no_slots_text
-from ecatd.etg.abort_codes import NO_OBJECT
+from ecatd.etg.abort_codes import NO_OBJECT, abort_error
 from ecatd.etg.datatypes import STRINGS, bit_length, decode, parse_type, type_name
 from ecatd.etg.dictionary import Access, DictionaryEntry, DictionaryObject, ObjectCode, access_text
 from ecatd.etg.sii import Sii
@@ -49,7 +48,7 @@ def object_problems(
         may refuse an optional parameter.
     """
     if settings.module and CONFIGURED in objects and objects[CONFIGURED] is None:
-        yield settings.module[0], no_slots_text(SdoAbortError(NO_OBJECT))
+        yield settings.module[0], no_slots_text(abort_error(NO_OBJECT))
     for parameter in settings.startup:
         index, subindex = parameter.address
         what = f"0x{index:04X}:{subindex:02X}"

@@ -12,7 +12,7 @@ from ecatd.base.log import Log
 from ecatd.base.tap import Tap
 from ecatd.config.eoe import EoeConfig
 from ecatd.description.bus import Bus, Slave
-from ecatd.etg.eoe import FRAME_MAX
+from ecatd.etg.eoe import FRAME_MAX, parse_interface
 
 from ..emergencies import Emergency
 from ..mailbox.talks import talk_alone
@@ -134,7 +134,10 @@ class EthernetTraffic:
 
     def _open(self) -> None:
         try:
-            self._tap = tap = Tap(self._config.interface, self._config.address)
+            self._tap = tap = Tap(
+                self._config.interface,
+                parse_interface(self._config.address) if self._config.address else None,
+            )
         except StateError as error:
             if str(error) != self._problem:
                 self._log.warning(f"{error}; ecatd tries it again every {_RETRY_S:g} s")

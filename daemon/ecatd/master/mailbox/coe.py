@@ -13,6 +13,7 @@ from contextlib import suppress
 from typing import TypeVar
 
 from ecatd.base.errors import EcatError, NoAnswerError, SdoAbortError, StateError
+from ecatd.etg.abort_codes import abort_error
 
 from .line import Line
 from .mailbox import HEADER_BYTES, Mailbox, Protocol
@@ -204,7 +205,7 @@ class Coe:
             except SdoAbortError as abort:
                 self.line.unanswered = False
                 self._log(f"{where}: refused: {abort}")
-                raise SdoAbortError(abort.code, f"{where}: {abort}") from abort
+                raise abort_error(abort.code, f"{where}: {abort}") from abort
             except (NoAnswerError, StateError) as error:
                 problem = error
                 self._log(f"{where}: try {number} of {tries}: {error}")
@@ -323,7 +324,7 @@ class Coe:
             if sdo[0] & _COMMAND == _ABORT:
                 if begins and sdo[1:4] != request[1:4]:
                     return None
-                raise SdoAbortError(int.from_bytes(sdo[4:8], "little"))
+                raise abort_error(int.from_bytes(sdo[4:8], "little"))
             return sdo if service == _SDO_RESPONSE and is_answer(sdo) else None
 
         return self.ask(_SDO_REQUEST, request, take, patience_s)

@@ -8,7 +8,8 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from ecatd.base.errors import SdoAbortError, StateError
+from ecatd.base.errors import StateError
+from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.wire_text import decode_text
 
 from .coe import OBJECT_MAX, TRIES_OF_LINE, Coe
@@ -160,7 +161,7 @@ def _ask(coe: Coe, opcode: int, wanted: bytes, begin: bytes, least: int) -> Talk
         kind, left = _INFO.unpack_from(part)
         data = part[_INFO.size :]
         if kind & ~_INFO_MORE == _INFO_ERROR:
-            raise SdoAbortError(int.from_bytes(data[:4], "little"))
+            raise abort_error(int.from_bytes(data[:4], "little"))
         if kind & ~_INFO_MORE != opcode + 1 or not (body or data.startswith(begin)):
             return None
         if not data:

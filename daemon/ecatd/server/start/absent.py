@@ -15,9 +15,10 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 
-from ecatd.config import POSITION_MAX, TOLERANT, Config, SlaveConfig
+from ecatd.config import TOLERANT, Config, SlaveConfig
 from ecatd.config.expected_bus import Comparison, compare
 from ecatd.description.bus import Bus, Slave
+from ecatd.description.limits import POSITION_MAX
 from ecatd.etg.sii import Sii
 from ecatd.master.master import Master
 

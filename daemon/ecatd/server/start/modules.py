@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from ecatd.base.errors import SdoAbortError
 from ecatd.description.bus import Module, Slave
 from ecatd.description.modules import CONFIGURED, DETECTED, no_slots_text, other_modules
+from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.sii import Sii
 from ecatd.master.mailbox.coe import Coe
 from ecatd.master.mailbox.talks import Talk
@@ -65,7 +66,7 @@ class Modules:
         try:
             yield from self._coe.upload(CONFIGURED, 0)
         except SdoAbortError as abort:
-            text = no_slots_text(SdoAbortError(abort.code))
+            text = no_slots_text(abort_error(abort.code))
             raise RefusedError(f"{self._slave.label} {text}") from abort
         before = yield from self._lists.read(CONFIGURED, 4, _SLOTS_MAX)
         if _stripped(before) == idents:

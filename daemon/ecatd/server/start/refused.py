@@ -6,6 +6,7 @@ import struct
 
 from ecatd.base.errors import SdoAbortError, StateError
 from ecatd.description.bus import Slave
+from ecatd.etg.abort_codes import abort_error
 from ecatd.master.mailbox.coe import Coe
 from ecatd.master.mailbox.talks import Talk
 
@@ -40,4 +41,4 @@ def write(
 
 def reason(abort: SdoAbortError) -> str:
     """Returns code and text of an abort without its object, which the message has already."""
-    return str(SdoAbortError(abort.code))
+    return str(abort_error(abort.code))

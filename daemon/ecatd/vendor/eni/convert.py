@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ecatd.base.errors import UsageError
-from ecatd.config import DOMAINS_MAX, Config, DcSlaveConfig, DomainConfig, Mark
+from ecatd.config import Config, DcSlaveConfig, DomainConfig, Mark
 from ecatd.config.clocks import SYNC_MAX_US
 from ecatd.config.idns import startup_idn
 from ecatd.config.init_commands import startup_parameter
@@ -23,6 +23,7 @@ from ecatd.config.slave_settings import (
 from ecatd.config.startup import TRANSITIONS
 from ecatd.config.writer import Notes, unique_name
 from ecatd.description.bus import Bus, Slave
+from ecatd.description.limits import DOMAINS_MAX
 from ecatd.description.object_types import ObjectTypes
 from ecatd.etg.idns import idn_text
 

@@ -13,11 +13,11 @@ from ecatd.config.idns import startup_idn
 from ecatd.config.init_commands import startup_parameter
 from ecatd.config.pdos import INPUT_PDOS, OUTPUT_PDOS, PdoConfig, PdoEntryConfig
 from ecatd.config.resolve.believed import remaining, usual_witness
-from ecatd.config.signals import UNIT_BYTES
 from ecatd.config.slave_settings import ALIAS, IDENTIFICATION_REGISTERS, ON_REQUEST, SlaveConfig
 from ecatd.config.startup import TRANSITIONS
 from ecatd.config.writer import Notes
 from ecatd.description.bus import Bus, Slave
+from ecatd.description.limits import UNIT_BYTES
 from ecatd.description.object_types import ObjectType, ObjectTypes
 from ecatd.description.witnesses import (
     COE,
