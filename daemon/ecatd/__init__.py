@@ -24,7 +24,7 @@ _HOME = {
             *("EcatError", "LeaseError", "NoAnswerError", "OwnedError"),
             *("SdoAbortError", "UnreachableError"),
         ),
-        "model.errors",
+        "base.errors",
     ),
 }
 

@@ -15,7 +15,7 @@ from ecatd.shm.contract import WkcState
 pytestmark = pytest.mark.bus
 
 RIG = Path(__file__).parents[1] / "rigs" / "witnesses.py"
-REFUSING_RIG = RIG.with_name("refusing.py")
+REFUSING_RIG = RIG.with_name("refusing_states.py")
 OUT, PADDED, CHOSEN, DESCRIBED, HOLE, UNKNOWN, SHORT, UNSIZED, WORDLESS, EXCHANGED, STUCK = range(
     11
 )

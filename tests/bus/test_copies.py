@@ -12,6 +12,7 @@ from test_reload import reload
 from conftest import Daemon, names, one_line_error, wait_for
 from ecatd import Client
 from ecatd.base.errors import StateError
+from ecatd.client import Direction
 from ecatd.shm import contract as shm
 from ecatsim.control import Simulator
 
@@ -155,9 +156,9 @@ def client(daemon: Daemon) -> Iterator[Client]:
 
 def arrives(daemon: Daemon, client: Client, output: str, value: int, entry: str, raw: int) -> None:
     """Writes an output, and waits until an input has a value because of that."""
-    client.signal(output, "output").raw = value
+    client.signal(output, direction=Direction.OUTPUT).raw = value
     client.commit()
-    there = client.signal(entry, "input")
+    there = client.signal(entry, direction=Direction.INPUT)
 
     def has_come() -> bool:
         client.wait()
@@ -195,7 +196,7 @@ def test_the_limits_of_a_copy_change_while_the_bus_runs(daemon: Daemon, client: 
 def test_the_output_is_safe_without_its_source(daemon: Daemon, client: Client) -> None:
     arrives(daemon, client, "0/0x7000:01", 1, "3/0x6010:01", 1)
     arrives(daemon, client, "0/0x7000:01", 0, "3/0x6010:01", 0)
-    lamp = client.signal("lamps/0x7010:01", "output")
+    lamp = client.signal("lamps/0x7010:01", direction=Direction.OUTPUT)
     with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
         rig.faults.power_off(5)  # the last of the domain, so no working counter is complete
         wait_for(lambda: client.output(lamp).reason == shm.Reason.SOURCE, daemon)
@@ -216,7 +217,7 @@ def test_the_output_is_safe_while_its_source_is_not_in_op(
     with daemon.client() as client, Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
         client.claim(0, lease=30)
         arrives(daemon, client, "0/0x7000:01", 0, "3/0x6010:01", 0)
-        lamp = client.signal("lamps/0x7010:01", "output")
+        lamp = client.signal("lamps/0x7010:01", direction=Direction.OUTPUT)
         simulator.faults.al_error(1, code=0x001D)
 
         def is_safe_though_all_is_exchanged() -> bool:
@@ -340,7 +341,7 @@ def test_numbers_of_the_same_type_are_copied_digit_by_digit(
     rig.write_text(NUMBERS_RIG)
     daemon = start_daemon(str(rig), config=NUMBERS)
     with daemon.client() as client, Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
-        output = client.signal("0/0x7000:01", "output")
+        output = client.signal("0/0x7000:01", direction=Direction.OUTPUT)
 
         def becomes(subindex: int, value: float) -> None:
             wait_for(lambda: simulator.get(0, 0x7000, subindex) == value, daemon)
@@ -363,13 +364,13 @@ def test_numbers_of_the_same_type_are_copied_digit_by_digit(
 
 
 def test_nobody_owns_a_copied_output(daemon: Daemon, client: Client) -> None:
-    lamp = client.signal("lamps/0x7010:01", "output")
+    lamp = client.signal("lamps/0x7010:01", direction=Direction.OUTPUT)
     assert client.output(lamp).state == shm.Outputs.COPIED
     with pytest.raises(StateError, match=r"copy") as refused:
         client.claim(lamp)
     names(refused.value, "0x7010:01", "slave 2 (lamps)", "0x6000:01 of slave 1", "[[copy]]")
     # The other outputs of the slave belong to the client, and the copy does not lose by that.
-    client.signal("lamps/0x7000:01", "output").raw = 1
+    client.signal("lamps/0x7000:01", direction=Direction.OUTPUT).raw = 1
     client.commit()
     arrives(daemon, client, "0/0x7000:01", 1, "3/0x6010:01", 1)
     shown = daemon.ctl("claims").stdout
@@ -421,14 +422,14 @@ def test_the_output_stays_its_own_without_the_slave_of_its_input(
     names(told, "0x7000:01", "safe value")
     names(daemon.ctl("claims").stdout, "copied", "not valid")
     with daemon.client() as client, Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
-        lamp = client.signal("lamps/0x7000:01", "output")
+        lamp = client.signal("lamps/0x7000:01", direction=Direction.OUTPUT)
         assert client.output(lamp).state == shm.Outputs.COPIED
         assert client.output(lamp).reason == shm.Reason.SOURCE
         with pytest.raises(StateError, match=r"copies") as refused:
             client.claim(lamp)
         names(refused.value, "0x7000:01", "slave 0 (lamps)", "[[copy]]")
         client.claim(0, lease=30)
-        client.signal("lamps/0x7010:01", "output").raw = 1
+        client.signal("lamps/0x7010:01", direction=Direction.OUTPUT).raw = 1
         client.commit()
         wait_for(lambda: simulator.get(0, 0x7010, 1) == 1, daemon)
         assert simulator.get(0, 0x7000, 1) == 1

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon, names, one_line_error, wait_for
+from ecatd.client import Direction
 from ecatsim.control import Simulator
 from esi_island import ISLAND as ISLAND_FILE
 
@@ -85,11 +86,11 @@ def test_an_island_is_told_its_modules(start: Start) -> None:
     names(daemon.ctl("slaves").stdout, "island (ModularIO)", "1 DI8", "2 DO8", "4 AI2")
     with daemon.client() as client, Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
         client.claim(1, lease=30)
-        client.signal("island/0x7010:03", "output").raw = 1
+        client.signal("island/0x7010:03", direction=Direction.OUTPUT).raw = 1
         client.commit()
         simulator.set(1, 0x6030, 2, -1234)
         wait_for(lambda: simulator.get(1, 0x7010, 3) == 1, daemon)
-        value = client.signal("island/0x6030:02", "input")
+        value = client.signal("island/0x6030:02", direction=Direction.INPUT)
         wait_for(lambda: client.sample() or value.raw == -1234, daemon)
 
 
@@ -194,6 +195,7 @@ def test_a_slave_without_slots_is_told_no_modules(
 
 
 FIXED = """
+from ecatd.client import Direction
 from ecatd.etg.datatypes import DataType
 from ecatsim import Rig
 from ecatsim.devices.modular import ModularIO
@@ -244,7 +246,7 @@ def test_an_island_from_an_esi_file(start_daemon: Callable[..., Daemon], tmp_pat
     again = start_daemon(str(rig), config=text)
     with again.client() as client:
         assert client.sdo_upload(0, 0x8010, 0).result() == b"\x05\0"
-        assert client.signal("Island/0x7010:01", "output").raw == 0
+        assert client.signal("Island/0x7010:01", direction=Direction.OUTPUT).raw == 0
     scanned = again.ctl("scan", "--from", str(esi), "--devices", "Island[DI2, AO1]").stdout
     assert [module["ident"] for module in json.loads(scanned)["slaves"][0]["modules"]] == [
         *(0x0101, 0x0202, 0),

@@ -1,28 +1,38 @@
-"""Slaves that refuse SAFEOP because of their SYNC signals, and OP, between two that do not."""
+"""Slaves that refuse another PDO assignment: at once, for one direction, or half way."""
 
-from ecatsim import AlState, DataType, DcMode, Device, Entry, Mailbox, Pdo, RefusedError, Rig
-from ecatsim.devices.beckhoff import EL1018, EL2008
-
-
-class Good(Device):
-    vendor, product, revision, order = 0xFFFF, 0x1, 1, "Good"
-    mailbox = Mailbox()
-    dc_modes = (DcMode("DC", 0x0300),)
-    tx_pdos = (Pdo(0x1A00, "In", 3, [Entry(0x6000, 1, "Byte", DataType.UNSIGNED8, 8)]),)
+from ecatd.base.errors import SdoAbortError
+from ecatd.etg.abort_codes import READ_ONLY
+from ecatsim.devices.generic_drive import CiA402Drive
+from ecatsim.rig import Rig
+from ecatsim.slave.objects import Value
 
 
-class Slow(Good):
-    """The period of its SYNC signals is too short for it."""
-
-    product, order = 0x2, "Slow"
-    minimum_cycle_ns = 20_000_000
+class AtOnce(CiA402Drive):
+    order = "AtOnce"
+    variable_assignment = False
 
 
-class Stubborn(EL2008):
-    def check(self, old: AlState, new: AlState) -> None:
-        if new == AlState.OP:
-            raise RefusedError(0x001D)
+class OneDirection(CiA402Drive):
+    order = "OneDirection"
+
+    def describe(self) -> None:
+        super().describe()
+        self.dictionary[0x1C13, 0].on_write = _refuse
+
+
+class HalfWay(CiA402Drive):
+    """It clears its outputs, and then takes none."""
+
+    order = "HalfWay"
+
+    def describe(self) -> None:
+        super().describe()
+        self.dictionary[0x1C12, 1].on_write = _refuse
+
+
+def _refuse(_value: Value) -> None:
+    raise SdoAbortError(READ_ONLY)
 
 
 def rig() -> Rig:
-    return Rig("refusing", [Good(), Slow(), Stubborn(), EL1018()])
+    return Rig("refusing", [AtOnce(), OneDirection(), HalfWay()])

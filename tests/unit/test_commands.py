@@ -84,9 +84,9 @@ def test_folders_that_may_not_be_looked_at(tmp_path: Path) -> None:
     closed.mkdir(mode=0)
     program = f"""
 from pathlib import Path
-from ecatd import shm_files
-shm_files.folders = lambda: [Path({str(closed)!r})]
-print(shm_files.exists("ecat0"))
+from ecatd.shm import files
+files.folders = lambda: [Path({str(closed)!r})]
+print(files.exists("ecat0"))
 """
     command = [*WITHOUT_RIGHTS, sys.executable, "-c", program]
     assert subprocess.check_output(command, text=True) == "False\n"

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from conftest import names, naming, without_notes
 from ecatd.base.errors import ConfigError
 from ecatd.config import (
-    POSITION_MAX,
     Config,
     CopyConfig,
     DcConfig,
@@ -30,6 +29,7 @@ from ecatd.config import (
 )
 from ecatd.config.writer import write_config
 from ecatd.description.bus import Bus, Slave
+from ecatd.description.limits import POSITION_MAX
 
 COPY = "[[copy]]\nslave = 1\nentry = '0x7000:01'\nfrom_slave = 0\nfrom_entry = '0x6000:01'\n"
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from conftest import naming
 from ecatd.base.errors import EcatError, SdoAbortError, UsageError
+from ecatd.etg.abort_codes import abort_error
 from ecatd.operations.encoding import unpack
 from ecatd.operations.objects import SdoRead
 from ecatd.operations.operation import Request, to_map
@@ -122,7 +123,7 @@ def test_long_and_nested_messages_are_refused() -> None:
 
 
 def test_errors_survive_the_way_through_a_reply() -> None:
-    error = EcatError.from_reply(SdoAbortError(0x06020000).to_reply())
+    error = EcatError.from_reply(abort_error(0x06020000).to_reply())
     assert isinstance(error, SdoAbortError)
     assert error.code == 0x06020000
     assert "does not exist" in str(error)

@@ -6,8 +6,8 @@ rated current.
 
 from __future__ import annotations
 
-from ecatd.base.errors import SdoAbortError
 from ecatd.etg import abort_codes
+from ecatd.etg.abort_codes import abort_error
 
 from ..plants.motor import Control, Motor
 from ..slave.device import Device
@@ -264,4 +264,4 @@ class _OneOf:
 
     def __call__(self, value: Value) -> None:
         if value not in self._allowed:
-            raise SdoAbortError(abort_codes.VALUE_RANGE)
+            raise abort_error(abort_codes.VALUE_RANGE)

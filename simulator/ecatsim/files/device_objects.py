@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ecatd.base.errors import SdoAbortError
 from ecatd.base.toml_file import REQUIRED, Key, Table
 from ecatd.etg import unit_codes
+from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.datatypes import (
     STRINGS,
     DataType,
@@ -312,7 +312,7 @@ def _read_limits(table: Table, entry: Variable) -> None:
 
 def _refuse(code: int) -> Callable[[], Value]:
     def refuse() -> Value:
-        raise SdoAbortError(code)
+        raise abort_error(code)
 
     return refuse
 

@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
-from ecatd.base.errors import ConfigError, SdoAbortError, UsageError
+from ecatd.base.errors import ConfigError, UsageError
 from ecatd.base.text_file import is_folder
 from ecatd.etg import abort_codes
+from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.datatypes import STRINGS, DataType
 from ecatd.etg.sii import SiiProblem
 from ecatd.etg.sii_check import check_sii, is_description
@@ -386,6 +387,6 @@ def _with_rules(
         excluded = any(pdo.is_excluded(assigned) for pdo in assigned)
         lacking = mandatory - {pdo.index for pdo in assigned}
         if excluded or (assigned and not all(known[i].is_excluded(assigned) for i in lacking)):
-            raise SdoAbortError(abort_codes.VALUE_RANGE)
+            raise abort_error(abort_codes.VALUE_RANGE)
 
     return write_count

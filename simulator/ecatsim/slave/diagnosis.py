@@ -6,8 +6,8 @@ import struct
 import time
 from collections.abc import Sequence
 
-from ecatd.base.errors import SdoAbortError
 from ecatd.etg import abort_codes
+from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.datatypes import DataType
 from ecatd.etg.diagnosis import ACKNOWLEDGED, FIRST, FLAGS, HISTORY, MOST, NEWEST, Kind
 
@@ -74,5 +74,5 @@ class DiagnosisHistory:
                 self._objects[HISTORY, FIRST + n].value = b""
             self._objects[HISTORY, NEWEST].value = 0
         elif not FIRST <= int(value) < FIRST + self._most:
-            raise SdoAbortError(abort_codes.VALUE_RANGE)
+            raise abort_error(abort_codes.VALUE_RANGE)
         self._objects[HISTORY, _NEW].value = 0

@@ -6,8 +6,9 @@ import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
-from ecatd.base.errors import ConfigError, SdoAbortError
+from ecatd.base.errors import ConfigError
 from ecatd.etg import abort_codes
+from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.datatypes import STRINGS, DataType, bit_length, is_real, is_signed
 from ecatd.etg.dictionary import Access as Access
 from ecatd.etg.dictionary import ObjectCode as ObjectCode
@@ -83,15 +84,15 @@ class Variable:
         """
         if self.type in STRINGS:
             if len(data) > self.bits // 8:
-                raise SdoAbortError(abort_codes.LENGTH_TOO_HIGH)
+                raise abort_error(abort_codes.LENGTH_TOO_HIGH)
             if self.type == DataType.VISIBLE_STRING:
                 return decode_text(data)
             return data
         size = (self.bits + 7) // 8
         if len(data) > size:
-            raise SdoAbortError(abort_codes.LENGTH_TOO_HIGH)
+            raise abort_error(abort_codes.LENGTH_TOO_HIGH)
         if len(data) < size:
-            raise SdoAbortError(abort_codes.LENGTH_TOO_LOW)
+            raise abort_error(abort_codes.LENGTH_TOO_LOW)
         if is_real(self.type):
             number: float = struct.unpack("<f" if size == 4 else "<d", data)[0]
             return number
@@ -105,12 +106,12 @@ class Variable:
         """
         value = self.decode(data)
         if isinstance(value, int) and value >= 1 << self.bits and not is_signed(self.type):
-            raise SdoAbortError(abort_codes.VALUE_RANGE)
+            raise abort_error(abort_codes.VALUE_RANGE)
         if isinstance(value, int | float):
             if self.maximum is not None and value > self.maximum:
-                raise SdoAbortError(abort_codes.VALUE_TOO_HIGH)
+                raise abort_error(abort_codes.VALUE_TOO_HIGH)
             if self.minimum is not None and value < self.minimum:
-                raise SdoAbortError(abort_codes.VALUE_TOO_LOW)
+                raise abort_error(abort_codes.VALUE_TOO_LOW)
         if self.on_write:
             self.on_write(value)
         self.value = value
@@ -204,7 +205,7 @@ class Dictionary:
             SdoAbortError: There is no such object.
         """
         if index not in self._objects:
-            raise SdoAbortError(abort_codes.NO_OBJECT)
+            raise abort_error(abort_codes.NO_OBJECT)
         return self._objects[index]
 
     def entry(self, index: int, subindex: int) -> Variable:
@@ -215,7 +216,7 @@ class Dictionary:
         """
         entries = self.object(index).entries
         if subindex not in entries:
-            raise SdoAbortError(abort_codes.NO_SUBINDEX)
+            raise abort_error(abort_codes.NO_SUBINDEX)
         return entries[subindex]
 
     def remove(self, index: int) -> None:

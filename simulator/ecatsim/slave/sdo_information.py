@@ -6,6 +6,7 @@ import struct
 
 from ecatd.base.errors import SdoAbortError
 from ecatd.etg import abort_codes
+from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.wire_text import encode_text
 
 from .objects import Access, Dictionary, Value, Variable
@@ -40,7 +41,7 @@ class InformationServer:
             elif opcode == _GET_ENTRY:
                 body = self._entry_description(*struct.unpack_from("<HBB", data))
             else:
-                raise SdoAbortError(abort_codes.UNSUPPORTED_ACCESS)
+                raise abort_error(abort_codes.UNSUPPORTED_ACCESS)
             opcode += 1
         except SdoAbortError as error:
             opcode, body = _ERROR, struct.pack("<I", error.code)
@@ -65,7 +66,7 @@ class InformationServer:
             ),
         ]
         if kind > len(lists):
-            raise SdoAbortError(abort_codes.UNSUPPORTED_ACCESS)
+            raise abort_error(abort_codes.UNSUPPORTED_ACCESS)
         numbers = [len(item) for item in lists] if kind == 0 else lists[kind - 1]
         return struct.pack(f"<H{len(numbers)}H", kind, *numbers)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 
-from ecatd.base.errors import SdoAbortError
 from ecatd.etg import abort_codes
+from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.datatypes import DataType
 
 from .objects import Access, Dictionary, Value, Variable
@@ -137,4 +137,4 @@ class Synchronization:
         allowed |= {SyncType.SYNC0} if supported & 0x04 else set()
         allowed |= {SyncType.SYNC1} if supported & 0x08 else set()
         if value not in allowed:
-            raise SdoAbortError(abort_codes.VALUE_RANGE)
+            raise abort_error(abort_codes.VALUE_RANGE)

@@ -327,7 +327,7 @@ class _Builder:
                 raise MalformedError(self._path, line, text) from None
             self._tell(line, f"something follows the end of <{self._root.tag}>", LEFT_OUT)
         assert self._root is not None
-        self._references.tell(self._tell)
+        self._references.note(self._tell)
         return self._root
 
     @property

@@ -82,16 +82,16 @@ class References:
             self._bare.setdefault("&", line)
         return f"&{name}"
 
-    def tell(self, tell: Tell) -> None:
+    def note(self, remark: Tell) -> None:
         """Tells what there was, each kind once."""
         if self._html:
             text = f"XML does not define {_listed(self._html)}, which are of HTML"
-            tell(min(self._html.values()), text, "the characters that they mean are used")
+            remark(min(self._html.values()), text, "the characters that they mean are used")
         if self._unknown:
             text = f"nothing defines {_listed(self._unknown)}"
-            tell(min(self._unknown.values()), text, "it is used as it is written")
+            remark(min(self._unknown.values()), text, "it is used as it is written")
         if self._bare:
-            tell(min(self._bare.values()), "there is '&' in place of '&amp;'", "'&' is used")
+            remark(min(self._bare.values()), "there is '&' in place of '&amp;'", "'&' is used")
 
 
 def _hidden(match: re.Match[str]) -> str:
