@@ -58,7 +58,7 @@ SLAVES = {
 KINDS = ["EK1100", "EL2008", "EL1008", "EK1122", "EK1100", "EL2004", "EL1018", "EK1100", "EL4004"]
 OUTPUTS = ("EL2008", "EL2004", "EL4004")
 TOOL = (4, 5, 6)
-AWAY_STATES = ["OP"] * 4 + ["does not answer"] * 3 + ["OP"] * 2
+AWAY_STATES = ["OP"] * 4 + ["no answer"] * 3 + ["OP"] * 2
 
 
 Start = Callable[..., Daemon]
@@ -177,7 +177,7 @@ def test_a_group_of_which_a_slave_is_missing_is_not_well(start: Start) -> None:
     assert daemon.ctl("check").returncode == 0
     with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
         rig.faults.break_link(5)
-        wait_for_states(daemon, ["OP"] * 5 + ["does not answer"] * 2 + ["OP"] * 2)
+        wait_for_states(daemon, ["OP"] * 5 + ["no answer"] * 2 + ["OP"] * 2)
         wait_for(lambda: daemon.ctl("check", check=False).returncode == 1, daemon)
         found = daemon.ctl("check", check=False)
         names(found.stdout, "degraded", "7 of 7", "group tool", "slave 5", "slave 6")
@@ -241,7 +241,7 @@ def test_another_device_in_its_place_is_left_alone(start: Start) -> None:
         rig.faults.swap(5, "EL2008")
         rig.faults.heal_link(4)
         wait_for(lambda: "is in the place of slave" in daemon.log, daemon)
-        assert states(daemon)[5] == "does not answer"
+        assert states(daemon)[5] == "no answer"
         assert states(daemon)[8] == "OP"
 
 
@@ -258,7 +258,7 @@ def test_two_tools_at_the_same_addresses_are_named(start: Start) -> None:
     daemon = start(config, rig_file + second_away, whole=rig_file.rsplit("[[slave]]", 2)[0])
     with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
         rig.faults.break_link(1)
-        wait_for_states(daemon, ["OP", "does not answer", "no answer"])
+        wait_for_states(daemon, ["OP", "no answer", "no answer"])
         rig.faults.heal_link(3)
         wait_for_states(daemon, ["OP"] * 3)
         rig.faults.heal_link(1)
