@@ -245,7 +245,7 @@ def test_slaves_that_do_not_answer_are_named_together(
     result = bench.daemon.ctl("state", "OP", check=False)
     assert result.returncode == 7
     assert result.stderr.count("\n") == 1
-    names(one_line_error(result.stderr, "ecatctl"), "slaves 2-7", "PREOP", "no answer")
+    names(one_line_error(result.stderr, "ecatctl"), "slaves 2-7", "no answer")
     bench.close()
 
 

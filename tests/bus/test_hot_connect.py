@@ -143,7 +143,7 @@ def test_a_group_comes_and_goes_while_the_others_run(start: Start) -> None:
         daemon.ctl("state", state, "--yes")
     refused = daemon.ctl("state", "s5", "OP", check=False)
     assert refused.returncode == 7
-    names(one_line_error(refused.stderr, "ecatctl"), "slave 5", "does not answer")
+    names(one_line_error(refused.stderr, "ecatctl"), "slave 5", "no answer")
     with daemon.client() as client, Simulator(str(simulator)) as rig:
         always = Plant(client, "s1/0x7000:01", "s2/0x6000:01")
         tool = Plant(client, "s5/0x7000:01", "s6/0x6000:01")

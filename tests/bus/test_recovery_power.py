@@ -199,7 +199,7 @@ def test_asking_by_hand_sets_up_a_slave_that_forgot_its_address(
     assert result.returncode == 7
     assert result.stderr.count("\n") == 1
     said = one_line_error(result.stderr, "ecatctl")
-    names(said, "slave 5 (EL3008)", "PREOP", "no answer")
+    names(said, "slave 5 (EL3008)", "no answer")
     bench.power(4, 5, on=True)
     bench.wait_for_log("no answer from slaves 4-5 at their address, though 8 slaves are there")
     bench.daemon.ctl("state", "5", "PREOP", "--yes")

@@ -19,11 +19,8 @@ from .frames.datagrams import Datagrams, bwr, fpwr
 _AL_CONTROL, _AL_STATUS = 0x0120, 0x0130
 _IDENTIFICATION = 0x20  # bit of AL status, see `frames/identification.py`
 
-NO_ANSWER = (
-    "does not answer: it is switched off or exchanged, or a cable before it is broken; "
-    "`ecatctl check` says more"
-)
-"""What is said of a slave that should do something and is not there."""
+WHY_SILENT = "switched off or exchanged, or behind a broken cable; `ecatctl check` says more"
+"""What is said of slaves that should do something and do not answer."""
 
 _ASK_AGAIN = 0.5
 _ACKNOWLEDGE_TIMEOUT = 0.5

@@ -15,7 +15,7 @@ from ecatd.base.durations import Patience
 from ecatd.base.errors import BusyError, NoAnswerError, StateError
 from ecatd.description.bus import Slave
 from ecatd.etg.al import AlState
-from ecatd.master.al_states import NO_ANSWER
+from ecatd.master.al_states import WHY_SILENT
 from ecatd.master.emergencies import Emergency
 from ecatd.master.mailbox.coe import Coe
 from ecatd.master.mailbox.eoe import EOE_LEAST
@@ -182,7 +182,7 @@ async def _patiently(called: asyncio.Event, slave: Slave) -> None:
 
 def silent(slave: Slave) -> NoAnswerError:
     """The error for a slave that does not answer."""
-    return NoAnswerError(f"{slave.label} {NO_ANSWER}")
+    return NoAnswerError(f"{slave.label} does not answer: it is {WHY_SILENT}")
 
 
 def _check_state(slave: Slave, status: int | None, without: Mapping[AlState, str]) -> None:

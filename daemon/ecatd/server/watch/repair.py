@@ -14,7 +14,7 @@ from ecatd.base.log import Log
 from ecatd.config import RecoveryConfig
 from ecatd.description.bus import Bus
 from ecatd.etg.al import AlState
-from ecatd.master.al_states import NO_ANSWER, SlaveState
+from ecatd.master.al_states import WHY_SILENT, SlaveState
 from ecatd.master.frames.datagrams import Place
 from ecatd.master.frames.wire import WireChangedError
 from ecatd.master.master import SilentSlaveError
@@ -158,7 +158,7 @@ class Repair:
         seen = yield from self._see(positions)
         found, failures = self._find([position for position in positions if not seen[position]])
         _refuse(self._bus, {p: failure for p, failure in failures.items() if failure.text})
-        silent = {p: Failure(f"it {NO_ANSWER}") for p in failures}
+        silent = {p: Failure(f"no answer: {WHY_SILENT}") for p in failures}
         positions = [p for p in positions if p not in silent]
         if state == AlState.BOOT:
             elsewhere = [p for p in positions if seen[p] != AlState.BOOT]
