@@ -92,6 +92,6 @@ def test_nobody_waits_for_a_slave_without_power(start_daemon: Callable[..., Daem
     wait_for(lambda: states(daemon)[TIRED] == "no answer", daemon)
     for arguments in ((str(TIRED), "OP"), ("OP",)):
         text = refused(daemon, *arguments)
-        names(text, "slave 4 (EL2008)", "does not answer", "switched off", "`ecatctl check`")
+        names(text, "slave 4 (EL2008)", "no answer", "switched off", "`ecatctl check`")
         assert "within" not in text, "it has waited"
     assert states(daemon) == [*(4 * ["OP"]), "no answer"]
