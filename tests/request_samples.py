@@ -1,13 +1,14 @@
 """Requests of each kind that the daemon knows, so that no test leaves a kind out."""
 
 from ecatd.base.errors import UsageError
-from ecatd.operations.operation import Request
-from ecatd.operations.parsing import KINDS
-from ecatd.operations.queries import to_query
+from ecatd.operations.catalog import OPERATIONS
+from ecatd.operations.operation import Operation
+from ecatd.operations.query import to_query
 
 VALUES: dict[str, tuple[object, ...]] = {
     "address": (0x0130, 0x0420, "192.168.7.2/24", None),
     "boot": (False,),
+    "buckets": (False, True),
     "by": ("'ecatctl' (pid 7, uid 0)", ""),
     "complete": (False, True),
     "count": (8, 128),
@@ -16,6 +17,7 @@ VALUES: dict[str, tuple[object, ...]] = {
     "dns": (None, "none"),
     "drive": (0, 1),
     "file": ("firmware", "log.txt"),
+    "hz": (10.0, 0.5),
     "gateway": (None, "192.168.7.1"),
     "idn": (17, 0x8064),
     "index": (0x6060, 0x1018, 0x1C12),
@@ -27,6 +29,7 @@ VALUES: dict[str, tuple[object, ...]] = {
     "only_find": (False, True),
     "part": ("mailbox", None),
     "password": (0, 7),
+    "pattern": ("*", "4/*"),
     "position": (0, 100),
     "ring": ("cycle", "control"),
     "since": (0, 17),
@@ -35,6 +38,7 @@ VALUES: dict[str, tuple[object, ...]] = {
     "state": ("OP", "PREOP", "SAFEOP"),
     "subindex": (0, 1),
     "transfer": (1 << 40, 1),
+    "user": ("anna",),
     "value": (None, "-3"),
     "word": (0, 0x40),
     "write": (True, False),
@@ -42,7 +46,7 @@ VALUES: dict[str, tuple[object, ...]] = {
 """Values of each field of a request; it takes those of a type that it may have."""
 
 
-def _samples(kind: type[Request]) -> list[Request]:
+def _samples(kind: type[Operation]) -> list[Operation]:
     fitting = {
         name: [value for value in VALUES[name] if _type(value) in field.types]
         for name, field in kind.fields.items()
@@ -65,8 +69,6 @@ def _type(value: object) -> str:
     return "None" if value is None else type(value).__name__
 
 
-SAMPLES = [request for kind in KINDS.values() for request in _samples(kind)]
-GATEWAY_KEYS = ("ro/stats", "ro/dc", "ro/stream")
-"""Keys that the gateway answers without asking the bus server."""
-KEYS = sorted({"/".join(to_query(request).key) for request in SAMPLES} | {*GATEWAY_KEYS})
+SAMPLES = [request for kind in OPERATIONS.values() for request in _samples(kind)]
+KEYS = sorted({"/".join(to_query(request).key) for request in SAMPLES})
 """Keys below a bus."""

@@ -10,6 +10,7 @@ from typing import Any
 from ecatd.base.errors import EcatError
 from ecatd.client import Client
 from ecatd.client.remote import Remote
+from ecatd.operations.bus import ReadInfo
 
 SLAVE, INDEX, SUBINDEX = 0, 0x1018, 1
 """The object that the clients read."""
@@ -31,7 +32,7 @@ class Requests:
         if kind != "attach":
             remote = Remote(bus)
             read = partial(remote.sdo_read, SLAVE, INDEX, SUBINDEX)
-            self._act = read if kind == "sdo" else remote.info
+            self._act = read if kind == "sdo" else partial(remote.request, ReadInfo())
 
     def _attach(self) -> None:
         with Client(self._bus) as client, client.claim(SLAVE, lease=_LEASE):

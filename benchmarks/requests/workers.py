@@ -14,7 +14,7 @@ import zenoh
 from ecatd.base.paths import control_socket, search_dirs
 from ecatd.client.remote import Remote
 from ecatd.gateway.bus_client import BusClient
-from ecatd.operations.objects import SdoRead
+from ecatd.operations.objects import ListObjects, SdoRead
 from ecatd.operations.zenoh_keys import session_config
 
 from ..masters.requests import INDEX, SLAVE, SUBINDEX
@@ -141,7 +141,7 @@ class Inventory:
         for slave in slaves:
             self._remote.sii(slave)
             yield
-            for index in self._remote.list_objects(slave):
+            for index in self._remote.request(ListObjects(slave))["objects"]:
                 self._remote.describe_object(slave, index)
                 yield
 

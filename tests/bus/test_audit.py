@@ -18,6 +18,7 @@ from ecatd.client.remote import Remote
 from ecatd.etg.al import AlState
 from ecatd.etg.idns import parse_idn
 from ecatd.operations.bus import SetState
+from ecatd.operations.catalog import OPERATIONS
 from ecatd.operations.eeproms import WriteSii
 from ecatd.operations.ethernet import WriteIp
 from ecatd.operations.files import CancelFoe, PutFoe, StartFoe
@@ -25,8 +26,7 @@ from ecatd.operations.frames import ReadFrames
 from ecatd.operations.idns import WriteIdn
 from ecatd.operations.log import SetLogLevel
 from ecatd.operations.objects import SdoWrite
-from ecatd.operations.operation import Request
-from ecatd.operations.parsing import KINDS
+from ecatd.operations.operation import Operation
 from ecatd.operations.registers import ReadErrors, ResetErrors, WriteRegister
 from ecatsim.control import Simulator
 from rigs.everything import IDN, TEXT
@@ -101,14 +101,14 @@ class Site(NamedTuple):
     remote: Remote
     simulator: Simulator
 
-    def ask(self, *requests: Request) -> list[str]:
+    def ask(self, *requests: Operation) -> list[str]:
         """The new lines of the audit file after some requests."""
         before = len(self.lines())
         for request in requests:
             self.remote.request(request)
         return self.lines()[before:]
 
-    def refused(self, kind: type[EcatError], request: Request) -> str:
+    def refused(self, kind: type[EcatError], request: Operation) -> str:
         """The new line after a request that fails."""
         before = len(self.lines())
         with pytest.raises(kind):
@@ -134,7 +134,7 @@ def site(
         yield Site(daemon, file, remote, simulator)
 
 
-CHANGES: dict[type[Request], tuple[Request, str, Sequence[str]]] = {
+CHANGES: dict[type[Operation], tuple[Operation, str, Sequence[str]]] = {
     SetState: (
         SetState("SAFEOP", 1, BY),
         "slave 1 (CiA402), AL state: changed",
@@ -189,7 +189,7 @@ NO_CHANGE = {ReadFrames}
 
 
 def test_each_kind_of_change_has_a_line(site: Site) -> None:
-    kinds = {kind for kind in KINDS.values() if kind.key.startswith("rw/")}
+    kinds = {kind for kind in OPERATIONS.values() if kind.key.startswith("rw/")}
     assert kinds == CHANGES.keys() | APART | NO_CHANGE
     assert {kind for kind in kinds if "by" not in kind.fields} == {PutFoe} | NO_CHANGE
     site.simulator.faults.noise(0, count=3)

@@ -11,6 +11,8 @@ import pytest
 
 from conftest import Daemon, names, one_line_error, run_module, wait_for
 from ecatd.client.remote import Remote
+from ecatd.operations.bus import Rescan
+from ecatd.operations.frames import ReadFrames
 from ecatd.shm.contract import Validity
 from ecatsim.control import Simulator
 
@@ -236,7 +238,7 @@ def test_a_scan_that_waits_for_an_eeprom_delays_no_request_and_is_shared(
 
     def rescan() -> list[dict[str, Any]]:
         with Remote(daemon.bus) as other:
-            devices: list[dict[str, Any]] = other.rescan()["devices"]
+            devices: list[dict[str, Any]] = other.request(Rescan())["devices"]
         assert [item["vendor"] for item in devices] == [2, 2, 2, 2, None]
         return devices
 
@@ -274,7 +276,7 @@ def looks(remote: Remote, position: int) -> tuple[int, int]:
     """
     count, more = 0, True
     while more:
-        found = remote.read_frames("control", position)
+        found = remote.request(ReadFrames("control", position))
         count += found["records"].count(struct.pack("<HHHH", 0, 0x0010, 2, 0))
         position, more = found["position"], found["more"]
     return count, position

@@ -22,7 +22,12 @@ from ecatd.base.errors import NoAnswerError, NotPermittedError, StateError, Usag
 from ecatd.base.paths import control_socket, zenoh_socket
 from ecatd.client.remote import Remote
 from ecatd.etg.datatypes import DataType
+from ecatd.operations.bus import ReadEvents, ReadStates, SetState
+from ecatd.operations.eeproms import WriteSii
 from ecatd.operations.encoding import LENGTH, frame, pack, unpack
+from ecatd.operations.ethernet import WriteIp
+from ecatd.operations.log import SetLogLevel
+from ecatd.operations.registers import ReadRegister, WriteRegister
 from ecatd.operations.zenoh_keys import bus_key, session_config
 
 NONSENSE = 200
@@ -95,7 +100,7 @@ def test_r36_the_network_reads_and_does_not_write(daemon: Daemon, network: zenoh
     with pytest.raises(NotPermittedError, match=naming("its own machine")):
         remote.sdo_write(0, 0x6060, 0, b"\x09")
     with pytest.raises(NotPermittedError):
-        remote.set_state("SAFEOP")
+        remote.request(SetState("SAFEOP"))
     remote.close()
     wait_for(lambda: {row["text"] for row in daemon.slave_rows("state")} == {"OP"}, daemon)
 
@@ -109,18 +114,18 @@ REMOTE = [
     (lambda remote: remote.sdo_read(0, "0x1018"), "index | str"),
     (lambda remote: remote.sdo_read(0, 0x1018, 256), "subindex | 256 | 255"),
     (lambda remote: remote.sdo_write(0, 0x6060, 0, 8), "data | bytes | 8"),
-    (lambda remote: remote.register_read(0, "x"), "address | str"),
-    (lambda remote: remote.register_write(0, 0x400, 1), "data | bytes | 1"),
+    (lambda remote: remote.request(ReadRegister(0, "x")), "address | str"),
+    (lambda remote: remote.request(WriteRegister(0, 0x400, 1)), "data | bytes | int"),
     (lambda remote: remote.write_idn(0, 47, "1"), "data | bytes | '1'"),
-    (lambda remote: remote.write_sii(0, 0, None), "data | bytes | None"),
+    (lambda remote: remote.request(WriteSii(0, 0, None)), "data | bytes | None"),
     (lambda remote: remote.start_file_read(0, 7), "file | int"),
     (lambda remote: remote.start_file_write(0, "x", "text"), "data | bytes | 'text'"),
-    (lambda remote: remote.set_state(8), "state | int"),
-    (lambda remote: remote.events("1"), "since | str"),
+    (lambda remote: remote.request(SetState(8)), "state | int"),
+    (lambda remote: remote.request(ReadEvents("1")), "since | str"),
     (lambda remote: remote.stream(None, 5), "pattern | None"),
     (lambda remote: remote.stream("0/*", "5"), "rate | '5'"),
-    (lambda remote: remote.set_log_level(1), "level | int"),
-    (lambda remote: remote.write_ip(0, mac=5), "mac | int"),
+    (lambda remote: remote.request(SetLogLevel(1)), "level | int"),
+    (lambda remote: remote.request(WriteIp(0, mac=5)), "mac | int"),
 ]
 
 
@@ -194,9 +199,9 @@ def test_a_bus_server_that_does_not_answer(
     try:
         with Remote(daemon.bus, timeout=1.0) as remote:
             with pytest.raises(NoAnswerError, match=naming("1 s", "bus server", "change")):
-                remote.set_state("OP")
+                remote.request(SetState("OP"))
             with pytest.raises(NoAnswerError, match=naming("1 s", "bus server")):
-                remote.states()
+                remote.request(ReadStates())
         lines = daemon.ctl("info", "--timeout", "1", check=False).stdout.splitlines()
         (silent,) = (line for line in lines if line.startswith("no answer"))
         names(silent, f"'{daemon.bus}'", "shared memory")
@@ -468,7 +473,7 @@ def test_remote_errors_have_their_class(daemon: Daemon, monkeypatch: pytest.Monk
         with pytest.raises(StateError, match=naming("slave 99")):
             remote.sdo_read(99, 0x1018)
         with pytest.raises(UsageError, match=naming("'RUN'", "AL state")):
-            remote.set_state("RUN")
+            remote.request(SetState("RUN"))
 
 
 def test_a_port_in_use_costs_only_the_network(

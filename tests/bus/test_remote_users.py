@@ -36,7 +36,10 @@ from ecatd.base.errors import (
 )
 from ecatd.client.identity import read_identity
 from ecatd.client.remote import Remote
+from ecatd.operations.bus import ReadEvents, ReadInfo, ReadStates, SetState
 from ecatd.operations.encoding import pack, unpack
+from ecatd.operations.log import SetLogLevel
+from ecatd.operations.registers import WriteRegister
 from ecatd.operations.zenoh_keys import bus_key, session_config
 
 pytestmark = [
@@ -116,22 +119,22 @@ def test_r36_a_user_reads_and_changes_what_the_configuration_says(site: Site) ->
             "slaves": [0, "EK1100"],
             "schema": 1,
         }
-        assert len(anna.states()) == 8
+        assert len(anna.request(ReadStates())["slaves"]) == 8
         before = anna.sdo_read(0, 0x6060).data
         anna.sdo_write(0, 0x6060, 0, b"\x09")
         anna.sdo_write(0, 0x6060, 0, before)
         names(site.daemon.log, "0x6060:00", "user 'anna'", "pid")
-        anna.set_log_level("debug", "dc")
-        anna.set_log_level("info", "dc")
+        anna.request(SetLogLevel("debug", "dc"))
+        anna.request(SetLogLevel("info", "dc"))
         for change in (
             lambda: anna.sdo_write(4, 0x8000, 0x16, b"\0"),
-            lambda: anna.set_state("SAFEOP", 4),
-            lambda: anna.set_state("SAFEOP"),
+            lambda: anna.request(SetState("SAFEOP", 4)),
+            lambda: anna.request(SetState("SAFEOP")),
         ):
             with pytest.raises(NotPermittedError, match=naming("'anna'", "EK1100", "slaves")):
                 change()
         with pytest.raises(NotPermittedError, match=naming("'anna'", "'register'", "sdo")):
-            anna.register_write(0, 0x0410, b"\0")
+            anna.request(WriteRegister(0, 0x0410, b"\0"))
         with pytest.raises(StateError, match="slave 99"):
             anna.sdo_write(99, 0x6060, 0, b"\x09")
     rows = site.daemon.slave_rows
@@ -172,14 +175,14 @@ def test_r36_who_is_not_let_in(site: Site, tmp_path: Path) -> None:
     # A certificate of the right authority, of a user whom the configuration does not know.
     with site.as_user("carl") as carl:
         with pytest.raises(NotPermittedError, match=naming("'carl'", "[[gateway.user]]")):
-            carl.info()
+            carl.request(ReadInfo())
         with pytest.raises(NotPermittedError, match="carl"):
             carl.rights()
     # That of another user, in whose file somebody has written a name with more rights.
     renamed = tmp_path / "renamed.pem"
     renamed.write_text(site["bob"].read_text().replace("ecatd user: bob", "ecatd user: anna"))
     with Remote(site.daemon.bus, site.endpoint, PATIENCE, renamed) as bob:
-        assert bob.info()["host"]
+        assert bob.request(ReadInfo())["host"]
         with pytest.raises(NotPermittedError, match=naming("'anna'", str(renamed), "another name")):
             bob.sdo_write(0, 0x6060, 0, b"\x08")
     # One of another authority, with the same name.
@@ -198,7 +201,7 @@ def test_r36_who_is_not_let_in(site: Site, tmp_path: Path) -> None:
     # None at all.
     with pytest.raises(NotPermittedError, match="ecatctl remote user"):
         Remote(site.daemon.bus, site.endpoint, PATIENCE)
-    assert site.as_user("anna").info()["host"]
+    assert site.as_user("anna").request(ReadInfo())["host"]
 
 
 @pytest.mark.long
@@ -217,15 +220,15 @@ def test_who_may_not_and_who_gets_no_answer_are_told_apart(
         with pytest.raises(NoAnswerError, match=naming("2 s", "bus server", "change")):
             users["anna"].sdo_write(0, 0x6060, 0, b"\x09")
         with pytest.raises(NoAnswerError, match=naming("2 s", "bus server")):
-            users["anna"].states()
+            users["anna"].request(ReadStates())["slaves"]
         with pytest.raises(NotPermittedError, match=naming("'carl'", "[[gateway.user]]")):
-            users["carl"].set_state("OP")
+            users["carl"].request(SetState("OP"))["slaves"]
     finally:
         daemon.kill_all()
     for user in users.values():
-        for ask in (user.info, lambda user=user: user.set_state("OP")):
+        for operation in (ReadInfo(), SetState("OP")):
             with pytest.raises(UnreachableError, match=naming(f"127.0.0.1:{port}", "ended")):
-                ask()
+                user.request(operation)
         user.close()
 
 
@@ -345,12 +348,12 @@ def test_what_a_user_follows_goes_on_after_a_restart_of_the_daemon(
         again = start_daemon("troll", "--bus", bus, config=config)
         with Remote(bus, endpoint, 60.0, site["anna"]) as anna:
             for level in ("debug", "info"):
-                anna.set_log_level(level, "dc")
-            while anna.events()["next"] <= before[-1]["sequence"] + 1:
-                anna.set_log_level("debug", "dc")
-                anna.set_log_level("info", "dc")
+                anna.request(SetLogLevel(level, "dc"))
+            while anna.request(ReadEvents())["next"] <= before[-1]["sequence"] + 1:
+                anna.request(SetLogLevel("debug", "dc"))
+                anna.request(SetLogLevel("info", "dc"))
             events.process.send_signal(signal.SIGCONT)
-            new = anna.events()
+            new = anna.request(ReadEvents())
             assert new["instance"] != before[-1]["instance"]
             expected = [(new["instance"], number) for number in range(1, new["next"])]
 
@@ -420,7 +423,7 @@ def test_a_renewed_certificate_is_used(
     def lets_in() -> bool:
         try:
             with Remote(daemon.bus, f"tls/127.0.0.1:{port}", 5.0, site["anna"]) as remote:
-                return bool(remote.info())
+                return bool(remote.request(ReadInfo()))
         except (UnreachableError, NoAnswerError, NotPermittedError):
             return False
 

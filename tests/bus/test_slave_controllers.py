@@ -17,6 +17,7 @@ import pytest
 from conftest import Daemon, names, naming, one_line_error, wait_for
 from ecatd.base.errors import NoAnswerError
 from ecatd.client.remote import Remote
+from ecatd.operations.eeproms import ReadSii, WriteSii
 from ecatsim.control import Simulator
 from ecatsim.devices.beckhoff import EL3102
 
@@ -218,7 +219,7 @@ def test_an_eeprom_that_does_not_answer_delays_no_other(
     def read_of_silent_slave() -> tuple[float, float]:
         begun = time.monotonic()
         with Remote(bus.bus) as other, pytest.raises(NoAnswerError, match=naming("slave 10")):
-            other.read_sii(10, 0, 8)
+            other.request(ReadSii(10, 0, 8))
         return begun, time.monotonic()
 
     def one_of_another_slave_has_overtaken() -> bool:
@@ -227,7 +228,7 @@ def test_an_eeprom_that_does_not_answer_delays_no_other(
         reading = pool.submit(read_of_silent_slave)
         while not reading.done():
             begun = time.monotonic()
-            assert len(remote.read_sii(9, 0, 8)) == 16
+            assert len(remote.request(ReadSii(9, 0, 8))["data"]) == 16
             done.append((begun, time.monotonic()))
         first, last = reading.result()
         return any(first + 0.2 < begun and end < last for begun, end in done)
@@ -246,7 +247,7 @@ def test_one_client_at_a_time_writes_an_eeprom(
         image = remote.sii(9)
         file, backup = tmp_path / "eeprom.bin", tmp_path / "before.bin"
         file.write_bytes(image.replace(b"EL3102", b"EL3199"))
-        remote.write_sii(9, 0x3F0, bytes(4), more=True)
+        remote.request(WriteSii(9, 0x3F0, bytes(4), more=True))
         for command in (["alias", "9", "7"], ["sii-write", "9", str(file), "--backup", backup]):
             refused = bus.ctl(*map(str, command), "--yes", "--json", check=False)
             assert refused.returncode == 7
@@ -255,9 +256,9 @@ def test_one_client_at_a_time_writes_an_eeprom(
             names(error["message"], "slave 9 (EL3102)", f"pid {os.getpid()}")
         assert not backup.exists()
         assert bus.ctl_json("alias", "8", "0", "--yes")["alias"] == 0  # another slave
-        remote.write_sii(9, 0x3F0, image[0x7E0:0x7E4])
+        remote.request(WriteSii(9, 0x3F0, image[0x7E0:0x7E4]))
         assert bus.ctl_json("alias", "9", "7", "--yes")["before"] == 0
-        remote.write_sii(9, 0, image[:16])
+        remote.request(WriteSii(9, 0, image[:16]))
         assert remote.sii(9) == image
 
 

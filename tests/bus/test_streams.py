@@ -21,6 +21,7 @@ from ecatd.client.remote import Remote
 from ecatd.gateway.sessions import Sessions
 from ecatd.gateway.streams import Streams
 from ecatd.operations.encoding import pack, unpack
+from ecatd.operations.streams import OpenStream
 from ecatd.operations.zenoh_keys import session_config
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
@@ -98,12 +99,10 @@ def test_no_cycle_is_missed_while_a_row_is_published(
 
 
 def test_readers_of_the_same_share_a_stream(remote: Remote) -> None:
-    first, second = (
-        remote._session.ask("ro", "stream", parameters="pattern=4%2F*;hz=5") for _ in "12"
-    )
+    first, second = (remote.request(OpenStream("4/*", 5)) for _ in "12")
     assert first == second
     assert len(first["signals"]) == len({item["name"] for item in first["signals"]}) > 8
-    other = remote._session.ask("ro", "stream", parameters="pattern=4%2F*;hz=10")
+    other = remote.request(OpenStream("4/*", 10))
     assert other["key"] != first["key"]
 
 

@@ -15,6 +15,7 @@ from conftest import CYCLE_TIME_US, SHM, Daemon, names, one_line_error, run_modu
 from ecatd.base.failure_record import FailureRecord, write_record
 from ecatd.client.remote import Remote
 from ecatd.etg.al import AlState
+from ecatd.operations.bus import ReadStates
 from ecatd.shm.contract import WkcState
 from ecatsim.control import Simulator
 
@@ -247,7 +248,7 @@ def test_a_silent_slave_comes_back_to_op(
     monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
 
     def condition() -> str:
-        row = remote.states()[2]
+        row = remote.request(ReadStates())["slaves"][2]
         return f"{row['text']}, {row['recovery']}"
 
     simulated = Simulator(str(daemon.child_pid("ecatsim")))
@@ -378,7 +379,7 @@ def test_who_reads_that_the_bus_is_in_op_may_ask_for_it(
     monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
     wait_for(lambda: "is in OP" in daemon.log, daemon)
     with Remote(daemon.bus) as remote:
-        assert remote.states()[0]["al_state"] == AlState.OP
+        assert remote.request(ReadStates())["slaves"][0]["al_state"] == AlState.OP
 
 
 def test_who_asks_a_daemon_that_starts_is_told_so(start_daemon: Callable[..., Daemon]) -> None:

@@ -11,15 +11,17 @@ import pytest
 import zenoh
 
 from conftest import Daemon, wait_for
+from ecatd.operations.bus import Events
+from ecatd.operations.catalog import OPERATIONS
 from ecatd.operations.encoding import pack, unpack
-from ecatd.operations.parsing import KINDS
+from ecatd.operations.errors import Failure
+from ecatd.operations.registers import Data
+from ecatd.operations.users import ReadRights
 from ecatd.operations.zenoh_keys import bus_key, session_config
-from ecatdev.zenoh_keys.bus_maps import Events, Failure
-from ecatdev.zenoh_keys.keys import ANSWERS, PUBLICATIONS, ReadRights
 from ecatdev.zenoh_keys.page import page
+from ecatdev.zenoh_keys.publications import PUBLICATIONS
 from ecatdev.zenoh_keys.published_maps import EVENTS
-from ecatdev.zenoh_keys.slave_maps import Data
-from ecatdev.zenoh_keys.types import problems
+from ecatdev.zenoh_keys.types import answer_of, problems
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "zenoh-keys.md"
@@ -84,7 +86,7 @@ def fitting(key: str, patterns: Any) -> Any:
 
 
 def kind_of(key: str) -> Any:
-    return fitting(key.partition("?")[0], [(kind, kind.key) for kind in ANSWERS])
+    return fitting(key.partition("?")[0], [(kind, kind.key) for kind in OPERATIONS.values()])
 
 
 def test_it_is_up_to_date() -> None:
@@ -92,10 +94,9 @@ def test_it_is_up_to_date() -> None:
 
 
 def test_it_has_every_request_and_so_has_this_test() -> None:
-    assert {*KINDS.values()} <= {*ANSWERS}
     keys = [key.format(transfer=1) for calls in CALLS.values() for key, _ in calls]
     asked = {kind_of(key) for key in keys}
-    assert {*ANSWERS} - asked == {ReadRights}, "test_remote_users.py has this one"
+    assert {*OPERATIONS.values()} - asked == {ReadRights}, "test_remote_users.py has this one"
 
 
 def test_a_difference_is_found() -> None:
@@ -159,7 +160,7 @@ def test_a_daemon_answers_as_it_says(rig: str, start_daemon: Callable[..., Daemo
                 wait_for(lambda: caller.ask(progress, None)[0]["step"] == "done", daemon)  # noqa: B023
             answer, good = caller.ask(key, payload)
             assert good, (key, answer)
-            assert [*problems(answer, ANSWERS[kind_of(key)], key)] == []
+            assert [*problems(answer, answer_of(kind_of(key)), key)] == []
             transfer = answer.get("transfer", transfer)
         answer, good = caller.ask("ro/sdo/0/0x9999/0", None)
         assert not good

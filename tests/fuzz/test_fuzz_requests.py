@@ -22,10 +22,10 @@ from test_remote_users import Site
 from conftest import Daemon
 from ecatd.base.errors import EcatError, UsageError
 from ecatd.base.paths import control_socket
+from ecatd.operations.catalog import parse
 from ecatd.operations.encoding import LENGTH, frame, pack, unpack
 from ecatd.operations.operation import to_map
-from ecatd.operations.parsing import parse_request
-from ecatd.operations.queries import to_query
+from ecatd.operations.query import to_query
 from ecatd.operations.zenoh_keys import bus_key, session_config
 from request_samples import KEYS, SAMPLES
 
@@ -64,7 +64,7 @@ def test_r34_mutated_messages_are_requests_or_refused() -> None:
     accepted = refused = 0
     for data in mutants(SEEDS, inputs(50_000), 1):
         try:
-            parse_request(unpack(data))
+            parse(unpack(data))
             accepted += 1
         except UsageError:
             refused += 1

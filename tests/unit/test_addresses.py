@@ -8,7 +8,7 @@ from conftest import names
 from ecatd.base.addresses import address_text, parse_address, parse_number
 from ecatd.base.errors import UsageError
 from ecatd.cli.addresses import find_object, object_
-from ecatd.operations.queries import from_query
+from ecatd.operations.query import from_query
 
 
 @pytest.mark.parametrize("text", ["6000:11", "0x6000:11", "0X6000:0x11"])

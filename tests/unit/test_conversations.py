@@ -18,6 +18,7 @@ from ecatd.base.batch import Batch
 from ecatd.base.durations import Patience
 from ecatd.base.errors import BusyError, NoAnswerError, SdoAbortError, UsageError
 from ecatd.base.log import Log
+from ecatd.config import Config
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.datatypes import DataType
 from ecatd.master.emergencies import Emergency, tell_emergencies
@@ -31,8 +32,8 @@ from ecatd.master.worker import Worker
 from ecatd.operations.objects import DescribeObject, SdoRead, SdoWrite
 from ecatd.server.requests.changes import Changes
 from ecatd.server.requests.conversations import Conversations
-from ecatd.server.requests.dictionaries import Dictionaries
-from ecatd.server.requests.objects import Objects
+from ecatd.server.requests.files import States
+from ecatd.server.requests.requests import Requests
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 from ecatsim.slave.mailbox import MailboxError, MailboxFault, RefusedMailError
@@ -78,9 +79,11 @@ class Bench:
         self.conversations = conversations = Conversations(
             master, self.worker, self.emergencies.note
         )
-        self.dictionaries = Dictionaries(bus, conversations)
-        self.objects = Objects(
-            bus, conversations, self.dictionaries, lambda _, entry: entry, Changes(Log("ecatd"))
+        own = Log("ecatd")
+        states = cast("States", None)  # only transfers of files need them
+        self.requests = Requests(
+            *(bus, master, Config(), self.worker, conversations, states),
+            *(lambda _, entry: entry, Changes(own), own),
         )
 
     def coe(self, position: int, *, alone: bool = False) -> Coe:
@@ -92,17 +95,17 @@ class Bench:
             line.answer_s = PATIENCE
 
     async def read(self, position: int = 0, index: int = NUMBER) -> int:
-        answer = await self.objects.read(SdoRead(position, index))
+        answer = await self.requests.answer(SdoRead(position, index))
         return int.from_bytes(answer["data"], "little")
 
     async def read_bytes(self) -> bytes:
-        return bytes((await self.objects.read(SdoRead(0, NUMBER)))["data"])
+        return bytes((await self.requests.answer(SdoRead(0, NUMBER)))["data"])
 
     async def write(self, data: bytes, position: int = 0, index: int = NUMBER) -> None:
         # `Objects.write` would read the object before.
-        await self.conversations.coe(
-            SLAVES[position], lambda coe: coe.download(index, 0, data), changes=True
-        )
+        slave = SLAVES[position]
+        with self.conversations.places.take(slave, changes=True):
+            await self.conversations.coe(slave, lambda coe: coe.download(index, 0, data))
 
 
 @contextmanager
@@ -163,14 +166,14 @@ def test_a_slave_is_asked_once_for_the_type_of_an_object(
 
         async def use() -> None:
             for value in ("6", "7"):
-                written = await made.objects.write(SdoWrite(0, NUMBER, value=value))
+                written = await made.requests.answer(SdoWrite(0, NUMBER, value=value))
                 assert written["data"] == await made.read_bytes() == bytes([int(value), 0])
                 assert written["name"] == ("Number" if describes else "")
             with pytest.raises(UsageError, match=naming("-5", "UNSIGNED16")):
-                await made.objects.write(SdoWrite(0, NUMBER, value="-5"))
+                await made.requests.answer(SdoWrite(0, NUMBER, value="-5"))
             assert asked == 1
             if describes:
-                await made.dictionaries.describe(DescribeObject(0, OTHER))
+                await made.requests.answer(DescribeObject(0, OTHER))
                 before = asked
                 assert await made.read(index=OTHER) == 0
                 assert asked == before, "the dictionary has the object"

@@ -10,17 +10,28 @@ from hypothesis import strategies as st
 from conftest import naming
 from ecatd.base.errors import EcatError, SdoAbortError, UsageError
 from ecatd.etg.abort_codes import abort_error
+from ecatd.gateway.gateway import Gateway
+from ecatd.master.ethernet.traffic import EthernetTraffic
+from ecatd.operations.catalog import OPERATIONS, parse
 from ecatd.operations.encoding import unpack
 from ecatd.operations.objects import SdoRead
-from ecatd.operations.operation import Request, to_map
-from ecatd.operations.parsing import KINDS, parse_request
-from ecatd.operations.queries import from_query, to_query
+from ecatd.operations.operation import Operation, to_map
+from ecatd.operations.query import from_query, to_query
+from ecatd.server.requests.dictionaries import Dictionaries
+from ecatd.server.requests.eeproms import Eeproms
+from ecatd.server.requests.ethernet import Ethernet
+from ecatd.server.requests.files import Files
+from ecatd.server.requests.idns import Idns
+from ecatd.server.requests.objects import Objects
+from ecatd.server.requests.registers import Registers
+from ecatd.server.requests.wire import Wire
+from ecatd.server.server import BusServer
 from request_samples import SAMPLES, VALUES
 
 
 @pytest.mark.parametrize("request_", [SdoRead("all", 0x1018), *SAMPLES])
 def test_requests_survive(request_: Any) -> None:
-    assert parse_request(to_map(request_)) == request_
+    assert parse(to_map(request_)) == request_
     key, parameters, payload = to_query(request_)
     assert from_query(key, parameters, payload or {}) == request_
     assert all(part and not set(part) & set("/*$?#") for part in key)
@@ -59,7 +70,7 @@ def test_requests_survive(request_: Any) -> None:
 )
 def test_r35_wrong_requests_are_refused(data: Any, what: str) -> None:
     with pytest.raises(UsageError, match=naming(*what.split(" | "))):
-        parse_request(data)
+        parse(data)
 
 
 ANYTHING = st.recursive(
@@ -74,7 +85,7 @@ ANYTHING = st.recursive(
 )
 MAPS = [{}, *map(to_map, SAMPLES)]
 FIELDS = sorted({"op", "x"}.union(*MAPS))
-OPS = st.sampled_from([*KINDS])
+OPS = st.sampled_from([*OPERATIONS])
 USUAL = st.sampled_from([value for values in VALUES.values() for value in values])
 
 
@@ -88,10 +99,10 @@ def changed(data: dict[str, Any]) -> st.SearchStrategy[dict[str, Any]]:
 @given(st.sampled_from(MAPS).flatmap(changed))
 def test_r35_anything_is_a_request_or_a_usage_error(data: dict[str, Any]) -> None:
     try:
-        request = parse_request(data)
+        request = parse(data)
     except UsageError:
         return
-    assert parse_request(to_map(request)) == request
+    assert parse(to_map(request)) == request
     if data.get("slave") == "":
         with pytest.raises(UsageError, match=naming("'slave'", "empty")):
             to_query(request)
@@ -111,8 +122,8 @@ def test_any_bytes_are_a_map_or_a_usage_error(data: bytes) -> None:
 
 def test_every_kind_of_request_is_known_and_tried() -> None:
     """`test_zenoh_keys.py` sees that each is documented."""
-    kinds = {kind for kind in Request.__subclasses__() if kind.__module__.startswith("ecatd.")}
-    assert {*KINDS.values()} == kinds == {*map(type, SAMPLES)}
+    kinds = {kind for kind in Operation.__subclasses__() if kind.__module__.startswith("ecatd.")}
+    assert {*OPERATIONS.values()} == kinds == {*map(type, SAMPLES)}
 
 
 def test_long_and_nested_messages_are_refused() -> None:
@@ -129,3 +140,16 @@ def test_errors_survive_the_way_through_a_reply() -> None:
     assert "does not exist" in str(error)
     assert isinstance(EcatError.from_reply(UsageError("x").to_reply()), UsageError)
     assert type(EcatError.from_reply({"name": "new", "message": "m"})) is EcatError
+
+
+def test_every_operation_has_one_handler() -> None:
+    marked = [
+        kind
+        for owner in (
+            *(BusServer, EthernetTraffic, Gateway, Files, Objects, Dictionaries),
+            *(Registers, Eeproms, Ethernet, Idns, Wire),
+        )
+        for method in vars(owner).values()
+        if (kind := getattr(method, "handles", None)) is not None
+    ]
+    assert sorted(kind.op for kind in marked) == sorted(OPERATIONS)

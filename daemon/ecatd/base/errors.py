@@ -21,6 +21,7 @@ same class from such a reply. Every message says what happened and, if possible,
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 JOIN = "become a member of the group 'ecat' ('sudo usermod -aG ecat $USER', then log in again)"
@@ -45,7 +46,7 @@ class EcatError(Exception):
         return {"name": self.name, "message": str(self)}
 
     @staticmethod
-    def from_reply(reply: dict[str, Any]) -> EcatError:
+    def from_reply(reply: Mapping[str, Any]) -> EcatError:
         """Makes an error from a map of `to_reply`; an unknown name gives a plain `EcatError`."""
         name, message = reply.get("name"), str(reply.get("message", "unknown error"))
         if name == SdoAbortError.name:

@@ -20,6 +20,7 @@ from ecatd.config import Config, load_config
 from ecatd.config.origins import find_origins
 from ecatd.description import bus_file
 from ecatd.description.bus import Bus
+from ecatd.operations.bus import ReadStates
 
 from .outdated import tell_outdated
 
@@ -83,7 +84,7 @@ def get_bus(options: argparse.Namespace) -> tuple[Bus, dict[str, Any]]:
         from ecatd.client.remote import Remote  # loading Zenoh is slow
 
         with Remote(options.bus, options.connect, options.timeout) as remote:
-            bus, rows = remote.describe(), remote.states()
+            bus, rows = remote.describe(), remote.request(ReadStates())["slaves"]
         return bus, {"outdated": tell_outdated(bus, rows)}
     return _without_daemon(options, kinds[0]), {"outdated": []}
 

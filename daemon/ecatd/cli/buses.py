@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ecatd.base.errors import JOIN, EcatError, NoAnswerError, NotPermittedError, StateError
 from ecatd.base.paths import closed_buses, search_dirs, served_buses
+from ecatd.operations.bus import ReadInfo, ReadStates
 from ecatd.operations.health import look_at
 
 from .output import print_json, print_table
@@ -42,7 +43,7 @@ def _here(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     for bus in names:
         try:
             with Remote(bus, timeout=options.timeout) as remote:
-                yield _row(bus, remote.info(), remote.states_reply())
+                yield _row(bus, remote.request(ReadInfo()), remote.request(ReadStates()))
         except EcatError as error:
             yield {"bus": bus, "error": error.to_reply()}
     closed = {bus for folder in search_dirs() for bus in closed_buses(folder)}
@@ -66,7 +67,7 @@ def _there(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
             yield {"bus": bus, "error": silent.to_reply()}
 
 
-def _row(bus: str, info: dict[str, Any], states: dict[str, Any]) -> dict[str, Any]:
+def _row(bus: str, info: Mapping[str, Any], states: Mapping[str, Any]) -> dict[str, Any]:
     """What is said of a bus; one whose answers make no sense does not hide the others."""
     try:
         health = look_at(states)

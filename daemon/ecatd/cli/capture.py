@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, BinaryIO
 from ecatd.base.atomic_write import open_new
 from ecatd.base.errors import EcatError, StateError, UsageError
 from ecatd.base.pcapng import Frame, header, packet, read_records
-from ecatd.operations.frames import RINGS
+from ecatd.operations.frames import RINGS, ReadFrames
 
 from .arguments import seconds
 from .output import print_json
@@ -80,7 +80,7 @@ class Source:
         """Reads the frames in a ring; returns the time up to which no frame is missing."""
         while True:
             before = self._positions[ring]
-            answer = self._remote.read_frames(ring, before)
+            answer = self._remote.request(ReadFrames(ring, before))
             self.interfaces, self.clock_ns = answer["interfaces"], answer["clock_ns"]
             self._waiting.extend(read_records(answer["records"]))
             self._positions[ring] = answer["position"]

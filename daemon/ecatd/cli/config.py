@@ -19,6 +19,7 @@ from ecatd.config.expected_bus import compare
 from ecatd.config.origins import COMMAND_LINE, DEFAULT, flatten
 from ecatd.config.writer import number_of, value_text, write_config
 from ecatd.description.bus import Bus, Slave
+from ecatd.operations.bus import ReadStates
 
 from .bus_source import add_options, check_options, get_bus, use_bus_of
 from .config_check import check, described
@@ -121,7 +122,11 @@ def _init(options: argparse.Namespace) -> int:
         from ecatd.client.remote import Remote  # loading Zenoh is slow
 
         with Remote(options.bus, options.connect, options.timeout) as remote:
-            bus, (known, _), rows = remote.describe(), remote.configuration(), remote.states()
+            bus, (known, _), rows = (
+                remote.describe(),
+                remote.configuration(),
+                remote.request(ReadStates())["slaves"],
+            )
             refresh_modules(remote, bus, rows)
         more = {"outdated": tell_outdated(bus, rows)}
     known = known.moved(compare(known, bus.slaves).places)

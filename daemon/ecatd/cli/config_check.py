@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ecatd.base.errors import ConfigError, StateError
 from ecatd.base.paths import profile_folders
@@ -27,6 +27,7 @@ from ecatd.config.resolve.pdos import (
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.doubts import CONTRADICTED, REMEDIES, SILENT
 from ecatd.etg.sii import Sii
+from ecatd.operations.bus import Device, ReadStates, Rescan, SlaveAlState
 from ecatd.operations.wire import found_slaves, known_slaves
 
 from .bus_source import check_options, get_bus, use_bus_of
@@ -155,7 +156,7 @@ def _is_optional(item: Placed) -> bool:
 
 def _bus(
     options: argparse.Namespace, wanted: Config
-) -> tuple[Bus, list[dict[str, Any]] | None, set[int], list[dict[str, Any]], Told]:
+) -> tuple[Bus, list[Device] | None, set[int], list[SlaveAlState], Told]:
     """The bus, and the devices that a start would find on its wire; None: the slaves of the bus.
 
     Also slaves of which the daemon does not know the process data, how slaves are, and what they
@@ -168,8 +169,8 @@ def _bus(
     from ecatd.client.remote import Remote  # loading Zenoh is slow
 
     with Remote(options.bus, options.connect, options.timeout) as remote:
-        bus, rows = remote.describe(), remote.states()
-        devices = remote.rescan()["devices"]
+        bus, rows = remote.describe(), remote.request(ReadStates())["slaves"]
+        devices = remote.request(Rescan())["devices"]
         refresh_modules(remote, bus, rows)
         unexpected = compare(remote.configuration()[0], bus.slaves).unexpected
         told = ask_slaves(remote, wanted, bus, rows)
@@ -180,7 +181,7 @@ def _exchanges(slave: Slave) -> bool:
     return bool(slave.outputs or slave.inputs)
 
 
-def _doubt(row: dict[str, Any], settings: SlaveConfig, slave: Slave) -> str:
+def _doubt(row: SlaveAlState, settings: SlaveConfig, slave: Slave) -> str:
     """Why the process data of a slave are in doubt, what the next start does, and what to do."""
     text = row["recovery_text"]
     if row["recovery"] == SILENT and settings.is_told and _exchanges(slave):

@@ -7,6 +7,7 @@ import datetime
 from typing import Any
 
 from ecatd.base.errors import EcatError
+from ecatd.operations.statistics import Clocks, ReadClocks, SlaveClock
 from ecatd.shm.statistics.clocks import read_clocks
 
 from .output import print_json, print_table, shortened
@@ -25,7 +26,9 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 def dc(options: argparse.Namespace) -> None:
     """Shows the reference clock, whether the cycle follows it, and the clocks of all slaves."""
     with Source(options) as source:
-        document = read_clocks(options.bus) if source.local else source.remote().clocks()
+        document = (
+            read_clocks(options.bus) if source.local else source.remote().request(ReadClocks())
+        )
     if options.json:
         print_json(document)
         return
@@ -43,7 +46,7 @@ def dc(options: argparse.Namespace) -> None:
     print_table(head, rows, "> >>>>>>")
 
 
-def _summary(document: dict[str, Any]) -> list[str]:
+def _summary(document: Clocks) -> list[str]:
     bus, slaves = document["bus"], document["slaves"]
     if document["state"] == "off":
         return [
@@ -84,7 +87,7 @@ def _time(ns: int) -> str:
     return f"{moment:%Y-%m-%d %H:%M:%S}.{rest:09d}"
 
 
-def _row(slave: dict[str, Any], document: dict[str, Any]) -> tuple[Any, ...]:
+def _row(slave: SlaveClock, document: Clocks) -> tuple[Any, ...]:
     gone = _GONE[slave["gone"]]
     on = document["state"] != "off" and slave["dc_bits"] and not gone
     difference = slave["dc_difference_ns"]

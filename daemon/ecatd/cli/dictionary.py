@@ -15,6 +15,7 @@ from ecatd.etg.dictionary import (
     access_text,
     mapping_text,
 )
+from ecatd.operations.objects import ListObjects
 
 from . import addresses
 from .arguments import slave
@@ -78,7 +79,7 @@ def read_objects(
         return described
     if index is not None:
         return [remote.describe_object(found.position, index)]
-    indices = sorted(remote.list_objects(found.position))
+    indices = sorted(remote.request(ListObjects(found.position))["objects"])
     return [remote.describe_object(found.position, item) for item in counted(indices, "objects")]
 
 

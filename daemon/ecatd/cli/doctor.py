@@ -26,6 +26,7 @@ from ecatd.admin.doctor.wakeup import Wakeups, measure
 from ecatd.base.errors import EcatError, UsageError
 from ecatd.base.paths import MACHINE
 from ecatd.config import Config
+from ecatd.operations.bus import ReadInfo
 from ecatd.shm.statistics import Snapshot
 
 from .arguments import seconds
@@ -132,7 +133,7 @@ def _in_use(options: argparse.Namespace) -> list[str]:
     """The interfaces of the running bus, as far as this machine has them."""
     with Source(options) as source:
         try:
-            links = source.remote().info()["links"] if source.local else {}
+            links = source.remote().request(ReadInfo())["links"] if source.local else {}
         except EcatError:
             return []
     here = {name for _, name in socket.if_nameindex()}

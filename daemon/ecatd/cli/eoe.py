@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import UsageError
 from ecatd.etg.eoe import NONE, parse_address, parse_interface, parse_mac, parse_name
+from ecatd.operations.ethernet import ReadEthernet, ReadIp, WriteIp
 
 from .arguments import slave
 from .output import print_json, print_table
@@ -73,7 +74,7 @@ def _checked(option: str, parse: Callable[[str], object]) -> Callable[[str], str
 
 def eoe(remote: Remote, options: argparse.Namespace) -> None:
     """Shows the interface, and the slaves with EoE."""
-    found = remote.ethernet()
+    found = remote.request(ReadEthernet())
     if options.json:
         print_json({"bus": remote.bus, **found})
         return
@@ -113,7 +114,7 @@ def _first(macs: list[str]) -> str:
 
 def eoe_read(remote: Remote, options: argparse.Namespace) -> None:
     """Reads the IP parameters of a slave."""
-    found = _parameters(remote.read_ip(options.slave))
+    found = _parameters(remote.request(ReadIp(options.slave)))
     if options.json:
         print_json({"bus": remote.bus, "slave": options.slave, "ip": found})
         return
@@ -125,7 +126,7 @@ def eoe_write(remote: Remote, options: argparse.Namespace) -> None:
     wanted = {key: getattr(options, key) for key in ("mac", "address", "gateway", "dns", "name")}
     if not any(wanted.values()):
         raise UsageError("nothing is to be written: give --address 192.168.7.2/24, or another one")
-    found = remote.write_ip(options.slave, **wanted)
+    found = remote.request(WriteIp(options.slave, **wanted))
     ip, before = _parameters(found), _parameters(found["before"])
     if options.json:
         print_json({"bus": remote.bus, "slave": options.slave, "ip": ip, "before": before})
@@ -133,11 +134,11 @@ def eoe_write(remote: Remote, options: argparse.Namespace) -> None:
     _print(ip)
 
 
-def _parameters(found: dict[str, Any]) -> dict[str, str | None]:
+def _parameters(found: Mapping[str, Any]) -> dict[str, str | None]:
     return {key: found[key] for key in _WHAT}
 
 
-def _print(found: dict[str, Any]) -> None:
+def _print(found: Mapping[str, Any]) -> None:
     print_table(
         ("PARAMETER", "VALUE"), ((text, found[key] or "none") for key, text in _WHAT.items())
     )

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from ecatd.description.bus import Bus
+from ecatd.operations.bus import Events, ReadEvents
 from ecatd.operations.event_facts import KINDS, shown
 
 from .arguments import add_slave
@@ -91,9 +92,9 @@ class _Follower:
         """Prints events; yields after each answer."""
         bus = remote.describe()
         while True:
-            answer = remote.events(self._next)
+            answer = remote.request(ReadEvents(self._next))
             if self._instance not in (None, answer["instance"]):
-                bus, answer = remote.describe(), remote.events()
+                bus, answer = remote.describe(), remote.request(ReadEvents())
                 text = f"ecatctl: the daemon of bus '{remote.bus}' has started again"
                 print(text, file=sys.stderr, flush=True)
                 self._since = None  # all of them are new, whatever the clock of the daemon says
@@ -104,7 +105,7 @@ class _Follower:
                 return
             time.sleep(_PAUSE)
 
-    def _show(self, bus: Bus, answer: dict[str, Any]) -> None:
+    def _show(self, bus: Bus, answer: Events) -> None:
         options = self._options
         chosen = None if options.slave is None else bus.find(options.slave).position
         found = list(_wanted(answer["events"], chosen, self._since, options.kind))
@@ -120,7 +121,7 @@ class _Follower:
 
 
 def _wanted(
-    found: Iterable[dict[str, Any]],
+    found: Iterable[Any],
     chosen: int | None,
     since: float | None,
     kinds: list[str] | None,

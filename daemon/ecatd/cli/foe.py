@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from ecatd.base.errors import EcatError, NoAnswerError, StateError, UnreachableError, UsageError
 from ecatd.description.bus import Slave
-from ecatd.operations.files import FILE_MAX
+from ecatd.operations.fields import FILE_MAX
 
 from .arguments import bounded, slave
 from .confirm import add_yes, confirm

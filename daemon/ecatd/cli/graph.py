@@ -12,6 +12,7 @@ from ecatd.base.quoting import printable
 from ecatd.description.bus import Bus
 from ecatd.etg.al import al_state_text
 from ecatd.etg.port_errors import PORT_ORDER, SlaveErrors, links_with_errors
+from ecatd.operations.bus import ReadStates, SlaveAlState
 
 from .output import print_json
 from .saving import save
@@ -42,7 +43,7 @@ def graph(remote: Remote, options: argparse.Namespace) -> None:
     if kind is None:
         raise UsageError(f"{options.out}: give a file name that ends with .dot or .svg")
     bus = remote.describe()
-    roots = _tree(bus, remote.errors(), remote.states())
+    roots = _tree(bus, remote.errors(), remote.request(ReadStates())["slaves"])
     if kind:
         from .graph_svg import svg_text
 
@@ -56,7 +57,7 @@ def graph(remote: Remote, options: argparse.Namespace) -> None:
         print("\n".join(["master", *_lines(roots)]))
 
 
-def _tree(bus: Bus, found: list[SlaveErrors], states: list[dict[str, Any]]) -> list[Node]:
+def _tree(bus: Bus, found: list[SlaveErrors], states: list[SlaveAlState]) -> list[Node]:
     """The slaves at the master: one, or several if it is not known where some are plugged in."""
     measured = any(slave.dc_delay_ns for slave in bus.slaves)  # if not, the clocks are not used
     nodes = {

@@ -8,6 +8,7 @@ import time
 from typing import TYPE_CHECKING
 
 from ecatd.base.errors import StateError
+from ecatd.operations.registers import WriteRegister
 
 from .arguments import seconds, slave
 from .output import print_json
@@ -40,7 +41,7 @@ def identify(remote: Remote, options: argparse.Namespace) -> None:
     """
     found = remote.describe().find(options.slave)
     try:
-        taken = remote.register_write(found.position, _RUN_LED, _FLICKERING)
+        taken = remote.request(WriteRegister(found.position, _RUN_LED, _FLICKERING))["data"]
     except StateError as error:
         raise StateError(f"{found.label} cannot blink: {error}") from error
     if taken != _FLICKERING:
@@ -53,7 +54,7 @@ def identify(remote: Remote, options: argparse.Namespace) -> None:
     try:
         _wait(options.seconds)
     finally:
-        remote.register_write(found.position, _RUN_LED, _OWN)
+        remote.request(WriteRegister(found.position, _RUN_LED, _OWN))["data"]
     if options.json:
         print_json({"bus": remote.bus, "slave": found.position, "seconds": options.seconds})
 

@@ -6,11 +6,13 @@ import argparse
 import os
 import textwrap
 import time
+from collections.abc import Mapping
 from typing import Any
 
 from ecatd.base.errors import NoAnswerError, UnreachableError
 from ecatd.description.bus import positions_text
 from ecatd.etg.al import AlState, al_state_text
+from ecatd.operations.bus import ReadInfo
 from ecatd.shm import contract as shm
 from ecatd.shm.real_time import SETTINGS
 from ecatd.shm.statistics import Grant, Snapshot, to_map
@@ -34,10 +36,10 @@ def info(options: argparse.Namespace) -> int:
     """Shows the daemon, the state of its bus, and the real-time settings."""
     with Source(options) as source:
         snapshot = source.read()
-        running: dict[str, Any] = {}
+        running: Mapping[str, Any] = {}
         silent = ""
         try:
-            running = source.remote().info()
+            running = source.remote().request(ReadInfo())
         except (UnreachableError, NoAnswerError) as error:
             if not source.local:
                 raise
@@ -50,7 +52,7 @@ def info(options: argparse.Namespace) -> int:
         return check_cycle(snapshot, source)
 
 
-def _document(snapshot: Snapshot, running: dict[str, Any], silent: str) -> dict[str, Any]:
+def _document(snapshot: Snapshot, running: Mapping[str, Any], silent: str) -> dict[str, Any]:
     known = to_map(snapshot)
     kept = ("bus", "version", "state", "cycle_time_us", "slaves", "ring", "links", "dc", "domains")
     document = {key: known[key] for key in kept}
@@ -71,7 +73,7 @@ def _document(snapshot: Snapshot, running: dict[str, Any], silent: str) -> dict[
     return {**document, **later}
 
 
-def info_lines(snapshot: Snapshot, running: dict[str, Any], silent: str) -> list[str]:
+def info_lines(snapshot: Snapshot, running: Mapping[str, Any], silent: str) -> list[str]:
     """Lines about the daemon and its bus.
 
     Args:
@@ -117,7 +119,7 @@ def _slaves(snapshot: Snapshot) -> str:
     return text + (", with errors (see ecatctl state)" if snapshot.al_status & 0x10 else "")
 
 
-def _recovery(running: dict[str, Any]) -> list[str]:
+def _recovery(running: Mapping[str, Any]) -> list[str]:
     """Lines about slaves that should be in OP and are not. Those in the same state share a line."""
     alike: dict[str, list[int]] = {}
     for row in running.get("recovery", []):
@@ -128,7 +130,7 @@ def _recovery(running: dict[str, Any]) -> list[str]:
     ]
 
 
-def _links(snapshot: Snapshot, running: dict[str, Any]) -> list[tuple[str, str]]:
+def _links(snapshot: Snapshot, running: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Name and state of each interface; without the gateway the names are unknown."""
     used = [link for link in snapshot.links if link != shm.Link.UNUSED]
     known = running.get("links")

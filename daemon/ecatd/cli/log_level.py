@@ -6,6 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from ecatd.base.log_levels import LEVELS, PARTS
+from ecatd.operations.log import ReadLogLevels, SetLogLevel
 
 from .output import print_json, print_table
 
@@ -45,9 +46,9 @@ def log_level(remote: Remote, options: argparse.Namespace) -> None:
     """Shows the levels of one part or all; changes them before if a level is given."""
     part = None if options.part == _ALL else options.part
     if options.level is None:
-        found = remote.log_levels()
+        found = remote.request(ReadLogLevels())
     else:
-        found = remote.set_log_level(options.level, part)
+        found = remote.request(SetLogLevel(options.level, part))
     levels, configured = found["levels"], found["configured"]
     shown = levels if part is None else [part]
     if options.json:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.config import Config, SlaveConfig
@@ -18,6 +18,7 @@ from ecatd.etg.abort_codes import NO_OBJECT
 from ecatd.etg.dictionary import DictionaryObject
 from ecatd.etg.sii import Sii
 from ecatd.etg.sii_check import check_sii
+from ecatd.operations.bus import SlaveAlState
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -38,7 +39,7 @@ class Told:
     eeproms: dict[int, Sii] = field(default_factory=dict)
 
 
-def refresh_modules(remote: Remote, bus: Bus, states: Iterable[dict[str, Any]]) -> None:
+def refresh_modules(remote: Remote, bus: Bus, states: Iterable[SlaveAlState]) -> None:
     """Asks modular devices which modules they have now; the description has those of the start.
 
     Nobody knows the PDOs of other modules before a start has read them, so the slave has none then.
@@ -57,7 +58,7 @@ def refresh_modules(remote: Remote, bus: Bus, states: Iterable[dict[str, Any]]) 
                 slave.outputs, slave.inputs = [], []
 
 
-def ask_slaves(remote: Remote, wanted: Config, bus: Bus, states: list[dict[str, Any]]) -> Told:
+def ask_slaves(remote: Remote, wanted: Config, bus: Bus, states: list[SlaveAlState]) -> Told:
     """Asks the slaves for what the configuration names."""
     silent = {row["position"] for row in states if not row["al_state"]}
     found = compare(wanted, bus.slaves, silent)

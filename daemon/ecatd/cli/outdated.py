@@ -8,13 +8,14 @@ from collections.abc import Collection, Sequence
 from typing import Any
 
 from ecatd.description.bus import Bus
+from ecatd.operations.bus import SlaveAlState
 from ecatd.operations.health import outdated
 
 _NAMED_MAX = 8
 
 
 def tell_outdated(
-    bus: Bus, rows: Sequence[dict[str, Any]], quiet: Collection[int] = ()
+    bus: Bus, rows: Sequence[SlaveAlState], quiet: Collection[int] = ()
 ) -> list[dict[str, Any]]:
     """Says it in one line on stderr, with what to do next.
 

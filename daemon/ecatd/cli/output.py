@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ecatd.base.plain_output import json_text
@@ -12,12 +12,12 @@ from ecatd.base.quoting import printable
 SCHEMA = 1
 
 
-def print_json(document: dict[str, Any]) -> None:
+def print_json(document: Mapping[str, Any]) -> None:
     """Prints a JSON document with `schema`, the version of its format."""
     print(json_text(_plain({"schema": SCHEMA, **document}), indent=2))
 
 
-def print_json_line(document: dict[str, Any]) -> None:
+def print_json_line(document: Mapping[str, Any]) -> None:
     """Prints a JSON document on one line, for programs that read a sequence of documents."""
     print(json_text(_plain({"schema": SCHEMA, **document})), flush=True)
 

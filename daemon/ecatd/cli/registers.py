@@ -16,6 +16,7 @@ from ecatd.etg.registers import (
     register_at,
     register_text,
 )
+from ecatd.operations.registers import ReadRegister, WriteRegister
 
 from .arguments import bounded, slave
 from .confirm import add_yes, confirm
@@ -82,7 +83,7 @@ def reg_read(remote: Remote, options: argparse.Namespace) -> None:
         rows = list(_all(remote, options.slave))
     else:
         register = _register(options.register, options.size)
-        rows = [_row(register, remote.register_read(options.slave, *register[1:3]))]
+        rows = [_row(register, remote.request(ReadRegister(options.slave, *register[1:3]))["data"])]
     if options.json:
         print_json({"bus": remote.bus, "slave": options.slave, "registers": rows})
     elif options.register is not None:
@@ -104,13 +105,13 @@ def _all(remote: Remote, slave: int | str) -> Iterator[dict[str, Any]]:
     The registers of the clock are the last ones. They do not answer if the slave has no clock, or
     if its EEPROM switches the clock off.
     """
-    features = int.from_bytes(remote.register_read(slave, _FEATURES), "little")
+    features = int.from_bytes(remote.request(ReadRegister(slave, _FEATURES))["data"], "little")
     for item in REGISTERS:
         of_clock = item.address in _CLOCK
         if of_clock and not features & _HAS_CLOCK:
             return
         try:
-            data = remote.register_read(slave, item.address, item.size)
+            data = remote.request(ReadRegister(slave, item.address, item.size))["data"]
         except StateError:
             if of_clock:
                 return
@@ -140,7 +141,9 @@ def reg_write(remote: Remote, options: argparse.Namespace) -> None:
     if decided := controlled(register.address, len(data)):
         about += f" ecatd itself controls {', '.join(decided)}, so the bus may stop working."
     confirm(options, about)
-    row = _row(register, remote.register_write(options.slave, register.address, data))
+    row = _row(
+        register, remote.request(WriteRegister(options.slave, register.address, data))["data"]
+    )
     if options.json:
         print_json({"bus": remote.bus, "slave": options.slave, "registers": [row]})
     else:

@@ -17,6 +17,7 @@ from ecatd.base.bus_name import HOST_NAME, HOST_NAME_RULE
 from ecatd.base.errors import StateError, UsageError
 from ecatd.client.identity import find_identity, read_identity
 from ecatd.config.gateway import USER_NAME, USER_NAME_RULE
+from ecatd.operations.bus import ReadInfo
 
 from .arguments import bounded
 from .authority import (
@@ -327,7 +328,7 @@ def _test(options: argparse.Namespace) -> None:
     from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
 
     with Remote(options.bus, options.connect, options.timeout) as session:
-        info = session.info()
+        info = session.request(ReadInfo())
         found = session.rights() if session.user else None
     if options.json:
         print_json({"bus": options.bus, "host": info["host"], "rights": found})

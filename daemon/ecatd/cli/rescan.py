@@ -10,6 +10,8 @@ from ecatd.base.durations import Patience
 from ecatd.base.errors import EcatError, NoAnswerError, StateError
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.al import AlState
+from ecatd.operations.bus import Device, ReadStates, Rescan
+from ecatd.operations.registers import WriteRegister
 
 from .arguments import slave
 from .confirm import add_yes, confirm
@@ -44,7 +46,7 @@ def rescan(remote: Remote, options: argparse.Namespace) -> int:
     bus = remote.describe()
     with progress() as show:
         show("the daemon looks at the devices on the wire")
-        answer = remote.rescan()
+        answer = remote.request(Rescan())
     missing = [bus.slaves[at] for at in answer["missing"]]
     rows = [_row(bus, missing, place, device) for place, device in enumerate(answer["devices"])]
     _mark_twice(bus, rows)
@@ -64,7 +66,7 @@ def rescan(remote: Remote, options: argparse.Namespace) -> int:
     return _DIFFERENT if different or lost else 0
 
 
-def _row(bus: Bus, missing: list[Slave], place: int, device: dict[str, Any]) -> dict[str, Any]:
+def _row(bus: Bus, missing: list[Slave], place: int, device: Device) -> dict[str, Any]:
     position = device["position"]
     row = {"place": place, **device, "difference": ""}
     identity = device["vendor"], device["product"], device["revision"]
@@ -154,12 +156,12 @@ def reboot(remote: Remote, options: argparse.Namespace) -> None:
 def _reset(remote: Remote, found: Slave) -> None:
     for letter in _LETTERS:
         try:
-            step = remote.register_write(found.position, _RESET, bytes([letter]))
+            step = remote.request(WriteRegister(found.position, _RESET, bytes([letter])))["data"]
         except NoAnswerError:
             if letter == _LETTERS[-1]:
                 return  # it has lost its address, which shows that it was reset
             raise
-    states = {row["position"]: row for row in remote.states()}
+    states = {row["position"]: row for row in remote.request(ReadStates())["slaves"]}
     if states[found.position]["al_state"] == AlState.OP:
         raise StateError(
             f"{found.label} is still in OP: its controller does not reset itself by register "
@@ -171,12 +173,12 @@ def _wait(remote: Remote, found: Slave, begin: float, patience: Patience) -> Non
     with progress() as show:
         while True:
             try:
-                state = remote.states()[found.position]
+                state = remote.request(ReadStates())["slaves"][found.position]
+                if state["al_state"] == AlState.OP:
+                    return
+                text = ", ".join(filter(None, (state["text"], state["recovery_text"])))
             except EcatError as error:
-                state = {"al_state": 0, "text": str(error), "recovery_text": ""}
-            if state["al_state"] == AlState.OP:
-                return
-            text = ", ".join(filter(None, (state["text"], state["recovery_text"])))
+                text = str(error)
             if time.monotonic() > begin + patience.seconds:
                 raise NoAnswerError(
                     f"{found.label} was reset, and has not come back to OP within {patience}: "

@@ -6,7 +6,7 @@ import argparse
 import time
 from contextlib import suppress
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ecatd.base.errors import StateError, UsageError
 from ecatd.base.maps import plain
@@ -16,6 +16,7 @@ from ecatd.etg.al import AL_ERROR_FLAG, AlState, al_state_text
 from ecatd.etg.datatypes import type_name
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.etg.pdo_layout import places
+from ecatd.operations.bus import ReadStates, SetState, SlaveAlState
 
 from .answering import check_slaves
 from .arguments import add_slave
@@ -102,7 +103,7 @@ def slaves(remote: Remote, options: argparse.Namespace) -> int:
     return check_slaves(health)
 
 
-def _print_slaves(bus: Bus, states: dict[int, dict[str, Any]]) -> None:
+def _print_slaves(bus: Bus, states: dict[int, SlaveAlState]) -> None:
     print_table(
         (
             "POS",
@@ -171,7 +172,7 @@ def _modules(slave: Slave) -> str:
     return f"modules in slots {', '.join(f'{slot} {module.label}' for slot, module in plugged)}"
 
 
-def _state(row: dict[str, Any]) -> str:
+def _state(row: SlaveAlState) -> str:
     """AL state of a slave; if it should be in OP and is not, also the state of its recovery."""
     text = al_state_text(row["al_state"])
     return f"{text}, {row['recovery']}" if row.get("recovery") else text
@@ -179,7 +180,7 @@ def _state(row: dict[str, Any]) -> str:
 
 def pdos(remote: Remote, options: argparse.Namespace) -> None:
     """Lists the process data of one slave or all."""
-    bus, rows = remote.describe(), remote.states()
+    bus, rows = remote.describe(), remote.request(ReadStates())["slaves"]
     chosen = bus.slaves if options.slave is None else [bus.find(options.slave)]
     old = tell_outdated(bus, [rows[slave.position] for slave in chosen])
     if options.json:
@@ -260,7 +261,7 @@ def state(remote: Remote, options: argparse.Namespace) -> int:
         raise UsageError(f"{error}; AL states are INIT, PREOP, BOOT, SAFEOP and OP") from error
     if options.state is not None:
         _ask(remote, options, chosen)
-        remote.set_state(options.state, chosen)
+        remote.request(SetState(options.state, chosen))["slaves"]
     health = remote.health()
     rows = health.rows
     shown = rows if chosen is None else [row for row in rows if row["position"] == chosen]
@@ -292,7 +293,7 @@ def _ask(remote: Remote, options: argparse.Namespace, chosen: int | None) -> Non
     bus = remote.describe()
     leaving = [
         bus.slaves[row["position"]].label
-        for row in remote.states()
+        for row in remote.request(ReadStates())["slaves"]
         if row["al_state"] & ~AL_ERROR_FLAG == AlState.OP and chosen in (None, row["position"])
     ]
     if leaving:
@@ -304,7 +305,7 @@ def _ask(remote: Remote, options: argparse.Namespace, chosen: int | None) -> Non
         )
 
 
-def _told(row: dict[str, Any]) -> str:
+def _told(row: SlaveAlState) -> str:
     """AL state of a slave, and what is known about its recovery."""
     known = (row["text"], row.get("recovery"), row.get("recovery_text"))
     return "; ".join(text for text in known if text)

@@ -17,7 +17,7 @@ from ecatd.etg.intel_hex import image_bytes
 from ecatd.etg.sii import Sii
 from ecatd.etg.sii_categories import FIRST_CATEGORY
 from ecatd.etg.sii_check import MAX_IMAGE, check_sii, sii_checksum
-from ecatd.operations.eeproms import SII_WORDS_MAX
+from ecatd.operations.eeproms import SII_WORDS_MAX, ReadSii, WriteSii
 
 from .arguments import bounded, slave
 from .confirm import add_yes, confirm
@@ -173,7 +173,7 @@ def _write(remote: Remote, found: Slave, image: bytes, parts: Sequence[int], bac
     try:
         for at in counted(parts, "parts"):
             data, more = image[at : at + _PART], at != parts[-1]
-            remote.write_sii(found.position, at // 2, data, more=more)
+            remote.request(WriteSii(found.position, at // 2, data, more=more))["written"]
             begun = True
         if read_image(remote, found)[: len(image)] != image:
             raise StateError(f"{found.label}: the EEPROM does not have the words that were written")
@@ -252,7 +252,7 @@ def _warn_of_alias(remote: Remote, found: Slave, alias: int) -> None:
 def _next_alias(remote: Remote, slave: Slave) -> int:
     """The alias that a slave will have after its next start; 0: none, or it does not answer now."""
     try:
-        return int.from_bytes(remote.read_sii(slave.position, _ALIAS, 1), "little")
+        return int.from_bytes(remote.request(ReadSii(slave.position, _ALIAS, 1))["data"], "little")
     except EcatError:
         return 0
 
@@ -260,7 +260,7 @@ def _next_alias(remote: Remote, slave: Slave) -> int:
 def set_alias(remote: Remote, options: argparse.Namespace) -> None:
     """Writes the configured station alias, and the checksum that belongs to it."""
     found = remote.describe().find(options.slave)
-    head = remote.read_sii(found.position, 0, _CHECKSUM + 1)
+    head = remote.request(ReadSii(found.position, 0, _CHECKSUM + 1))["data"]
     before = int.from_bytes(head[2 * _ALIAS : 2 * _ALIAS + 2], "little")
     if sii_checksum(head[: 2 * _CHECKSUM]) != head[2 * _CHECKSUM]:
         raise StateError(
@@ -272,12 +272,12 @@ def set_alias(remote: Remote, options: argparse.Namespace) -> None:
         confirm(
             options, f"This changes the alias of {found.label} from {before} to {options.alias}."
         )
-        now = remote.read_sii(found.position, 0, _CHECKSUM + 1)
+        now = remote.request(ReadSii(found.position, 0, _CHECKSUM + 1))["data"]
         _check_unchanged(found, head, now)
         changed = head[: 2 * _ALIAS] + options.alias.to_bytes(2, "little") + head[2 * _ALIAS + 2 :]
         checksum = sii_checksum(changed[: 2 * _CHECKSUM]).to_bytes(2, "little")
         # All words under the checksum are written, so that it fits even after another write.
-        remote.write_sii(found.position, 0, changed[: 2 * _CHECKSUM] + checksum)
+        remote.request(WriteSii(found.position, 0, changed[: 2 * _CHECKSUM] + checksum))["written"]
     if options.json:
         document = {"bus": remote.bus, "slave": found.position, "alias": options.alias}
         print_json({**document, "before": before})

@@ -7,6 +7,8 @@ import itertools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from ecatd.operations.streams import StreamSignal
+
 from .arguments import times
 from .output import print_json_line, table_lines
 from .terminal import Screen, check_stdout
@@ -56,7 +58,7 @@ def watch(options: argparse.Namespace) -> None:
     outlive(options, follow)
 
 
-def _document(remote: Remote, signals: list[dict[str, Any]], row: dict[str, Any]) -> dict[str, Any]:
+def _document(remote: Remote, signals: list[StreamSignal], row: dict[str, Any]) -> dict[str, Any]:
     names = ("minimum", "mean", "maximum", "count")
     values = [
         {**signal, **dict(zip(names, found, strict=True))}

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ecatd.base.errors import EcatError
-from ecatd.operations.files import FILE_PART, CancelFoe, PutFoe, ReadFoe, TakeFoe
-
-from .identity import who
+from ecatd.operations.files import FILE_PART, CancelFoe, PutFoe, ReadFoe, TakeFoe, Transfer
 
 if TYPE_CHECKING:
     from .remote import Remote
@@ -30,13 +28,13 @@ class FileTransfer:
         note: A remark about a transfer that is done.
     """
 
-    def __init__(self, remote: Remote, progress: dict[str, Any], data: bytes = b"") -> None:
+    def __init__(self, remote: Remote, progress: Transfer, data: bytes = b"") -> None:
         self._remote = remote
         self._data = data
         self.number = int(progress["transfer"])
         self._take(progress)
 
-    def _take(self, progress: dict[str, Any]) -> None:
+    def _take(self, progress: Transfer) -> None:
         self._failure = progress["failure"]
         self._received = int(progress["received"])
         self.step = str(progress["step"])
@@ -68,7 +66,7 @@ class FileTransfer:
 
     def cancel(self) -> None:
         """Cancels it."""
-        self._take(self._remote.request(CancelFoe(self.number, who())))
+        self._take(self._remote.request(CancelFoe(self.number)))
 
     def result(self) -> bytes:
         """The file, after it has been read.

@@ -5,23 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 
 from ecatd.base.errors import NotPermittedError
-from ecatd.operations.bus import ReadEvents, ReadInfo, ReadStates, Rescan, SetState
-from ecatd.operations.eeproms import ReadSii, WriteSii
-from ecatd.operations.ethernet import ReadEthernet, ReadIp, WriteIp
-from ecatd.operations.files import StartFoe
-from ecatd.operations.frames import ReadFrames
-from ecatd.operations.idns import ReadIdn, WriteIdn
-from ecatd.operations.log import ReadLogLevels, SetLogLevel
-from ecatd.operations.objects import DescribeObject, ListObjects, SdoRead, SdoWrite
-from ecatd.operations.operation import Request
-from ecatd.operations.registers import ReadErrors, ReadRegister, ResetErrors, WriteRegister
-from ecatd.operations.zenoh_keys import AS, RIGHTS
+from ecatd.operations.operation import Operation
 
-from .arguments import octets, real, text
-from .identity import who
+from .arguments import octets, real
 from .session import Session
 
 # What only some requests need is loaded by them: most commands are one request, and short.
@@ -32,10 +21,15 @@ if TYPE_CHECKING:
     from ecatd.etg.idns import IdnValue
     from ecatd.etg.port_errors import SlaveErrors
     from ecatd.operations.health import Health
+    from ecatd.operations.objects import Sdo
+    from ecatd.operations.registers import Errors
+    from ecatd.operations.users import Rights
     from ecatd.shm.statistics import Snapshot
 
     from .file_transfer import FileTransfer
     from .stream import Stream
+
+A = TypeVar("A")
 
 _SII_PART = 64
 """Words of an EEPROM that one request reads: the size of the smallest one. Other requests wait
@@ -97,13 +91,16 @@ class Remote:
         """Begins another session, after a restart of the gateway; raises as the constructor."""
         self._session.open()
 
-    def request(self, request: Request) -> dict[str, Any]:
-        """Has the daemon carry a request out; its answer.
+    def request(self, operation: Operation[A]) -> A:
+        """Has the daemon carry an operation out; its answer.
+
+        `ecatd.operations` has all operations, and docs/zenoh-keys.md describes them. The other
+        methods are those that do more than this one.
 
         Raises:
             EcatError: The error that the daemon replied, as its own class.
         """
-        return self._session.request(request)
+        return self._session.request(operation)
 
     def alive(self) -> list[str]:
         """The names of the buses in reach, in order: BUS or HOST/BUS."""
@@ -133,43 +130,24 @@ class Remote:
         """The user as whom this session asks; empty if the connection does not know users."""
         return self._session.user
 
-    def rights(self) -> dict[str, Any]:
-        """What the user of this session may do: `user`, `read`, `write`, `slaves` (empty: all).
+    def rights(self) -> Rights:
+        """What the user of this session may do.
 
         Raises:
             NotPermittedError: The connection does not know users, or not this one.
         """
         if not self.user:
             raise NotPermittedError("this connection does not know users: it has no certificate")
-        return self._session.ask(AS, self.user, *RIGHTS)
+        from ecatd.operations.users import ReadRights
 
-    def info(self) -> dict[str, Any]:
-        """Version, interface, start time and cycle time of the daemon."""
-        return self.request(ReadInfo())
-
-    def events(self, since: int = 0) -> dict[str, Any]:
-        """The last events, from a number on.
-
-        Returns:
-            `instance`, which stands for this run of the daemon: another run counts from 1 again;
-            `events`, each with its `sequence`; `next`, the number of the next one; and `left_out`,
-            how many from `since` on the daemon no longer keeps.
-        """
-        return self.request(ReadEvents(since))
-
-    def read_frames(self, ring: str, position: int = 0) -> dict[str, Any]:
-        """The last frames that were sent and received; see `server/requests/frames.py`.
-
-        Raises:
-            StateError: The daemon keeps none.
-        """
-        return self.request(ReadFrames(ring, position))
+        return self.request(ReadRights(self.user))
 
     def describe(self) -> Bus:
         """The bus description."""
         from ecatd.description.bus_reader import read_bus
+        from ecatd.operations.description import Describe
 
-        return read_bus(self._session.ask("ro", "slaves"), "the answer of the daemon", strict=False)
+        return read_bus(self.request(Describe()), "the answer of the daemon", strict=False)
 
     def configuration(self) -> tuple[Config, dict[str, str]]:
         """The configuration in force, and where values come from, by key.
@@ -178,31 +156,17 @@ class Remote:
         have their defaults.
         """
         from ecatd.config import read_config
+        from ecatd.operations.bus import ReadConfig
 
-        answer = self._session.ask("ro", "config")
+        answer = self.request(ReadConfig())
         return read_config(answer["config"], "the answer of the daemon"), dict(answer["origins"])
-
-    def states(self) -> list[dict[str, Any]]:
-        """AL states of all slaves: `position`, names, `al_state`, `al_code` and `text`."""
-        return list(self.request(ReadStates())["slaves"])
 
     def health(self) -> Health:
         """How the slaves are, with those that were missing at the start, and with other devices."""
+        from ecatd.operations.bus import ReadStates
         from ecatd.operations.health import look_at
 
-        return look_at(self.states_reply())
-
-    def states_reply(self) -> dict[str, Any]:
-        """The answer behind `health` and `states`, as the bus server has given it."""
-        return self.request(ReadStates())
-
-    def rescan(self) -> dict[str, Any]:
-        """The devices that are on the wire now, and the slaves that are not; see `Wire.scan`.
-
-        Raises:
-            StateError: Devices come and go meanwhile.
-        """
-        return self.request(Rescan())
+        return look_at(self.request(ReadStates()))
 
     def stream(self, pattern: str, rate: float) -> Stream:
         """Values of entries with minimum, mean and maximum, so that no peak is lost.
@@ -215,29 +179,26 @@ class Remote:
             UsageError: The rate is out of range, or there are too many entries.
             StateError: No entry fits the pattern.
         """
-        from urllib.parse import quote
+        from ecatd.operations.streams import OpenStream
 
         from .stream import Stream
 
-        sought, hz = text("pattern", pattern), real("rate", rate)
-        parameters = f"pattern={quote(sought, safe='')};hz={hz:g}"
-        opened = self._session.ask("ro", "stream", parameters=parameters)
+        opened = self.request(OpenStream(pattern, real("rate", rate)))
         return Stream(self._session.zenoh, opened, self._session.timeout)
 
     def stats(self) -> Snapshot:
         """Statistics of the bus since the start of the exchange."""
+        from ecatd.operations.statistics import ReadStats
         from ecatd.shm.statistics import from_map
 
-        return from_map(self._session.ask("ro", "stats", parameters="buckets=1"))
-
-    def clocks(self) -> dict[str, Any]:
-        """The distributed clocks of the bus; see `ecatd.shm.statistics.clocks.read_clocks`."""
-        return self._session.ask("ro", "dc")
+        return from_map(self.request(ReadStats(buckets=True)))
 
     def sdo_read(
         self, slave: int | str, index: int, subindex: int = 0, *, complete: bool = False
     ) -> SdoValue:
         """Uploads an object of a slave, which is given by its position or name."""
+        from ecatd.operations.objects import SdoRead
+
         return _sdo_value(self.request(SdoRead(slave, index, subindex, complete)))
 
     def sdo_write(
@@ -259,18 +220,10 @@ class Remote:
                 finds the type out.
             complete: Complete access.
         """
+        from ecatd.operations.objects import SdoWrite
+
         value, raw = (data, None) if isinstance(data, str) else (None, octets("data", data))
-        request = SdoWrite(slave, index, raw, subindex, complete, value, who())
-        return _sdo_value(self.request(request))
-
-    def list_objects(self, slave: int | str) -> list[int]:
-        """The indices of all objects of a slave, which is given by its position or name.
-
-        Raises:
-            NoAnswerError: The slave does not describe its objects.
-            StateError: As above; or it has no object dictionary.
-        """
-        return list(self.request(ListObjects(slave))["objects"])
+        return _sdo_value(self.request(SdoWrite(slave, index, raw, subindex, complete, value)))
 
     def describe_object(self, slave: int | str, index: int) -> DictionaryObject:
         """What an object of a slave is, with its entries.
@@ -281,23 +234,9 @@ class Remote:
             StateError: As above; or it has no object dictionary.
         """
         from ecatd.etg.dictionary import DictionaryObject
+        from ecatd.operations.objects import DescribeObject
 
         return DictionaryObject.from_map(self.request(DescribeObject(slave, index)))
-
-    def register_read(self, slave: int | str, address: int, size: int = 2) -> bytes:
-        """Reads registers of the ESC of a slave, which is given by its position or name.
-
-        Raises:
-            UsageError: These are no registers (from 0x1000 on), or more than 256 bytes.
-            StateError: There is no such slave, or it does not answer.
-        """
-        return bytes(self.request(ReadRegister(slave, address, size))["data"])
-
-    def register_write(self, slave: int | str, address: int, data: bytes) -> bytes:
-        """Writes registers; returns what they have afterwards. Raises as `register_read`."""
-        return bytes(
-            self.request(WriteRegister(slave, address, octets("data", data), who()))["data"]
-        )
 
     def read_idn(self, slave: int | str, idn: int, drive: int = 0) -> IdnValue:
         """Reads an IDN of a drive (SoE), given as `ecatd.etg.idns.parse_idn` makes it.
@@ -306,55 +245,17 @@ class Remote:
             StateError: There is no such slave or IDN, or the slave has no SoE.
         """
         from ecatd.etg.idns import IdnValue
+        from ecatd.operations.idns import ReadIdn
 
         return IdnValue.from_map(self.request(ReadIdn(slave, idn, drive)))
 
     def write_idn(self, slave: int | str, idn: int, data: bytes, drive: int = 0) -> IdnValue:
         """Writes the value of an IDN; returns what was written. Raises as `read_idn`."""
         from ecatd.etg.idns import IdnValue
+        from ecatd.operations.idns import WriteIdn
 
-        request = WriteIdn(slave, idn, octets("data", data), drive, who())
+        request = WriteIdn(slave, idn, octets("data", data), drive)
         return IdnValue.from_map(self.request(request))
-
-    def ethernet(self) -> dict[str, Any]:
-        """The interface to slaves with EoE, and the frames of each of them."""
-        return self.request(ReadEthernet())
-
-    def read_ip(self, slave: int | str) -> dict[str, Any]:
-        """Reads the IP parameters of a slave: mac, address, mask, gateway, dns, name; None each.
-
-        Raises:
-            StateError: There is no such slave, it has no EoE, or it refuses the request.
-        """
-        return self.request(ReadIp(slave))
-
-    def write_ip(
-        self,
-        slave: int | str,
-        *,
-        mac: str | None = None,
-        address: str | None = None,
-        gateway: str | None = None,
-        dns: str | None = None,
-        name: str | None = None,
-    ) -> dict[str, Any]:
-        """Writes the given IP parameters of a slave; the others stay. Raises as `read_ip`.
-
-        Args:
-            slave: Position or name.
-            mac: MAC address, as `02:00:00:00:00:01`.
-            address: IP address with the size of the network, as `192.168.7.2/24`.
-            gateway: Default gateway, or "none".
-            dns: DNS server, or "none".
-            name: DNS name, or "none".
-
-        Returns:
-            What the slave has now, as `read_ip`, and what it had, as `before`.
-
-        Raises:
-            UsageError: A parameter is malformed.
-        """
-        return self.request(WriteIp(slave, mac, address, gateway, dns, name, who()))
 
     def sii(self, slave: int | str, note: Callable[[int], None] = lambda _read: None) -> bytes:
         """Reads the whole EEPROM of a slave.
@@ -367,6 +268,7 @@ class Remote:
             StateError: There is no such slave, or its EEPROM cannot be read.
         """
         from ecatd.etg.sii_categories import whole_image
+        from ecatd.operations.eeproms import ReadSii
 
         parts: dict[int, bytes] = {}  # by number, `_SII_PART` words each
 
@@ -374,36 +276,14 @@ class Remote:
             first, last = word // _SII_PART, (word + count - 1) // _SII_PART
             for number in range(first, last + 1):
                 if number not in parts:
-                    parts[number] = self.read_sii(slave, number * _SII_PART, _SII_PART)
+                    request = ReadSii(slave, number * _SII_PART, _SII_PART)
+                    parts[number] = self.request(request)["data"]
                     note(2 * _SII_PART * len(parts))
             data = b"".join(parts[number] for number in range(first, last + 1))
             start = 2 * (word - first * _SII_PART)
             return data[start : start + 2 * count]
 
         return whole_image(words)
-
-    def read_sii(self, slave: int | str, word: int, count: int) -> bytes:
-        """Reads up to 256 words of the EEPROM of a slave, from one on; raises as `sii`."""
-        return bytes(self.request(ReadSii(slave, word, count))["data"])
-
-    def write_sii(self, slave: int | str, word: int, data: bytes, *, more: bool = False) -> int:
-        """Writes up to 64 words of the EEPROM of a slave; returns how many had other values.
-
-        The slave uses them when it is switched on the next time.
-
-        Args:
-            slave: Position or name.
-            word: Address of the first word.
-            data: The words, little endian.
-            more: Whether this process writes more parts. Until the last one, no other process may
-                write this EEPROM.
-
-        Raises:
-            BusyError: Another process writes this EEPROM.
-            StateError: There is no such slave, or its EEPROM cannot be written.
-        """
-        request = WriteSii(slave, word, octets("data", data), more, who())
-        return int(self.request(request)["written"])
 
     def start_file_read(
         self,
@@ -429,9 +309,11 @@ class Remote:
             BusyError: The slave has another transfer, or there are too many.
             StateError: There is no such slave; or no such transfer, with `only_find`.
         """
+        from ecatd.operations.files import StartFoe
+
         from .file_transfer import FileTransfer
 
-        request = StartFoe(slave, file, password=password, boot=boot, by=who(), only_find=only_find)
+        request = StartFoe(slave, file, password=password, boot=boot, only_find=only_find)
         return FileTransfer(self, self.request(request))
 
     def start_file_write(
@@ -450,15 +332,21 @@ class Remote:
         """
         import hashlib
 
+        from ecatd.operations.files import StartFoe
+
         from .file_transfer import FileTransfer
 
         data = octets("data", data)
         digest = hashlib.sha256(data).hexdigest()
-        request = StartFoe(slave, file, True, len(data), digest, password, boot, who(), only_find)
+        request = StartFoe(
+            slave, file, True, len(data), digest, password, boot, only_find=only_find
+        )
         return FileTransfer(self, self.request(request), data)
 
     def errors(self) -> list[SlaveErrors]:
         """The error counters of all slaves that answer."""
+        from ecatd.operations.registers import ReadErrors
+
         return _slave_errors(self.request(ReadErrors()))
 
     def reset_errors(self, slave: int | str | None = None) -> list[SlaveErrors]:
@@ -467,11 +355,9 @@ class Remote:
         Raises:
             StateError: There is no such slave, or it does not answer.
         """
-        return _slave_errors(self.request(ResetErrors(slave, who())))
+        from ecatd.operations.registers import ResetErrors
 
-    def set_state(self, state: str, slave: int | str | None = None) -> list[dict[str, Any]]:
-        """Brings one slave, or all, to an AL state; returns all states as `states` does."""
-        return list(self.request(SetState(state, slave, who()))["slaves"])
+        return _slave_errors(self.request(ResetErrors(slave)))
 
     def log_lines(self) -> Iterator[dict[str, Any]]:
         """Yields new lines of the log as they come; see LogLine in docs/zenoh-keys.md.
@@ -483,27 +369,12 @@ class Remote:
 
         return log_lines(self._session.zenoh, self._session.full_name)
 
-    def log_levels(self) -> dict[str, dict[str, str]]:
-        """By part, the `levels` of the log in force, and those that are `configured`."""
-        return _levels(self.request(ReadLogLevels()))
 
-    def set_log_level(self, level: str, part: str | None = None) -> dict[str, dict[str, str]]:
-        """Changes the level of one part of the log, or of all; returns as `log_levels`.
-
-        It lasts until the daemon reads its configuration again.
-        """
-        return _levels(self.request(SetLogLevel(level, part, who())))
-
-
-def _levels(answer: dict[str, Any]) -> dict[str, dict[str, str]]:
-    return {name: dict(answer[name]) for name in ("levels", "configured")}
-
-
-def _slave_errors(answer: dict[str, Any]) -> list[SlaveErrors]:
+def _slave_errors(answer: Errors) -> list[SlaveErrors]:
     from ecatd.etg.port_errors import SlaveErrors
 
     return [SlaveErrors.from_map(item) for item in answer["slaves"]]
 
 
-def _sdo_value(answer: dict[str, Any]) -> SdoValue:
-    return SdoValue(**{key: answer[key] for key in SdoValue._fields if key in answer})
+def _sdo_value(answer: Sdo) -> SdoValue:
+    return SdoValue(**{key: value for key, value in answer.items() if key in SdoValue._fields})  # type: ignore[arg-type]

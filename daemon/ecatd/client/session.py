@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import zenoh
 
@@ -23,18 +23,20 @@ from ecatd.base.errors import (
 from ecatd.base.paths import read_host, search_dirs, zenoh_socket
 from ecatd.linux.systemd_services import how_to_start
 from ecatd.operations.encoding import MAX_REPLY, pack, unpack
-from ecatd.operations.operation import Request
-from ecatd.operations.parsing import check_request
-from ecatd.operations.queries import to_query
-from ecatd.operations.zenoh_keys import AS, RIGHTS, bus_key, bus_of, full_name, session_config
+from ecatd.operations.operation import Operation, on_behalf
+from ecatd.operations.query import to_query
+from ecatd.operations.users import ReadRights
+from ecatd.operations.zenoh_keys import AS, bus_key, bus_of, full_name, session_config
 
 from .arguments import refuse, seconds, text
-from .identity import find_identity, is_encrypted
+from .identity import find_identity, is_encrypted, who
 from .unreached import why_unreached
 
 _GATEWAY_PATIENCE, _GATEWAY_PAUSE = 5.0, 0.05
 """Seconds for which a gateway is waited for that starts while the bus runs, and between tries."""
 _JOIN = f"{JOIN}; to read only, add '--connect {LOOPBACK}', where ecatd listens by default"
+
+A = TypeVar("A")
 
 
 def _local_endpoint(bus: str) -> tuple[str, str]:
@@ -143,34 +145,19 @@ class Session:
         """Ends the session."""
         self.zenoh.close()  # type: ignore[no-untyped-call]
 
-    def request(self, request: Request) -> dict[str, Any]:
-        """Has the daemon carry a request out; its answer.
+    def request(self, operation: Operation[A]) -> A:
+        """Has the daemon carry an operation out; its answer.
 
         Raises:
             EcatError: The error that the daemon replied, as its own class.
-            UsageError: A field of the request has the wrong type, or is out of range.
         """
-        check_request(request)
-        key, parameters, payload = to_query(request)
+        if getattr(operation, "by", None) == "":
+            operation = on_behalf(operation, who())
+        key, parameters, payload = to_query(operation)
         if payload is not None:
             payload["id"] = _request_id()
             if self.user:
                 key = (AS, self.user, *key)
-        return self.ask(*key, payload=payload, parameters=parameters)
-
-    def ask(
-        self, *key: str, payload: dict[str, Any] | None = None, parameters: str = ""
-    ) -> dict[str, Any]:
-        """Asks for a key below the bus, and returns the answer.
-
-        Args:
-            key: The parts of the key.
-            payload: A map that is sent with it.
-            parameters: What stands behind the key in a Zenoh selector, such as `hz=5`.
-
-        Raises:
-            EcatError: The error that the daemon replied, as its own class.
-        """
         selector = bus_key(self.full_name, *key) + (f"?{parameters}" if parameters else "")
         data = pack(payload) if payload is not None else None
         for reply in self.zenoh.get(selector, payload=data, timeout=self.timeout):
@@ -183,7 +170,7 @@ class Session:
                 break  # an error reply of Zenoh itself: nobody answered
             if "error" in answer:
                 raise EcatError.from_reply(answer["error"])
-            return answer
+            return cast("A", answer)
         raise self._silence(key)
 
     def ask_all(self, *what: str) -> list[dict[str, dict[str, Any]]]:
@@ -256,7 +243,7 @@ class Session:
     @property
     def _is_known(self) -> bool:
         """Whether the daemon knows the user. Its gateway answers that without the bus server."""
-        key = bus_key(self.full_name, AS, self.user, *RIGHTS)
+        key = bus_key(self.full_name, *to_query(ReadRights(self.user)).key)
         return any(reply.ok for reply in self.zenoh.get(key, timeout=self.timeout))
 
     @staticmethod

@@ -13,6 +13,7 @@ import zenoh
 from ecatd.base.durations import Patience
 from ecatd.base.errors import NoAnswerError, UnreachableError
 from ecatd.operations.encoding import MAX_REPLY, unpack
+from ecatd.operations.streams import Stream as Opened
 from ecatd.operations.zenoh_keys import bus_key, bus_of
 
 _ROWS = 100
@@ -41,8 +42,8 @@ class Stream:
         NoAnswerError: As above; no row comes any more.
     """
 
-    def __init__(self, session: zenoh.Session, opened: dict[str, Any], patience_s: float) -> None:
-        self.signals: list[dict[str, Any]] = list(opened["signals"])
+    def __init__(self, session: zenoh.Session, opened: Opened, patience_s: float) -> None:
+        self.signals = list(opened["signals"])
         self.rate = float(opened["rate"])
         self.cycles = int(opened["cycles"])
         self._patience = Patience(patience_s + 1 / self.rate, "--timeout")

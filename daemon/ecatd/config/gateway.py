@@ -11,7 +11,7 @@ from ecatd.base.bus_name import HOST_NAME, HOST_NAME_RULE
 from ecatd.base.errors import LOOPBACK
 from ecatd.base.toml_file import Key, Table, accepts, any_of, integer, number, show
 from ecatd.description.limits import POSITION_MAX
-from ecatd.operations.queries import RIGHT_NAMES
+from ecatd.operations.catalog import RIGHT_NAMES
 
 from .placed import Placed, each, read
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from enum import IntEnum, IntFlag
 from typing import Any
@@ -90,7 +91,7 @@ class DictionaryObject:
         }
 
     @staticmethod
-    def from_map(data: dict[str, Any]) -> DictionaryObject:
+    def from_map(data: Mapping[str, Any]) -> DictionaryObject:
         """Makes an object of what `to_map` has returned."""
         entries = {
             item["subindex"]: DictionaryEntry(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Context, Decimal, InvalidOperation
 from enum import IntFlag
@@ -272,7 +272,7 @@ class IdnValue:
         }
 
     @classmethod
-    def from_map(cls, data: dict[str, Any]) -> IdnValue:
+    def from_map(cls, data: Mapping[str, Any]) -> IdnValue:
         """Makes an IDN from a map of `to_map`."""
         attribute = Attribute(int(data["attribute"]))
         return cls(

@@ -7,7 +7,7 @@ about the link that ends there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 PORT_ORDER = (0, 3, 1, 2)
@@ -91,7 +91,7 @@ class SlaveErrors(NamedTuple):
         return {**self._asdict(), "ports": [port._asdict() for port in self.ports]}
 
     @staticmethod
-    def from_map(data: dict[str, Any]) -> SlaveErrors:
+    def from_map(data: Mapping[str, Any]) -> SlaveErrors:
         """Makes it of what `to_map` has returned."""
         ports = [
             PortErrors(**{**port, "to": port["to"] and tuple(port["to"])}) for port in data["ports"]

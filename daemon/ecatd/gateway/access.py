@@ -25,7 +25,8 @@ from ecatd.base.log import Log
 from ecatd.config import GatewayConfig, UserConfig
 from ecatd.config.gateway import ENCRYPTED, PLAIN, host_of, is_encrypted
 from ecatd.description.bus import Bus
-from ecatd.operations.operation import Request
+from ecatd.operations.operation import Operation, right_of
+from ecatd.operations.users import Rights
 from ecatd.operations.zenoh_access import ASKING, READ, TELLING, rule
 from ecatd.operations.zenoh_keys import AS
 
@@ -127,19 +128,19 @@ def unknown_slaves(config: GatewayConfig, bus: Bus) -> list[str]:
     return found
 
 
-def rights(user: UserConfig) -> dict[str, Any]:
+def rights(user: UserConfig) -> Rights:
     """Returns the rights of a user as a reply: `user`, `read`, `write`, `slaves` (empty: all)."""
     return {"user": user.name, "read": True, "write": user.write, "slaves": user.slaves}
 
 
-def check(user: UserConfig, request: Request, bus: Bus) -> None:
+def check(user: UserConfig, request: Operation[Any], bus: Bus) -> None:
     """Checks that a user may request a change, or frames.
 
     Raises:
         NotPermittedError: The user may not.
         StateError: The change is about a slave that does not exist.
     """
-    kind = request.key.split("/")[1]
+    kind = right_of(type(request))
     if kind not in user.write:
         may = f"may use: {', '.join(user.write)}" if user.write else "may only read"
         raise NotPermittedError(

@@ -11,7 +11,7 @@ from typing import Any
 from ecatd.base.errors import BusyError, EcatError, UnreachableError, UsageError
 from ecatd.operations.connection import Connection
 from ecatd.operations.encoding import MAX_REPLY
-from ecatd.operations.operation import Request, to_map
+from ecatd.operations.operation import Operation, to_map
 
 Answer = asyncio.Future[dict[str, Any]]
 
@@ -75,7 +75,7 @@ class BusClient(Connection):
         self._waiting.clear()
         self._on_end()
 
-    def ask(self, request: Request, once: tuple[str, str] | None = None) -> Answer:
+    def ask(self, request: Operation[Any], once: tuple[str, str] | None = None) -> Answer:
         """Sends a request; returns a future with its answer, or with an `EcatError`.
 
         Args:

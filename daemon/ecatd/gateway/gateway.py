@@ -9,8 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
-from urllib.parse import unquote
+from typing import Any, cast
 
 import zenoh
 
@@ -23,14 +22,17 @@ from ecatd.config import Config, GatewayConfig, UserConfig, read_config
 from ecatd.config.certificates import contents, watch_certificates, wrong_certificates
 from ecatd.description.bus import Bus
 from ecatd.description.bus_reader import read_bus
-from ecatd.operations.bus import Describe, ReadConfig, ReadStates
+from ecatd.operations.bus import ReadConfig, ReadStates
+from ecatd.operations.description import Describe
 from ecatd.operations.encoding import MAX_MESSAGE, pack, unpack
-from ecatd.operations.files import PutFoe
-from ecatd.operations.frames import ReadFrames
+from ecatd.operations.handlers import Handlers, handles
 from ecatd.operations.log import ReadLogLevels
-from ecatd.operations.operation import Request, on_behalf
-from ecatd.operations.queries import from_query, needs_right, read_flag, read_parameters
-from ecatd.operations.zenoh_keys import AS, RIGHTS, SCHEMA, bus_key, full_name, session_config
+from ecatd.operations.operation import Operation, needs_right, on_behalf
+from ecatd.operations.query import from_query
+from ecatd.operations.statistics import Clocks, ReadClocks, ReadStats, Statistics
+from ecatd.operations.streams import OpenStream, Stream
+from ecatd.operations.users import ReadRights, Rights
+from ecatd.operations.zenoh_keys import AS, SCHEMA, bus_key, full_name, session_config
 from ecatd.shm.statistics import read, to_map
 from ecatd.shm.statistics.clocks import read_clocks
 
@@ -96,6 +98,7 @@ class Gateway:
         self._tasks: set[asyncio.Task[Any]] = set()
         self._rates: dict[str, Rate] = {}
         self._refusals = Refusals(log)
+        self._handlers = Handlers(self)
         self._description: Answer | None = None
         self._packed: tuple[Answer, bytes] | None = None
         self._slaves: dict[str, Any] = {}  # the last bus description
@@ -293,25 +296,16 @@ class Gateway:
         payload = b"" if query.payload is None else bytes(query.payload)
         if len(payload) > MAX_MESSAGE:
             raise UsageError(f"a request of {len(payload)} bytes is too long")
-        parameters = str(query.parameters)
-        match parts:
-            case ["ro", "slaves"]:
-                read_parameters(parameters, ())
-                return self._describe()
-            case ["ro", "stats"]:
-                return _known(parameters, self._stats, "buckets")
-            case ["ro", "stream"]:
-                return self._open_stream(parameters)
-            case ["ro", "dc"]:
-                return _known(parameters, lambda: read_clocks(self._name))
         user = None
-        if parts[:1] == [AS]:
+        if parts[:1] == [AS] and parts[2:3] == ["rw"]:
             user, parts = self._user(parts[1]), parts[2:]
-            if tuple(parts) == RIGHTS:
-                return _known(parameters, lambda: rights(user))
         values = unpack(payload) if payload else {}
         identity = values.pop("id", None)
-        request = from_query(parts, parameters, values)
+        request = from_query(parts, str(query.parameters), values)
+        if isinstance(request, Describe):
+            return self._describe()
+        if type(request) in self._handlers:
+            return asyncio.ensure_future(self._handlers.answer(request))
         if not needs_right(type(request)):
             return self._bus.ask(request)
         who = _LOCAL
@@ -330,7 +324,7 @@ class Gateway:
         return self._once(user, identity, on_behalf(request, who))
 
     async def _later(
-        self, delay: float, user: UserConfig, identity: Any, request: Request
+        self, delay: float, user: UserConfig, identity: Any, request: Operation[Any]
     ) -> dict[str, Any]:
         await asyncio.sleep(delay)
         return await self._once(user, identity, request)
@@ -355,25 +349,29 @@ class Gateway:
                 return user
         raise NotPermittedError(f"user '{name}' is not in the configuration of the daemon")
 
-    def _open_stream(self, parameters: str) -> Answer:
-        given = read_parameters(parameters, ("pattern", "hz"))
-        try:
-            rate = float(given.get("hz", "10"))
-        except ValueError:
-            raise UsageError(f"hz={given['hz']} in the query is no number") from None
-        pattern, streams = unquote(given.get("pattern", "*")), self._streams
-        assert streams is not None, "asked before the session was opened"
-        return asyncio.ensure_future(asyncio.to_thread(streams.open, pattern, rate))
+    @handles(OpenStream)
+    async def _open_stream(self, request: OpenStream) -> Stream:
+        assert self._streams is not None, "asked before the session was opened"
+        found = await asyncio.to_thread(self._streams.open, request.pattern, float(request.hz))
+        return cast("Stream", found)
 
-    def _stats(self, *, buckets: bool) -> dict[str, Any]:
-        return to_map(read(self._name), buckets=buckets)
+    @handles(ReadStats)
+    def _read_stats(self, request: ReadStats) -> Statistics:
+        return cast("Statistics", to_map(read(self._name), buckets=request.buckets))
 
-    def _once(self, user: UserConfig | None, identity: Any, request: Request) -> Answer:
+    @handles(ReadClocks)
+    def _read_clocks(self, _: ReadClocks) -> Clocks:
+        return read_clocks(self._name)
+
+    @handles(ReadRights)
+    def _read_rights(self, request: ReadRights) -> Rights:
+        return rights(self._user(request.user))
+
+    def _once(self, user: UserConfig | None, identity: Any, request: Operation[Any]) -> Answer:
         """Carries out a change; the answer is the earlier one if its id has come before."""
         if not isinstance(identity, str) or not 1 <= len(identity) <= 64:
             raise UsageError("a change needs an 'id': a text of 1 to 64 characters, new each time")
-        # The offset of a part says whether it has come before; long answers are not worth keeping.
-        if isinstance(request, PutFoe | ReadFrames):
+        if type(request).is_repeatable:
             return self._bus.ask(request)
         return self._bus.ask(request, (user.name if user else "", identity))
 
@@ -443,20 +441,6 @@ class Gateway:
         if sessions is not None:
             await asyncio.to_thread(sessions.close)
         remove_zenoh_socket(self._runtime_dir, self._name)
-
-
-def _known(parameters: str, make: Callable[..., dict[str, Any]], *flags: str) -> Answer:
-    """Returns an answer that is known without asking the bus server.
-
-    Args:
-        parameters: The parameters of the query.
-        make: Makes the answer; gets the flags as keyword arguments.
-        flags: Names of the parameters that the query may have, each true or false.
-    """
-    given = read_parameters(parameters, flags)
-    answer: Answer = asyncio.get_running_loop().create_future()
-    answer.set_result(make(**{name: read_flag(name, given.get(name, "0")) for name in flags}))
-    return answer
 
 
 def _send(query: zenoh.Query, send: Callable[[], None]) -> None:

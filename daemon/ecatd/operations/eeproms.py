@@ -1,16 +1,28 @@
-"""Requests about the EEPROMs of slaves (SII)."""
+"""Operations about the EEPROMs of slaves (SII)."""
 
 from __future__ import annotations
 
 from ecatd.base.errors import UsageError
 
-from .operation import Request
+from .fields import ClientName, SlaveReference, Word, WordCount
+from .operation import Cost, Map, Operation
+from .registers import Data
 
 SII_WORDS_MAX = 64
 """Words of an EEPROM that one request writes: that takes up to half a second."""
 
 
-class ReadSii(Request):
+class Written(Map):
+    """The end of a write of an EEPROM.
+
+    Attributes:
+        written: How many words had other values.
+    """
+
+    written: int
+
+
+class ReadSii(Operation[Data]):
     """Reads a part of the EEPROM of a slave (SII).
 
     Attributes:
@@ -21,12 +33,13 @@ class ReadSii(Request):
 
     op = "read_sii"
     key = "ro/sii/{slave}"
-    slave: int | str
-    word: int = 0
-    count: int = 64
+    cost = Cost.MAILBOX
+    slave: SlaveReference
+    word: Word = 0
+    count: WordCount = 64
 
 
-class WriteSii(Request):
+class WriteSii(Operation[Written]):
     """Writes a part of the EEPROM of a slave (SII).
 
     Attributes:
@@ -40,11 +53,13 @@ class WriteSii(Request):
 
     op = "write_sii"
     key = "rw/sii/{slave}"
-    slave: int | str
-    word: int
+    cost = Cost.MAILBOX
+    disturbs_files = True
+    slave: SlaveReference
+    word: Word
     data: bytes
     more: bool = False
-    by: str = ""
+    by: ClientName = ""
 
     def _check(self) -> None:
         if len(self.data) % 2 or not 2 <= len(self.data) <= 2 * SII_WORDS_MAX:

@@ -1,21 +1,44 @@
-"""Requests about files of slaves (FoE)."""
+"""Operations about files of slaves (FoE)."""
 
 from __future__ import annotations
 
 from ecatd.base.errors import UsageError
 
-from .operation import Request
+from .errors import Error
+from .fields import ClientName, FileSize, Password, SlaveReference, TransferNumber
+from .operation import Map, Operation
+from .registers import Data
 
 _FILE_NAME_MAX, _DIGEST_DIGITS, _NAME_SHOWN = 255, 64, 40
-FILE_MAX = 64 << 20
-"""Bytes of a file that is transferred."""
-TRANSFER_MAX = 1 << 53
-"""Highest number of a transfer."""
 FILE_PART = 32 * 1024
 """Bytes of a file in one request or answer."""
 
 
-class StartFoe(Request):
+class Transfer(Map):
+    """A transfer of a file.
+
+    Attributes:
+        transfer: Its number, which only the client knows that has started it.
+        step: `receiving` from the client, `to boot`, `transferring`, `from boot`, `done`, `failed`.
+        received: Bytes that have come from the client.
+        size: Bytes of a file that is written; None for one that is read.
+        moved: Bytes that have gone over the bus.
+        busy: What a busy slave says; empty if it is not busy.
+        failure: The error, after a failure.
+        note: A remark about the end; may be empty.
+    """
+
+    transfer: int
+    step: str
+    received: int
+    size: int | None
+    moved: int
+    busy: str
+    failure: Error | None
+    note: str
+
+
+class StartFoe(Operation[Transfer]):
     """Starts to transfer a file (FoE). The daemon goes on without the client, and keeps the file.
 
     A file that is written is sent to the daemon first, in parts. If the same file is on its way to
@@ -35,14 +58,14 @@ class StartFoe(Request):
 
     op = "start_foe"
     key = "rw/foe/{slave}"
-    slave: int | str
+    slave: SlaveReference
     file: str
     write: bool = False
-    size: int = 0
+    size: FileSize = 0
     digest: str = ""
-    password: int = 0
+    password: Password = 0
     boot: bool = False
-    by: str = ""
+    by: ClientName = ""
     only_find: bool = False
 
     def _check(self) -> None:
@@ -59,7 +82,7 @@ class StartFoe(Request):
             raise UsageError(f"'digest' of {self.op} must be the SHA-256 of the file in hex")
 
 
-class PutFoe(Request):
+class PutFoe(Operation[Transfer]):
     """Sends a part of a file that is to be written; the slave gets it when all parts are there.
 
     Attributes:
@@ -70,12 +93,13 @@ class PutFoe(Request):
 
     op = "put_foe"
     key = "rw/foe/{transfer}/put"
-    transfer: int
-    offset: int
+    is_repeatable = True
+    transfer: TransferNumber
+    offset: FileSize
     data: bytes
 
 
-class TakeFoe(Request):
+class TakeFoe(Operation[Data]):
     """Asks for a part of a file that has been read.
 
     Attributes:
@@ -85,11 +109,11 @@ class TakeFoe(Request):
 
     op = "take_foe"
     key = "ro/foe/{transfer}/{offset}"
-    transfer: int
-    offset: int
+    transfer: TransferNumber
+    offset: FileSize
 
 
-class ReadFoe(Request):
+class ReadFoe(Operation[Transfer]):
     """Asks how far a transfer is.
 
     Attributes:
@@ -98,10 +122,10 @@ class ReadFoe(Request):
 
     op = "read_foe"
     key = "ro/foe/{transfer}"
-    transfer: int
+    transfer: TransferNumber
 
 
-class CancelFoe(Request):
+class CancelFoe(Operation[Transfer]):
     """Ends a transfer. What the slave does with a part of a file depends on the slave.
 
     Attributes:
@@ -111,5 +135,5 @@ class CancelFoe(Request):
 
     op = "cancel_foe"
     key = "rw/foe/{transfer}/cancel"
-    transfer: int
-    by: str = ""
+    transfer: TransferNumber
+    by: ClientName = ""

@@ -13,6 +13,7 @@ from typing import Any
 
 from ecatd.description.bus import Slave, display_name
 from ecatd.etg.al import AlState
+from ecatd.operations.bus import SlaveAlState
 
 from .faults import Fault
 
@@ -43,7 +44,7 @@ class Health:
             succeeds although the slaves are there.
     """
 
-    rows: list[dict[str, Any]]
+    rows: list[SlaveAlState]
     expected: int
     in_op: int
     missing: int
@@ -123,12 +124,12 @@ def _incomplete(rows: list[Mapping[str, Any]], there: set[str]) -> Iterator[str]
             yield f"group {group} is incomplete, because these slaves are absent: {names}"
 
 
-def required(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+def required(rows: Iterable[SlaveAlState]) -> list[SlaveAlState]:
     """The rows of the slaves that should be there: all but optional ones that are absent."""
     return [row for row in rows if row.get("recovery") != _ABSENT]
 
 
-def outdated(slaves: Sequence[Slave], rows: Iterable[dict[str, Any]]) -> dict[int, str]:
+def outdated(slaves: Sequence[Slave], rows: Iterable[SlaveAlState]) -> dict[int, str]:
     """Says which slaves need not be what ecatd has read of them, by position, and why.
 
     Args:

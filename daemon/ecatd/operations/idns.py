@@ -1,14 +1,37 @@
-"""Requests about the IDNs of drives (SoE)."""
+"""Operations about the IDNs of drives (SoE)."""
 
 from __future__ import annotations
 
+from typing import NotRequired
+
 from ecatd.base.errors import UsageError
 
+from .fields import ClientName, DriveNumber, IdnNumber, SlaveReference
 from .objects import DATA_MAX
-from .operation import Request
+from .operation import Cost, Map, Operation
 
 
-class ReadIdn(Request):
+class Idn(Map):
+    """An IDN of a drive.
+
+    Attributes:
+        idn: The IDN.
+        name: Its name.
+        attribute: The 32 bits of element 3.
+        unit: Its unit; may be empty.
+        value: The bytes of its value, of a list without its lengths.
+        before: After a write: the bytes from before.
+    """
+
+    idn: int
+    name: str
+    attribute: int
+    unit: str
+    value: bytes
+    before: NotRequired[bytes]
+
+
+class ReadIdn(Operation[Idn]):
     """Reads an IDN of a drive (SoE).
 
     Attributes:
@@ -19,12 +42,13 @@ class ReadIdn(Request):
 
     op = "read_idn"
     key = "ro/idn/{slave}/{drive}/{idn}"
-    slave: int | str
-    idn: int
-    drive: int = 0
+    cost = Cost.MAILBOX
+    slave: SlaveReference
+    idn: IdnNumber
+    drive: DriveNumber = 0
 
 
-class WriteIdn(Request):
+class WriteIdn(Operation[Idn]):
     """Writes the value of an IDN of a drive (SoE).
 
     Attributes:
@@ -37,11 +61,12 @@ class WriteIdn(Request):
 
     op = "write_idn"
     key = "rw/idn/{slave}/{drive}/{idn}"
-    slave: int | str
-    idn: int
+    cost = Cost.MAILBOX
+    slave: SlaveReference
+    idn: IdnNumber
     data: bytes
-    drive: int = 0
-    by: str = ""
+    drive: DriveNumber = 0
+    by: ClientName = ""
 
     def _check(self) -> None:
         if len(self.data) > DATA_MAX:

@@ -1,21 +1,56 @@
-"""Requests about the levels of the log."""
+"""Operations about the levels of the log, and its lines."""
 
 from __future__ import annotations
 
 from ecatd.base.errors import UsageError
 from ecatd.base.log_levels import LEVELS, PARTS
 
-from .operation import Request
+from .fields import ClientName
+from .operation import Map, Operation
 
 
-class ReadLogLevels(Request):
+class LogLevels(Map):
+    """Levels of the log.
+
+    Attributes:
+        levels: Those in force, by part.
+        configured: Those of the configuration, by part.
+    """
+
+    levels: dict[str, str]
+    configured: dict[str, str]
+
+
+class LogLine(Map):
+    """A line of the log of the bus server.
+
+    Attributes:
+        sequence: Its number: each line has the next one, so a gap is a loss.
+        time_ns: Unix time in ns.
+        level: `error`, `warning` or `notice`.
+        part: The part of the daemon; see LogLevels.
+        text: What has happened.
+        event: Kind of the event that tells the same; may be empty.
+        slaves: Positions of the slaves concerned.
+    """
+
+    sequence: int
+    time_ns: int
+    level: str
+    part: str
+    text: str
+    event: str
+    slaves: list[int]
+
+
+class ReadLogLevels(Operation[LogLevels]):
     """Asks for the levels of the log in force, and for those of the configuration."""
 
     op = "log_levels"
     key = "ro/log"
 
 
-class SetLogLevel(Request):
+class SetLogLevel(Operation[LogLevels]):
     """Asks for another level of the log, until the configuration is read again.
 
     Attributes:
@@ -28,7 +63,7 @@ class SetLogLevel(Request):
     key = "rw/log/{part}"
     level: str
     part: str | None = None
-    by: str = ""
+    by: ClientName = ""
 
     def _check(self) -> None:
         if self.level not in LEVELS:

@@ -1,74 +1,108 @@
-"""What all kinds of requests have in common.
+"""What all operations have in common.
 
-Each kind of request has a name, `op`, and its Zenoh key below the bus, `key`. A key begins with
-`ro`, or with `rw` if the request needs a right: it changes something, or reads what may be secret.
-It names the kind and then the slave, so that access control can distinguish all three. Fields in
-braces stand in the key.
+Clients ask operations of a daemon. The class of an operation is all that is known of it:
+
+- the annotations are its fields, with their limits (`fields.py`);
+- `Operation[Answer]` names the type of its answer, a map in msgpack;
+- `op` is its name in messages, and `key` its Zenoh key below the bus. A key begins with `ro`, or
+  with `rw` if the operation needs a right: it changes something, or reads what may be secret. The
+  second part is the right, as `gateway.user.write` names it. Fields in braces stand in the key, so
+  that access control can distinguish kinds of operations and slaves;
+- `cost` is what it takes, which decides how many may wait;
+- the docstring is its description in docs/zenoh-keys.md.
+
+Client, gateway and bus server derive all else: parsing (`catalog.py`), queries (`query.py`), who
+carries it out (`handlers.py`), who may ask (`gateway/access.py`).
 """
 
 from __future__ import annotations
 
 import re
-from typing import Any, ClassVar, NamedTuple, dataclass_transform
+import sys
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, dataclass_transform
 
 from ecatd.base.errors import UsageError
 
-BY_MAX = 200
-"""Characters of the name of a client."""
+from .fields import BY_MAX, Field
+
+if TYPE_CHECKING:
+    from typing import TypedDict as Map
+else:
+    # An answer is a map. Its annotations are for readers, type checkers and the documentation, and
+    # a real TypedDict would compile all of them whenever a command starts.
+    Map = dict
+
+__all__ = ["Cost", "Map", "Operation", "needs_right", "on_behalf", "right_of", "to_map", "whose"]
+
+A = TypeVar("A", covariant=True)
 
 _NOT_PLAIN = re.compile(r"[^\w .,@:/()-]")
 
 
-class Field(NamedTuple):
-    """A field of a request.
+class Cost(StrEnum):
+    """What an operation takes."""
 
-    Attributes:
-        kind: Its type, for messages.
-        types: Names of the types that it may have.
-    """
+    MEMORY = "memory"
+    """The daemon knows the answer."""
+    FRAMES = "frames"
+    """Some frames on the wire: a few cycles."""
+    MAILBOX = "mailbox"
+    """The mailbox or the EEPROM of a slave: milliseconds to seconds. Few may wait at a time."""
 
-    kind: str
-    types: frozenset[str]
 
+class _Fields:
+    """The fields of a class, found when they are needed: most commands need those of one class."""
 
-def check_type(op: str, name: str, value: object, wanted: Field) -> None:
-    """Checks the type of a field.
-
-    Raises:
-        UsageError: It has another type; the message names the field.
-    """
-    # Types are compared by name: bool is a subclass of int, but true is no slave number.
-    found = "None" if value is None else type(value).__name__
-    if found not in wanted.types:
-        raise UsageError(f"'{name}' of {op} must be {wanted.kind}, not {found}")
+    def __get__(self, _: object, owner: type[Operation[Any]]) -> dict[str, Field]:
+        names = vars(sys.modules[owner.__module__])
+        found = {
+            name: Field.of(eval(hint, names))  # an annotation of ours
+            for name, hint in owner.__annotations__.items()
+        }
+        owner.fields = found
+        return found
 
 
 @dataclass_transform(frozen_default=True, eq_default=True)
-class Request:
-    """A request; each subclass is a kind of request, and its annotations are the fields.
+class Operation(Generic[A]):
+    """An operation; each subclass is a kind of operation, and its annotations are the fields.
 
     It works like a dataclass, but without `dataclasses`: loading that module takes as long as
     loading all other modules of a command.
+
+    Attributes:
+        op: Its name in messages.
+        key: Its Zenoh key below the bus.
+        cost: What it takes.
+        is_repeatable: For one that needs a right: whether it may be carried out twice if it arrives
+            twice. The daemon keeps the answers of all others, and answers by them.
+        disturbs_files: Whether it would spoil the transfer of a file to or from its slave.
+        fields: Its fields, by name.
+        needed: The names of those without a default.
     """
 
     op: ClassVar[str]
     key: ClassVar[str]
-    fields: ClassVar[dict[str, Field]]
+    cost: ClassVar[Cost] = Cost.MEMORY
+    is_repeatable: ClassVar[bool] = False
+    disturbs_files: ClassVar[bool] = False
+    if TYPE_CHECKING:
+        fields: ClassVar[dict[str, Field]]
+    else:
+        fields = _Fields()
     needed: ClassVar[tuple[str, ...]]
 
     def __init_subclass__(cls) -> None:
-        cls.fields = {
-            name: Field(kind, frozenset(kind.split(" | ")))
-            for name, kind in cls.__annotations__.items()
-        }
-        cls.needed = tuple(name for name in cls.fields if not hasattr(cls, name))
+        cls.needed = tuple(name for name in cls.__annotations__ if name not in vars(cls))
 
     def __init__(self, *args: Any, **values: Any) -> None:
-        values.update(zip(self.fields, args, strict=False))
+        fields = self.fields
+        values.update(zip(fields, args, strict=False))
         if missing := [name for name in self.needed if name not in values]:
             raise UsageError(f"{self.op} needs {', '.join(missing)}")
         for name, value in values.items():
-            check_type(self.op, name, value, self.fields[name])
+            fields[name].check(f"'{name}' of {self.op}", value)
         self.__dict__.update(values)
         self._check()
 
@@ -86,27 +120,39 @@ class Request:
         return f"{type(self).__name__}({to_map(self)})"
 
 
-def to_map(request: Request) -> dict[str, Any]:
-    """The request as a map, with its `op`."""
-    return {"op": request.op} | {name: getattr(request, name) for name in request.fields}
+def needs_right(kind: type[Operation[Any]]) -> bool:
+    """Whether operations of this kind need a right: all that change something do."""
+    return kind.key.startswith("rw/")
 
 
-def on_behalf(request: Request, who: str, said: str = "") -> Request:
-    """The same request with the name of the user who asks, if it has such a field.
+def right_of(kind: type[Operation[Any]]) -> str:
+    """The right that operations of this kind need, as `gateway.user.write` names it."""
+    return kind.key.split("/")[1]
+
+
+def to_map(operation: Operation[Any]) -> dict[str, Any]:
+    """The operation as a map, with its `op`."""
+    names = type(operation).__annotations__
+    return {"op": operation.op} | {name: getattr(operation, name) for name in names}
+
+
+def on_behalf(operation: Operation[A], who: str, said: str = "") -> Operation[A]:
+    """The same operation with the name of the user who asks, if it has such a field.
 
     The name that the client gives itself follows in brackets, without characters that could be
     mistaken for something else in a line of the log.
 
     Args:
-        request: The request.
+        operation: The operation.
         who: The user.
-        said: The name that the client gives itself, if it is not in the request.
+        said: The name that the client gives itself, if it is not in the operation.
     """
-    if "by" not in request.fields:
-        return request
-    values = {name: getattr(request, name) for name in request.fields}
+    values = to_map(operation)
+    del values["op"]
+    if "by" not in values:
+        return operation
     said = _NOT_PLAIN.sub("", said or values["by"])
-    return type(request)(**{**values, "by": (f"{who} [{said}]" if said else who)[:BY_MAX]})
+    return type(operation)(**{**values, "by": (f"{who} [{said}]" if said else who)[:BY_MAX]})
 
 
 def whose(by: str) -> str:

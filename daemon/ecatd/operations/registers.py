@@ -1,15 +1,56 @@
-"""Requests about registers of slave controllers, and their error counters."""
+"""Operations about registers of slave controllers, and their error counters."""
 
 from __future__ import annotations
 
 from ecatd.base.errors import UsageError
+from ecatd.etg.port_errors import PortErrors
 
-from .operation import Request
+from .fields import ByteCount, ClientName, Register, SlaveReference
+from .operation import Cost, Map, Operation
 
 _REGISTERS_END, _REGISTER_BYTES_MAX = 0x1000, 256
 
 
-class ReadRegister(Request):
+class Data(Map):
+    """Bytes.
+
+    Attributes:
+        data: As read: of registers after a write those that they have then, of a file empty at its
+            end.
+    """
+
+    data: bytes
+
+
+class SlaveCounters(Map):
+    """The error counters of a slave.
+
+    Attributes:
+        position: Its position.
+        ports: Those of its ports, by number.
+        processing: Errors of the processing unit: frames that are not EtherCAT, or malformed.
+        pdi: Errors of the process data interface.
+        since: Unix time at which ecatd cleared them; None if it has not.
+    """
+
+    position: int
+    ports: list[PortErrors]
+    processing: int
+    pdi: int
+    since: float | None
+
+
+class Errors(Map):
+    """Error counters.
+
+    Attributes:
+        slaves: Those of each slave that answers.
+    """
+
+    slaves: list[SlaveCounters]
+
+
+class ReadRegister(Operation[Data]):
     """Reads registers of the ESC of a slave.
 
     Attributes:
@@ -20,15 +61,16 @@ class ReadRegister(Request):
 
     op = "read_register"
     key = "ro/register/{slave}/{address}"
-    slave: int | str
-    address: int
-    size: int = 2
+    cost = Cost.FRAMES
+    slave: SlaveReference
+    address: Register
+    size: ByteCount = 2
 
     def _check(self) -> None:
         check_registers(self.address, self.size)
 
 
-class WriteRegister(Request):
+class WriteRegister(Operation[Data]):
     """Writes registers of the ESC of a slave.
 
     Attributes:
@@ -40,23 +82,26 @@ class WriteRegister(Request):
 
     op = "write_register"
     key = "rw/register/{slave}/{address}"
-    slave: int | str
-    address: int
+    cost = Cost.FRAMES
+    disturbs_files = True
+    slave: SlaveReference
+    address: Register
     data: bytes
-    by: str = ""
+    by: ClientName = ""
 
     def _check(self) -> None:
         check_registers(self.address, len(self.data))
 
 
-class ReadErrors(Request):
+class ReadErrors(Operation[Errors]):
     """Asks for the error counters of all slaves, and for the links between them."""
 
     op = "read_errors"
     key = "ro/errors"
+    cost = Cost.FRAMES
 
 
-class ResetErrors(Request):
+class ResetErrors(Operation[Errors]):
     """Clears the error counters of one slave, or of all slaves.
 
     Attributes:
@@ -66,8 +111,9 @@ class ResetErrors(Request):
 
     op = "reset_errors"
     key = "rw/errors/{slave}"
-    slave: int | str | None = None
-    by: str = ""
+    cost = Cost.FRAMES
+    slave: SlaveReference | None = None
+    by: ClientName = ""
 
 
 def check_registers(address: int, size: int) -> None:

@@ -18,8 +18,6 @@ VERSION = "v1"
 SCHEMA = 1
 AS = "as"
 """The part of a key before the name of a user."""
-RIGHTS = ("ro", "rights")
-"""The key, below the name of a user, of the rights of this user."""
 
 
 def bus_key(bus: str, *rest: str) -> str:

@@ -14,9 +14,9 @@ from ecatd.base.batch import Batch, last_of
 from ecatd.base.errors import EcatError, UnreachableError, UsageError
 from ecatd.base.log import Log
 from ecatd.base.paths import make_dir
+from ecatd.operations.catalog import parse
 from ecatd.operations.connection import Connection
 from ecatd.operations.encoding import MAX_MESSAGE
-from ecatd.operations.parsing import parse_request
 
 from .once import Once
 from .server import BusServer
@@ -187,7 +187,7 @@ class _Client(Connection):
     async def _carry_out(self, message: dict[str, Any]) -> dict[str, Any]:
         """Carries out a request; a change has its user and its `id` in `once`."""
         once = message.pop("once", None)
-        request = parse_request(message)
+        request = parse(message)
         match once:
             case None:
                 return await self._server.answer(request)

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from ecatd.base.durations import Patience
 from ecatd.base.errors import StateError
@@ -33,18 +33,32 @@ from ecatd.master.engine.engine import Engine
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.master.ethernet.traffic import EthernetTraffic
 from ecatd.master.worker import Worker
-from ecatd.operations.bus import Describe, ReadConfig, ReadEvents, ReadInfo, ReadStates, SetState
-from ecatd.operations.ethernet import ReadEthernet
-from ecatd.operations.frames import ReadFrames
+from ecatd.operations.bus import (
+    Configuration,
+    Events,
+    Fault,
+    Info,
+    MissingSlave,
+    ReadConfig,
+    ReadEvents,
+    ReadInfo,
+    ReadStates,
+    SetState,
+    SlaveAlState,
+    States,
+)
+from ecatd.operations.description import BusDescription, Describe
+from ecatd.operations.frames import Frames, ReadFrames
+from ecatd.operations.handlers import handles
 from ecatd.operations.health import look_at
-from ecatd.operations.log import ReadLogLevels, SetLogLevel
-from ecatd.operations.operation import Request
+from ecatd.operations.log import LogLevels, ReadLogLevels, SetLogLevel
+from ecatd.operations.operation import Operation
 from ecatd.shm import contract as shm
 
 from .requests.changes import ZENOH, Changes
 from .requests.conversations import Conversations
 from .requests.frames import read_frames
-from .requests.slaves import SlaveRequests
+from .requests.requests import Requests
 from .start.bring_up import BringUp
 from .start.exchange import leases
 from .watch.event_history import EventHistory
@@ -63,6 +77,8 @@ _ATTENDED_MIN = 3
 """Fewest cycles for which the engine goes on without a sign from the control side."""
 _SHOWN = 3
 """Most slaves that the status of the service names."""
+
+A = TypeVar("A")
 
 
 def _nothing() -> None:
@@ -107,7 +123,7 @@ class BusServer:
         self._up = BringUp(config, interface, log, self._aborted.is_set, memory)
         self._monitor: Monitor | None = None
         self._fault_files: FaultFiles | None = None
-        self._slave_requests: SlaveRequests | None = None
+        self._requests: Requests | None = None
         self._ethernet: EthernetTraffic | None = None
         self._started = 0.0
         self._asked_at = time.monotonic()  # when the service has asked whether this process works
@@ -132,15 +148,21 @@ class BusServer:
         self._monitor = await self._worker.run(self._bring_up)
         assert self._up.master is not None
         conversations = Conversations(self._up.master, self._worker, self._monitor.emergencies.note)
-        self._slave_requests = SlaveRequests(
-            *(self.bus, self._up.master, self._config, self._worker),
-            *(conversations, self._monitor, self._meaning),
-            changes=self._changes,
-            log=self._log,
-        )
         self._ethernet = EthernetTraffic(
             *(self._config.eoe, self.bus, self._up.master, self._worker),
             *(self._monitor.emergencies.note, self._log),
+        )
+        self._requests = Requests(
+            self.bus,
+            self._up.master,
+            self._config,
+            self._worker,
+            conversations,
+            self._monitor,
+            self._meaning,
+            self._changes,
+            self._log,
+            *(self, self._ethernet),
         )
         self._monitor.start(asyncio.get_running_loop())
 
@@ -246,7 +268,7 @@ class BusServer:
         """
         self._asked_at = time.monotonic()
         await self._worker.run(_nothing)
-        health = look_at(self._state_rows())
+        health = look_at(self._states())
         assert self._up.shared is not None, "asked before the bus was brought up"
         return {
             "cycle": self._up.shared.header.cycle,
@@ -258,46 +280,37 @@ class BusServer:
         assert self._monitor is not None, "asked before the bus was brought up"
         return self._monitor
 
-    async def answer(self, request: Request, slot: int = ZENOH) -> dict[str, Any]:
-        """Carries out a request; returns the reply.
+    async def answer(self, operation: Operation[A], slot: int = ZENOH) -> A:
+        """Carries an operation out; see `Requests.answer`."""
+        assert self._requests is not None, "asked before the bus was brought up"
+        return await self._requests.answer(operation, slot)
 
-        Args:
-            request: The request.
-            slot: The slot of the program that asks through shared memory, or `ZENOH`.
+    @handles(Describe)
+    def _describe(self, _: Describe) -> BusDescription:
+        return cast("BusDescription", self.bus.to_dict())
 
-        Raises:
-            EcatError: The request cannot be carried out, or the slave refuses it.
-        """
-        match request:
-            case Describe():
-                return self.bus.to_dict()
-            case ReadConfig():
-                return self._in_force
-            case ReadInfo():
-                return self._info()
-            case ReadStates():
-                await self._running.look()
-                return self._state_rows()
-            case SetState():
-                return await self._set_state(request, slot)
-            case ReadLogLevels():
-                return self._log_levels()
-            case SetLogLevel():
-                return self._set_log_level(request)
-            case ReadEvents():
-                return self._events.since(request.since)
-            case ReadFrames():
-                return read_frames(self._up.frame_rings, self._up.interfaces, request)
-        assert self._ethernet is not None, "asked before the bus was brought up"
-        if isinstance(request, ReadEthernet):
-            return self._ethernet.describe()
-        assert self._slave_requests is not None, "asked before the bus was brought up"
-        return await self._slave_requests.answer(request, slot)
+    @handles(ReadConfig)
+    def _read_config(self, _: ReadConfig) -> Configuration:
+        return cast("Configuration", self._in_force)
 
-    def _info(self) -> dict[str, Any]:
+    @handles(ReadStates)
+    async def _read_states(self, _: ReadStates) -> States:
+        await self._running.look()
+        return self._states()
+
+    @handles(ReadEvents)
+    def _read_events(self, request: ReadEvents) -> Events:
+        return cast("Events", self._events.since(request.since))
+
+    @handles(ReadFrames)
+    def _read_frames(self, request: ReadFrames) -> Frames:
+        return read_frames(self._up.frame_rings, self._up.interfaces, request)
+
+    @handles(ReadInfo)
+    def _info(self, _: ReadInfo) -> Info:
         assert self._up.wire is not None, "asked before the bus was brought up"
         wire = self._up.wire
-        return {
+        found = {
             "version": VERSION,
             "host": socket.gethostname(),
             "interface": self._interface,
@@ -308,19 +321,20 @@ class BusServer:
             "wire_bytes": wire.wire_bytes,
             **self._running.describe(),
         }
+        return cast("Info", found)
 
-    def _state_rows(self) -> dict[str, Any]:
+    def _states(self) -> States:
         return {
             "slaves": [self._state_row(item) for item in self._running.states],
-            "missing": self._missing,
+            "missing": cast("list[MissingSlave]", self._missing),
             "others": self._running.others,
-            "faults": [fault.to_map() for fault in self._running.faults],
+            "faults": [cast("Fault", fault.to_map()) for fault in self._running.faults],
             "service_silent_s": time.monotonic() - self._asked_at,
         }
 
-    def _state_row(self, item: SlaveState) -> dict[str, Any]:
+    def _state_row(self, item: SlaveState) -> SlaveAlState:
         condition, more = self._running.condition(item.position)
-        return {
+        found = {
             "position": item.position,
             "name": self.bus.slaves[item.position].name,
             "given_name": self.bus.slaves[item.position].given_name,
@@ -333,31 +347,36 @@ class BusServer:
             "since": self._running.down_since(item.position),
             **self._running.present(item.position),
         }
+        return cast("SlaveAlState", found)
 
-    async def _set_state(self, request: SetState, slot: int) -> dict[str, Any]:
+    @handles(SetState)
+    async def _set_state(self, request: SetState) -> States:
         if request.slave is None:
             slaves = self.bus.slaves
             there = {item.position for item in self._running.states if item.al_state}
             chosen = [n for n, slave in enumerate(slaves) if n in there or not slave.group]
         else:
             chosen = [self.bus.find(request.slave).position]
-        if self._slave_requests is not None:
-            self._slave_requests.check_free(None if request.slave is None else chosen[0])
         whom = "all slaves" if request.slave is None else self.bus.find(request.slave).label
         state = AlState.parse(request.state)
-        with self._changes.telling(f"{whom}, AL state", state.name, request.by, slot) as change:
+        with self._changes.telling(f"{whom}, AL state", state.name, request.by) as change:
             change.before = states_text(self._running.states[n] for n in chosen)
             await self._running.change(chosen, state)
             await self._running.look()
-        return self._state_rows()
+        return self._states()
 
-    def _log_levels(self) -> dict[str, Any]:
+    @handles(ReadLogLevels)
+    def _read_log_levels(self, _: ReadLogLevels) -> LogLevels:
+        return self._log_levels()
+
+    def _log_levels(self) -> LogLevels:
         return {
             "levels": level_of_each(self._log.levels),
             "configured": level_of_each(self._configured),
         }
 
-    def _set_log_level(self, request: SetLogLevel) -> dict[str, Any]:
+    @handles(SetLogLevel)
+    def _set_log_level(self, request: SetLogLevel) -> LogLevels:
         before, part = self._log.levels, request.part
         after = self._log.levels = with_level(before, part, request.level)
         self._set_levels(after)
@@ -376,8 +395,8 @@ class BusServer:
             shared.set_state(shm.BusState.STOPPING)
         if engine is not None and shared is not None:
             await self._make_safe(engine, shared)
-        if self._slave_requests is not None:
-            self._slave_requests.close()
+        if self._requests is not None:
+            self._requests.close()
         if self._monitor is not None:
             self._monitor.stop()
             self._monitor.close()

@@ -2,7 +2,7 @@
 
     PYTHONPATH=tools .venv/bin/python -m ecatdev.zenoh_keys.page docs/zenoh-keys.md
 
-Requests are those of `ecatd.operations`, answers and publications those of this package.
+Operations and answers are those of `ecatd.operations`.
 """
 
 from __future__ import annotations
@@ -13,15 +13,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ecatd.operations.operation import Request
-from ecatd.operations.parsing import RANGES
-from ecatd.operations.queries import ALL, needs_right
+from ecatd.operations.catalog import OPERATIONS
+from ecatd.operations.errors import Failure
+from ecatd.operations.fields import Limits
+from ecatd.operations.operation import Operation, needs_right
+from ecatd.operations.query import ALL
 
 from ..markdown import head, row
-from .bus_maps import Failure
-from .keys import ANSWERS, CHANGES, PUBLICATIONS, READS
+from .publications import PUBLICATIONS
 from .published_maps import EVENTS
-from .types import attributes, keys_of, maps_in, name_of, summary
+from .types import answer_of, attributes, keys_of, maps_in, name_of, summary
 
 _INTRO = """\
 # Zenoh keys and maps
@@ -40,6 +41,8 @@ from it. It is made from the sources, and tests compare the answers of a real da
   `ro/sii/3?word=0x40;count=8`.
 - **A change** is a query under `rw/…`, or for a user of another machine under `as/<user>/rw/…`. Its
   payload needs an [`id`](zenoh.md#changes): a `str` of 1 to 64 characters, new for each change.
+- **The cost** of an answer: `memory`: the daemon knows it; `frames`: it takes some frames on the
+  wire; `mailbox`: a slave is asked over its mailbox or for its EEPROM, and few may wait for that.
 - **An error** is an error reply with the map [Failure](#failure). The daemon refuses parameters and
   keys that are not on this page.
 """
@@ -54,12 +57,12 @@ _NAMES = {"int": "`int`", "float": "`float`", "bool": "`bool`", "str": "`str`", 
 
 def page() -> str:
     """Returns the page."""
-    maps = {item for kind in ANSWERS.values() for item in maps_in(kind)}
+    maps = {item for kind in OPERATIONS.values() for item in maps_in(answer_of(kind))}
     maps |= {item for kind, _ in PUBLICATIONS.values() for item in maps_in(kind)}
     maps |= {*maps_in(Failure)}
     lines = [_INTRO, "## Publications", "", *_publications(), ""]
-    lines += ["## Queries that only read", "", *_requests(READS)]
-    lines += ["## Changes", "", _WITH_RIGHT, "", *_requests(CHANGES)]
+    lines += ["## Queries that only read", "", *_requests(change=False)]
+    lines += ["## Changes", "", _WITH_RIGHT, "", *_requests(change=True)]
     lines += ["## Maps", ""]
     for kind in sorted(maps, key=lambda item: item.__name__):
         lines += _map(kind)
@@ -75,11 +78,14 @@ def _publications() -> Iterator[str]:
         yield row(f"`{_shown(key)}`", name_of(kind), when)
 
 
-def _requests(kinds: list[type[Request]]) -> Iterator[str]:
-    for kind in kinds:
+def _requests(*, change: bool) -> Iterator[str]:
+    for kind in OPERATIONS.values():
+        if needs_right(kind) != change:
+            continue
         yield f"### `{_shown(kind.key)}`"
         yield ""
-        yield f"{summary(kind)} Answer: {name_of(ANSWERS[kind])}."
+        answer = name_of(answer_of(kind))
+        yield f"{summary(kind)} Answer: {answer}. Cost: {kind.cost}."
         yield ""
         if kind.fields:
             yield from head("field", "in", "type", "default", "meaning")
@@ -89,12 +95,12 @@ def _requests(kinds: list[type[Request]]) -> Iterator[str]:
             yield ""
 
 
-def _said(kind: type[Request], name: str) -> str:
+def _said(kind: type[Operation[Any]], name: str) -> str:
     about = attributes(kind).get(name, "")
     return about.replace("`nil`", f"`{ALL}`") if "{" + name + "}" in kind.key else about
 
 
-def _place(kind: type[Request], name: str) -> tuple[str, str]:
+def _place(kind: type[Operation[Any]], name: str) -> tuple[str, str]:
     """Returns where a field is, and what it is if it is left out."""
     if "{" + name + "}" in kind.key:
         return "key", ""
@@ -108,14 +114,13 @@ def _value(value: Any) -> str:
     return f"`{str(value).lower() if isinstance(value, bool) else value}`"
 
 
-def _type(kind: type[Request], name: str) -> str:
-    types = [part for part in kind.fields[name].kind.split(" | ") if part != "None"]
-    text = " or ".join(_NAMES[part] for part in types)
-    if name in RANGES and "int" in types:
-        low, high = RANGES[name]
-        text = text.replace("`int`", f"`int` ({low} to {high})")
+def _type(kind: type[Operation[Any]], name: str) -> str:
+    field = kind.fields[name]
+    text = " or ".join(_NAMES[part] for part in field.types if part != "None")
+    if isinstance(field.rule, Limits):
+        text = text.replace("`int`", f"`int` ({field.rule.least} to {field.rule.greatest})")
     in_key = "{" + name + "}" in kind.key
-    return f"{text} or `{ALL}`" if in_key and "None" in kind.fields[name].types else text
+    return f"{text} or `{ALL}`" if in_key and "None" in field.types else text
 
 
 def _map(kind: type) -> Iterator[str]:

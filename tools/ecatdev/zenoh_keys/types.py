@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from types import NoneType, UnionType
-from typing import Any, NamedTuple, NotRequired, Union, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, NotRequired, Union, cast, get_args, get_origin, get_type_hints
+
+from ecatd.operations.bus import Event
+from ecatd.operations.operation import Operation
 
 from .. import docstrings
-from .bus_maps import Event
 from .published_maps import EVENTS
 
 _NAMES: dict[Any, str] = {
@@ -51,6 +53,13 @@ def keys_of(kind: type) -> list[Key]:
         plain = hint if needed else get_args(hint)[0]
         found.append(Key(name.rstrip("_"), plain, needed, about.get(name, "")))
     return found
+
+
+def answer_of(kind: type[Operation[Any]]) -> type:
+    """The map that answers an operation."""
+    (base,) = kind.__orig_bases__  # type: ignore[attr-defined]
+    (answer,) = get_args(base)
+    return cast(type, answer)
 
 
 def summary(kind: type) -> str:

@@ -20,8 +20,7 @@ from ecatd.base.pid_namespace import said_pid
 from ecatd.etg.al import AlState
 from ecatd.operations.bus import SetState
 from ecatd.operations.objects import SdoRead, SdoWrite
-from ecatd.operations.operation import Request, on_behalf, to_map
-from ecatd.operations.parsing import parse_request
+from ecatd.operations.operation import Operation, on_behalf
 from ecatd.shm import contract as shm
 from ecatd.shm.contract import REQUEST_BYTES
 
@@ -51,7 +50,7 @@ class Asked:
     raw: bytes
     program: str
 
-    def parse(self) -> Request:
+    def parse(self) -> Operation[Any]:
         """Decodes the request. Like one over Zenoh, it says in `by` who asks.
 
         Raises:
@@ -69,7 +68,7 @@ class Asked:
             return SdoRead(**where, complete=complete)
         if raw.op == shm.Request.DOWNLOAD:
             write = SdoWrite(**where, data=data, complete=complete)
-            return on_behalf(parse_request(to_map(write)), self._who, self.program)
+            return on_behalf(write, self._who, self.program)
         if raw.op == shm.Request.STATE and len(data) == 1 and data[0] in _STATES:
             return on_behalf(SetState(AlState(data[0]).name, raw.slave), self._who, self.program)
         raise UsageError(f"{raw.op} is not a request that ecatd can carry out")

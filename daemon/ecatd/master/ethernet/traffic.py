@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from ecatd.base.errors import EcatError, StateError
 from ecatd.base.log import Log
@@ -13,6 +12,8 @@ from ecatd.base.tap import Tap
 from ecatd.config.eoe import EoeConfig
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.eoe import FRAME_MAX, parse_interface
+from ecatd.operations.ethernet import Ethernet, ReadEthernet
+from ecatd.operations.handlers import handles
 
 from ..emergencies import Emergency
 from ..mailbox.talks import talk_alone
@@ -83,8 +84,9 @@ class EthernetTraffic:
             ]
             self._switch = Switch([self._to_computer, *(port.send for port in self._ports)])
 
-    def describe(self) -> dict[str, Any]:
-        """The interface and the ports, with what went through them: the reply to `ReadEthernet`."""
+    @handles(ReadEthernet)
+    def describe(self, _: ReadEthernet) -> Ethernet:
+        """The interface and the ports, with what went through them."""
         ports = enumerate(zip(self._slaves, self._ports, strict=False), 1)
         return {
             "interface": self._config.interface,

@@ -10,6 +10,7 @@ import hashlib
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -20,6 +21,8 @@ from ecatd.base.log import Log
 
 ZENOH = -1
 """In place of the slot of a program: the request came over Zenoh."""
+_asking: ContextVar[int] = ContextVar("slot", default=ZENOH)
+"""The slot of the program whose request is being carried out."""
 SHOWN = 32
 """Bytes of a value in a line."""
 
@@ -63,6 +66,16 @@ class Change:
         self.problem = str(error) or "nobody waits for the answer any more"
 
 
+@contextmanager
+def asked_by(slot: int) -> Iterator[None]:
+    """Says which program asks for the changes of the block: its slot, or `ZENOH`."""
+    token = _asking.set(slot)
+    try:
+        yield
+    finally:
+        _asking.reset(token)
+
+
 class Changes:
     """Tells of changes. For the thread of the event loop.
 
@@ -81,7 +94,7 @@ class Changes:
 
     @contextmanager
     def telling(
-        self, what: str, after: str, by: str, slot: int = ZENOH, *, is_secret: bool = False
+        self, what: str, after: str, by: str, *, is_secret: bool = False
     ) -> Iterator[Change]:
         """Tells of the change that the block makes, also if it fails.
 
@@ -89,9 +102,9 @@ class Changes:
             what: What changes.
             after: The wanted value.
             by: Who asks for it.
-            slot: The slot of the program that asks for it, or `ZENOH`.
             is_secret: See `Change`.
         """
+        slot = _asking.get()
         earlier = self._waiting.get(slot, {}).get(what)
         before = earlier.result if earlier else ""
         change = Change(what, after, by, before, is_secret=is_secret)

@@ -59,18 +59,15 @@ class Conversations:
         self.places = Places()
         self._note = note
 
-    async def coe(
-        self, slave: Slave, part: Callable[[Coe], Talk[T]], *, changes: bool = False
-    ) -> T:
+    async def coe(self, slave: Slave, part: Callable[[Coe], Talk[T]]) -> T:
         """Has a conversation about the objects of a slave, once the request has its turn.
 
         Args:
             slave: The slave, which speaks CoE.
             part: The conversation, for example `coe.upload`.
-            changes: Whether it belongs to a request that changes something.
 
         Raises:
-            BusyError: Too many requests are waiting, or this one waited too long.
+            BusyError: The request waited too long.
             StateError: The slave is in a state without CoE.
             EcatError: As the conversation raises.
         """
@@ -81,12 +78,13 @@ class Conversations:
             yield from coe.open()
             return (yield from part(coe))
 
-        return await self._hold(slave, coe, talk(), changes)
+        return await self._hold(slave, coe, talk())
 
     async def foe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
         """Has a conversation about files of a slave, once the request has its turn.
 
-        Only users with a right to do so transfer files, so this counts as a change.
+        It takes a place for each turn, since a transfer outlives its request. Only users with a
+        right to do so transfer files, so this counts as a change.
 
         Args:
             slave: The slave.
@@ -97,19 +95,16 @@ class Conversations:
             StateError: The slave is in INIT, or has no mailbox.
             EcatError: As the conversation raises.
         """
-        return await self._other(slave, part, FOE_LEAST, _WITHOUT_FOE, "files (FoE)", True)
+        with self.places.take(slave, changes=True):
+            return await self._other(slave, part, FOE_LEAST, _WITHOUT_FOE, "files (FoE)")
 
-    async def soe(
-        self, slave: Slave, part: Callable[[Mailbox], Talk[T]], *, changes: bool = False
-    ) -> T:
+    async def soe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
         """Has a conversation about IDNs of a drive, as `coe`."""
-        return await self._other(slave, part, SOE_LEAST, _WITHOUT_SOE, "IDNs (SoE)", changes)
+        return await self._other(slave, part, SOE_LEAST, _WITHOUT_SOE, "IDNs (SoE)")
 
-    async def eoe(
-        self, slave: Slave, part: Callable[[Mailbox], Talk[T]], *, changes: bool = False
-    ) -> T:
+    async def eoe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
         """Has a conversation about the IP parameters of a slave, as `coe`."""
-        return await self._other(slave, part, EOE_LEAST, _WITHOUT_EOE, "Ethernet (EoE)", changes)
+        return await self._other(slave, part, EOE_LEAST, _WITHOUT_EOE, "Ethernet (EoE)")
 
     async def _other(
         self,
@@ -118,7 +113,6 @@ class Conversations:
         least: int,
         without: Mapping[AlState, str],
         what: str,
-        changes: bool,
     ) -> T:
         """Has a conversation of a protocol other than CoE, and notes emergencies meanwhile."""
         coe = self._master.coe(slave.position, alone=True)
@@ -129,7 +123,7 @@ class Conversations:
             return (yield from part(coe.mailbox))
 
         try:
-            return await self._hold(slave, coe, talk(), changes)
+            return await self._hold(slave, coe, talk())
         except UnknownProtocolError as error:
             raise StateError(
                 f"{slave.label} has no {what}: its mailbox does not support them"
@@ -139,8 +133,8 @@ class Conversations:
                 raise
             raise type(error)(f"{slave.label}: {error}") from error
 
-    async def _hold(self, slave: Slave, coe: Coe, talk: Talk[T], changes: bool) -> T:
-        async with self._turn(slave, coe.line, changes):
+    async def _hold(self, slave: Slave, coe: Coe, talk: Talk[T]) -> T:
+        async with self._turn(slave, coe.line):
             try:
                 return await self._worker.request(talk_alone(self._master.registers, talk))
             finally:
@@ -148,17 +142,14 @@ class Conversations:
                     self._note((slave, code, register))
 
     @asynccontextmanager
-    async def _turn(self, slave: Slave, line: Line, changes: bool) -> AsyncIterator[None]:
+    async def _turn(self, slave: Slave, line: Line) -> AsyncIterator[None]:
         """Waits in the queue of the slave, and holds its turn for the block.
 
         Raises:
-            BusyError: Too many requests are waiting, or this one waited too long.
+            BusyError: This takes too long.
         """
         loop, called = asyncio.get_running_loop(), asyncio.Event()
-        with (
-            self.places.take(slave, changes=changes),
-            line.join(lambda: loop.call_soon_threadsafe(called.set)) as turn,
-        ):
+        with line.join(lambda: loop.call_soon_threadsafe(called.set)) as turn:
             if not turn.has_come:
                 await _patiently(called, slave)
             yield

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import TypeVar, cast
 
 from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.description.bus import Bus, Slave
@@ -14,7 +14,9 @@ from ecatd.master.mailbox.coe import Coe
 from ecatd.master.mailbox.dictionary import read_object
 from ecatd.master.mailbox.sdo_information import describe_entry, list_objects
 from ecatd.master.mailbox.talks import Talk
-from ecatd.operations.objects import DescribeObject, ListObjects
+from ecatd.operations.handlers import handles
+from ecatd.operations.objects import DescribeObject, ListObjects, ObjectDescription
+from ecatd.operations.objects import Objects as ObjectList
 
 from .conversations import Conversations
 
@@ -41,7 +43,8 @@ class Dictionaries:
         self._conversations = conversations
         self._kept: dict[int, _Descriptions] = {}  # by position
 
-    async def list(self, request: ListObjects) -> dict[str, Any]:
+    @handles(ListObjects)
+    async def list(self, request: ListObjects) -> ObjectList:
         """The reply has `objects`: the index of each object."""
         slave = self._bus.find_coe(request.slave)
         found = await self._ask(slave, list_objects)
@@ -49,13 +52,14 @@ class Dictionaries:
             self._kept[slave.position] = _Descriptions(found)
         return {"objects": found}
 
-    async def describe(self, request: DescribeObject) -> dict[str, Any]:
+    @handles(DescribeObject)
+    async def describe(self, request: DescribeObject) -> ObjectDescription:
         """The reply has the fields of `DictionaryObject.to_map`."""
         slave, index = self._bus.find_coe(request.slave), request.index
         kept = self._of(slave)
         if index not in kept.objects:
             kept.objects[index] = await self._ask(slave, lambda coe: read_object(coe, index))
-        return kept.objects[index].to_map()
+        return cast("ObjectDescription", kept.objects[index].to_map())
 
     def kept_entry(self, slave: Slave, index: int, subindex: int) -> DictionaryEntry | None:
         """The entry as the slave has described it; None if it has not, or was not asked yet."""

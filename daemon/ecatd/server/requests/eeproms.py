@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ecatd.base.errors import BusyError, StateError
 from ecatd.description.bus import Bus, Slave
 from ecatd.master.master import Master
 from ecatd.master.worker import Worker
-from ecatd.operations.eeproms import ReadSii, WriteSii
+from ecatd.operations.eeproms import ReadSii, WriteSii, Written
+from ecatd.operations.handlers import handles
+from ecatd.operations.registers import Data
 
 from .changes import Change, Changes
 from .conversations import silent
-from .places import Places
 
 _PATIENCE = 10.0
 """Seconds for which an EEPROM waits for the next part from the client that writes it."""
@@ -34,55 +35,47 @@ class Eeproms:
         bus: The bus description.
         master: The master.
         worker: The worker on which slaves are asked.
-        places: The places in which requests wait.
         changes: Tells of changes.
     """
 
-    def __init__(
-        self, bus: Bus, master: Master, worker: Worker, places: Places, changes: Changes
-    ) -> None:
+    def __init__(self, bus: Bus, master: Master, worker: Worker, changes: Changes) -> None:
         self._bus = bus
         self._master = master
         self._worker = worker
-        self._places = places
         self._changes = changes
         self._writers: dict[int, _Writer] = {}  # by position
 
-    async def read(self, request: ReadSii) -> dict[str, Any]:
+    @handles(ReadSii)
+    async def read(self, request: ReadSii) -> Data:
         """The reply has `data`: the words, little endian.
 
         Meanwhile the EEPROM is assigned to the master, not to the slave (register 0x0500).
 
         Raises:
-            BusyError: Too many requests are waiting.
             NoAnswerError: The slave does not answer.
             StateError: There is no such slave, or its EEPROM cannot be read.
         """
         slave = self._bus.find(request.slave)
-        with self._places.take(slave, changes=False):
-            steps = self._master.reading_eeproms(
-                lambda words: words(request.word, request.count), [slave.position]
-            )
-            try:
-                (data,) = await self._worker.request(steps)
-            except StateError as error:
-                if not await self._worker.run(lambda: self._master.answers(slave.position)):
-                    raise silent(slave) from error
-                raise
+        steps = self._master.reading_eeproms(
+            lambda words: words(request.word, request.count), [slave.position]
+        )
+        try:
+            (data,) = await self._worker.request(steps)
+        except StateError as error:
+            if not await self._worker.run(lambda: self._master.answers(slave.position)):
+                raise silent(slave) from error
+            raise
         return {"data": data}
 
-    async def write(self, request: WriteSii) -> dict[str, Any]:
+    @handles(WriteSii)
+    async def write(self, request: WriteSii) -> Written:
         """The reply has `written`: how many words had other values before.
 
         Raises:
-            BusyError: Another client writes this EEPROM, or too many requests are waiting.
+            BusyError: Another client writes this EEPROM.
             StateError: There is no such slave, or its EEPROM cannot be written.
         """
         slave = self._bus.find(request.slave)
-        with self._places.take(slave, changes=True):
-            return await self._write(slave, request)
-
-    async def _write(self, slave: Slave, request: WriteSii) -> dict[str, Any]:
         self._reserve(slave, request.by)
         before: dict[int, bytes] = {}
         word, data = request.word, request.data

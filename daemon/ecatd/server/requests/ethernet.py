@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 from ecatd.base.errors import StateError, UsageError
 from ecatd.config.eoe import SlaveEoeConfig
@@ -12,7 +12,8 @@ from ecatd.etg.eoe import NONE, IpParameters, parse_address, parse_interface, pa
 from ecatd.master.mailbox.eoe import get_ip, set_ip
 from ecatd.master.mailbox.mailbox import Mailbox
 from ecatd.master.mailbox.talks import Talk
-from ecatd.operations.ethernet import ReadIp, WriteIp
+from ecatd.operations.ethernet import Ip, ReadIp, WriteIp
+from ecatd.operations.handlers import handles
 
 from .changes import Changes
 from .conversations import Conversations
@@ -32,16 +33,18 @@ class Ethernet:
         self._conversations = conversations
         self._changes = changes
 
-    async def read(self, request: ReadIp) -> dict[str, Any]:
+    @handles(ReadIp)
+    async def read(self, request: ReadIp) -> Ip:
         """The reply has the fields of `IpParameters.to_map`.
 
         Raises:
             StateError: There is no such slave, it has no EoE, or it refuses the request.
         """
         slave = self._find(request.slave)
-        return (await self._conversations.eoe(slave, get_ip)).to_map()
+        return cast("Ip", (await self._conversations.eoe(slave, get_ip)).to_map())
 
-    async def write(self, request: WriteIp) -> dict[str, Any]:
+    @handles(WriteIp)
+    async def write(self, request: WriteIp) -> Ip:
         """The reply has the fields of that of `read`, and those from before as `before`.
 
         Raises:
@@ -68,8 +71,8 @@ class Ethernet:
 
         what, asked = f"{slave.label}, IP parameters", IpParameters(**wanted).text
         with self._changes.telling(what, asked, request.by) as change:
-            before, after = await self._conversations.eoe(slave, talk, changes=True)
-        return {**after.to_map(), "before": before.to_map()}
+            before, after = await self._conversations.eoe(slave, talk)
+        return cast("Ip", {**after.to_map(), "before": before.to_map()})
 
     def _find(self, name: int | str) -> Slave:
         slave = self._bus.find(name)

@@ -14,7 +14,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import Protocol, cast
 
 from ecatd.base.durations import Patience
 from ecatd.base.errors import BusyError, EcatError, StateError, UsageError
@@ -22,16 +22,20 @@ from ecatd.base.log import Log
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.al import AlState
 from ecatd.master.mailbox.foe import FileRead, FileTransfer, FileWrite
+from ecatd.operations.errors import Error
+from ecatd.operations.fields import FILE_MAX, TRANSFER_MAX
 from ecatd.operations.files import (
-    FILE_MAX,
     FILE_PART,
-    TRANSFER_MAX,
     CancelFoe,
     PutFoe,
+    ReadFoe,
     StartFoe,
     TakeFoe,
+    Transfer,
 )
+from ecatd.operations.handlers import handles
 from ecatd.operations.operation import whose
+from ecatd.operations.registers import Data
 
 from .changes import Changes, content
 from .conversations import Conversations
@@ -119,7 +123,7 @@ class _Transfer:
             self.request.size if self.request.write else len(self.file.data if self.file else b"")
         )
 
-    def to_map(self) -> dict[str, Any]:
+    def to_map(self) -> Transfer:
         """The transfer for clients."""
         return {
             "transfer": self.number,
@@ -128,7 +132,7 @@ class _Transfer:
             "size": self.request.size if self.request.write else None,
             "moved": self.file.moved if self.file else 0,
             "busy": self.file.busy if self.file else "",
-            "failure": self.error.to_reply() if self.error else None,
+            "failure": cast("Error", self.error.to_reply()) if self.error else None,
             "note": self.note,
         }
 
@@ -161,7 +165,8 @@ class Files:
                 self._log.warning(f"{_what(item)} was aborted because the bus is stopping")
                 item.task.cancel()
 
-    def start(self, request: StartFoe) -> dict[str, Any]:
+    @handles(StartFoe)
+    def start(self, request: StartFoe) -> Transfer:
         """Starts a transfer; the reply has the fields of that of `describe`.
 
         Raises:
@@ -229,7 +234,8 @@ class Files:
             )
         return self._transfers[number]
 
-    def describe(self, number: int) -> dict[str, Any]:
+    @handles(ReadFoe)
+    def describe(self, request: ReadFoe) -> Transfer:
         """The reply says how far a transfer is: its `step` is one of `_Step`.
 
         It also has the bytes that are `received` from the client and `moved` over the bus, what a
@@ -238,11 +244,12 @@ class Files:
         Raises:
             StateError: There is no such transfer.
         """
-        item = self._find(number)
+        item = self._find(request.transfer)
         item.touched = time.monotonic()
         return item.to_map()
 
-    def put(self, request: PutFoe) -> dict[str, Any]:
+    @handles(PutFoe)
+    def put(self, request: PutFoe) -> Transfer:
         """Takes a part of a file from the client; the reply has the fields of that of `describe`.
 
         Raises:
@@ -285,7 +292,8 @@ class Files:
         self._tell(item, f"begins{size}{boot}, by {item.request.by}")
         item.task = asyncio.create_task(self._run(item, file))
 
-    def take(self, request: TakeFoe) -> dict[str, Any]:
+    @handles(TakeFoe)
+    def take(self, request: TakeFoe) -> Data:
         """The reply has `data`: a part of a file that has been read, none at its end.
 
         Raises:
@@ -298,7 +306,8 @@ class Files:
             )
         return {"data": bytes(item.file.data[request.offset : request.offset + FILE_PART])}
 
-    async def cancel(self, request: CancelFoe) -> dict[str, Any]:
+    @handles(CancelFoe)
+    async def cancel(self, request: CancelFoe) -> Transfer:
         """Ends a transfer; the reply has the fields of that of `describe`.
 
         Raises:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from ecatd.base.errors import StateError
 from ecatd.master.frames.frame_ring import FrameRing
-from ecatd.operations.frames import ReadFrames
+from ecatd.operations.frames import Frames, ReadFrames
 
 _ROOM = 1 << 20
 """Bytes in one answer."""
@@ -16,7 +15,7 @@ _ROOM = 1 << 20
 
 def read_frames(
     rings: Mapping[str, FrameRing], interfaces: Sequence[str], request: ReadFrames
-) -> dict[str, Any]:
+) -> Frames:
     """Reads frames; the reply has whole records as they are in memory (`cyclic_frame_record`).
 
     The next request continues at `position`; `more` says whether it can do so at once.

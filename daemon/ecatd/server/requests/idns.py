@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import cast
 
 from ecatd.base.errors import UsageError
 from ecatd.description.bus import Bus
@@ -10,7 +10,8 @@ from ecatd.etg.idns import idn_text
 from ecatd.master.mailbox.mailbox import Mailbox
 from ecatd.master.mailbox.soe import read_idn, write_idn
 from ecatd.master.mailbox.talks import Talk
-from ecatd.operations.idns import ReadIdn, WriteIdn
+from ecatd.operations.handlers import handles
+from ecatd.operations.idns import Idn, ReadIdn, WriteIdn
 
 from .changes import Changes, shown
 from .conversations import Conversations
@@ -30,7 +31,8 @@ class Idns:
         self._conversations = conversations
         self._changes = changes
 
-    async def read(self, request: ReadIdn) -> dict[str, Any]:
+    @handles(ReadIdn)
+    async def read(self, request: ReadIdn) -> Idn:
         """The reply has the fields of `IdnValue.to_map`.
 
         Raises:
@@ -41,9 +43,10 @@ class Idns:
         found = await self._conversations.soe(
             slave, lambda mailbox: read_idn(mailbox, drive, number)
         )
-        return found.to_map()
+        return cast("Idn", found.to_map())
 
-    async def write(self, request: WriteIdn) -> dict[str, Any]:
+    @handles(WriteIdn)
+    async def write(self, request: WriteIdn) -> Idn:
         """The reply has the fields of that of `read`, and the previous value as `before`.
 
         Raises:
@@ -53,7 +56,7 @@ class Idns:
         slave = self._bus.find(request.slave)
         drive, number, data = request.drive, request.idn, request.data
 
-        def talk(mailbox: Mailbox) -> Talk[dict[str, Any]]:
+        def talk(mailbox: Mailbox) -> Talk[Idn]:
             old = yield from read_idn(mailbox, drive, number)
             change.what, change.before = f"{what} ({old.name})", shown(old.value)
             size, is_list = old.attribute.size, old.attribute.is_list
@@ -63,8 +66,8 @@ class Idns:
                     f"{' for each element' * is_list}, not {len(data)}"
                 )
             yield from write_idn(mailbox, drive, number, data, is_list=is_list)
-            return {**old.to_map(), "value": data, "before": old.value}
+            return cast("Idn", {**old.to_map(), "value": data, "before": old.value})
 
         what = f"{slave.label}, drive {drive}, {idn_text(number)}"
         with self._changes.telling(what, shown(data), request.by, is_secret=True) as change:
-            return await self._conversations.soe(slave, talk, changes=True)
+            return await self._conversations.soe(slave, talk)

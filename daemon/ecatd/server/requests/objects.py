@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import cast
 
 from ecatd.base.errors import EcatError, UsageError
 from ecatd.description.bus import Bus, Slave
@@ -12,9 +12,10 @@ from ecatd.description.object_types import ObjectType, ObjectTypes
 from ecatd.etg.datatypes import STRINGS, DataType, bit_length, decode, encode
 from ecatd.etg.pdo import Entry
 from ecatd.master.mailbox.coe import UnsizedBytes
-from ecatd.operations.objects import SdoRead, SdoWrite, check_data
+from ecatd.operations.handlers import handles
+from ecatd.operations.objects import Sdo, SdoRead, SdoWrite, check_data
 
-from .changes import SHOWN, ZENOH, Changes, shown
+from .changes import SHOWN, Changes, shown
 from .conversations import Conversations
 from .dictionaries import Dictionaries
 
@@ -49,7 +50,8 @@ class Objects:
         self._types: dict[int, ObjectTypes] = {}
         self._units: dict[tuple[int, int, int], ObjectType] = {}  # of objects with a meaning
 
-    async def read(self, request: SdoRead) -> dict[str, Any]:
+    @handles(SdoRead)
+    async def read(self, request: SdoRead) -> Sdo:
         """Uploads an object; the reply has `data`, name, type and meaning."""
         slave = self._bus.find_coe(request.slave)
         data = await self._upload(slave, request.index, request.subindex, request.complete)
@@ -58,15 +60,11 @@ class Objects:
         else:
             known = await self._asked_type(slave, request.index, request.subindex)
             data = await self._sized(slave, request.index, request.subindex, data, known)
-        return {"data": data, **known.of(data).to_map()}
+        return cast("Sdo", {"data": data, **known.of(data).to_map()})
 
-    async def write(self, request: SdoWrite, slot: int = ZENOH) -> dict[str, Any]:
-        """Downloads an object; the reply has the fields of that of `read`, with the data sent.
-
-        Args:
-            request: The request.
-            slot: See `Changes.telling`.
-        """
+    @handles(SdoWrite)
+    async def write(self, request: SdoWrite) -> Sdo:
+        """Downloads an object; the answer has the data sent."""
         slave = self._bus.find_coe(request.slave)
         index, subindex = request.index, request.subindex
         known, data = self._type(slave, index, subindex), request.data
@@ -81,16 +79,15 @@ class Objects:
         name = f" ({known.name})" if known.name else ""
         what = f"{slave.label}, 0x{index:04X}:{subindex:02X}{name}"
         after = _shown(data, kind)
-        with self._changes.telling(what, after, request.by, slot, is_secret=True) as change:
+        with self._changes.telling(what, after, request.by, is_secret=True) as change:
             if not change.before:
                 before = await self._before(slave, request)
                 change.before = "" if before is None else _shown(before, kind)
             await self._conversations.coe(
                 slave,
                 lambda coe: coe.download(index, subindex, data, complete=request.complete),
-                changes=True,
             )
-        return {"data": data, **known.of(data).to_map()}
+        return cast("Sdo", {"data": data, **known.of(data).to_map()})
 
     async def _before(self, slave: Slave, request: SdoWrite) -> bytes | None:
         """The value before a change, for the log; None if the slave does not return it."""
@@ -99,7 +96,6 @@ class Objects:
             data = await self._conversations.coe(
                 slave,
                 lambda coe: coe.upload(index, subindex, complete=complete, tries=1),
-                changes=True,
             )
             known = self._type(slave, index, subindex)
             return await self._sized(slave, index, subindex, data, known)

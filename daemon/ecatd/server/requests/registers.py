@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
+from typing import cast
 
 from ecatd.base.coroutine_steps import Steps
 from ecatd.base.errors import NoAnswerError, StateError
@@ -16,7 +16,16 @@ from ecatd.master.frames.datagrams import Answer, fpwr
 from ecatd.master.frames.topology import Ports, links
 from ecatd.master.master import Master
 from ecatd.master.worker import Worker
-from ecatd.operations.registers import ReadRegister, ResetErrors, WriteRegister
+from ecatd.operations.handlers import handles
+from ecatd.operations.registers import (
+    Data,
+    Errors,
+    ReadErrors,
+    ReadRegister,
+    ResetErrors,
+    SlaveCounters,
+    WriteRegister,
+)
 
 from .changes import Changes, shown
 from .conversations import silent
@@ -45,7 +54,8 @@ class Registers:
         self._changes = changes
         self._cleared: dict[int, float] = {}  # Unix time, by position
 
-    async def read(self, request: ReadRegister) -> dict[str, Any]:
+    @handles(ReadRegister)
+    async def read(self, request: ReadRegister) -> Data:
         """The reply has `data`.
 
         Raises:
@@ -67,7 +77,8 @@ class Registers:
                 ) from error
             raise silent(slave) from error
 
-    async def write(self, request: WriteRegister) -> dict[str, Any]:
+    @handles(WriteRegister)
+    async def write(self, request: WriteRegister) -> Data:
         """The reply has `data`: what the registers have afterwards. Raises as `read`."""
         slave, address = self._bus.find(request.slave), request.address
         contents = [(slave.position, address, len(request.data))]
@@ -99,12 +110,18 @@ class Registers:
         with self._changes.telling(what, shown(request.data), request.by) as change:
             return {"data": await self._worker.request(write())}
 
-    async def errors(self) -> dict[str, Any]:
+    @handles(ReadErrors)
+    async def errors(self, _: ReadErrors) -> Errors:
+        """See `_errors`."""
+        return await self._errors()
+
+    async def _errors(self) -> Errors:
         """The reply has `slaves`: the counters of each slave that answers (`SlaveErrors`)."""
         found = await self._worker.run(self._read_errors)
-        return {"slaves": [item.to_map() for item in found]}
+        return {"slaves": [cast("SlaveCounters", item.to_map()) for item in found]}
 
-    async def reset_errors(self, request: ResetErrors) -> dict[str, Any]:
+    @handles(ResetErrors)
+    async def reset_errors(self, request: ResetErrors) -> Errors:
         """Clears counters; the reply is that of `errors`.
 
         Raises:
@@ -129,7 +146,7 @@ class Registers:
             if len(cleared) < len(positions):
                 change.what = f"error counters of slaves {positions_text(cleared) or 'none'}"
         self._cleared |= dict.fromkeys(cleared, time.time())
-        return await self.errors()
+        return await self._errors()
 
     def _clear(self, positions: Sequence[int]) -> list[int]:
         """Clears the counters of slaves; returns the positions of those that answered."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+from typing import cast
 
 from ecatd.config import Config
 from ecatd.description.bus import Bus
@@ -11,6 +11,9 @@ from ecatd.master.frames.wire import WireChangedError
 from ecatd.master.master import Master
 from ecatd.master.wire_scan import scanning_wire
 from ecatd.master.worker import Worker
+from ecatd.operations.bus import Device, Rescan
+from ecatd.operations.bus import Wire as WireAnswer
+from ecatd.operations.handlers import handles
 
 _TRIES = 3
 """Scans, if slaves come or go meanwhile; as long as one waits for an EEPROM, they easily do."""
@@ -31,14 +34,15 @@ class Wire:
         self._master = master
         self._config = config
         self._worker = worker
-        self._scan: asyncio.Task[dict[str, Any]] | None = None  # the last one
+        self._scan: asyncio.Task[WireAnswer] | None = None  # the last one
 
     def close(self) -> None:
         """Ends a scan that is under way."""
         if self._scan is not None:
             self._scan.cancel()
 
-    async def scan(self) -> dict[str, Any]:
+    @handles(Rescan)
+    async def scan(self, _: Rescan) -> WireAnswer:
         """The reply has `devices` in the order of the wire, and `missing`, positions of slaves.
 
         Of a device it has what `ecatd.operations.wire` needs, and its `station` address. All who
@@ -52,18 +56,18 @@ class Wire:
         # A client that goes away ends only its own waiting.
         return await asyncio.shield(self._scan)
 
-    async def _look(self) -> dict[str, Any]:
+    async def _look(self) -> WireAnswer:
         devices = await self._devices()
         known = {item["position"] for item in devices}
         slaves = range(len(self._bus.slaves))
         return {"devices": devices, "missing": [at for at in slaves if at not in known]}
 
-    async def _devices(self) -> list[dict[str, Any]]:
+    async def _devices(self) -> list[Device]:
         left = _TRIES
         while True:
             steps = scanning_wire(self._bus, self._master, self._config, again=True)
             try:
-                return await self._worker.request(steps)
+                return cast("list[Device]", await self._worker.request(steps))
             except WireChangedError:
                 left -= 1
                 if not left:

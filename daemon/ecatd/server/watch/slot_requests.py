@@ -28,7 +28,7 @@ from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.master.engine.slot_cells import Asked, Cells
 from ecatd.operations.bus import SetState
 from ecatd.operations.objects import SdoRead
-from ecatd.operations.operation import Request
+from ecatd.operations.operation import Operation
 from ecatd.shm import contract as shm
 from ecatd.shm.contract import REQUEST_BYTES, Errno
 
@@ -49,7 +49,7 @@ _PAUSE_DOUBLINGS = 10
 _ALIVE_PAUSE = 0.05
 """Seconds between two checks whether the client of a waiting request is alive."""
 
-Answer = Callable[[Request, int], Awaitable[dict[str, Any]]]
+Answer = Callable[[Operation[Any], int], Awaitable[Any]]
 """Carries out a request of the client in a slot."""
 
 
@@ -124,7 +124,7 @@ class SlotRequests:
         finally:
             slot.task = None
 
-    async def _carry_out(self, asked: Asked, request: Request) -> None:
+    async def _carry_out(self, asked: Asked, request: Operation[Any]) -> None:
         work = asyncio.ensure_future(self._answer(request, asked.slot))
         try:
             while not (await asyncio.wait((work,), timeout=_ALIVE_PAUSE))[0]:
@@ -162,7 +162,7 @@ class _Slot:
 
     def __init__(self) -> None:
         self.seen: dict[int, tuple[int, int]] = {}  # cell: generation and number of the last one
-        self.waiting: deque[tuple[Asked, Request]] = deque()  # at most one for each cell
+        self.waiting: deque[tuple[Asked, Operation[Any]]] = deque()  # at most one for each cell
         self.task: asyncio.Task[None] | None = None
         self.timer: asyncio.TimerHandle | None = None
         self.next_look = 0.0
@@ -176,7 +176,7 @@ class _Slot:
         return found
 
 
-def _uploaded(request: Request, answer: dict[str, Any]) -> bytes:
+def _uploaded(request: Operation[Any], answer: dict[str, Any]) -> bytes:
     if not isinstance(request, SdoRead):
         return b""
     data: bytes = answer["data"]

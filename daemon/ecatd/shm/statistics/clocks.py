@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import cast
+
+from ecatd.operations.statistics import Clocks, Distribution, SlaveClock
 
 from .. import contract as shm
 from ..reader import Reader, opened
@@ -11,7 +13,7 @@ from .maps import histogram_to_map
 from .reader import snapshot as take_snapshot
 
 
-def read_clocks(bus: str) -> dict[str, Any]:
+def read_clocks(bus: str) -> Clocks:
     """Reads the state of the distributed clocks of a bus on this machine.
 
     Returns:
@@ -37,17 +39,17 @@ def read_clocks(bus: str) -> dict[str, Any]:
             "reference": clock.reference,
             "time_ns": clock.time_ns,
             "offset": clock.offset_ns / 1000,
-            "phase": histogram_to_map(snapshot.times.dc_offset),
+            "phase": cast("Distribution", histogram_to_map(snapshot.times.dc_offset)),
             "drift_ppb": clock.drift_ppb,
             "slaves": _slaves(shared, snapshot),
         }
 
 
-def _slaves(shared: Reader, snapshot: Snapshot) -> list[dict[str, Any]]:
+def _slaves(shared: Reader, snapshot: Snapshot) -> list[SlaveClock]:
     head = shared.header()
     rows, statuses = shared.table(head, "slaves"), shared.table(head, "slave_status")
     clock = snapshot.clock
-    slaves = []
+    slaves: list[SlaveClock] = []
     for row, status in zip(rows, statuses, strict=True):
         gone = "" if status.al_state else "missing" if row.group < 0 else "absent"
         behind = row.dc_bits and row.position > clock.reference

@@ -8,6 +8,7 @@ and screens work with both sources.
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from typing import Any
 
 from ecatd.base.errors import EcatError
@@ -148,7 +149,7 @@ def _real_time(grants: tuple[Grant, ...]) -> dict[str, Any]:
     }
 
 
-def from_map(data: dict[str, Any]) -> Snapshot:
+def from_map(data: Mapping[str, Any]) -> Snapshot:
     """Makes a snapshot from a map of `to_map(…, buckets=True)`.
 
     Raises:
@@ -163,7 +164,7 @@ def from_map(data: dict[str, Any]) -> Snapshot:
         ) from error
 
 
-def _snapshot(data: dict[str, Any]) -> Snapshot:
+def _snapshot(data: Mapping[str, Any]) -> Snapshot:
     dc, slaves, ring = data["dc"], data["slaves"], data["ring"]
     first, second = (_member(shm.Link, name) for name in data["links"])
     read_ns = _ns(data["read_us"])

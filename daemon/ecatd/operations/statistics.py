@@ -1,11 +1,13 @@
-"""Maps of statistics and clocks. Times are in µs unless their keys end with another unit."""
+"""Operations for statistics and clocks. Times are in µs unless their keys end with another unit."""
 
 from __future__ import annotations
 
-from typing import NotRequired, TypedDict
+from typing import NotRequired
+
+from .operation import Map, Operation
 
 
-class Statistics(TypedDict):
+class Statistics(Map):
     """Counters since the start of the exchange, and times.
 
     Attributes:
@@ -86,7 +88,7 @@ class Statistics(TypedDict):
     mailbox: Distribution
 
 
-class SlaveCounts(TypedDict):
+class SlaveCounts(Map):
     """How many slaves there are.
 
     Attributes:
@@ -100,7 +102,7 @@ class SlaveCounts(TypedDict):
     al_status: int
 
 
-class Ring(TypedDict):
+class Ring(Map):
     """The ring.
 
     Attributes:
@@ -112,7 +114,7 @@ class Ring(TypedDict):
     break_: int
 
 
-class ClockState(TypedDict):
+class ClockState(Map):
     """State of the distributed clocks.
 
     Attributes:
@@ -130,7 +132,7 @@ class ClockState(TypedDict):
     drift_ppb: int
 
 
-class RealTime(TypedDict):
+class RealTime(Map):
     """Real-time settings.
 
     Attributes:
@@ -148,7 +150,7 @@ class RealTime(TypedDict):
     settings: list[Setting]
 
 
-class Setting(TypedDict):
+class Setting(Map):
     """A real-time setting.
 
     Attributes:
@@ -168,7 +170,7 @@ class Setting(TypedDict):
     reason: str
 
 
-class DomainStatistics(TypedDict):
+class DomainStatistics(Map):
     """A domain, its last exchange, and its counters.
 
     Attributes:
@@ -210,7 +212,7 @@ class DomainStatistics(TypedDict):
     wkc_wrong: int
 
 
-class Distribution(TypedDict):
+class Distribution(Map):
     """Distribution of a time. Without samples it has only `count`.
 
     Attributes:
@@ -241,7 +243,7 @@ class Distribution(TypedDict):
     buckets: NotRequired[list[list[float]]]
 
 
-class Clocks(TypedDict):
+class Clocks(Map):
     """Distributed clocks.
 
     Attributes:
@@ -267,7 +269,7 @@ class Clocks(TypedDict):
     slaves: list[SlaveClock]
 
 
-class SlaveClock(TypedDict):
+class SlaveClock(Map):
     """The clock of a slave.
 
     Attributes:
@@ -292,3 +294,22 @@ class SlaveClock(TypedDict):
     sync0_ns: int
     sync1_ns: int
     sync_shift_ns: int
+
+
+class ReadStats(Operation[Statistics]):
+    """Asks for the statistics.
+
+    Attributes:
+        buckets: Whether to have whole histograms.
+    """
+
+    op = "stats"
+    key = "ro/stats"
+    buckets: bool = False
+
+
+class ReadClocks(Operation[Clocks]):
+    """Asks about the distributed clocks."""
+
+    op = "dc"
+    key = "ro/dc"

@@ -1,0 +1,118 @@
+"""The fields of operations: types with their limits.
+
+A field is annotated with one of these types, or with `bool`, `bytes`, `float` or `str`; `| None`
+says that it may be None. The limits are in the type (`Annotated`), so a field has them wherever it
+comes from: a key, parameters, a payload, the shared memory, a program.
+"""
+
+from __future__ import annotations
+
+from types import UnionType
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
+
+from ecatd.base.errors import UsageError
+from ecatd.description.limits import POSITION_MAX
+
+BY_MAX = 200
+"""Characters of the name of a client."""
+FILE_MAX = 64 << 20
+"""Bytes of a file that is transferred."""
+TRANSFER_MAX = 1 << 53
+"""Highest number of a transfer."""
+
+
+class Limits(NamedTuple):
+    """The least and the greatest value of a number.
+
+    Attributes:
+        least: The least one.
+        greatest: The greatest one.
+        is_address: Whether keys have it in hexadecimal digits, as many as the greatest one has.
+    """
+
+    least: int
+    greatest: int
+    is_address: bool = False
+
+    def check(self, where: str, value: Any) -> None:
+        """Raises UsageError for a number that is out of range."""
+        if isinstance(value, int) and not self.least <= value <= self.greatest:
+            raise UsageError(
+                f"{where} is {value}, but must be from {self.least} to {self.greatest}"
+            )
+
+
+class Printable(NamedTuple):
+    """A text without control characters.
+
+    Attributes:
+        most: Its most characters.
+    """
+
+    most: int
+
+    def check(self, where: str, value: Any) -> None:
+        """Raises UsageError for another text."""
+        if isinstance(value, str) and (len(value) > self.most or not value.isprintable()):
+            raise UsageError(f"{where} must be up to {self.most} printable characters")
+
+
+SlaveReference = Annotated[int | str, Limits(0, POSITION_MAX)]
+"""A slave: its position, or its name."""
+Index = Annotated[int, Limits(0, 0xFFFF, is_address=True)]
+Subindex = Annotated[int, Limits(0, 0xFF, is_address=True)]
+Register = Annotated[int, Limits(0, 0xFFFF, is_address=True)]
+IdnNumber = Annotated[int, Limits(0, 0xFFFF)]
+DriveNumber = Annotated[int, Limits(0, 7)]
+Word = Annotated[int, Limits(0, 0x3FFFF)]
+ByteCount = Annotated[int, Limits(1, 256)]
+WordCount = Annotated[int, Limits(1, 256)]
+FileSize = Annotated[int, Limits(0, FILE_MAX)]
+TransferNumber = Annotated[int, Limits(1, TRANSFER_MAX)]
+Password = Annotated[int, Limits(0, 0xFFFFFFFF)]
+Count = Annotated[int, Limits(0, 1 << 62)]
+ClientName = Annotated[str, Printable(BY_MAX)]
+"""The name that the client of a change gives itself, for the log; its daemon adds who it is."""
+
+
+class Field(NamedTuple):
+    """A field of an operation.
+
+    Attributes:
+        types: The names of the types that it may have, `None` among them if it may be None.
+        rule: What its values must keep beyond their type, or None.
+    """
+
+    types: tuple[str, ...]
+    rule: Limits | Printable | None
+
+    @classmethod
+    def of(cls, hint: Any) -> Field:
+        """Makes it of an annotation."""
+        types: list[str] = []
+        rule: Limits | Printable | None = None
+        for part in get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,):
+            if get_origin(part) is Annotated:
+                part, rule, *_ = get_args(part)
+            inner = get_args(part) if get_origin(part) in (Union, UnionType) else (part,)
+            types += ["None" if item is type(None) else item.__name__ for item in inner]
+        return cls(tuple(types), rule)
+
+    @property
+    def address_digits(self) -> int:
+        """How many hexadecimal digits it has in a key; 0 for decimal ones."""
+        rule = self.rule
+        return len(f"{rule.greatest:X}") if isinstance(rule, Limits) and rule.is_address else 0
+
+    def check(self, where: str, value: Any) -> None:
+        """Checks a value.
+
+        Raises:
+            UsageError: It has another type, or does not keep the rule.
+        """
+        # Types are compared by name: bool is a subclass of int, but true is no slave number.
+        found = "None" if value is None else type(value).__name__
+        if found not in self.types and not (found == "int" and "float" in self.types):
+            raise UsageError(f"{where} must be {' | '.join(self.types)}, not {found}")
+        if self.rule is not None:
+            self.rule.check(where, value)
