@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "zenoh.md").read_text()
 SOURCE = ROOT / "examples" / "zenoh" / "over_zenoh.c"
-READING, CHANGING = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+READING, ASKING, CHANGING = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 WITH_USERS = """\
 [gateway]
 listen = ["tls/127.0.0.1:{port}"]
@@ -52,6 +52,17 @@ def test_the_python_program(listening: tuple[Daemon, int], tmp_path: Path) -> No
     assert second.endswith("9a 00 00 00")
     assert len(values) == 3
     assert all(line.startswith("/ro/") for line in values)
+
+
+def test_the_program_that_asks_operations(
+    listening: tuple[Daemon, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon, _ = listening
+    for name in ("ECATD_RUNTIME_DIR", "XDG_RUNTIME_DIR"):
+        if name in daemon.env:
+            monkeypatch.setenv(name, daemon.env[name])
+    state, status = run(ASKING.replace("ecat0", daemon.bus), tmp_path).splitlines()
+    assert (state, status) == ("OP", "0800")
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificates")
