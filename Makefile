@@ -10,7 +10,7 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo pictures test test-all test-long test-system test-system-short test-debian13 soak fuzz wheel deb site death torn bench bench-full check clean
+.PHONY: help demo pictures screens test test-all test-long test-system test-system-short test-debian13 soak fuzz wheel deb site death torn bench bench-full check clean
 .DEFAULT_GOAL := help
 
 help:
@@ -36,6 +36,7 @@ help:
 	@echo "make deb     Debian packages in build/deb, in a minute or two; needs mmdebstrap"
 	@echo "make pictures"
 	@echo "             draw the icons and diagrams of the Modelica libraries into docs/pictures"
+	@echo "make screens draw screens of commands and the figure of the demo into docs/pictures"
 	@echo "make clean   remove what the other commands made"
 
 $(BIN)/python:
@@ -73,6 +74,13 @@ demo: $(VENV)/.demo
 # From the sources as they are: nothing needs to be built for it.
 pictures: $(if $(filter $(VENV)/bin,$(BIN)),$(if $(wildcard $(VENV)/.demo),,$(VENV)/.demo))
 	@PYTHONPATH=daemon:codegen:tools $(BIN)/python -m ecatdev.drawing docs/pictures
+
+# What the README shows: screens of commands, the topology, and the figure of the demo.
+screens: $(VENV)/.demo
+	@$(PIP) rich
+	@PYTHONPATH=tools $(BIN)/python -m ecatdev.screens docs/pictures
+	@$(BIN)/python examples/figure9/demo.py --out build/demo --bus "$(BUS)"
+	@cp build/demo/figure9.png docs/pictures/figure9.png
 
 # Most people start as an ordinary user, so root tries the first steps as one, too: in a user namespace in
 # which this process is user 1000 and has no rights beyond it. An ordinary user runs all tests so.

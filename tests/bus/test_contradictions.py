@@ -223,7 +223,7 @@ def test_slaves_says_of_when_it_is(daemon: Daemon) -> None:
 
     wait_for(is_back, daemon)
     last = daemon.ctl("slaves").stdout.splitlines()[-1]
-    names(last, "STATE and ALIAS are of now", "read at")
+    names(last, "STATE", "ALIAS", "read")
 
 
 CLOCKS = """

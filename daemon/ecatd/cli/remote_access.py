@@ -41,7 +41,7 @@ actions:
   machine NAME    make a certificate for the daemon of another machine
   router NAME     make a certificate and the configuration of a Zenoh router, at which the
                   buses of several machines meet
-  show [FILE]     show whose an identity is, and until when it holds
+  show [FILE]     show to whom an identity belongs, and when it expires
   test            connect, and say what the user may do
 
 First run `init` on the machine of the daemon, then `user` for each user. Both print what belongs

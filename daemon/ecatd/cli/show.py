@@ -154,7 +154,7 @@ def _of_when(moments: list[float | None]) -> str:
     first = min((moment for moment in moments if moment), default=0.0)
     later = [n for n, moment in enumerate(moments) if moment and moment - first > _START_S]
     when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(first))
-    text = f"STATE and ALIAS are of now, the rest is what ecatd read at {when}"
+    text = f"STATE and ALIAS are current; ecatd read the rest at {when}"
     return f"{text} (of slaves {positions_text(later)}: later)" if later else text
 
 

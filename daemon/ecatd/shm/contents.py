@@ -268,7 +268,7 @@ class Contents:
                     self.problems.append(f".out: {count} slots, and {len(self._slot_rows)} states")
                 made = [self._slot(n, row, out) for n, row in enumerate(self._slot_rows)]
         except EcatError as error:
-            # A leftover need not have clients; who may not see them sees the rest.
+            # A leftover may have no clients, and some users may not see them: both get the rest.
             if self.alive and not isinstance(error, NotPermittedError):
                 self.problems.append(str(error))
             made = [self._slot(n, row, None) for n, row in enumerate(self._slot_rows)]
