@@ -33,23 +33,14 @@ PUT = {"offset": 0, "data": b"four"}
 WRITTEN = {"file": "new.bin", "write": True, "size": 8, "digest": 64 * "0"}
 CALLS: dict[str, list[tuple[str, dict[str, Any] | None]]] = {
     "troll": [
-        ("ro/info", None),
-        ("ro/slaves", None),
-        ("ro/config", None),
-        ("ro/state", None),
-        ("ro/wire", None),
         ("ro/stats?buckets=1", None),
-        ("ro/dc", None),
-        ("ro/log", None),
         ("rw/frames/cycle", {}),
         ("ro/stream?pattern=4%2F*;hz=10", None),
         ("ro/sdo/0/0x6064/0", None),
         ("ro/objects/0", None),
         ("ro/objects/0/0x1018", None),
         ("ro/register/0/0x0130", None),
-        ("ro/errors", None),
         ("ro/sii/0", None),
-        ("ro/ethernet", None),
         ("rw/sdo/0/0x6060/0", {"data": b"\x08"}),
         ("rw/register/0/0x0F80", {"data": b"\1\2"}),
         ("rw/errors/all", {}),
@@ -57,7 +48,7 @@ CALLS: dict[str, list[tuple[str, dict[str, Any] | None]]] = {
         ("rw/log/dc", {"level": "debug"}),
         ("rw/state/3", {"state": "SAFEOP"}),
         ("rw/state/3", {"state": "OP"}),
-        ("ro/events", None),
+        *((kind.key, None) for kind in OPERATIONS.values() if kind.key.count("/") == 1),
     ],
     str(RIGS / "files.py"): [
         ("ro/idn/1/0/47", None),

@@ -29,6 +29,7 @@ from ecatd.master.mailbox.line import Line
 from ecatd.master.mailbox.talks import Talk, converse
 from ecatd.master.master import Master
 from ecatd.master.worker import Worker
+from ecatd.operations.bus import ReadWaiting
 from ecatd.operations.objects import DescribeObject, SdoRead, SdoWrite
 from ecatd.server.requests.changes import Changes
 from ecatd.server.requests.conversations import Conversations
@@ -272,6 +273,9 @@ def test_r24_too_many_requests_are_told_so_and_take_no_place_from_others() -> No
             for _ in range(3):
                 with pytest.raises(BusyError, match=naming("slave 0 (Number)", "24 requests")):
                     await made.read(0)
+            rows = (await made.requests.answer(ReadWaiting()))["requests"]
+            assert [(row["slave"], row["request"]) for row in rows] == [(0, "sdo_read")] * 24
+            assert rows[0]["seconds"] >= rows[-1]["seconds"] >= 0
             # The other places are for changes: whoever reads too much keeps nobody from them.
             changes = [asyncio.create_task(made.write(b"\6\0", 0)) for _ in range(8)]
             await asyncio.sleep(0)
@@ -290,6 +294,7 @@ def test_r24_too_many_requests_are_told_so_and_take_no_place_from_others() -> No
             for task in waiting:
                 task.cancel()
             await asyncio.gather(*waiting, return_exceptions=True)
+            assert await made.requests.answer(ReadWaiting()) == {"requests": []}
 
         asyncio.run(use())
 

@@ -24,6 +24,7 @@ from ecatd.server.requests.files import Files
 from ecatd.server.requests.idns import Idns
 from ecatd.server.requests.objects import Objects
 from ecatd.server.requests.registers import Registers
+from ecatd.server.requests.requests import Requests
 from ecatd.server.requests.wire import Wire
 from ecatd.server.server import BusServer
 from request_samples import SAMPLES, VALUES
@@ -146,7 +147,7 @@ def test_every_operation_has_one_handler() -> None:
     marked = [
         kind
         for owner in (
-            *(BusServer, EthernetTraffic, Gateway, Files, Objects, Dictionaries),
+            *(BusServer, Requests, EthernetTraffic, Gateway, Files, Objects, Dictionaries),
             *(Registers, Eeproms, Ethernet, Idns, Wire),
         )
         for method in vars(owner).values()

@@ -53,6 +53,7 @@ _COMMANDS = (
     ("sdo-dump", "sdo_file", "Save the values of all objects of a slave to a file."),
     ("sdo-restore", "sdo_file", "Write the values in such a file back, where they differ."),
     ("diagnosis", "diagnosis", "Show the diagnosis history of a slave (object 0x10F3)."),
+    ("waiting", "waiting", "Show which requests wait for slaves, and for how long."),
     ("events", "events", "Show what has happened on the bus, and what happens now."),
     ("errors", "errors", "Show the error counters of the slaves, and which cables they are about."),
     ("sii-read", "sii", "Show what is in the EEPROM of a slave, or save it."),

@@ -300,3 +300,36 @@ class ReadEvents(Operation[Events]):
     op = "read_events"
     key = "ro/events"
     since: Count = 0
+
+
+class WaitingRequest(Map):
+    """A request that waits for a slave, or whose slave is answering.
+
+    Attributes:
+        slave: Position of the slave.
+        request: Its name, such as `sdo_read`.
+        by: Who asks; empty for a request that changes nothing.
+        seconds: For how long the daemon has had it.
+    """
+
+    slave: int
+    request: str
+    by: str
+    seconds: float
+
+
+class Waiting(Map):
+    """The requests that wait for slaves.
+
+    Attributes:
+        requests: All of them, the oldest first.
+    """
+
+    requests: list[WaitingRequest]
+
+
+class ReadWaiting(Operation[Waiting]):
+    """Asks which requests wait for mailboxes and EEPROMs of slaves, for example of a slow one."""
+
+    op = "read_waiting"
+    key = "ro/waiting"

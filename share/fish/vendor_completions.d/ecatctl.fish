@@ -50,7 +50,7 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands buses slaves graph pdos read watch write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis events errors sii-read sii-write alias foe-read foe-write soe-read soe-write eoe eoe-read eoe-write rescan reboot identify reg-read reg-write log log-level config startup scan cstruct xml generate library capture doctor remote service client-flags
+set -g _shtab_ecatctl_commands buses slaves graph pdos read watch write record state states check stats metrics claims shm dc info sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis waiting events errors sii-read sii-write alias foe-read foe-write soe-read soe-write eoe eoe-read eoe-write rescan reboot identify reg-read reg-write log log-level config startup scan cstruct xml generate library capture doctor remote service client-flags
 set -g _shtab_ecatctl_opts_with_value --address --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --raw --root --seconds --since --size --templates --timeout --type --user --watch -n -o
 
 complete -c ecatctl -e
@@ -289,6 +289,13 @@ complete -c ecatctl -n '_shtab_ecatctl_using diagnosis' -l json -d 'print JSON f
 complete -c ecatctl -n '_shtab_ecatctl_using diagnosis' -l esi -x -d 'take the texts from this ESI file, or a folder of them'
 complete -c ecatctl -n '_shtab_ecatctl_using diagnosis' -l clear -d 'delete all messages'
 complete -c ecatctl -n '_shtab_ecatctl_using diagnosis' -l yes -d 'do it without asking'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a waiting -d 'Show which requests wait for slaves, and for how long.'
+complete -c ecatctl -n '_shtab_ecatctl_using waiting' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using waiting' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using waiting' -l connect -x -d 'Zenoh endpoint of a daemon, for example tls/host:7448'
+complete -c ecatctl -n '_shtab_ecatctl_using waiting' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
+complete -c ecatctl -n '_shtab_ecatctl_using waiting' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using waiting' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a events -d 'Show what has happened on the bus, and what happens now.'
 complete -c ecatctl -n '_shtab_ecatctl_using events' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using events' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from ecatd.base.log import Log
 from ecatd.config import Config
-from ecatd.description.bus import Bus
+from ecatd.description.bus import Bus, Slave
 from ecatd.master.master import Master
 from ecatd.master.worker import Worker
-from ecatd.operations.handlers import Handlers
+from ecatd.operations.bus import ReadWaiting, Waiting
+from ecatd.operations.handlers import Handlers, handles
 from ecatd.operations.operation import Cost, Operation, needs_right
 
 from .changes import ZENOH, Changes, asked_by
@@ -61,9 +63,10 @@ class Requests:
         self._places = conversations.places
         self._wire = Wire(bus, master, config, worker)
         self._files = Files(bus, conversations, states, changes, log)
+        self._waiting: list[tuple[float, Slave, Operation[Any]]] = []  # with the time of arrival
         dictionaries = Dictionaries(bus, conversations)
         self._handlers = Handlers(
-            *(self._wire, self._files, dictionaries, *others),
+            *(self, self._wire, self._files, dictionaries, *others),
             Objects(bus, conversations, dictionaries, meaning, changes),
             Registers(bus, master, worker, changes),
             Eeproms(bus, master, worker, changes),
@@ -104,5 +107,25 @@ class Requests:
             yield
             return
         assert chosen is not None, "who asks a mailbox names its slave"
-        with self._places.take(self._bus.find(chosen), changes=needs_right(kind)):
-            yield
+        slave = self._bus.find(chosen)
+        with self._places.take(slave, changes=needs_right(kind)):
+            self._waiting.append(entry := (time.monotonic(), slave, operation))
+            try:
+                yield
+            finally:
+                self._waiting.remove(entry)
+
+    @handles(ReadWaiting)
+    def _read_waiting(self, _: ReadWaiting) -> Waiting:
+        now = time.monotonic()
+        return {
+            "requests": [
+                {
+                    "slave": slave.position,
+                    "request": operation.op,
+                    "by": getattr(operation, "by", ""),
+                    "seconds": now - arrival,
+                }
+                for arrival, slave, operation in self._waiting
+            ]
+        }
