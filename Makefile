@@ -71,8 +71,8 @@ $(VENV)/.bench: $(BIN)/python $(SOURCES)
 demo: $(VENV)/.demo
 	@$(BIN)/python examples/figure9/demo.py --out demo --bus "$(BUS)"
 
-# From the sources as they are: nothing needs to be built for it.
-pictures: $(if $(filter $(VENV)/bin,$(BIN)),$(if $(wildcard $(VENV)/.demo),,$(VENV)/.demo))
+# From the sources as they are: nothing needs to be built for it, but a parser of Modelica be installed.
+pictures: $(if $(filter $(VENV)/bin,$(BIN)),$(if $(wildcard $(VENV)/.test),,$(VENV)/.test))
 	@PYTHONPATH=daemon:codegen:tools $(BIN)/python -m ecatdev.drawing docs/pictures
 
 # What the README shows: screens of commands, the topology, and the figure of the demo.

@@ -34,7 +34,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Libraries:
 
 
 def partial(found: Libraries, path: str) -> bool:
-    return "partial" in found.get(path).definition.prefixes
+    return found.get(path).definition.partial
 
 
 def findings(found: Libraries, library: str) -> Iterator[str]:

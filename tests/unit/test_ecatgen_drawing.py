@@ -13,8 +13,7 @@ from ecatdev.drawing.library import Libraries, NoSuchClassError
 from ecatdev.drawing.scene import Scene, diagram, drag_scale, icon
 from ecatdev.drawing.shapes import Label, Shape
 from ecatdev.drawing.svg import Svg
-from ecatdev.drawing.syntax import parse
-from ecatdev.drawing.tokens import ModelicaSyntaxError
+from ecatdev.drawing.syntax import ModelicaSyntaxError, parse
 from ecatgen import font
 
 MODELICA = """
@@ -87,7 +86,12 @@ def test_a_file_gives_classes_components_and_connections() -> None:
     lab = parse(MODELICA)
     assert list(lab.classes) == ["In", "Out", "Mode", "Base", "Gain", "Example"]
     assert lab.description == "A library"
-    assert lab.classes["Mode"].literals == ("Slow", "Fast")
+    assert [lab.classes[name].kind for name in ("In", "Mode", "Base")] == [
+        "connector",
+        "type",
+        "block",
+    ]
+    assert [name for name, inner in lab.classes.items() if inner.partial] == ["Base"]
     example = lab.classes["Example"]
     assert [c.name for c in example.elements] == ["a", "b", "turned"]
     assert [(c.a, c.b) for c in example.connects] == [("a.y", "b.u"), ("turned.y", "a.extra")]
@@ -97,10 +101,12 @@ def test_a_file_gives_classes_components_and_connections() -> None:
     ("source", "problem"),
     [
         ("model A", "line 1"),
-        ("model A\n  Real x = ;\nend A;", "line 2: an expression is expected before ';'"),
+        ("model A\n  Real x = ;\nend A;", "';'.* line 2"),
         ("model A annotation (Icon(graphics = {); end A;", "line 1"),
-        ("model A\n\n  # end A;", "line 3: '#' begins no token"),
-        ("model A equation if x then y = 1;", "line 1: the text ends"),
+        ("model A\n\n  # end A;", "'#'.* line 3"),
+        ("model A equation if x then y = 1;", "line 1"),
+        ("model A end A;\nrubbish", "line 2: a file has one class"),
+        ("package P\n  model extends A end A;\nend P;", "line 2: no drawing knows such a class"),
     ],
 )
 def test_what_is_no_modelica_is_told_with_its_line(source: str, problem: str) -> None:

@@ -28,7 +28,7 @@ _BOOLEAN = re.compile(r"parameter Boolean (?P<name>\w+)[^;]*?;", re.DOTALL)
 
 def check_conventions(library: Path) -> Iterator[str]:
     """Yields a sentence for each place where a library departs from the conventions."""
-    from pymoca import parser  # type: ignore[import-untyped]
+    from pymoca import parser
 
     for file in sorted(library.rglob("*.mo")):
         source = file.read_text("utf-8")

@@ -13,7 +13,7 @@ _INTERFACE = Path(__file__).parent / "Modelica"
 
 def check_syntax(library: Path) -> Iterator[str]:
     """Yields a problem for each file that pymoca cannot parse."""
-    from pymoca import parser  # type: ignore[import-untyped]
+    from pymoca import parser
 
     for file in sorted(library.rglob("*.mo")):
         try:

@@ -6,7 +6,7 @@ libraries use it; the generator does not need it.
 
 The modules, each of which only imports those above it:
 
-- `tokens`, `expressions`, `syntax`: from text to classes, their elements and annotations
+- `syntax`: from text to classes, their elements and annotations
 - `library`: finds classes by name
 - `instances`: components with all their modifiers, and values of expressions
 - `geometry`: boxes, transformations, curves

@@ -6,9 +6,10 @@ import argparse
 import sys
 from pathlib import Path
 
+from pymoca.parser import ModelicaSyntaxError
+
 from .library import NoSuchClassError
 from .pictures import pictures
-from .tokens import ModelicaSyntaxError
 
 
 def main(arguments: list[str]) -> int:

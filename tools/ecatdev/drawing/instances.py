@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from .expressions import Array, Call, Expression, Name, Operation, call
 from .library import Found, Libraries
-from .syntax import Component
+from .syntax import Array, Call, Component, Expression, Name, Operation
 
 Value = float | bool | str | list[Any] | None
 """The value of an expression. A literal of an enumeration is a `Literal`; None means unknown."""
@@ -57,7 +56,7 @@ class Instance:
     ) -> None:
         self.found, self.name = found, name
         self._libraries, self._outer = libraries, outer
-        self._modification = modification or call()
+        self._modification = modification or Call()
         self._elements: dict[str, Element] | None = None
         self._active: set[str] = set()
 

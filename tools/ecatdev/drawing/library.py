@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pymoca.parser import ModelicaSyntaxError
+
 from .syntax import Class, parse
-from .tokens import ModelicaSyntaxError
 
 BUILT_IN = frozenset({"Real", "Integer", "Boolean", "String", "ExternalObject", "StateSelect"})
 

@@ -71,7 +71,7 @@ def pictures(standard_library: Path | None = None) -> dict[str, str]:
         for name in (STATIC, GENERATED):
             for path in models(found, name):
                 scene = diagram(found, path)
-                partial = "partial" in found.get(path).definition.prefixes
+                partial = found.get(path).definition.partial
                 if not partial and any(line.points for line in scene.lines):
                     result[f"{path}.svg"] = draw_diagram(scene)
         return result

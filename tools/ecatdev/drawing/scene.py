@@ -6,12 +6,11 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from .expressions import Array, Call
 from .geometry import Box, Point, Transform, box_of, moved, placed
 from .instances import Element, Instance
 from .library import Libraries
 from .shapes import Item, Style, draw, line
-from .syntax import Class
+from .syntax import Array, Call, Class
 
 _DEFAULT_SYSTEM = Box(-100, -100, 100, 100)
 

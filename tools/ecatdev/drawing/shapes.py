@@ -13,7 +13,6 @@ from typing import Any
 
 from ecatgen import font
 
-from .expressions import Call
 from .geometry import (
     Box,
     Outline,
@@ -28,6 +27,7 @@ from .geometry import (
     rounded,
 )
 from .instances import Instance
+from .syntax import Call
 
 Color = tuple[int, int, int]
 BLACK: Color = (0, 0, 0)

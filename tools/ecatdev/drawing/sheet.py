@@ -39,7 +39,7 @@ def blocks(libraries: Libraries, package: str) -> Iterator[tuple[str, list[str]]
         [
             path
             for path, definition in definitions
-            if definition.kind in ("block", "model") and "partial" not in definition.prefixes
+            if definition.kind in ("block", "model") and not definition.partial
         ],
     )
     for path, definition in definitions:
