@@ -71,7 +71,12 @@ def service(options: argparse.Namespace) -> None:
         raise UsageError(f"--purge is for uninstall, not for {options.action}")
     place = here(root)
     before = enabled(place)
-    actions = _plan(place, options)
+    if options.action == "install":
+        actions = list(install(place, options.bus, options.interface))
+    elif options.action == "upgrade":
+        actions = list(upgrade(place))
+    else:
+        actions = list(uninstall(place, purge=options.purge))
     if options.action == "uninstall" and place.is_running and not options.dry_run:
         confirm(
             options,
@@ -84,7 +89,7 @@ def service(options: argparse.Namespace) -> None:
         if not options.json:
             with suppress(BrokenPipeError):  # the action goes on even if nobody reads the output
                 print(_line(action, dry_run=options.dry_run), flush=True)
-    following = [] if options.dry_run else _next(place, options, before)
+    following = [] if options.dry_run else list(_next(place, options, before))
     if options.json:
         print_json(
             {
@@ -101,43 +106,31 @@ def service(options: argparse.Namespace) -> None:
         print("all is up to date")
 
 
-def _plan(place: Place, options: argparse.Namespace) -> list[Action]:
-    if options.action == "install":
-        return list(install(place, options.bus, options.interface))
-    if options.action == "upgrade":
-        return list(upgrade(place))
-    return list(uninstall(place, purge=options.purge))
-
-
 def _line(action: Action, *, dry_run: bool) -> str:
-    verb = f"would {action.verb}" if dry_run and type(action) is not Action else action.verb
+    verb = f"would {action.verb}" if dry_run and action.effect is not None else action.verb
     return f"{verb:<13} {action.what}" + (f"  ({action.why})" if action.why else "")
 
 
-def _next(place: Place, options: argparse.Namespace, before: set[str]) -> list[str]:
+def _next(place: Place, options: argparse.Namespace, before: set[str]) -> Iterator[str]:
     """What the user does next, with the services that were enabled before."""
-    if options.action == "upgrade":
-        return [
-            f"{name} still runs the previous version: run `systemctl restart {name}` when the "
-            "machine may stop"
-            for name in outdated(place)
-        ]
-    if options.action == "uninstall":
-        if options.purge:
-            return []
-        lines = [
+    if options.action == "install":
+        yield from _after_installation(place, options.bus)
+    elif options.action == "upgrade":
+        for name in outdated(place):
+            yield (
+                f"{name} still runs the previous version: run `systemctl restart {name}` when the "
+                "machine may stop"
+            )
+    elif not options.purge:
+        yield (
             f"`{place.programs}/ecatctl service uninstall --purge{_root(place)}` also removes the "
             "files that were kept"
-        ]
-        return [
-            *lines,
-            *(
+        )
+        for name in sorted(before):
+            yield (
                 f"after another `service install`, `systemctl enable {name}` has it start with the "
                 "machine again"
-                for name in sorted(before)
-            ),
-        ]
-    return list(_after_installation(place, options.bus))
+            )
 
 
 def _root(place: Place) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from ecatd.base.bus_name import BUS_NAME
 from ecatd.linux.systemd_services import service
 
-from .places import ADMINISTRATION, CONFIGURATION, LOCAL, SOCKETS, UNITS, Place
+from .places import ADMINISTRATION, CONFIGURATION, LOCAL, SOCKETS, Place
 
 _MASKED = Path("/dev/null")
 _OF_BUSES = re.compile(r"ecatd(@.+)?\.service")
@@ -51,7 +51,7 @@ def is_masked(place: Place, name: str) -> bool:
 def outdated(place: Place) -> Iterator[str]:
     """The running services that were started before the program or their units were written."""
     program = Path(__file__).stat().st_ctime
-    units = [place.at(LOCAL.units / name) for name in UNITS]
+    units = place.at(LOCAL["units"]).glob("ecatd*.service")
     changed = max([program, *(file.stat().st_mtime for file in units if file.is_file())])
     for socket in sorted(place.at(SOCKETS).glob("*/control")):
         if socket.stat().st_mtime < changed:

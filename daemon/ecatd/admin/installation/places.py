@@ -1,20 +1,16 @@
-"""Which file goes where.
-
-The wheel has the files in `ecatd/_system`: `systemd`, `share` (as below `/usr/share`) and
-`monitoring`.
-"""
+"""Which file goes where, and what the service leaves in a system."""
 
 from __future__ import annotations
 
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
 
-UNITS = tuple(f"{name}{at}.service" for name in ("ecatd", "ecatd-gateway") for at in ("", "@"))
-"""The services of a single bus and of several; a bus has one, and its gateway another one."""
+from .actions import Action
+
 PROGRAMS = ("ecatd", "ecatctl", "ecatsim")
 PACKAGED = Path("/usr/lib/ecatd/bin")
 """Where the Debian package has the programs."""
@@ -25,6 +21,40 @@ SOCKETS = PurePosixPath("/run/ecatd")
 MEMORY = PurePosixPath("/dev/shm/ecat")
 ADMINISTRATION = PurePosixPath("/etc/systemd/system")
 """Where systemd keeps which units are enabled or masked, and changes of the administrator."""
+
+_FOLDERS = {
+    # by an administrator; by a package of a distribution
+    "units": ("/usr/local/lib/systemd/system", "/lib/systemd/system"),
+    "catalog": ("/usr/local/lib/systemd/catalog", "/usr/lib/systemd/catalog"),
+    "network": ("/etc/systemd/network", "/lib/systemd/network"),
+    "sysusers": ("/etc/sysusers.d", "/usr/lib/sysusers.d"),
+    "tmpfiles": ("/etc/tmpfiles.d", "/usr/lib/tmpfiles.d"),
+    "rules": ("/etc/udev/rules.d", "/lib/udev/rules.d"),
+    "share": ("/usr/local/share", "/usr/share"),
+}
+"""The folders of systemd, of udev and for data. An administrator's units are not in `/etc`, where
+they would conflict with other units and with the links of `systemctl mask`."""
+LOCAL, DISTRIBUTION = (
+    {name: PurePosixPath(both[who]) for name, both in _FOLDERS.items()} for who in (0, 1)
+)
+"""The folders for an installation by an administrator, and for a package of a distribution."""
+
+_FILES = {
+    "systemd/ecatd.service": "units/",
+    "systemd/ecatd@.service": "units/",
+    "systemd/ecatd-gateway.service": "units/",
+    "systemd/ecatd-gateway@.service": "units/",
+    "systemd/10-ecatd.network": "network/",
+    "systemd/85-ecatd.rules": "rules/",
+    "systemd/ecatd.catalog": "catalog/",
+    "systemd/ecatd.sysusers.conf": "sysusers/ecatd.conf",
+    "systemd/ecatd.tmpfiles.conf": "tmpfiles/ecatd.conf",
+    "systemd/ecat0.toml": "share/doc/ecatd/",
+    "monitoring": "share/ecatd/monitoring",
+    "share": "share",
+}
+"""The files and folders of the wheel in `ecatd/_system`, with the place of each. A file keeps its
+name in a place that ends with a slash."""
 _PROGRAM = b"/usr/local/bin/ecatd"
 """The path of ecatd in the units of the repository."""
 
@@ -41,17 +71,23 @@ class Place:
     root: Path
     programs: Path
 
-    def at(self, path: PurePosixPath) -> Path:
+    def at(self, path: PurePosixPath | str) -> Path:
         """A path of the system, in the file system."""
-        return self.root / path.relative_to("/")
+        return self.root / PurePosixPath(path).relative_to("/")
 
-    def seen(self, file: Path) -> PurePosixPath:
+    def seen(self, file: Path) -> str:
         """The path of a file as the system sees it."""
-        return PurePosixPath("/") / file.relative_to(self.root)
+        return str(PurePosixPath("/") / file.relative_to(self.root))
 
     def holds(self, file: Path) -> bool:
         """Whether no link among the folders above a file leads out of the file system."""
         return file.parent.resolve().is_relative_to(self.root)
+
+    def action(
+        self, verb: str, file: Path, why: str = "", effect: Callable[[], object] | None = None
+    ) -> Action:
+        """An action on a file."""
+        return Action(verb, self.seen(file), why, effect, file)
 
     @property
     def is_packaged(self) -> bool:
@@ -74,93 +110,32 @@ def here(root: Path) -> Place:
     return Place(root, Path(sysconfig.get_path("scripts")))
 
 
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """Where one kind of installation puts its files.
-
-    Attributes:
-        units: Units of systemd.
-        networks: Files of systemd-networkd.
-        users: Files of systemd-sysusers.
-        folders: Files of systemd-tmpfiles.
-        rules: Rules of udev.
-        catalog: Explanations for `journalctl -x`.
-        share: Pages of the manual, completion, monitoring.
-    """
-
-    units: PurePosixPath
-    networks: PurePosixPath
-    users: PurePosixPath
-    folders: PurePosixPath
-    rules: PurePosixPath
-    catalog: PurePosixPath
-    share: PurePosixPath
-
-
-LOCAL = Layout(
-    units=PurePosixPath("/usr/local/lib/systemd/system"),
-    networks=PurePosixPath("/etc/systemd/network"),
-    users=PurePosixPath("/etc/sysusers.d"),
-    folders=PurePosixPath("/etc/tmpfiles.d"),
-    rules=PurePosixPath("/etc/udev/rules.d"),
-    catalog=PurePosixPath("/usr/local/lib/systemd/catalog"),
-    share=PurePosixPath("/usr/local/share"),
-)
-"""The layout for an installation by an administrator. Units are not in `/etc`, where they would
-conflict with the administrator's own units and with the links of `systemctl mask`."""
-
-DISTRIBUTION = Layout(
-    units=PurePosixPath("/lib/systemd/system"),
-    networks=PurePosixPath("/lib/systemd/network"),
-    users=PurePosixPath("/usr/lib/sysusers.d"),
-    folders=PurePosixPath("/usr/lib/tmpfiles.d"),
-    rules=PurePosixPath("/lib/udev/rules.d"),
-    catalog=PurePosixPath("/usr/lib/systemd/catalog"),
-    share=PurePosixPath("/usr/share"),
-)
-"""The layout for a package of a distribution."""
-
-
-def _word(program: Path) -> bytes:
-    """A program as the first word of a command in a unit, see systemd.service(5)."""
-    text = str(program).replace("%", "%%")
-    return (f'"{text}"' if " " in text else text).encode()
-
-
-def files(layout: Layout, program: Path) -> dict[PurePosixPath, bytes]:
+def files(folders: dict[str, PurePosixPath], program: Path) -> dict[PurePosixPath, bytes]:
     """The content of all files by their path.
 
     Args:
-        layout: Where they go.
+        folders: Where they go: `LOCAL` or `DISTRIBUTION`.
         program: The path of `ecatd`, for the units.
     """
-    systemd = _folder() / "systemd"
-    placed = {}
-    for folder, names in (
-        (layout.units, UNITS),
-        (layout.networks, ("10-ecatd.network",)),
-        (layout.rules, ("85-ecatd.rules",)),
-        (layout.catalog, ("ecatd.catalog",)),
-    ):
-        for name in names:
-            data = (systemd / name).read_bytes()
-            placed[folder / name] = data.replace(_PROGRAM, _word(program))
-    placed[layout.users / "ecatd.conf"] = (systemd / "ecatd.sysusers.conf").read_bytes()
-    placed[layout.folders / "ecatd.conf"] = (systemd / "ecatd.tmpfiles.conf").read_bytes()
-    placed[layout.share / "doc/ecatd/ecat0.toml"] = example()
-    for name in ("share", "monitoring"):
-        target = layout.share if name == "share" else layout.share / "ecatd/monitoring"
-        for path, data in _tree(_folder() / name):
-            placed[target / path] = data
+    placed: dict[PurePosixPath, bytes] = {}
+    for source, place in _FILES.items():
+        kind, _, rest = place.partition("/")
+        target = folders[kind] / rest
+        item = _system() / source
+        if item.is_dir():
+            placed |= {target / path: data for path, data in _tree(item)}
+        else:
+            path = target / item.name if place.endswith("/") else target
+            placed[path] = item.read_bytes().replace(_PROGRAM, _word(program))
     return placed
 
 
 def example() -> bytes:
     """The commented configuration."""
-    return (_folder() / "systemd/ecat0.toml").read_bytes()
+    return (_system() / "systemd/ecat0.toml").read_bytes()
 
 
-def _folder() -> Traversable:
+def _system() -> Traversable:
     return resources.files("ecatd") / "_system"
 
 
@@ -170,3 +145,9 @@ def _tree(folder: Traversable) -> Iterator[tuple[PurePosixPath, bytes]]:
             yield from ((PurePosixPath(item.name) / path, data) for path, data in _tree(item))
         else:
             yield PurePosixPath(item.name), item.read_bytes()
+
+
+def _word(program: Path) -> bytes:
+    """A program as the first word of a command in a unit, see systemd.service(5)."""
+    text = str(program).replace("%", "%%")
+    return (f'"{text}"' if " " in text else text).encode()

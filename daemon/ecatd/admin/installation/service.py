@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
-import itertools
 import re
 import shutil
 import stat
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 from ecatd.base.bus_name import check_bus_name
 from ecatd.base.errors import EcatError, StateError, UsageError
 from ecatd.config import load_config
 
-from .actions import Action, Link, Remove, Save, Write, run
+from .actions import Action, run, write
 from .buses import is_masked, unit
+from .files import LIST, put
 from .places import CONFIGURATION, LOCAL, PROGRAMS, Place, example, files
-from .record import BEFORE, LIST, OLD, Record, copies, digest, is_ours, read, read_record
 
 _BIN = PurePosixPath("/usr/local/bin")
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
@@ -91,7 +91,7 @@ def _check_visible(place: Place) -> None:
             "path has quotes, backslashes or control characters; install ecatd elsewhere, for "
             "example in /opt/ecatd"
         )
-    if place.root != Path("/"):
+    if not place.is_here:
         return
     for what, path in (("ecatd", place.programs), ("the Python of ecatd", Path(sys.base_prefix))):
         for folder in _HIDDEN:
@@ -125,125 +125,32 @@ def check_readable(file: Path) -> None:
 
 
 def _bring_up_to_date(place: Place) -> Iterator[Action]:
-    """Writes the files, the links, and the list of both."""
-    before = read_record(place)
-    data_of, links = files(LOCAL, place.programs / "ecatd"), _links(place)
-    kept = {path for path in data_of if _is_kept(place, path)}
-    kept |= {p for p, target in links.items() if not _is_free(place, p, before.files, target)}
-    content = {str(path): digest(data) for path, data in data_of.items() if path not in kept}
-    content |= {str(path): f"link:{to}" for path, to in links.items() if path not in kept}
-    folders = before.folders | _missing_folders(place, content)
-    # An interrupted installation can be removed: it first copies foreign files, and then writes the
-    # list.
-    for path, data in data_of.items():
-        if path not in kept:
-            yield from _save(place, path, data, before.files)
-    listed = Record(content, folders).to_json()
-    if read(place.at(LIST)) != listed:
-        yield Write("write", str(LIST), "what is installed", place.at(LIST), listed)
-    for path, data in data_of.items():
-        if path in kept:
-            yield Action("keep", str(path), "yours: a link or a folder")
-        else:
-            yield _write(place, path, data)
-    for path, target in links.items():
-        if path in kept:
-            yield Action("keep", str(path), f"another program, which is not {target}")
-        elif place.at(path).is_symlink() and place.at(path).readlink() == target:
-            yield Action("keep", str(path), "up to date")
-        else:
-            yield Link("link", str(path), f"to {target}", place.at(path), target)
-    for old, listed_digest in before.files.items():
-        if old not in content:
-            yield from _remove_old(place, old, listed_digest)
-
-
-def _missing_folders(place: Place, paths: Iterable[str]) -> set[str]:
-    """The folders that the installation makes for these files and for its list."""
-    above = {folder for path in (*paths, str(LIST)) for folder in PurePosixPath(path).parents}
-    return {str(folder) for folder in above if not place.at(folder).exists()}
-
-
-def _is_kept(place: Place, path: PurePosixPath) -> bool:
-    """Whether the place of a file is taken by something that must stay.
-
-    Raises:
-        StateError: A link among the folders above it leads out of the file system of the image.
-    """
-    file = place.at(path)
-    if not place.holds(file):
-        raise StateError(f"{file.parent} leads out of {place.root}: remove the link")
-    return file.is_symlink() or (file.exists() and not file.is_file())
-
-
-def _save(
-    place: Place, path: PurePosixPath, data: bytes, before: Mapping[str, str]
-) -> Iterator[Action]:
-    """Copies a file that the installation did not write, before it is replaced."""
-    file = place.at(path)
-    there = read(file)
-    if there in (None, data) or is_ours(file, before.get(str(path), "")):
-        return
-    if any(read(copy) == there for suffix in (BEFORE, OLD) for copy in copies(file, suffix)):
-        return  # an interrupted installation has saved it
-    suffix, why = (
-        (OLD, f"{path} as you have changed it")
-        if str(path) in before
-        else (BEFORE, f"your own {path}")
-    )
-    copy = file.with_name(file.name + suffix)
-    for number in itertools.count(2):
-        if not copy.exists() and not copy.is_symlink():
-            break
-        copy = file.with_name(f"{file.name}{suffix}-{number}")
-    yield Save("save", str(place.seen(copy)), why, file, copy)
-
-
-def _write(place: Place, path: PurePosixPath, data: bytes) -> Action:
-    there = read(place.at(path))
-    if there == data:
-        return Action("keep", str(path), "up to date")
-    return Write("write", str(path), "new" if there is None else "changed", place.at(path), data)
-
-
-def _remove_old(place: Place, path: str, listed: str) -> Iterator[Action]:
-    """Removes a file that an older version has installed and this version does not have."""
-    file = place.at(PurePosixPath(path))
-    if is_ours(file, listed) and place.holds(file):
-        yield Remove("remove", path, "this version has no such file", file)
-    elif file.exists() or file.is_symlink():
-        yield Action("keep", path, "changed since it was installed: remove it yourself")
-
-
-def _links(place: Place) -> dict[PurePosixPath, Path]:
-    """Links from a folder in the PATH of all users to the programs, if they are elsewhere."""
-    if place.programs in (Path("/usr/local/bin"), Path("/usr/bin"), Path("/bin")):
-        return {}
-    return {_BIN / name: place.programs / name for name in PROGRAMS}
-
-
-def _is_free(place: Place, path: PurePosixPath, before: Mapping[str, str], target: Path) -> bool:
-    """Whether a link can be made: nothing is there, or a link that the installation has made."""
-    link = place.at(path)
-    if link.is_symlink():
-        return f"link:{link.readlink()}" in (before.get(str(path)), f"link:{target}")
-    return not link.exists()
+    """Writes the files of the service, and links to the programs where all users find them."""
+    wanted: dict[PurePosixPath, bytes | Path] = {**files(LOCAL, place.programs / "ecatd")}
+    if place.programs not in (Path("/usr/local/bin"), Path("/usr/bin"), Path("/bin")):
+        wanted |= {_BIN / name: place.programs / name for name in PROGRAMS}
+    return put(place, wanted)
 
 
 def _configure(place: Place, bus: str, interface: str | None) -> Iterator[Action]:
-    path = CONFIGURATION / f"{bus}.toml"
-    file = place.at(path)
+    file = place.at(CONFIGURATION / f"{bus}.toml")
     if file.is_symlink() and not file.exists():
-        yield Action("keep", str(path), f"a link to {file.readlink()}, which does not exist")
+        yield place.action("keep", file, f"a link to {file.readlink()}, which does not exist")
     elif file.exists():
-        yield Action("keep", str(path), _state(file))
+        why = "your configuration"
+        try:
+            load_config(file)
+        except EcatError as error:
+            why = f"it has a mistake: {error}"
+        yield place.action("keep", file, why)
     elif interface is None:
         why = f"--interface IF writes it; {unit(bus)} does not start without it"
-        yield Action("skip", str(path), why)
+        yield place.action("skip", file, why)
     else:
         data = _INTERFACE.sub(b'interface = "' + interface.encode() + b'"', example(), count=1)
         data = data.replace(b'bus = "ecat0"', f'bus = "{bus}"'.encode(), 1)
-        yield Write("write", str(path), f"the bus at {interface}", file, data)
+        why = f"the bus at {interface}"
+        yield place.action("write", file, why, partial(write, file, data))
 
 
 def _release(place: Place, bus: str, interface: str | None) -> Iterator[Action]:
@@ -255,20 +162,12 @@ def _release(place: Place, bus: str, interface: str | None) -> Iterator[Action]:
     if not place.is_running or not shutil.which("nmcli"):
         return
     names = [interface]
-    with contextlib.suppress(EcatError):
+    with suppress(EcatError):
         config = load_config(place.at(CONFIGURATION / f"{bus}.toml"))
         names = [config.interface, config.second_interface]
     for name in filter(None, names):
         why = "NetworkManager leaves it alone at once"
         yield run("nmcli", "device", "set", name, "managed", "no", why=why, may_fail=True)
-
-
-def _state(file: Path) -> str:
-    try:
-        load_config(file)
-    except EcatError as error:
-        return f"it has a mistake: {error}"
-    return "your configuration"
 
 
 def tell_system(place: Place, *, users: bool = True) -> Iterator[Action]:
@@ -278,7 +177,7 @@ def tell_system(place: Place, *, users: bool = True) -> Iterator[Action]:
         place: Where they are.
         users: Make the users and groups that do not exist.
     """
-    if place.root != Path("/"):
+    if not place.is_here:
         yield Action("skip", "commands of the system", f"{place.root} is not the running system")
         return
     if users and shutil.which("systemd-sysusers"):
