@@ -10,18 +10,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ecatd.admin.doctor.configuration import look_at_configuration, look_at_settings
 from ecatd.admin.doctor.findings import Finding, Level
 from ecatd.admin.doctor.interface import look_at
-from ecatd.admin.doctor.mend import mend, undo
 from ecatd.admin.doctor.processors import look_at_processors
 from ecatd.admin.doctor.rights import look_at_rights, service_group
-from ecatd.admin.doctor.service import look_at_service
-from ecatd.admin.doctor.software import (
-    look_at_configuration,
-    look_at_settings,
-    look_at_shared_memory,
-    look_at_versions,
-)
+from ecatd.admin.doctor.service import look_at_service, look_at_shared_memory, look_at_versions
+from ecatd.admin.doctor.settings import mend, undo
 from ecatd.admin.doctor.wakeup import Wakeups, measure
 from ecatd.base.errors import EcatError, UsageError
 from ecatd.base.paths import MACHINE

@@ -42,6 +42,8 @@ class InterfaceState:
         speed: Mbit/s; 0 if unknown.
         duplex: `full`, `half`, or empty if unknown.
         merges: Whether the card joins received frames (large receive offload).
+        up: Whether it is switched on.
+        carrier: Whether it is switched on and has a carrier.
     """
 
     name: str
@@ -53,6 +55,8 @@ class InterfaceState:
     speed: int = 0
     duplex: str = ""
     merges: bool = False
+    up: bool = True
+    carrier: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +89,7 @@ def remarks(state: InterfaceState) -> Iterator[Remark]:
             f"which have up to {LEAST_MTU}",
             f"`ip link set {name} mtu {LEAST_MTU}`",
         )
-    yield from speed_remarks(state)
+    yield from _speed(state)
     yield from _sharing(state)
     if state.merges:
         yield Remark(
@@ -96,7 +100,7 @@ def remarks(state: InterfaceState) -> Iterator[Remark]:
         )
 
 
-def speed_remarks(state: InterfaceState) -> Iterator[Remark]:
+def _speed(state: InterfaceState) -> Iterator[Remark]:
     """What is wrong with speed and duplex of a card: EtherCAT has 100 Mbit/s and full duplex."""
     if state.kind:
         return  # nothing that a cable could change
@@ -122,21 +126,16 @@ def speed_remarks(state: InterfaceState) -> Iterator[Remark]:
         )
 
 
-def bridge_remark(name: str, master: str) -> Remark:
-    """An interface is a part of a bridge or a bond."""
-    return Remark(
-        "bridge",
-        f"{name} is a part of {master}, so frames of other computers reach the slaves, and "
-        f"{master} sends frames of its own",
-        f"`ip link set {name} nomaster`",
-    )
-
-
 def _sharing(state: InterfaceState) -> Iterator[Remark]:
     """Others that use the same cable."""
     name = state.name
     if state.master:
-        yield bridge_remark(name, state.master)
+        yield Remark(
+            "bridge",
+            f"{name} is a part of {state.master}, so frames of other computers reach the slaves, "
+            f"and {state.master} sends frames of its own",
+            f"`ip link set {name} nomaster`",
+        )
     if state.above:
         names = ", ".join(state.above)
         yield Remark(
@@ -187,6 +186,7 @@ class _Row:
     master: int
     below: int
     below_elsewhere: bool  # `below` is the index in another network namespace
+    flags: int
 
 
 def _state(row: _Row, rows: dict[int, _Row]) -> InterfaceState:
@@ -202,7 +202,7 @@ def _state(row: _Row, rows: dict[int, _Row]) -> InterfaceState:
         with suppress(OSError):
             speed, duplex = ethtool.speed(row.name)
         with suppress(OSError):
-            merges = ethtool.offload(row.name, "lro") == "on"
+            merges = ethtool.read(row.name, "lro") == "on"
     return InterfaceState(
         row.name,
         row.mtu,
@@ -213,6 +213,8 @@ def _state(row: _Row, rows: dict[int, _Row]) -> InterfaceState:
         speed,
         duplex,
         merges,
+        bool(row.flags & rtnetlink.IFF_UP),
+        bool(row.flags & rtnetlink.IFF_LOWER_UP),
     )
 
 
@@ -243,7 +245,7 @@ def _links() -> list[_Row]:
 
 
 def _row(content: bytes) -> _Row:
-    _family, _type, index, _flags, _change = rtnetlink.LINK.unpack_from(content)
+    _family, _type, index, flags, _change = rtnetlink.LINK.unpack_from(content)
     known = dict(rtnetlink.attributes(content[rtnetlink.LINK.size :]))
     info = dict(rtnetlink.attributes(known.get(rtnetlink.IFLA_LINKINFO, b"")))
 
@@ -258,4 +260,5 @@ def _row(content: bytes) -> _Row:
         number(rtnetlink.IFLA_MASTER),
         number(rtnetlink.IFLA_LINK),
         rtnetlink.IFLA_LINK_NETNSID in known,
+        flags,
     )

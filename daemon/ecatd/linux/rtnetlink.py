@@ -15,6 +15,8 @@ MESSAGE = struct.Struct("=IHHII")
 """nlmsghdr: length, type, flags, sequence number, port."""
 LINK = struct.Struct("=BxHiII")
 """ifinfomsg: family, type, index, flags, change."""
+IFF_UP, IFF_LOWER_UP = 0x1, 0x10000
+"""Flags of an interface: somebody has switched it on, and it has a carrier."""
 ATTRIBUTE = struct.Struct("=HH")
 """rtattr: length, type."""
 RECEIVE_SIZE = 1 << 17

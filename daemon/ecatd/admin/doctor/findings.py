@@ -1,10 +1,12 @@
-"""The findings of the doctor, and the settings that it can change."""
+"""The findings of the doctor, and what settings cost."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
+
+from .settings import Change
 
 
 class Level(StrEnum):
@@ -18,23 +20,6 @@ class Level(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
-    """A setting of the running system, which can be changed and changed back.
-
-    Attributes:
-        name: What it is, for people and for the list of what was changed.
-        read: Returns its value.
-        write: Sets it; raises `OSError`.
-        wanted: The better value.
-    """
-
-    name: str
-    read: Callable[[], str]
-    write: Callable[[str], None]
-    wanted: str
-
-
-@dataclass(frozen=True, slots=True)
 class Finding:
     """One thing that was checked.
 
@@ -45,7 +30,7 @@ class Finding:
         text: What the doctor found, and what follows from it.
         remedy: What to do; empty if all is well.
         change: What `--fix` does about it, if that can be undone.
-        cost: What it costs, where that was measured (`costs.py`).
+        cost: What it costs, where that was measured.
     """
 
     area: str
@@ -55,3 +40,66 @@ class Finding:
     remedy: str = ""
     change: Change | None = None
     cost: str = ""
+
+
+class Area(NamedTuple):
+    """What findings belong to. What is not well has a remedy."""
+
+    name: str
+
+    def ok(self, name: str, text: str) -> Finding:
+        """All is well."""
+        return Finding(self.name, name, Level.OK, text)
+
+    def hint(
+        self, name: str, text: str, remedy: str, change: Change | None = None, cost: str = ""
+    ) -> Finding:
+        """Something could be better; `cost` is a key of `COSTS`."""
+        told = str(COSTS[cost]) if cost else ""
+        return Finding(self.name, name, Level.HINT, text, remedy, change, told)
+
+    def problem(self, name: str, text: str, remedy: str) -> Finding:
+        """Something is wrong."""
+        return Finding(self.name, name, Level.PROBLEM, text, remedy)
+
+
+class Cost(NamedTuple):
+    """What a setting costs on our test machine, compared with a better one.
+
+    Attributes:
+        row: The settings: a row of the section "Real-time settings" of docs/performance.md.
+        better: The settings of the better row.
+        load: `alone`, or `busy`: with a busy program on each processor.
+        exchange_us: The 99th percentile of the exchange in µs, in both rows.
+        missed: How many of 1000 cycles were missed, in both rows.
+    """
+
+    row: str
+    better: str
+    load: str
+    exchange_us: tuple[float, float]
+    missed: tuple[float, float]
+
+    def __str__(self) -> str:
+        worse, better = self.exchange_us
+        where = " beside busy programs" if self.load == "busy" else ""
+        text = (
+            f"on our test machine, the exchange took {worse:g} µs in place of {better:g} µs{where} "
+            "(99th percentile)"
+        )
+        worse, better = self.missed
+        if worse >= 2 * better and worse >= 1:
+            text += f", and {worse:g} of 1000 cycles were missed in place of {better:g}"
+        return text
+
+
+_DEFAULTS = "the defaults"  # with a processor that is not isolated
+_SLEEPS = "`dma_latency_us = -1`"
+
+COSTS = {
+    "priority": Cost("`priority = 0`", _DEFAULTS, "busy", (75.7, 41.9), (7.27, 1.0)),
+    "cpu": Cost(_DEFAULTS, "`cpu` not set", "busy", (41.9, 15.0), (1.0, 0.0)),
+    "poll_us": Cost("`poll_us = 0`", _DEFAULTS, "alone", (33.9, 16.4), (0.44, 0.78)),
+    "dma_latency_us": Cost(_SLEEPS, _DEFAULTS, "alone", (108.3, 16.4), (0.89, 0.78)),
+}
+"""The costs, by the key of `[realtime]`."""

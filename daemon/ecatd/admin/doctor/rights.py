@@ -7,6 +7,7 @@ import os
 import resource
 from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
 
 from ecatd.base.errors import JOIN, EcatError
 from ecatd.base.paths import control_socket, search_dirs
@@ -15,9 +16,10 @@ from ecatd.base.real_user import is_root
 from ecatd.shm.real_time import SETTINGS
 from ecatd.shm.statistics import read as read_statistics
 
-from .costs import COSTS
-from .findings import Finding, Level
-from .values import ROOT, read
+from .findings import Area, Finding
+from .settings import read
+
+_AREA = Area("this user")
 
 _FOR_FRAMES = {"CAP_NET_RAW": 13, "CAP_NET_ADMIN": CAP_NET_ADMIN}
 """What a daemon on an interface needs, with the numbers of capabilities(7)."""
@@ -36,21 +38,20 @@ def look_at_rights(bus: str) -> Iterator[Finding]:
     yield _membership(bus)
     yield _raw_frames()
     yield from _real_time_of(bus)
-    area = "this user"
     for name, number, least, line, cost in (
-        ("real time", resource.RLIMIT_RTPRIO, 98, "@ecat - rtprio 98", str(COSTS["priority"])),
+        ("real time", resource.RLIMIT_RTPRIO, 98, "@ecat - rtprio 98", "priority"),
         ("locked memory", resource.RLIMIT_MEMLOCK, 1 << 28, "@ecat - memlock unlimited", ""),
     ):
         soft = resource.getrlimit(number)[0]
         if is_root() or soft == resource.RLIM_INFINITY or soft >= least:
-            yield Finding(area, name, Level.OK, "granted")
+            yield _AREA.ok(name, "granted")
         else:
             text = (
                 f"limit {soft}: an ecatd that this user starts does not get it, but the service "
                 "does"
             )
             remedy = f"a line '{line}' in /etc/security/limits.conf, then log in again"
-            yield Finding(area, name, Level.HINT, text, remedy, cost=cost)
+            yield _AREA.hint(name, text, remedy, cost=cost)
 
 
 def _real_time_of(bus: str) -> Iterator[Finding]:
@@ -61,36 +62,33 @@ def _real_time_of(bus: str) -> Iterator[Finding]:
                 words = SETTINGS[grant.setting]
                 why = os.strerror(grant.error)
                 text = f"refused to the ecatd that runs ({why}): {words.without}"
-                yield Finding("real time", words.title, Level.HINT, text, words.how)
+                yield Area("real time").hint(words.title, text, words.how)
 
 
 def _raw_frames() -> Finding:
     """Whether an ecatd that this user starts by hand may use an interface."""
-    area, name = "this user", "raw frames"
-    lines = read(ROOT / "proc/self/status").splitlines()
+    lines = read(Path("/proc/self/status")).splitlines()
     effective = next(int(line.split()[1], 16) for line in lines if line.startswith("CapEff:"))
     missing = [cap for cap, bit in _FOR_FRAMES.items() if not effective >> bit & 1]
     if not missing:
-        return Finding(area, name, Level.OK, "granted")
+        return _AREA.ok("raw frames", "granted")
     text = (
         f"no {' and no '.join(missing)}: an ecatd that this user starts cannot use an interface, "
         "but the service can"
     )
-    return Finding(area, name, Level.HINT, text, "start the service, or ecatd with sudo")
+    return _AREA.hint("raw frames", text, "start the service, or ecatd with sudo")
 
 
 def _membership(bus: str) -> Finding:
-    area, name = "this user", "use of the bus"
+    name = "use of the bus"
     if is_root():
-        return Finding(area, name, Level.OK, "root may do everything")
+        return _AREA.ok(name, "root may do everything")
     reachable = any(os.access(control_socket(folder, bus), os.W_OK) for folder in search_dirs())
     if reachable:
-        return Finding(area, name, Level.OK, "may write outputs and send requests")
+        return _AREA.ok(name, "may write outputs and send requests")
     group = service_group()
     if group is None:
-        return Finding(
-            area, name, Level.HINT, "the group 'ecat' does not exist", "install the service"
-        )
+        return _AREA.hint(name, "the group 'ecat' does not exist", "install the service")
     if group in os.getgroups():
-        return Finding(area, name, Level.OK, "member of the group 'ecat'")
-    return Finding(area, name, Level.PROBLEM, "not a member of the group 'ecat'", JOIN)
+        return _AREA.ok(name, "member of the group 'ecat'")
+    return _AREA.problem(name, "not a member of the group 'ecat'", JOIN)

@@ -18,7 +18,6 @@ from ecatd.linux import rtnetlink
 from ecatd.shm.contract import Link
 
 _RTMGRP_LINK = 1
-_IFF_UP, _IFF_LOWER_UP = 0x1, 0x10000
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +141,6 @@ def _index(interface: str) -> int:
 
 
 def _link(flags: int) -> Link:
-    if not flags & _IFF_UP:
+    if not flags & rtnetlink.IFF_UP:
         return Link.DOWN
-    return Link.UP if flags & _IFF_LOWER_UP else Link.NO_CARRIER
+    return Link.UP if flags & rtnetlink.IFF_LOWER_UP else Link.NO_CARRIER
