@@ -8,8 +8,8 @@ import shutil
 import socket
 import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from ecatd.base.errors import NotPermittedError, StateError
@@ -26,15 +26,16 @@ _PUBLIC, _OF_GROUP, _OWN = 0o644, 0o640, 0o600
 
 def make_authority(folder: Path) -> None:
     """Makes an authority and its key in a folder."""
-    with _scratch() as at:
+    with tempfile.TemporaryDirectory() as scratch:
+        certificate, key = Path(scratch, AUTHORITY), Path(scratch, AUTHORITY_KEY)
         openssl(
             *("req", "-x509", *_NEW_KEY, "-days", str(_AUTHORITY_DAYS)),
-            *("-keyout", at / AUTHORITY_KEY, "-out", at / AUTHORITY),
+            *("-keyout", key, "-out", certificate),
             *("-subj", f"/CN=ecatd of {socket.gethostname()[:48]}"),
             *("-addext", "keyUsage=critical,keyCertSign,cRLSign"),
         )
-        _save(folder / AUTHORITY, at / AUTHORITY, _PUBLIC)
-        _save(folder / AUTHORITY_KEY, at / AUTHORITY_KEY, _OWN)
+        _save(folder / AUTHORITY, certificate.read_bytes(), _PUBLIC)
+        _save(folder / AUTHORITY_KEY, key.read_bytes(), _OWN)
 
 
 def check_authority(folder: Path) -> None:
@@ -57,7 +58,7 @@ def check_authority(folder: Path) -> None:
 def make_server(
     authority: Path, folder: Path, file: str, name: str, hosts: Sequence[str], days: int
 ) -> None:
-    """Makes the certificate and the key of a daemon or router.
+    """Makes the certificate and the key of a daemon or router, beside that of the authority.
 
     A daemon shows the same certificate to a router that it connects to.
 
@@ -71,34 +72,18 @@ def make_server(
     """
     names = ",".join(f"{'IP' if _is_address(host) else 'DNS'}:{host}" for host in hosts)
     extensions = f"subjectAltName={names}\nextendedKeyUsage=serverAuth,clientAuth\n"
-    with _scratch() as at:
-        _sign(authority, at, file, name, extensions, days)
-        _save(folder / f"{file}.pem", at / f"{file}.pem", _PUBLIC)
-        _save(folder / f"{file}.key", at / f"{file}.key", _OF_GROUP)
+    certificate, key = _signed(authority, name, extensions, days)
+    if folder != authority:
+        save_bytes(folder / AUTHORITY, (authority / AUTHORITY).read_bytes())
+    _save(folder / f"{file}.pem", certificate, _PUBLIC)
+    _save(folder / f"{file}.key", key, _OF_GROUP)
 
 
 def make_identity(authority: Path, out: Path, name: str, days: int) -> None:
     """Makes the file with which a user connects; see `client/identity.py`."""
-    with _scratch() as at:
-        _sign(authority, at, "user", name, "extendedKeyUsage=clientAuth\n", days)
-        parts = (at / "user.pem", at / "user.key", authority / AUTHORITY)
-        text = USER_LINE.format(name) + "".join(part.read_text() for part in parts)
-    _write(out, text.encode(), _OWN)
-
-
-def make_folder(folder: Path) -> None:
-    """Makes a folder for certificates, if it does not exist.
-
-    Raises:
-        NotPermittedError: This user may not.
-        StateError: That does not work.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except PermissionError as error:
-        raise NotPermittedError(f"{folder} cannot be made: {error.strerror}") from error
-    except OSError as error:
-        raise StateError(f"{folder} cannot be made: {error.strerror}") from error
+    parts = _signed(authority, name, "extendedKeyUsage=clientAuth\n", days)
+    line = USER_LINE.format(name).encode()
+    _save(out, b"".join((line, *parts, (authority / AUTHORITY).read_bytes())), _OWN)
 
 
 def openssl(*arguments: str | Path) -> str:
@@ -110,38 +95,26 @@ def openssl(*arguments: str | Path) -> str:
     program = shutil.which("openssl")
     if program is None:
         raise StateError("the program openssl is missing: sudo apt install openssl")
-    old = os.umask(0o077)
-    try:
-        found = subprocess.run(
-            [program, *arguments], capture_output=True, text=True, errors="replace", check=False
-        )
-    finally:
-        os.umask(old)
+    command = [program, *arguments]
+    found = subprocess.run(command, capture_output=True, text=True, errors="replace", umask=0o077)
     if found.returncode:
         lines = found.stderr.strip().splitlines() or ["no reason given"]
         raise StateError(f"openssl {arguments[0]} fails: {lines[-1]}")
     return found.stdout
 
 
-@contextmanager
-def _scratch() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory() as folder:
-        yield Path(folder)
-
-
-def _sign(authority: Path, at: Path, file: str, name: str, extensions: str, days: int) -> None:
-    """Makes a key and a certificate `file`.pem with a common name, in the folder `at`."""
-    (at / "extensions").write_text(extensions)
-    request = at / f"{file}.csr"
-    openssl(
-        *("req", *_NEW_KEY, "-keyout", at / f"{file}.key", "-out", request),
-        *("-subj", f"/CN={name}"),
-    )
-    openssl(
-        *("x509", "-req", "-in", request, "-days", str(days), "-out", at / f"{file}.pem"),
-        *("-CA", authority / AUTHORITY, "-CAkey", authority / AUTHORITY_KEY),
-        *("-set_serial", f"0x{os.urandom(15).hex()}", "-extfile", at / "extensions"),
-    )
+def _signed(authority: Path, name: str, extensions: str, days: int) -> tuple[bytes, bytes]:
+    """Makes a certificate with a common name, and its key."""
+    with tempfile.TemporaryDirectory() as scratch:
+        certificate, key, request, details = (Path(scratch, part) for part in "ckrd")
+        details.write_text(extensions)
+        openssl("req", *_NEW_KEY, "-keyout", key, "-out", request, "-subj", f"/CN={name}")
+        openssl(
+            *("x509", "-req", "-in", request, "-days", str(days), "-out", certificate),
+            *("-CA", authority / AUTHORITY, "-CAkey", authority / AUTHORITY_KEY),
+            *("-set_serial", f"0x{os.urandom(15).hex()}", "-extfile", details),
+        )
+        return certificate.read_bytes(), key.read_bytes()
 
 
 def _is_address(host: str) -> bool:
@@ -152,17 +125,13 @@ def _is_address(host: str) -> bool:
     return False
 
 
-def _save(path: Path, source: Path, mode: int) -> None:
-    _write(path, source.read_bytes(), mode)
-    if mode == _OF_GROUP:
-        with suppress(KeyError, PermissionError):  # without the service there is no such group
-            os.chown(path, -1, grp.getgrnam(_GROUP).gr_gid)
-
-
-def _write(path: Path, data: bytes, mode: int) -> None:
+def _save(path: Path, data: bytes, mode: int) -> None:
     old = os.umask(0o077)  # nobody else may read a key, not even for a moment
     try:
         save_bytes(path, data)
     finally:
         os.umask(old)
     path.chmod(mode)
+    if mode == _OF_GROUP:
+        with suppress(KeyError, PermissionError):  # without the service there is no such group
+            os.chown(path, -1, grp.getgrnam(_GROUP).gr_gid)

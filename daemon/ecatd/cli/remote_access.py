@@ -10,8 +10,9 @@ import argparse
 import re
 import socket
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from ecatd.base.bus_name import HOST_NAME, HOST_NAME_RULE
 from ecatd.base.errors import StateError, UsageError
@@ -25,14 +26,13 @@ from .authority import (
     AUTHORITY_KEY,
     check_authority,
     make_authority,
-    make_folder,
     make_identity,
     make_server,
     openssl,
 )
 from .output import print_json
 from .router_config import router_config
-from .saving import save, save_bytes
+from .saving import save, writing
 
 _ACTIONS = """\
 actions:
@@ -53,6 +53,7 @@ _DAEMON, _ROUTER = "daemon", "router"
 _ROUTER_CONFIG = "zenohd.json5"
 _ROUTER_PORT = 7447
 _SERVER_DAYS, _USER_DAYS = 1825, 365
+_HOST_HELP = "init, machine, router: a further name or address by which others reach it"
 _HOST = re.compile("[A-Za-z0-9:.*_-]{1,253}")
 
 
@@ -72,27 +73,12 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         metavar="DIR",
         help=f"the folder of the authority (default: {_FOLDER})",
     )
-    command.add_argument(
-        "--host",
-        action="append",
-        default=[],
-        metavar="HOST",
-        help="init, machine, router: a further name or address by which others reach it",
-    )
-    command.add_argument(
-        "--machine",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="router: a machine whose buses are to be reached there",
-    )
-    command.add_argument(
-        "--user",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="router: a user who is let in",
-    )
+    for option, what, text in (
+        ("--host", "HOST", _HOST_HELP),
+        ("--machine", "NAME", "router: a machine whose buses are to be reached there"),
+        ("--user", "NAME", "router: a user who is let in"),
+    ):
+        command.add_argument(option, action="append", default=[], metavar=what, help=text)
     command.add_argument(
         "--days",
         type=bounded(1, 36500),
@@ -108,20 +94,34 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     )
 
 
+_Done = tuple[dict[str, Any], str]
+"""What an action has done: what `--json` prints, and what is printed else."""
+
+
 def remote(options: argparse.Namespace) -> None:
-    """Carries out one action."""
+    """Carries out one action.
+
+    Raises:
+        EcatError: It cannot be done, or what it shows cannot be used.
+    """
     action = options.action
     if options.name is not None and action in ("init", "test"):
         raise UsageError(f"remote {action} takes no NAME")
     if options.name is None and action in ("user", "machine", "router"):
         raise UsageError(f"remote {action} needs the NAME of the {action}")
-    _RUN[action](options)
+    document, text = _RUN[action](options)
+    if options.json:
+        print_json(document)
+    else:
+        print(text)
+    if problems := document.get("problems"):
+        raise StateError(f"{document['file']} cannot be used: {'; '.join(problems)}")
 
 
 # --- init, machine, router -----------------------------------------------------------------------
 
 
-def _init(options: argparse.Namespace) -> None:
+def _init(options: argparse.Namespace) -> _Done:
     folder: Path = options.dir.resolve()
     _check_new(
         [folder / name for name in (AUTHORITY, AUTHORITY_KEY, *_pair(_DAEMON))],
@@ -129,21 +129,23 @@ def _init(options: argparse.Namespace) -> None:
         "first, or give another --dir",
     )
     usual = (socket.gethostname(), socket.getfqdn(), "localhost", "127.0.0.1")
-    hosts = _hosts(options.host, usual)
+    hosts, name = _hosts(options.host, usual), socket.gethostname()[:63]
     days = options.days or _SERVER_DAYS
-    make_folder(folder)
+    _make_folder(folder)
     make_authority(folder)
-    name = socket.gethostname()[:63]
     make_server(folder, folder, _DAEMON, name, hosts, days)
-    text = _gateway(folder)
-    if options.json:
-        print_json({"folder": str(folder), "hosts": hosts, "days": days, "configuration": text})
-        return
-    print(f"{folder}: an authority, and a certificate of the daemon of '{name}' for")
-    print(f"{', '.join(hosts)}\n")
-    print(f"This belongs into the configuration of the daemon:\n\n{text}")
-    print(f"Keep {folder / AUTHORITY_KEY} to yourself: who has it can make users.")
-    print("Next: ecatctl remote user NAME")
+    return (
+        _document(folder, hosts, days, folder),
+        f"{folder}: an authority, and a certificate of the daemon of '{name}' for\n"
+        f"{', '.join(hosts)}\n\n"
+        f"This belongs into the configuration of the daemon:\n\n{_gateway(folder)}\n"
+        f"Keep {folder / AUTHORITY_KEY} to yourself: who has it can make users.\n"
+        "Next: ecatctl remote user NAME",
+    )
+
+
+def _document(out: Path, hosts: list[str], days: int, there: Path) -> dict[str, Any]:
+    return {"folder": str(out), "hosts": hosts, "days": days, "configuration": _gateway(there)}
 
 
 def _gateway(folder: Path) -> str:
@@ -157,29 +159,25 @@ def _gateway(folder: Path) -> str:
     )
 
 
-def _machine(options: argparse.Namespace) -> None:
-    name = _checked_host(options.name)
+def _machine(options: argparse.Namespace) -> _Done:
+    (name,) = _machines([options.name])
     authority, out = options.dir.resolve(), (options.out or Path(name)).resolve()
     check_authority(authority)
     _check_new([out / file for file in (AUTHORITY, *_pair(_DAEMON))], "give another folder with -o")
-    hosts = _hosts(options.host, (name,))
-    days = options.days or _SERVER_DAYS
-    make_folder(out)
-    save_bytes(out / AUTHORITY, (authority / AUTHORITY).read_bytes())
+    hosts, days = _hosts(options.host, (name,)), options.days or _SERVER_DAYS
+    _make_folder(out)
     make_server(authority, out, _DAEMON, name, hosts, days)
-    text = _gateway(_FOLDER)
-    if options.json:
-        print_json({"folder": str(out), "hosts": hosts, "days": days, "configuration": text})
-        return
-    print(f"{out}: a certificate of the daemon of '{name}' for {', '.join(hosts)}\n")
-    print(f"Bring these files to {_FOLDER} on '{name}': {_DAEMON}.pem, {_DAEMON}.key, {AUTHORITY}.")
-    print(f"This belongs into the configuration there:\n\n{text}")
+    return (
+        _document(out, hosts, days, _FOLDER),
+        f"{out}: a certificate of the daemon of '{name}' for {', '.join(hosts)}\n\n"
+        f"Bring these files to {_FOLDER} on '{name}': {_DAEMON}.pem, {_DAEMON}.key, {AUTHORITY}.\n"
+        f"This belongs into the configuration there:\n\n{_gateway(_FOLDER)}",
+    )
 
 
-def _router(options: argparse.Namespace) -> None:
-    name = _checked_host(options.name)
-    machines = [_checked_host(item) for item in options.machine]
-    users = [_checked_user(item) for item in options.user]
+def _router(options: argparse.Namespace) -> _Done:
+    name, *machines = _machines([options.name, *options.machine])
+    users = _users(options.user)
     if not machines:
         raise UsageError(
             "say with --machine whose buses are to be reached at the router, and with --user who "
@@ -188,126 +186,121 @@ def _router(options: argparse.Namespace) -> None:
     authority, out = options.dir.resolve(), (options.out or Path(name)).resolve()
     check_authority(authority)
     hosts = _hosts(options.host, (name,))
-    days = options.days or _SERVER_DAYS
     made = not all((out / file).exists() for file in _pair(_ROUTER))
-    make_folder(out)
+    _make_folder(out)
     if made:  # else only who is let in has changed
-        save_bytes(out / AUTHORITY, (authority / AUTHORITY).read_bytes())
-        make_server(authority, out, _ROUTER, name, hosts, days)
-    config = out / _ROUTER_CONFIG
+        make_server(authority, out, _ROUTER, name, hosts, options.days or _SERVER_DAYS)
+    config, (certificate, key) = out / _ROUTER_CONFIG, (out / file for file in _pair(_ROUTER))
     listen = f"tls/0.0.0.0:{_ROUTER_PORT}"
-    files = {"certificate": f"{_ROUTER}.pem", "key": f"{_ROUTER}.key", "authority": AUTHORITY}
-    paths = {key: str(out / file) for key, file in files.items()}
-    save(config, router_config(listen, machines, users, **paths))
-    text = f'host = "{machines[0]}"\nconnect = ["tls/{name}:{_ROUTER_PORT}"]\n'
-    if options.json:
-        print_json({"file": str(config), "hosts": hosts, "machines": machines, "users": users})
-        return
-    if made:
-        print(f"{out}: a certificate of the router for {', '.join(hosts)}")
-    print(
-        f"{config}: lets in the machines {', '.join(machines)}; users: {', '.join(users) or '-'}\n"
+    save(config, router_config(listen, machines, users, certificate, key, out / AUTHORITY))
+    first, endpoint = machines[0], f"tls/{name}:{_ROUTER_PORT}"
+    made_text = f"{out}: a certificate of the router for {', '.join(hosts)}\n" if made else ""
+    return (
+        {"file": str(config), "hosts": hosts, "machines": machines, "users": users},
+        f"{made_text}{config}: lets in the machines {', '.join(machines)}; "
+        f"users: {', '.join(users) or '-'}\n\n"
+        f"Start the router with: zenohd -c {config}\n"
+        f"This belongs into [gateway] of '{first}', and likewise of all others:\n\n"
+        f'host = "{first}"\nconnect = ["{endpoint}"]\n\n'
+        f"Users connect with: ecatctl --connect {endpoint} --bus {first}/ecat0 --identity FILE ...",
     )
-    print(f"Start the router with: zenohd -c {config}")
-    print(f"This belongs into [gateway] of '{machines[0]}', and likewise of all others:\n\n{text}")
-    where = f"--connect tls/{name}:{_ROUTER_PORT} --bus {machines[0]}/ecat0"
-    print(f"Users connect with: ecatctl {where} --identity FILE ...")
+
+
+def _make_folder(folder: Path) -> None:
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
 
 
 def _pair(name: str) -> tuple[str, str]:
     return f"{name}.pem", f"{name}.key"
 
 
-def _check_new(files: Sequence[Path], remedy: str) -> None:
+def _check_new(files: Iterable[Path], remedy: str) -> None:
     for file in files:
         if file.exists():
             raise UsageError(f"{file} exists already, and nothing was made: {remedy}")
 
 
+def _checked(names: Sequence[str], rule: re.Pattern[str], remedy: str) -> list[str]:
+    for name in names:
+        if not rule.fullmatch(name):
+            raise UsageError(f"'{name}' is no {remedy}")
+    return list(names)
+
+
 def _hosts(given: Sequence[str], usual: Sequence[str]) -> list[str]:
-    for host in given:
-        if not _HOST.fullmatch(host):
-            raise UsageError(f"'{host}' is no name or address of a machine")
-    return list(dict.fromkeys([*given, *usual]))
+    return list(dict.fromkeys((*_checked(given, _HOST, "name or address of a machine"), *usual)))
 
 
-def _checked_host(name: str) -> str:
-    if not HOST_NAME.fullmatch(name):
-        raise UsageError(f"'{name}' is no name of a machine: it {HOST_NAME_RULE}")
-    return name
+def _machines(names: Sequence[str]) -> list[str]:
+    return _checked(names, HOST_NAME, f"name of a machine: it {HOST_NAME_RULE}")
 
 
-def _checked_user(name: str) -> str:
-    if not USER_NAME.fullmatch(name):
-        raise UsageError(f"'{name}' is no name of a user: {USER_NAME_RULE}")
-    return name
+def _users(names: Sequence[str]) -> list[str]:
+    return _checked(names, USER_NAME, f"name of a user: {USER_NAME_RULE}")
 
 
 # --- user ----------------------------------------------------------------------------------------
 
 
-def _user(options: argparse.Namespace) -> None:
-    name, folder = _checked_user(options.name), options.dir.resolve()
-    days = options.days or _USER_DAYS
-    out = options.out or Path(f"{name}.pem")
+def _user(options: argparse.Namespace) -> _Done:
+    (name,) = _users([options.name])
+    days, out = options.days or _USER_DAYS, options.out or Path(f"{name}.pem")
     if out.exists():
         raise UsageError(f"{out} exists already: give another -o FILE")
+    folder = options.dir.resolve()
     check_authority(folder)
     make_identity(folder, out, name, days)
     table = (
         f'[[gateway.user]]\nname = "{name}"\nwrite = []   # what it may change, as "sdo", "state"\n'
     )
-    if options.json:
-        print_json({"user": name, "file": str(out), "days": days, "configuration": table})
-        return
-    print(f"{out}: the identity of user '{name}', for {days} days\n")
-    print(f"This belongs into the configuration of the daemon:\n\n{table}")
-    print(f"Bring {out} to the user in a way that nobody else can read it: it is like a password.")
-    print(f"The user connects with: ecatctl --connect tls/HOST:7448 --identity {out} remote test")
+    return (
+        {"user": name, "file": str(out), "days": days, "configuration": table},
+        f"{out}: the identity of user '{name}', for {days} days\n\n"
+        f"This belongs into the configuration of the daemon:\n\n{table}\n"
+        f"Bring {out} to the user in a way that nobody else can read it: it is like a password.\n"
+        "The user connects with: "
+        f"ecatctl --connect tls/HOST:7448 --identity {out} remote test",
+    )
 
 
 # --- show, test ----------------------------------------------------------------------------------
 
 
-def _show(options: argparse.Namespace) -> None:
+def _show(options: argparse.Namespace) -> _Done:
     identity = read_identity(Path(options.name)) if options.name else find_identity(None)
     if identity is None:
         raise UsageError("there is no identity: give a FILE, --identity or $ECATD_IDENTITY")
     with tempfile.TemporaryDirectory() as scratch:
-        certificate, key, authority = (Path(scratch) / n for n in ("c.pem", "k.pem", "a.pem"))
+        certificate, key, authority = (Path(scratch, part) for part in "cka")
         certificate.write_text(identity.certificate)
         key.write_text(identity.key)
         authority.write_text(identity.authorities)
         try:
-            facts = _facts(certificate)
-            signer = _facts(authority)["sha256 fingerprint"]
-            fits = openssl("x509", "-in", certificate, "-noout", "-pubkey") == openssl(
-                "pkey", "-in", key, "-pubout"
-            )
-            valid = _runs("verify", "-CAfile", authority, certificate)
-            holds = _runs("x509", "-in", certificate, "-noout", "-checkend", "0")
+            facts, signer = _facts(certificate), _facts(authority)["sha256 fingerprint"]
+            of_certificate = openssl("x509", "-in", certificate, "-noout", "-pubkey")
+            fits = of_certificate == openssl("pkey", "-in", key, "-pubout")
         except StateError as error:
             raise UsageError(f"{identity.path}: {error}") from error
-    name = facts["subject"].partition("CN=")[2]
+        valid = _succeeds("verify", "-CAfile", authority, certificate)
+        holds = _succeeds("x509", "-in", certificate, "-noout", "-checkend", "0")
+    name, until = facts["subject"].partition("CN=")[2], facts["notafter"]
+    issuer = facts["issuer"].partition("CN=")[2]
     problems = [
         text
         for text, is_so in (
-            (f"it has expired, at {facts['notafter']}", not holds),
+            (f"it has expired, at {until}", not holds),
             (f"its certificate is of '{name}', not of '{identity.user}'", name != identity.user),
             ("its key does not belong to its certificate", not fits),
             ("its authority has not signed its certificate", holds and not valid),
         )
         if is_so
     ]
-    until, issuer = facts["notafter"], facts["issuer"].partition("CN=")[2]
-    if options.json:
-        document = {"file": str(identity.path), "user": name, "until": until, "issuer": issuer}
-        print_json({**document, "authority_sha256": signer, "problems": problems})
-    else:
-        print(f"{identity.path}: user '{name}', until {until}, signed by '{issuer}'")
-        print(f"authority {signer}")
-    if problems:
-        raise StateError(f"{identity.path} cannot be used: {'; '.join(problems)}")
+    document = {"file": str(identity.path), "user": name, "until": until, "issuer": issuer}
+    return (
+        {**document, "authority_sha256": signer, "problems": problems},
+        f"{identity.path}: user '{name}', until {until}, signed by '{issuer}'\nauthority {signer}",
+    )
 
 
 def _facts(certificate: Path) -> dict[str, str]:
@@ -316,7 +309,7 @@ def _facts(certificate: Path) -> dict[str, str]:
     return {line.partition("=")[0].lower(): line.partition("=")[2].strip() for line in lines}
 
 
-def _runs(*arguments: str | Path) -> bool:
+def _succeeds(*arguments: str | Path) -> bool:
     try:
         openssl(*arguments)
     except StateError:
@@ -324,27 +317,26 @@ def _runs(*arguments: str | Path) -> bool:
     return True
 
 
-def _test(options: argparse.Namespace) -> None:
+def _test(options: argparse.Namespace) -> _Done:
     from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
 
     with Remote(options.bus, options.connect, options.timeout) as session:
         info = session.request(ReadInfo())
         found = session.rights() if session.user else None
-    if options.json:
-        print_json({"bus": options.bus, "host": info["host"], "rights": found})
-        return
-    if found is None:
-        where = "as a member of the group 'ecat'" if options.connect is None else "without a name"
-        may = "reads and changes" if options.connect is None else "reads"
-        print(f"bus '{options.bus}' of {info['host']}: this connection {may}, {where}")
-        return
-    may = ", ".join(found["write"]) or "nothing"
-    slaves = f"slaves {', '.join(map(str, found['slaves']))}" if found["slaves"] else "all slaves"
-    print(
-        f"bus '{options.bus}' of {info['host']}: user '{found['user']}' reads everything but files "
-        f"of slaves and frames; further rights: {may}"
-        + (f", of {slaves}" if found["write"] else "")
-    )
+    text = f"bus '{options.bus}' of {info['host']}: "
+    if found is not None:
+        may = ", ".join(found["write"]) or "nothing"
+        slaves = ", ".join(map(str, found["slaves"]))
+        of = f", of {f'slaves {slaves}' if slaves else 'all slaves'}" if found["write"] else ""
+        text += (
+            f"user '{found['user']}' reads everything but files of slaves and frames; further "
+            f"rights: {may}{of}"
+        )
+    elif options.connect is None:
+        text += "this connection reads and changes, as a member of the group 'ecat'"
+    else:
+        text += "this connection reads, without a name"
+    return {"bus": options.bus, "host": info["host"], "rights": found}, text
 
 
 _RUN = {

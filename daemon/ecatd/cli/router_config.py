@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from ecatd.operations.zenoh_access import ASKING, READ, TELLING, rule
@@ -20,10 +21,9 @@ def router_config(
     listen: str,
     machines: Sequence[str],
     users: Sequence[str],
-    *,
-    certificate: str,
-    key: str,
-    authority: str,
+    certificate: Path,
+    key: Path,
+    authority: Path,
 ) -> str:
     """Returns the configuration, in JSON5.
 
@@ -69,9 +69,9 @@ def router_config(
         "transport": {
             "link": {
                 "tls": {
-                    "root_ca_certificate": authority,
-                    "listen_certificate": certificate,
-                    "listen_private_key": key,
+                    "root_ca_certificate": str(authority),
+                    "listen_certificate": str(certificate),
+                    "listen_private_key": str(key),
                     "enable_mtls": True,
                     "close_link_on_expiration": True,
                 }

@@ -12,43 +12,37 @@ from ecatd.base.log import Log
 
 from . import GatewayConfig
 
-_FILES = ("certificate", "key", "users_ca")
 _PERIOD_S = 2.0
 
 
 def wrong_certificates(config: GatewayConfig) -> str:
     """Returns what is wrong with the certificates and what to do; empty if nothing is wrong."""
-    for key in _FILES:
-        if (path := getattr(config, key)) and (problem := _unreadable(key, Path(path))):
-            return problem
-    if config.certificate:
-        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    for key, path in _paths(config):
         try:
-            context.load_cert_chain(config.certificate, config.key)
-        except (ssl.SSLError, OSError, ValueError) as error:
-            why = "do not belong together" if "MISMATCH" in str(error) else "are no PEM files"
+            path.read_bytes()
+        except FileNotFoundError:
+            return f"gateway.{key}: there is no file {path}; `ecatctl remote init` makes it"
+        except OSError as error:
             return (
-                f"gateway.certificate {config.certificate} and gateway.key {config.key} {why}: "
-                "`ecatctl remote init` makes such a pair"
+                f"gateway.{key}: the gateway cannot read {path}: {error.strerror}. As a service "
+                f"it has the user 'ecatd-gateway': sudo chgrp ecatd-gateway {path}; sudo chmod 640 "
+                f"{path}"
             )
-    if config.users_ca:
-        try:
-            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_verify_locations(config.users_ca)
-        except (ssl.SSLError, OSError, ValueError):
-            return f"gateway.users_ca {config.users_ca} has no certificate in PEM"
-    return ""
-
-
-def _unreadable(key: str, path: Path) -> str:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     try:
-        path.read_bytes()
-    except FileNotFoundError:
-        return f"gateway.{key}: there is no file {path}; `ecatctl remote init` makes it"
-    except OSError as error:
+        if config.certificate:
+            context.load_cert_chain(config.certificate, config.key)
+    except (ssl.SSLError, OSError, ValueError) as error:
+        why = "do not belong together" if "MISMATCH" in str(error) else "are no PEM files"
         return (
-            f"gateway.{key}: the gateway cannot read {path}: {error.strerror}. As a service it has "
-            f"the user 'ecatd-gateway': sudo chgrp ecatd-gateway {path}; sudo chmod 640 {path}"
+            f"gateway.certificate {config.certificate} and gateway.key {config.key} {why}: "
+            "`ecatctl remote init` makes such a pair"
         )
+    try:
+        if config.users_ca:
+            context.load_verify_locations(config.users_ca)
+    except (ssl.SSLError, OSError, ValueError):
+        return f"gateway.users_ca {config.users_ca} has no certificate in PEM"
     return ""
 
 
@@ -79,11 +73,15 @@ async def watch_certificates(
 
 
 def contents(config: GatewayConfig) -> list[bytes]:
-    """What is in the files of the certificates; empty for one that cannot be read."""
+    """What is in the files of the certificates, of those that can be read."""
     found = []
-    for key in _FILES:
-        found.append(b"")
-        if path := getattr(config, key):
-            with suppress(OSError):
-                found[-1] = Path(path).read_bytes()
+    for key, path in _paths(config):
+        with suppress(OSError):
+            found.append(key.encode() + path.read_bytes())
     return found
+
+
+def _paths(config: GatewayConfig) -> list[tuple[str, Path]]:
+    """The files of the certificates, by the keys that name them."""
+    keys = ("certificate", "key", "users_ca")
+    return [(key, Path(path)) for key in keys if (path := getattr(config, key))]
