@@ -7,16 +7,21 @@ import platform
 import socket
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from ecatd.admin.doctor.configuration import look_at_configuration, look_at_settings
 from ecatd.admin.doctor.findings import Finding, Level
 from ecatd.admin.doctor.interface import look_at
 from ecatd.admin.doctor.processors import look_at_processors
 from ecatd.admin.doctor.rights import look_at_rights, service_group
-from ecatd.admin.doctor.service import look_at_service, look_at_shared_memory, look_at_versions
+from ecatd.admin.doctor.service import look_at_service
 from ecatd.admin.doctor.settings import mend, undo
+from ecatd.admin.doctor.software import (
+    look_at_configuration,
+    look_at_settings,
+    look_at_shared_memory,
+    look_at_versions,
+)
 from ecatd.admin.doctor.wakeup import Wakeups, measure
 from ecatd.base.errors import EcatError, UsageError
 from ecatd.base.paths import MACHINE
@@ -30,7 +35,7 @@ from .output import print_json, table_lines
 from .saving import save
 from .source import Source
 
-_QUANTILES = (0.5, 0.99, 0.9999)
+_QUANTILES = {"median": 0.5, "p99": 0.99, "p9999": 0.9999}
 _WINDOW_S = 2.0
 
 
@@ -208,7 +213,7 @@ def _count(number: int, what: str) -> str:
 
 def _row(wakeups: Wakeups) -> list[str]:
     late = wakeups.late
-    times = [late.quantile(q) for q in _QUANTILES] + [late.max_ns]
+    times = [late.quantile(q) for q in _QUANTILES.values()] + [late.max_ns]
     return [
         "  busy" if wakeups.load else "  idle",
         "yes" if wakeups.real_time else "no",
@@ -218,33 +223,29 @@ def _row(wakeups: Wakeups) -> list[str]:
 
 
 def _document(report: _Report) -> dict[str, object]:
+    findings = []
+    for item in report.findings:
+        row = asdict(item)
+        change = row.pop("change")
+        findings.append({**row, "fixable": change is not None})
+    wakeups = []
+    for measured in report.wakeups:
+        late = measured.late
+        times = {name: late.quantile(q) for name, q in _QUANTILES.items()}
+        wakeups.append(
+            {
+                "load": measured.load,
+                "real_time": measured.real_time,
+                "samples": late.count,
+                **{f"{name}_ns": ns for name, ns in times.items()},
+                "max_ns": late.max_ns,
+            }
+        )
     return {
         "problems": report.problems,
-        "findings": [
-            {
-                "area": item.area,
-                "name": item.name,
-                "level": item.level.value,
-                "text": item.text,
-                "remedy": item.remedy,
-                "cost": item.cost,
-                "fixable": item.change is not None,
-            }
-            for item in report.findings
-        ],
+        "findings": findings,
         "changes": report.done,
-        "wakeups": [
-            {
-                "load": item.load,
-                "real_time": item.real_time,
-                "samples": item.late.count,
-                "median_ns": item.late.quantile(0.5),
-                "p99_ns": item.late.quantile(0.99),
-                "p9999_ns": item.late.quantile(0.9999),
-                "max_ns": item.late.max_ns,
-            }
-            for item in report.wakeups
-        ],
+        "wakeups": wakeups,
     }
 
 

@@ -8,8 +8,7 @@ from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
 from ecatd.admin.installation.actions import Action
-from ecatd.admin.installation.buses import configured, enabled, is_masked, outdated, unit
-from ecatd.admin.installation.places import CONFIGURATION, Place, here
+from ecatd.admin.installation.places import CONFIGURATION, Place, here, unit
 from ecatd.admin.installation.removal import uninstall
 from ecatd.admin.installation.service import install, upgrade
 from ecatd.base.errors import UsageError
@@ -70,7 +69,7 @@ def service(options: argparse.Namespace) -> None:
     if options.purge and options.action != "uninstall":
         raise UsageError(f"--purge is for uninstall, not for {options.action}")
     place = here(root)
-    before = enabled(place)
+    before = place.enabled()
     if options.action == "install":
         actions = list(install(place, options.bus, options.interface))
     elif options.action == "upgrade":
@@ -116,7 +115,7 @@ def _next(place: Place, options: argparse.Namespace, before: set[str]) -> Iterat
     if options.action == "install":
         yield from _after_installation(place, options.bus)
     elif options.action == "upgrade":
-        for name in outdated(place):
+        for name in place.outdated():
             yield (
                 f"{name} still runs the previous version: run `systemctl restart {name}` when the "
                 "machine may stop"
@@ -148,8 +147,8 @@ def _after_installation(place: Place, bus: str) -> Iterator[str]:
     program = PurePosixPath(place.programs / "ecatd")
     if not place.is_here and not place.at(program).exists():
         yield f"install ecatd in {place.root} as {program}, where the links lead"
-    for name in map(unit, sorted({bus, *configured(place)})):
-        if name not in enabled(place) and not is_masked(place, name):
+    for name in map(unit, sorted({bus, *place.configured()})):
+        if name not in place.enabled() and not place.is_masked(name):
             yield f"`{systemctl} enable {name}` has it start with the machine"
     where = "" if place.is_here else f"when the machine of {place.root} runs: "
     yield f"{where}`systemctl start {unit(bus)}`; `{ctl} check` says whether the bus is well"

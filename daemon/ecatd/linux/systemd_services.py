@@ -14,7 +14,6 @@ from ecatd.base.version import VERSION
 
 _ASK_S = 5
 """Seconds that systemd has for an answer."""
-_ON_THE_WAY = ("activating", "reloading", "deactivating")
 _PROPERTIES = ("Id", "LoadState", "ActiveState")
 
 
@@ -40,6 +39,25 @@ class _Unit(NamedTuple):
     @property
     def is_there(self) -> bool:
         return self.load != "not-found"
+
+    @property
+    def is_on_the_way(self) -> bool:
+        return self.active in ("activating", "reloading", "deactivating")
+
+    def advice(self) -> Advice:
+        """Why it does not run."""
+        start = f"'systemctl start {self.name}'"
+        if self.load == "masked":
+            remedy = f"'systemctl unmask {self.name}', then {start}"
+            return Advice(f"service {self.name} is masked", remedy)
+        if self.is_on_the_way:
+            return Advice(
+                f"service {self.name} is {self.active}", f"'systemctl status {self.name}'"
+            )
+        if self.active == "failed":
+            remedy = f"'journalctl -u {self.name} -n 20' says why"
+            return Advice(f"service {self.name} has failed", remedy)
+        return Advice(f"service {self.name} does not run", start)
 
 
 def service(bus: str) -> str:
@@ -70,38 +88,25 @@ def why_not_running(bus: str) -> Advice | None:
     from ecatd.base.failure_record import find_record  # seldom needed: only if a bus does not run
 
     unit, _ = _units(bus)
-    name = unit.name if unit.is_there else service(bus)
-    log = f"'journalctl -u {name} -n 20' says why"
-    record = None
-    if not unit.is_there or unit.active in _ON_THE_WAY:
-        record = find_record(bus)
-    if record is not None:
-        remedy = f"remove the cause; 'systemctl restart {name}' tries at once"
-        return Advice(str(record), remedy)
-    if unit.load == "masked":
-        return Advice(f"service {name} is masked", f"'systemctl unmask {name}', then start it")
-    if unit.active in _ON_THE_WAY:
-        return Advice(f"service {name} is {unit.active}", f"'systemctl status {name}'")
-    if unit.active == "failed":
-        return Advice(f"service {name} has failed", log)
-    if unit.is_there and not (MACHINE / f"{bus}.toml").exists():
+    if not unit.is_there or unit.is_on_the_way:
+        name = unit.name if unit.is_there else service(bus)
+        if (record := find_record(bus)) is not None:
+            remedy = f"remove the cause; 'systemctl restart {name}' tries at once"
+            return Advice(str(record), remedy)
+    if not unit.is_there:
+        return None
+    may_start = unit.load != "masked" and unit.active == "inactive"
+    if may_start and not (MACHINE / f"{bus}.toml").exists():
         remedy = f"'ecatctl --bus {bus} service install --interface IF' writes one"
-        return Advice(f"service {name} has no configuration", remedy)
-    if unit.is_there:
-        return Advice(f"service {name} does not run", f"'systemctl start {name}'")
-    return None
+        return Advice(f"service {unit.name} has no configuration", remedy)
+    return unit.advice()
 
 
 def why_no_gateway(bus: str) -> Advice | None:
     """Returns why a running bus has no gateway; None if the gateway starts by itself."""
     of_bus, unit = _units(bus)
-    if of_bus.active != "active" or not unit.is_there or unit.active in ("active", *_ON_THE_WAY):
-        return None
-    name = unit.name
-    if unit.load == "masked":
-        remedy = f"'systemctl unmask {name}', then 'systemctl start {name}'"
-        return Advice(f"service {name} is masked", remedy)
-    return Advice(f"service {name} does not run", f"'systemctl start {name}'")
+    runs = unit.active == "active" or unit.is_on_the_way
+    return None if of_bus.active != "active" or not unit.is_there or runs else unit.advice()
 
 
 def other_version(bus: str, running: str) -> Advice | None:

@@ -1,17 +1,13 @@
-"""Checks what runs: a bus and its gateway, their versions, and shared memory."""
+"""Checks whether a bus and its gateway run."""
 
 from __future__ import annotations
 
 import grp
-import os
 import pwd
 from collections.abc import Iterator
-from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
 
 from ecatd.base.errors import EcatError, NotPermittedError, UnreachableError
-from ecatd.base.paths import control_socket, search_dirs, takes_connections
-from ecatd.base.version import VERSION
+from ecatd.base.paths import takes_connections
 from ecatd.linux.systemd_services import (
     gateway,
     how_to_start,
@@ -20,15 +16,11 @@ from ecatd.linux.systemd_services import (
     why_no_gateway,
     why_not_running,
 )
-from ecatd.shm.files import MEMORY, folders, problem
 from ecatd.shm.statistics import read
 
 from .findings import Area, Finding
 
 _AREA = Area("service")
-_PACKAGES = ("pysoem", "eclipse-zenoh", "msgpack", "jinja2")
-_ROOM_MIB = 64
-_OWNER = "start ecatd as root, or its service: it puts the directory right, or says what hinders it"
 
 
 def look_at_service(bus: str) -> Iterator[Finding]:
@@ -82,40 +74,3 @@ def _accounts() -> Iterator[Finding]:
         yield _AREA.problem("users and groups", text, "`systemd-sysusers` as root makes them")
     elif there:
         yield _AREA.ok("users and groups", "they exist")
-
-
-def look_at_shared_memory() -> Iterator[Finding]:
-    """Checks free room and leftovers in /dev/shm."""
-    area = Area("shared memory")
-    state = os.statvfs(MEMORY)
-    free = state.f_bavail * state.f_frsize >> 20
-    text = f"{free} MiB free in {MEMORY}"
-    if free < _ROOM_MIB:
-        remedy = f"remove what fills it: `du -a {MEMORY}`"
-        yield area.problem("room", text, remedy)
-    else:
-        yield area.ok("room", text)
-    for text in filter(None, map(problem, folders())):
-        yield area.problem("owner", text, _OWNER)
-    for file in sorted(file for folder in folders() for file in folder.glob("*.out")):
-        bus = file.stem
-        if not any(os.path.exists(control_socket(folder, bus)) for folder in search_dirs()):  # noqa: PTH110
-            text = f"{file} is left over from bus '{bus}', whose ecatd was killed"
-            remedy = "the next start of the bus replaces it; or remove it"
-            yield area.hint("left over", text, remedy)
-
-
-def look_at_versions(bus: str) -> Iterator[Finding]:
-    """Checks the versions of ecatd, of the packages that it needs, and of the running daemon."""
-    area = Area("versions")
-    found = [f"ecatd {VERSION}"]
-    for name in _PACKAGES:
-        try:
-            found.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            remedy = "install ecatd again with pip"
-            yield area.problem(name, "it is not installed", remedy)
-    yield area.ok("installed", ", ".join(found))
-    with suppress(EcatError):
-        if advice := other_version(bus, read(bus).version):
-            yield area.hint("running", advice.text, advice.remedy)

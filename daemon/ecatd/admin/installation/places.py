@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import sysconfig
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
+
+from ecatd.base.bus_name import BUS_NAME
+from ecatd.linux.systemd_services import service
 
 from .actions import Action
 
@@ -57,6 +61,7 @@ _FILES = {
 name in a place that ends with a slash."""
 _PROGRAM = b"/usr/local/bin/ecatd"
 """The path of ecatd in the units of the repository."""
+_OF_BUSES = re.compile(r"ecatd(@.+)?\.service")
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +108,42 @@ class Place:
     def is_running(self) -> bool:
         """Whether systemd runs there, so that it can read new units."""
         return self.is_here and Path("/run/systemd/system").is_dir()
+
+    def configured(self) -> list[str]:
+        """The buses that have a configuration."""
+        names = (file.stem for file in self.at(CONFIGURATION).glob("*.toml"))
+        return sorted(name for name in names if BUS_NAME.fullmatch(name))
+
+    def autostart_links(self) -> list[Path]:
+        """The links by which systemd starts services of buses with the machine."""
+        return sorted(
+            link
+            for link in self.at(ADMINISTRATION).glob("*.*/ecatd*.service")
+            if link.parent.suffix in (".wants", ".requires") and _OF_BUSES.fullmatch(link.name)
+        )
+
+    def enabled(self) -> set[str]:
+        """The services of buses that start with the machine."""
+        names = {link.name for link in self.autostart_links()}
+        return {"ecatd.service" if name == "ecatd@ecat0.service" else name for name in names}
+
+    def is_masked(self, name: str) -> bool:
+        """Whether the administrator has forbidden a service to start."""
+        link = self.at(ADMINISTRATION / name)
+        return link.is_symlink() and link.readlink() == Path("/dev/null")
+
+    def outdated(self) -> Iterator[str]:
+        """The running services that were started before the program or their units were written."""
+        units = self.at(LOCAL["units"]).glob("ecatd*.service")
+        changed = max([Path(__file__).stat().st_ctime, *(file.stat().st_mtime for file in units)])
+        for socket in sorted(self.at(SOCKETS).glob("*/control")):
+            if socket.stat().st_mtime < changed:
+                yield unit(socket.parent.name)
+
+
+def unit(bus: str) -> str:
+    """The service of a bus."""
+    return f"{service(bus)}.service"
 
 
 def here(root: Path) -> Place:

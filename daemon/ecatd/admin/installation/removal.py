@@ -12,7 +12,6 @@ from ecatd.base.errors import StateError
 from ecatd.base.paths import DOCTOR_CHANGES
 
 from .actions import Action, remove, remove_empty, run
-from .buses import autostart_links, is_masked
 from .files import read_record, remove_or_keep, take_away
 from .places import (
     ADMINISTRATION,
@@ -60,7 +59,7 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Action]:
     if place.is_running:
         stop = "the drives are stopped, and the slaves go to INIT"
         yield run("systemctl", "stop", "ecatd.service", "ecatd@*.service", why=stop, may_fail=True)
-    for link in autostart_links(place):
+    for link in place.autostart_links():
         why = f"{link.name} no longer starts with the machine"
         yield place.action("remove", link, why, partial(remove, link))
     yield from take_away(place, files(LOCAL, place.programs / "ecatd"), purge=purge)
@@ -92,7 +91,7 @@ def _remove_settings(place: Place, *, purge: bool) -> Iterator[Action]:
                 continue
             if item.name.endswith(".d"):
                 yield from _remove_left(place, item, "your settings of the unit", purge=purge)
-            elif is_masked(place, item.name):
+            elif place.is_masked(item.name):
                 yield remove_or_keep(place, item, "the unit is masked", purge=purge)
             else:
                 yield place.action("keep", item, "a unit of yours: remove it yourself")

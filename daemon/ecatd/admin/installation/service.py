@@ -16,9 +16,8 @@ from ecatd.base.errors import EcatError, StateError, UsageError
 from ecatd.config import load_config
 
 from .actions import Action, run, write
-from .buses import is_masked, unit
 from .files import LIST, put
-from .places import CONFIGURATION, LOCAL, PROGRAMS, Place, example, files
+from .places import CONFIGURATION, LOCAL, PROGRAMS, Place, example, files, unit
 
 _BIN = PurePosixPath("/usr/local/bin")
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
@@ -51,7 +50,7 @@ def install(place: Place, bus: str, interface: str | None) -> Iterator[Action]:
     yield from _configure(place, bus, interface)
     yield from tell_system(place)
     yield from _release(place, bus, interface)
-    if is_masked(place, unit(bus)):
+    if place.is_masked(unit(bus)):
         why = f"it is masked: `systemctl unmask {unit(bus)}`, then install again"
         yield Action("skip", f"systemctl enable {unit(bus)}", why)
     elif place.is_running:
