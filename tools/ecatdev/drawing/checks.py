@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from itertools import combinations, pairwise
 
-from .geometry import Box, Point, box_of
+from .geometry import Box, Point, around, box_of
 from .scene import ConnectLine, Part, Scene
 from .shapes import Label, Shape
 
@@ -83,7 +83,7 @@ def _whole(part: Part) -> Box:
     """Returns the box around a component with its connectors and texts."""
     boxes = [part.box, *(inner.box for inner in part.parts.values())]
     boxes += [item.box for item in part.items if isinstance(item, Label)]
-    return box_of(Point(x, y) for box in boxes for x, y in ((box.x1, box.y1), (box.x2, box.y2)))
+    return around(boxes)
 
 
 def _lines_cross(scene: Scene) -> Iterator[str]:

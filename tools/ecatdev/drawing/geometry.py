@@ -57,6 +57,11 @@ def box_of(points: Iterable[Point]) -> Box:
     return Box(min(xs), min(ys), max(xs), max(ys))
 
 
+def around(boxes: Iterable[Box]) -> Box:
+    """Returns the smallest box around boxes."""
+    return box_of(point for box in boxes for point in corners(box))
+
+
 class Transform(NamedTuple):
     """The transformation x' = a*x + c*y + e, y' = b*x + d*y + f."""
 

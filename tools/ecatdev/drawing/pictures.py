@@ -12,7 +12,7 @@ from ecatgen.render import render
 
 from .. import checks, sample_buses
 from ..files import write_files
-from .geometry import Box, Point, box_of
+from .geometry import around, box_of
 from .library import Libraries
 from .scene import Scene, diagram
 from .shapes import Label
@@ -82,8 +82,7 @@ def draw_diagram(scene: Scene) -> str:
     boxes = [part.box for part in scene.parts.values()]
     items = [item for part in scene.parts.values() for item in part.items]
     boxes += [item.box for item in [*scene.items, *items] if isinstance(item, Label)]
-    points = [Point(x, y) for b in boxes for x, y in ((b.x1, b.y1), (b.x2, b.y2))]
-    points += [p for line in scene.lines for p in line.points]
-    svg = Svg(Box(*box_of(points)).grown(_MARGIN), f"{scene.path}: {scene.description}")
+    boxes += [box_of(line.points) for line in scene.lines if line.points]
+    svg = Svg(around(boxes).grown(_MARGIN), f"{scene.path}: {scene.description}")
     svg.scene(scene)
     return svg.write()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from .geometry import Box, Point, Transform, box_of
+from .geometry import Box, Point, Transform, around
 from .library import Libraries
 from .scene import Scene, drag_scale, icon
 from .shapes import Color, Item, Label
@@ -70,9 +70,8 @@ def _tiles(libraries: Libraries, library: str) -> Iterator[_Tile]:
             boxes = [scene.box, *(part.box for part in scene.parts.values())]
             boxes += [item.box for item in scene.items if isinstance(item, Label)]
             caption = _caption(path, scene.box.centre)
-            points = [Point(x, y) for b in boxes for x, y in ((b.x1, b.y1), (b.x2, b.y2))]
-            points += [Point(caption.box.x1, 0), Point(caption.box.x2, 0)]
-            yield _Tile(path, scale, box_of(points), package if path == paths[0] else "")
+            boxes.append(Box(caption.box.x1, 0, caption.box.x2, 0))
+            yield _Tile(path, scale, around(boxes), package if path == paths[0] else "")
 
 
 def _rows(tiles: Iterable[_Tile]) -> Iterator[list[tuple[float, _Tile]]]:

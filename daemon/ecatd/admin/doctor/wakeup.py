@@ -53,22 +53,17 @@ def measure(seconds: float, priority: int, cpu: int | None, *, load: bool) -> Wa
     Raises:
         StateError: The measurement cannot be made.
     """
-    command = [sys.executable, "-m", __name__, str(_PERIOD_NS)]
-    command += [
-        str(round(seconds * 1e9 / _PERIOD_NS)),
-        str(priority),
-        str(-1 if cpu is None else cpu),
-    ]
+    count = round(seconds * 1e9 / _PERIOD_NS)
+    numbers = (_PERIOD_NS, count, priority, -1 if cpu is None else cpu)
+    command = [sys.executable, "-m", __name__, *map(str, numbers)]
     with _busy(load):
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
         raise StateError(f"the wake-up test failed: {last}")
     document = json.loads(done.stdout)
-    late = Histogram(
-        tuple(document["buckets"]), document["sum_ns"], document["min_ns"], document["max_ns"]
-    )
-    return Wakeups(load, document["real_time"], late)
+    buckets = tuple(document.pop("buckets"))
+    return Wakeups(load, document.pop("real_time"), Histogram(buckets, **document))
 
 
 @contextlib.contextmanager

@@ -134,7 +134,7 @@ class Place:
 
     def outdated(self) -> Iterator[str]:
         """The running services that were started before the program or their units were written."""
-        units = self.at(LOCAL["units"]).glob("ecatd*.service")
+        units = filter(Path.is_file, self.at(LOCAL["units"]).glob("ecatd*.service"))
         changed = max([Path(__file__).stat().st_ctime, *(file.stat().st_mtime for file in units)])
         for socket in sorted(self.at(SOCKETS).glob("*/control")):
             if socket.stat().st_mtime < changed:
