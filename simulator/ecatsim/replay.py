@@ -154,7 +154,7 @@ class Replay:
                     device.dictionary.mapped(*track.key).value = value
             return give()
 
-        vars(device)["give"] = recorded
+        vars(device).update(give=recorded, rests=lambda: False)
 
     def _row(self) -> int:
         """Returns the number of the row for the present time."""

@@ -79,6 +79,7 @@ class Simulation:
         self.segment = Segment()
         self.lock = threading.RLock()
         self.after_step: list[Callable[[], None]] = []
+        self._outputs = b""  # of all slaves, at the last step
         self._trace_file: IO[str] | None = None
         self._places = [_Place(device) for device in rig.devices]
         wiring = rig.wiring()
@@ -150,13 +151,16 @@ class Simulation:
         now_ns = time.monotonic_ns()
         now = now_ns / 1e9
         self.segment.get_outputs(now_ns)
+        outputs = bytes(self.segment.outputs)
+        same, self._outputs = outputs == self._outputs, outputs
         powered = [(d, p) for d, p in zip(self.rig.devices, self._places, strict=True) if p.on]
         for device, _ in powered:
-            device.take_outputs()
+            if not (same and device.sleeps):
+                device.take_outputs()
         for plant in self.rig.plants:
             plant(now)
         for device, place in powered:
-            if now >= place.due:
+            if now >= place.due and not device.sleeps:
                 device.run(now)
                 place.due = max(place.due + device.period, now - device.period)
         self.segment.put_inputs()

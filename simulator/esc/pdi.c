@@ -64,10 +64,13 @@ int esc_wait(struct esc_segment *segment, int64_t timeout_ns, struct esc_event *
     int64_t wait_ns = run_syncs(segment, timeout_ns);
     struct timespec timeout = {wait_ns / 1000000000, wait_ns % 1000000000};
     uint64_t signals;
-    if (ppoll(&notify, 1, wait_ns < 0 ? NULL : &timeout, NULL) < 0)
+    int ready = ppoll(&notify, 1, wait_ns < 0 ? NULL : &timeout, NULL);
+    if (ready < 0)
         return -errno;
     if (wait_ns != timeout_ns)
         run_syncs(segment, 0);
+    else if (ready == 0)
+        return 0;
     if (read(segment->notify, &signals, sizeof signals) < 0)
         return 0;
     int count = 0;

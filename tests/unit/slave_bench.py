@@ -46,7 +46,8 @@ class Bench:
             self.segment.get_outputs(round(self.now * 1e9))
             for device in self.devices:
                 device.take_outputs()
-                device.run(self.now)
+                if not device.sleeps:
+                    device.run(self.now)
             self.segment.put_inputs()
             self.pump()
         return self

@@ -132,6 +132,7 @@ class Drive(Device):
     def break_encoder(self, broken: bool = True) -> None:
         """Breaks the encoder cable, so that position and speed are unknown, or repairs it."""
         self._encoder_broken = broken
+        self.wake()
 
     def _watch(self, elapsed: float) -> None:
         """Checks for the causes of faults."""
@@ -174,6 +175,12 @@ class Drive(Device):
         self.motor.step(now)
         self._watch(elapsed)
         self._report(operation, word, elapsed)
+        if self.motor.rests:
+            self._time = None  # it does not count how long it rests
+
+    def rests(self) -> bool:
+        """Whether the motor is off and stands. A plant that moves it then calls `wake`."""
+        return self.motor.rests and not self.power.stopping
 
     def outputs_stopped(self) -> None:
         """Treats the control word as 0, which switches the power stage off."""

@@ -111,6 +111,10 @@ class DescribedDevice(Device):
         for output, entry in self.loops:
             entry.value = output.value
 
+    def rests(self) -> bool:
+        """Always: an input follows its output, whenever that is."""
+        return True
+
 
 class _Reader:
     """Reads one device."""

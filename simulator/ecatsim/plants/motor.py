@@ -107,17 +107,23 @@ class Motor:
 
     def step(self, now: float) -> None:
         """Simulates up to `now` (seconds); after a long pause, only the last 0.1 s."""
+        if self.rests:
+            self._time = None
+            self.measured_current = 0.0
+            return
         if self._time is None or now - self._time > _MAX_CATCH_UP:
             self._time = now - _STEP if self._time is None else now - _MAX_CATCH_UP
         while self._time + _STEP <= now:
             self._time += _STEP
-            if not self._rests:
-                self._substep()
+            self._substep()
         self.measured_current = self.current + self._noise.gauss(0.0, self.data.current_noise)
 
     @property
-    def _rests(self) -> bool:
-        """Whether a step would change nothing."""
+    def rests(self) -> bool:
+        """Whether it is switched off and stands, so that a step changes nothing.
+
+        Its drive then measures no current, as the power stage is off.
+        """
         return self._was_off and self.control is Control.OFF and self.speed == 0.0
 
     def _substep(self) -> None:

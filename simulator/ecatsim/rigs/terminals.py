@@ -20,10 +20,13 @@ class _Outputs(EL2008):
     """Keeps the outputs as bytes: single bits in a dictionary would cost time."""
 
     data = bytes(1)
+    follower: Device | None = None
 
     def receive(self, data: bytes) -> None:
         """Keeps the outputs."""
         self.data = data
+        if self.follower:
+            self.follower.wake()
 
 
 class _Inputs(EL1018):
@@ -32,10 +35,15 @@ class _Inputs(EL1018):
     def __init__(self, source: _Outputs) -> None:
         super().__init__()
         self._source = source
+        source.follower = self
 
     def give(self) -> bytes:
         """Returns the outputs of the other terminal."""
         return self._source.data
+
+    def rests(self) -> bool:
+        """Always: the other terminal wakes it."""
+        return True
 
 
 def rig(count: int) -> Rig:

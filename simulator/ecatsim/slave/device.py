@@ -44,6 +44,7 @@ _EVENT_MASK = 0x0204  # register: the events that interrupt the device
 _EVENTS, _SYNC0_EVENT = 0x00FFFF03, 0x00000004  # without SYNC0 and SYNC1: too frequent
 _OF_EMERGENCY = 0xE800  # diagnosis code with the error code of an emergency
 _TIMEOUT = 1.0  # seconds that a change to OP waits for the master
+_AWAKE, _WOKEN = -1, -2  # instead of a number of changes: it makes steps; and has not made one yet
 
 
 class Device(DeviceType):
@@ -58,6 +59,17 @@ class Device(DeviceType):
         history: The diagnosis history, or None.
         remarks: What the file that describes it has wrong, and how it is simulated all the same.
     """
+
+    _tells_rest = True
+    """Whether `rests` speaks for `step` and `give`: it is as near in the order of classes."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        depth = {
+            name: next(number for number, each in enumerate(cls.__mro__) if name in vars(each))
+            for name in ("rests", "step", "give")
+        }
+        cls._tells_rest = depth["rests"] <= min(depth["step"], depth["give"])
 
     def __init__(self) -> None:
         # Class attributes describe a type; each device may change its own copies.
@@ -80,6 +92,7 @@ class Device(DeviceType):
         self._deadline = 0.0
         self._requested_at: float | None = None  # a request for a state waits for `state_delay`
         self._next_step = 0.0
+        self._asleep_since = _WOKEN
         self._last_outputs = b""
         self._slots: ModuleSlots | None = None
         self._sync = Synchronization(self.dc_modes, self.minimum_cycle_ns)
@@ -116,9 +129,20 @@ class Device(DeviceType):
     def step(self, now: float) -> None:
         """Computes the inputs from the outputs; called every `period` seconds (or `idle_period`).
 
+        A device that rests is not called, see `rests`.
+
         Args:
             now: CLOCK_MONOTONIC in seconds.
         """
+
+    def rests(self) -> bool:
+        """Whether `step` and `give` go by outputs, objects and state only, and not by time, now.
+
+        Then a step is made when one of them has changed, and again until a step changes no object.
+        This speaks for the `step` and the `give` of this class and of the classes above it: a
+        subclass with others, and without a `rests` of its own, makes each step.
+        """
+        return True
 
     def check(self, old: AlState, new: AlState) -> None:
         """Makes the device's own checks before a change to a higher state.
@@ -201,6 +225,7 @@ class Device(DeviceType):
         if self.history and code:
             self.history.add(_OF_EMERGENCY | code << 16, Kind.ERROR)
         if self._services:
+            self.wake()
             self._services.emergency(body)
 
     def reset(self) -> None:
@@ -240,6 +265,7 @@ class Device(DeviceType):
     def mailbox_fault(self, fault: MailboxFault) -> None:
         if self._services is None:
             raise UsageError(f"slave {self.position} ({self.order}) has no mailbox to disturb")
+        self.wake()
         self._services.server.fault = fault
 
     def __getitem__(self, key: tuple[int, int]) -> int:
@@ -324,6 +350,15 @@ class Device(DeviceType):
             self._services.attach(None, self.position)
         self.reset()
 
+    @property
+    def sleeps(self) -> bool:
+        """Whether the device rests and nothing has changed since: `run` would change nothing."""
+        return self._asleep_since == self.dictionary.changes
+
+    def wake(self) -> None:
+        """Ends its rest: something has changed that is no object."""
+        self._asleep_since = _WOKEN
+
     def handle(self, event: Event, now: float) -> None:
         """Handles events that the master has caused.
 
@@ -331,6 +366,7 @@ class Device(DeviceType):
             event: The events.
             now: CLOCK_MONOTONIC in seconds.
         """
+        self.wake()
         if event & Event.RESET:
             self.reset()
         if event & Event.AL_CONTROL:
@@ -343,6 +379,7 @@ class Device(DeviceType):
             if not self._awaited:
                 self.machine.finish()
         if self._services:
+            self._set_mailbox()
             self._services.handle(event, now)
 
     def _take_request(self, now: float) -> None:
@@ -364,15 +401,17 @@ class Device(DeviceType):
             at = self._process_data.at[0]
             data = bytes(self._segment.outputs[at : at + size])
             if data != self._last_outputs:
+                self._asleep_since = _WOKEN
                 self._last_outputs = data
                 self.receive(data)
 
     def run(self, now: float) -> None:
-        """Makes one step and writes the inputs to the segment.
+        """Makes one step and writes the inputs to the segment; needless while it sleeps.
 
         Args:
             now: CLOCK_MONOTONIC in seconds.
         """
+        asleep_since = self._asleep_since
         self._take_request(now)
         if self.machine.pending is not None and now > self._deadline:
             outputs = self._awaited & Event.OUTPUTS
@@ -381,16 +420,37 @@ class Device(DeviceType):
         if self._sync.is_watched and in_op and self._sync.is_lost(self._read):
             self.fail(AlCode.SYNC_STOPPED)
         if self._services:
-            self._services.server.delay = self.answer_delay
-            self._services.server.fixed_counter = self.mail_counter
+            self._set_mailbox()
             self._services.run(now)
+        self._asleep_since = changes = _AWAKE
         if self.machine.state >= AlState.SAFEOP or now >= self._next_step:
+            changes = self.dictionary.changes
             self.step(now)
             self._next_step = now + self.idle_period
         size = self._process_data.inputs.size
         if size and self.machine.state >= AlState.SAFEOP:
             at = self._process_data.at[1]
             self._segment.inputs[at : at + size] = self._given(size)
+        # Whoever has just been woken will probably be so again: the next step shows.
+        if asleep_since != _WOKEN and changes == self.dictionary.changes and self._has_rest():
+            self._asleep_since = changes
+
+    def _has_rest(self) -> bool:
+        """Whether the device has nothing to do at a later time."""
+        machine = self.machine
+        return (
+            self._tells_rest
+            and self.rests()
+            and self._requested_at is None
+            and machine.pending is None
+            and not (self._sync.is_watched and machine.state == AlState.OP)
+            and (self._services is None or self._services.rests)
+        )
+
+    def _set_mailbox(self) -> None:
+        assert self._services is not None
+        self._services.server.delay = self.answer_delay
+        self._services.server.fixed_counter = self.mail_counter
 
     def _given(self, size: int) -> bytes:
         """The inputs, after a check: `give` may be that of a user's file.
@@ -411,6 +471,7 @@ class Device(DeviceType):
         return int.from_bytes(self._segment.read(self.position, register, size), "little")
 
     def _publish(self, status: int, code: int) -> None:
+        self.wake()
         if self._on_bus:
             self._on_bus.set_al_status(self.position, status, code)
 

@@ -23,7 +23,13 @@ _UNSPECIFIED, _UNSUPPORTED_TYPE = 0x0001, 0x0002
 
 
 class EthernetHost(Interface):
-    """What is behind the EoE of a device."""
+    """What is behind the EoE of a device.
+
+    Attributes:
+        sends_unasked: Whether `poll` may return frames.
+    """
+
+    sends_unasked: bool
 
     def set_ip(self, parameters: IpParameters) -> None:
         """Takes other IP parameters."""

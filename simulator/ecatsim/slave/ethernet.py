@@ -30,6 +30,8 @@ class TapHost:
         name: Name of the interface.
     """
 
+    sends_unasked = True
+
     def __init__(self, name: str) -> None:
         self.ip = IpParameters()
         self._name = name
@@ -70,6 +72,8 @@ class TapHost:
 
 class EchoHost:
     """Answers ARP, ping and echo at its IP address."""
+
+    sends_unasked = False
 
     def __init__(self) -> None:
         self.ip = IpParameters()

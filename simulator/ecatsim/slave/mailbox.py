@@ -136,6 +136,11 @@ class MailboxServer:
         return self.fault.mode != MailboxMode.FULL and len(self._queue) < _MAX_WAITING
 
     @property
+    def rests(self) -> bool:
+        """Whether `tick` would do nothing, and nothing that is sent next waits for a time."""
+        return not self._queue and self.fault.mode == MailboxMode.NONE and not self.delay
+
+    @property
     def has_room(self) -> bool:
         """Whether there is room for messages that nobody has asked for."""
         return len(self._queue) < _MAX_WAITING // 4

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from math import copysign
 
 from ecatd.base.errors import ConfigError
 from ecatd.etg import abort_codes
@@ -15,6 +16,15 @@ from ecatd.etg.dictionary import ObjectCode as ObjectCode
 from ecatd.etg.wire_text import decode_text, encode_text
 
 Value = int | float | str | bytes
+
+_set = object.__setattr__
+
+
+def _differ(new: object, old: object) -> bool:
+    """Whether two values have different bytes; 0.0 and -0.0 have."""
+    if new != old:
+        return True
+    return new.__class__ is float and not new and copysign(1, new) != copysign(1, old)  # type: ignore[arg-type]
 
 
 @dataclass(slots=True)
@@ -38,8 +48,10 @@ class Variable:
         on_write: Called with a value that a master writes by SDO, before it is stored. It may raise
             `SdoAbortError` to refuse the value.
         zero_keeps: Whether a 0 in the process data leaves the value unchanged.
+        owner: The dictionary that counts its changes, or None.
     """
 
+    owner: Dictionary | None = field(default=None, init=False, repr=False, compare=False)
     index: int
     subindex: int
     name: str
@@ -59,6 +71,11 @@ class Variable:
     def __post_init__(self) -> None:
         if not self.bits:
             self.bits = bit_length(self.type) or 8 * len(self.encode())
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name == "value" and self.owner is not None and _differ(value, self.value):
+            self.owner.changes += 1
+        _set(self, name, value)
 
     def encode(self) -> bytes:
         """Returns the current value as SDO data (little endian)."""
@@ -142,9 +159,14 @@ class DictionaryObject:
 
 
 class Dictionary:
-    """The objects of a device, in the order of their indices."""
+    """The objects of a device, in the order of their indices.
+
+    Attributes:
+        changes: How often a value has become another one, whoever has written it.
+    """
 
     def __init__(self) -> None:
+        self.changes = 0
         self._objects: dict[int, DictionaryObject] = {}
         self._beside: dict[tuple[int, int], Variable] = {}
 
@@ -183,9 +205,10 @@ class Dictionary:
         return self.beside(index, subindex) or self[index, subindex]
 
     def remember(self) -> None:
-        """Stores the present values as those at power-on."""
+        """Stores the present values as those at power-on, and counts changes from now on."""
         for entry in self._entries():
             entry.initial = entry.value
+            entry.owner = self
 
     def restore(self) -> None:
         """Restores the values at power-on."""

@@ -28,6 +28,7 @@ class ProcessImage:
         for _, entry, bit in places(pdos):
             if not entry.is_gap:
                 variable = dictionary.mapped(entry.index, entry.subindex)
+                variable.owner = dictionary
                 mask = (1 << entry.bit_length) - 1
                 sign = (mask + 1) >> 1 if is_signed(variable.type) else 0
                 plain = not is_real(variable.type) and variable.type not in STRINGS
@@ -58,6 +59,8 @@ class ProcessImage:
         image = 0
         for variable, bit, mask, _, plain in self._fields:
             value = variable.value
+            if plain and not value:
+                continue
             if not plain or not isinstance(value, int):
                 value = int.from_bytes(variable.pack(value), "little")
             image |= (value & mask) << bit

@@ -101,6 +101,14 @@ class Services:
         self.server.reset()
         self._coe.reset()
 
+    @property
+    def rests(self) -> bool:
+        """Whether `run` would do nothing before the next event."""
+        if not self._is_open:
+            return True
+        unasked = Protocol.EOE in self.server.handlers and self._ethernet.sends_unasked
+        return not self._waiting and not unasked and self.server.rests
+
     def handle(self, event: Event, now: float) -> None:
         """Handles mailbox events that the master has caused."""
         if not self._is_open:

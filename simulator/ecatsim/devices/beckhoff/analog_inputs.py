@@ -67,6 +67,14 @@ class _Channel:
     """One input: converts a voltage and sets value and status in the dictionary.
 
     Terminals convert in every step, so each entry is looked up only once.
+
+    Args:
+        terminal: The terminal.
+        number: Number of the channel, 0 first.
+
+    Attributes:
+        measured: The signal at the terminal: ±32767 at full scale, more if it exceeds full scale.
+        toggle: The entry that changes with each conversion.
     """
 
     def __init__(self, terminal: Terminal, number: int) -> None:
@@ -74,15 +82,15 @@ class _Channel:
         inputs = {s: terminal.dictionary[index, s] for s in (1, 2, 3, 5, 7, 0x10, 0x11)}
         settings = {s: terminal.dictionary[index + 0x2000, s] for s, *_ in _SETTINGS}
         self._underrange, self._overrange = inputs[0x01], inputs[0x02]
-        self._error, self._toggle, self._value = inputs[0x07], inputs[0x10], inputs[0x11]
+        self._error, self.toggle, self._value = inputs[0x07], inputs[0x10], inputs[0x11]
         self._user_scale = settings[0x01]
         self._offset, self._gain = settings[0x11], settings[0x12]
         self._limits = (
             _Limit(inputs[0x03], settings[0x07], settings[0x13]),
             _Limit(inputs[0x05], settings[0x08], settings[0x14]),
         )
-        # Signal at the terminal: ±32767 at full scale, more if the waveform exceeds full scale.
         self.measured = Variable(index, 0x11, "Input", DataType.REAL64, 64, value=0.0)
+        self.measured.owner = terminal.dictionary
 
     def convert(self) -> None:
         """Converts the present signal at the terminal."""
@@ -93,12 +101,16 @@ class _Channel:
         if self._user_scale.value:
             scaled = value * _number(self._gain) // _UNITY_GAIN + _number(self._offset)
             value = min(max(scaled, _MIN), _MAX)
-        self._underrange.value, self._overrange.value = int(under), int(over)
-        self._error.value = int(under or over)
+        for entry, bit in (
+            (self._underrange, under),
+            (self._overrange, over),
+            (self._error, under or over),
+        ):
+            if entry.value != bit:
+                entry.value = int(bit)
         for limit in self._limits:
             limit.compare(value)
         self._value.value = value
-        self._toggle.value = 1 - int(self._toggle.value == 1)
 
 
 class _Limit:
@@ -119,7 +131,8 @@ class _Limit:
         if self._enable.value:
             at = _number(self._limit)
             result = _EQUAL if value == at else _LARGER if value > at else _SMALLER
-        self._result.value = result
+        if self._result.value != result:
+            self._result.value = result
 
 
 def _number(setting: Variable) -> int:
@@ -146,6 +159,9 @@ class _AnalogInput(Terminal):
         super().__init__()
         count = len(self.tx_pdos) // 2
         self._channels = [_Channel(self, i) for i in range(count)]
+        self._toggle = 0
+        self._converted = -1  # the changes of the dictionary, as of the last step
+        self._packed: dict[int, bytes] = {}  # the inputs for each value of the toggle bits
 
     def describe(self) -> None:
         """Names the objects as the terminal does, and adds the settings of its channels."""
@@ -168,11 +184,25 @@ class _AnalogInput(Terminal):
         return super().connection(index, subindex)
 
     def step(self, now: float) -> None:
-        """Converts all channels."""
+        """Converts all channels. If nothing has changed, only the toggle bits do."""
         for channel, waveform in zip(self._channels, self._waveforms, strict=False):
             channel.measured.value = waveform(now) / _FULL_SCALE * _MAX
+        if self.dictionary.changes != self._converted:
+            for channel in self._channels:
+                channel.convert()
+            self._packed.clear()
+        self._toggle ^= 1
         for channel in self._channels:
-            channel.convert()
+            channel.toggle.value = self._toggle
+        self._converted = self.dictionary.changes
+
+    def give(self) -> bytes:
+        """Returns the bytes of the mapped inputs, which it keeps until something changes."""
+        if self.dictionary.changes != self._converted:
+            return super().give()
+        if self._toggle not in self._packed:
+            self._packed[self._toggle] = super().give()
+        return self._packed[self._toggle]
 
 
 class EL3008(_AnalogInput):

@@ -67,6 +67,8 @@ class _AnalogOutput(Terminal):
             Variable(0x7000 + 16 * i, 1, "Output", DataType.REAL64, 64, value=0.0)
             for i in range(len(self.rx_pdos))
         ]
+        for output in self._outputs_at_terminal:
+            output.owner = self.dictionary
 
     def describe(self) -> None:
         """Names the objects as the terminal does, and adds the settings of its channels."""
@@ -98,6 +100,10 @@ class _AnalogOutput(Terminal):
         for i, output in enumerate(self._outputs_at_terminal):
             value = self._running(i) if running else self._stopped(i)
             output.value = float(min(max(value, 0), _MAX))
+
+    def rests(self) -> bool:
+        """Always: what moves along a ramp changes in each step until it is there."""
+        return True
 
     def _at_terminal(self, channel: int) -> float:
         value = self._outputs_at_terminal[channel].value
