@@ -40,6 +40,10 @@ _SILENT_LIMIT = Patience(1.0)
 _PAUSE = 0.0002
 """Seconds between two reads of the status while all EEPROMs are busy."""
 
+_SHARE, _NAP_MAX = 0.75, 0.002
+"""How long nobody asks after commands: this share of the time that the last ones took, in seconds at most. Each
+question costs a frame, and processor time."""
+
 _LATE = 0.05
 """Seconds without progress after which reading lets other work go on. A slave that is there, and
 whose EEPROM works, is quicker."""
@@ -199,15 +203,18 @@ def reading_each(
         while unread:
             if cancelled():
                 raise StateError("stopped while slaves were being read")
-            _look(registers, unread)
-            if any(item.command is not None or item.result for item in unread):
-                progress = time.monotonic()
-            elif time.monotonic() - progress < _LATE:
+            moved = _look(registers, unread)
+            unread = [item for item in unread if not item.result]
+            took = time.monotonic() - progress
+            if moved:
+                progress += took
+                if unread and _SHARE * took > _PAUSE:
+                    time.sleep(min(_SHARE * took, _NAP_MAX))
+            elif took < _LATE:
                 time.sleep(_PAUSE)
             else:
                 yield
                 _assign_to_master(registers, unread)
-            unread = [item for item in unread if not item.result]
     finally:
         registers.exchange([slave.write(_ASSIGNMENT, _TO_DEVICE) for slave, _ in slaves])
     return [item.result[0] for item in eeproms]
@@ -218,12 +225,12 @@ def _assign_to_master(registers: Datagrams, eeproms: Sequence[_Eeprom[T]]) -> No
         registers.exchange([item.slave.write(_ASSIGNMENT, owner) for item in eeproms])
 
 
-def _look(registers: Datagrams, eeproms: Sequence[_Eeprom[T]]) -> None:
-    """Sends the next commands, and evaluates the answers to earlier ones."""
-    # A write takes effect at the end of its frame, so the status needs a frame of its own.
-    registers.exchange(
-        [item.slave.write(_CONTROL, item.command) for item in eeproms if item.command]
-    )
+def _look(registers: Datagrams, eeproms: Sequence[_Eeprom[T]]) -> bool:
+    """Evaluates the answers to the last commands, and sends the next ones.
+
+    Returns:
+        Whether an EEPROM has got a command, or needs none any more.
+    """
     answers = registers.exchange([item.slave.read(_CONTROL, _CONTROL_SIZE) for item in eeproms])
     for item, answer in zip(eeproms, answers, strict=True):
         item.command = None
@@ -231,6 +238,9 @@ def _look(registers: Datagrams, eeproms: Sequence[_Eeprom[T]]) -> None:
             item.look(answer.data, answer.wkc == 1)
         except StateError as error:
             item.result = [error]
+    asked = [item for item in eeproms if item.command and not item.result]
+    registers.exchange([item.slave.write(_CONTROL, item.command or b"") for item in asked])
+    return bool(asked) or any(item.result for item in eeproms)
 
 
 def writing_eeprom(
