@@ -44,13 +44,20 @@ def parsed(text: str) -> Values:
     }
 
 
-@pytest.fixture
-def served(start_daemon: Callable[..., Daemon], tmp_path: Path) -> tuple[Daemon, str]:
+def serve(start: Callable[..., Daemon], folder: Path) -> tuple[Daemon, str]:
     """A daemon that serves metrics, and the address of the server."""
-    rig = tmp_path / "rig.toml"
+    rig = folder / "rig.toml"
     rig.write_text("".join(f'[[slave]]\ndevice = "{kind}"\n' for kind in ("EK1100", "EL2008")))
     address = f"127.0.0.1:{free_port()}"
-    return start_daemon(str(rig), config=CONFIG.format(address=address)), f"http://{address}"
+    return start(str(rig), config=CONFIG.format(address=address)), f"http://{address}"
+
+
+@pytest.fixture(scope="module")
+def served(
+    start_shared: Callable[..., Daemon], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Daemon, str]:
+    """The same for the tests that leave it as they found it."""
+    return serve(start_shared, tmp_path_factory.mktemp("served"))
 
 
 def scrape(url: str) -> Values:
@@ -71,8 +78,10 @@ def problems(daemon: Daemon) -> int:
     return len(json.loads(daemon.ctl("check", "--json", check=False).stdout)["problems"])
 
 
-def test_what_prometheus_sees_of_a_fault(served: tuple[Daemon, str]) -> None:
-    daemon, url = served
+def test_what_prometheus_sees_of_a_fault(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    daemon, url = serve(start_daemon, tmp_path)
 
     def value(metric: str, **labels: str) -> float:
         return scrape(url)[metric, frozenset({"bus": daemon.bus, **labels}.items())]
