@@ -36,6 +36,12 @@ def daemon(start_daemon: Callable[..., Daemon]) -> Daemon:
     return start_daemon("line:2", "--no-gateway", config=CONFIG)
 
 
+@pytest.fixture(scope="module")
+def shared(start_shared: Callable[..., Daemon]) -> Daemon:
+    """The same for the tests whose gateways only come and go."""
+    return start_shared("line:2", "--no-gateway", config=CONFIG)
+
+
 class Alone:
     """The gateway, and what it tells the service manager."""
 
@@ -89,51 +95,52 @@ def test_a_bus_without_its_gateway(daemon: Daemon) -> None:
     assert daemon.stop() == 0
 
 
-def test_it_serves_and_says_so_to_the_service_manager(daemon: Daemon, tmp_path: Path) -> None:
-    with gateway_of(daemon, tmp_path) as gateway:
-        assert len(daemon.slave_rows()) == 2
+def test_it_serves_and_says_so_to_the_service_manager(shared: Daemon, tmp_path: Path) -> None:
+    with gateway_of(shared, tmp_path) as gateway:
+        assert len(shared.slave_rows()) == 2
         for _ in range(2):
             gateway.wait_for("WATCHDOG=1")
         gateway.process.terminate()
         assert gateway.wait_end() == (0, "")
-    run = Path(daemon.env["ECATD_RUNTIME_DIR"])
-    assert not list(zenoh_socket(run, daemon.bus).parent.iterdir())
-    assert control_socket(run, daemon.bus).exists()
+    run = Path(shared.env["ECATD_RUNTIME_DIR"])
+    assert not list(zenoh_socket(run, shared.bus).parent.iterdir())
+    assert control_socket(run, shared.bus).exists()
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_r18_it_dies_or_hangs_and_the_bus_goes_on(
-    daemon: Daemon, tmp_path: Path, number: int
+    shared: Daemon, tmp_path: Path, number: int
 ) -> None:
-    server = daemon.child_pid("ecatd.server")
-    with gateway_of(daemon, tmp_path) as first:
+    server, said = shared.child_pid("ecatd.server"), len(shared.log)
+    with gateway_of(shared, tmp_path) as first:
         if number == signal.SIGSTOP:
             stop_process(first.process.pid)  # and then systemd kills it
         else:
             first.process.kill()
-        before = cycles(daemon)
-        wait_for(lambda: cycles(daemon) > before, daemon)
-    with gateway_of(daemon, tmp_path):
-        assert len(daemon.slave_rows()) == 2
-    assert daemon.child_pid("ecatd.server") == server
-    assert "gateway" not in daemon.log
+        before = cycles(shared)
+        wait_for(lambda: cycles(shared) > before, shared)
+    with gateway_of(shared, tmp_path):
+        assert len(shared.slave_rows()) == 2
+    assert shared.child_pid("ecatd.server") == server
+    assert "gateway" not in shared.log[said:]
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGQUIT])
-def test_signals_that_end_it(daemon: Daemon, tmp_path: Path, number: int) -> None:
-    with gateway_of(daemon, tmp_path) as gateway:
+def test_signals_that_end_it(shared: Daemon, tmp_path: Path, number: int) -> None:
+    said = len(shared.log)
+    with gateway_of(shared, tmp_path) as gateway:
         gateway.process.send_signal(number)
         assert gateway.wait_end() == (0, "")
-    with gateway_of(daemon, tmp_path):  # systemd starts another one
-        assert len(daemon.slave_rows()) == 2
-    assert "gateway" not in daemon.log
+    with gateway_of(shared, tmp_path):  # systemd starts another one
+        assert len(shared.slave_rows()) == 2
+    assert "gateway" not in shared.log[said:]
 
 
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGPIPE])
-def test_signals_that_end_nothing(daemon: Daemon, tmp_path: Path, number: int) -> None:
-    with gateway_of(daemon, tmp_path) as gateway:
+def test_signals_that_end_nothing(shared: Daemon, tmp_path: Path, number: int) -> None:
+    with gateway_of(shared, tmp_path) as gateway:
         gateway.process.send_signal(number)
-        assert len(daemon.slave_rows()) == 2
+        assert len(shared.slave_rows()) == 2
         gateway.wait_for("WATCHDOG=1")
         assert gateway.process.poll() is None
 
@@ -167,11 +174,11 @@ def test_it_leaves_the_processor_of_the_engine(
         assert all(os.sched_getaffinity(task) == every - {cpu} for task in tasks)
 
 
-def test_it_takes_levels_of_the_log_that_change(daemon: Daemon, tmp_path: Path) -> None:
-    with gateway_of(daemon, tmp_path) as gateway:
-        daemon.ctl("log-level", "gateway", "debug")
-        daemon.slave_rows("state")
-        daemon.ctl("log-level", "gateway", "info")
+def test_it_takes_levels_of_the_log_that_change(shared: Daemon, tmp_path: Path) -> None:
+    with gateway_of(shared, tmp_path) as gateway:
+        shared.ctl("log-level", "gateway", "debug")
+        shared.slave_rows("state")
+        shared.ctl("log-level", "gateway", "info")
         gateway.process.terminate()
         status, said = gateway.wait_end()
     assert status == 0
