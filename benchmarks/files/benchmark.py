@@ -90,7 +90,7 @@ def _by_daemon(bench: Bench, size: int) -> dict[str, float]:
         "read": read,
         "write": write,
         "cycles": after.cycle - before.cycle,
-        "missed": after.counters.missed - before.counters.missed,
+        "missed": after.counters["missed"] - before.counters["missed"],
     }
 
 

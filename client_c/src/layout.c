@@ -52,6 +52,14 @@ static void write_structs(void) {
 #include <ecat/ecat_shm.def>
 }
 
+static void write_counters(void) {
+  const char *of = "";
+#define ECAT_STRUCT(name, comment) of = #name;
+#define ECAT_COUNTER(name, unit, severity, comment) \
+  ROW("counter %s %s %s - - - %s\n", of, #name, #unit, #severity);
+#include <ecat/ecat_shm.def>
+}
+
 const char *ecat_layout(void) {
   static int state; /* 1: the text is being written, 2: it is complete */
   int none = 0;
@@ -59,6 +67,7 @@ const char *ecat_layout(void) {
     write_constants();
     write_enumerations();
     write_structs();
+    write_counters();
     __atomic_store_n(&state, 2, __ATOMIC_RELEASE);
   }
   while (__atomic_load_n(&state, __ATOMIC_ACQUIRE) != 2) sched_yield();

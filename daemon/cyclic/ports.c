@@ -83,7 +83,7 @@ void cyclic_ports_send(cyclic_t *c, uint32_t first, uint32_t end) {
       int code = send_copy(c, frame, port);
       if (code == 0) continue;
       error[port] = code;
-      counter_add(&c->health->send_errors, 1);
+      counter_add(&c->health->unsent, 1);
     }
     if (frame->pending) c->waiting++;
   }

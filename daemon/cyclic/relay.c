@@ -279,7 +279,7 @@ static void account(cyclic_relay_t *r, uint64_t came_ns, uint64_t sent_ns, uint6
   health = r->engine->health;
   counter_add(&health->mailbox_frames, 1);
   if (back_ns > 0) {
-    counter_add(&health->mailbox_ns, on_wire);
+    counter_add(&health->mailbox_wire_ns, on_wire);
     cyclic_count(&health->mailbox, back_ns - came_ns);
   } else {
     counter_add(&health->mailbox_lost, 1);

@@ -54,9 +54,11 @@ static void read_claims(cyclic_t *c, uint32_t number) {
   __atomic_store_n(&status->lease_ns, slot->lease_ns, __ATOMIC_RELAXED);
   conflict = cyclic_outputs_claim(c, number);
   __atomic_store_n(&status->claim_conflict, conflict, __ATOMIC_RELAXED);
-  if (conflict >= 0)
+  if (conflict >= 0) {
+    counter_add(&c->health->conflicts, 1);
     cyclic_emit(c, CYCLIC_EVENT_CONFLICT, c->signals[conflict].slave, (int32_t)number,
                 (uint32_t)conflict);
+  }
 }
 
 /* Reads commit `seq` of a slot into `slot_image`, and then the number of the newest commit. The client uses

@@ -77,6 +77,6 @@ def test_r15_outputs_of_clients_that_die_are_safe_in_time(
     for phase in ("claim", "sample", "write", "commit", "release"):
         assert reached[f"in_{phase}"] > 0
     # No frame is lost; those that are late were late because of other work of this machine.
-    assert lost.counters.lost == lost.counters.late
+    assert lost.counters["lost"] == lost.counters["late"]
     assert reached["malformed"] == 0
     assert daemon.stop() == 0

@@ -183,4 +183,4 @@ def test_r02_a_hundred_lost_frames_are_counted_and_told(bench: Bench) -> None:
         return sum(event["counts"].get("lost", 0) for event in found)
 
     bench.wait_for(lambda: told() >= LOST)
-    names(bench.daemon.log, "frames lost")
+    names(bench.daemon.log, "lost ")

@@ -336,7 +336,7 @@ def test_an_interface_that_is_switched_off_ends_nothing():
         health = b.shared.health
         with b.client() as client:
             switch(MASTER, False)
-            until(lambda: health.send_errors > 10, "the failure")
+            until(lambda: health.unsent > 10, "the failure")
             until(lambda: health.slaves_found == 0)
             cycles = health.cycles
             until(lambda: health.cycles > cycles + 10, "the next cycles")

@@ -19,7 +19,8 @@ from test_shared_memory import make_bus, name_of, put_image
 from conftest import SHM, names, naming
 from ecatd.base.errors import EcatError, NotPermittedError, StateError, UnreachableError, UsageError
 from ecatd.base.file_locks import take
-from ecatd.cli.shared_memory_screen import WIDTH, age, claims_lines, contents_lines
+from ecatd.cli.output import WIDTH
+from ecatd.cli.shared_memory_screen import age, claims_lines, contents_lines
 from ecatd.master.engine.layout import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.shm import contract as shm

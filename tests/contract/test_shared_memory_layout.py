@@ -37,6 +37,10 @@ int main(void) {
            (unsigned)(sizeof(((self *)0)->field) / sizeof(type)));
 #define ECAT_END(name) }
 #include <ecat/ecat_shm.def>
+#define ECAT_STRUCT(name, comment) of = #name;
+#define ECAT_COUNTER(name, unit, severity, comment) \
+    printf("counter %s " #name " " #unit " - - -\n", of);
+#include <ecat/ecat_shm.def>
   return 0;
 }
 """

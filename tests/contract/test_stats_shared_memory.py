@@ -19,9 +19,8 @@ from ecatd.master.engine.engine import Grant
 from ecatd.master.engine.layout import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.shm import contract as shm
-from ecatd.shm.statistics import TIMES, from_map, read, to_map
+from ecatd.shm.statistics import from_map, read, to_map
 from ecatd.shm.statistics.clocks import read_clocks
-from ecatd.shm.statistics.snapshot import COUNTERS, DOMAIN_COUNTERS
 
 
 @contextmanager
@@ -51,9 +50,9 @@ def row(shared: SharedMemory, table: str, name: str) -> ctypes.Structure:
 
 def test_everything_is_read(shared: SharedMemory) -> None:
     health = shared.health
-    for number, name in enumerate(COUNTERS):
-        setattr(health, name, number + 10)
-    for number, name in enumerate(TIMES):
+    for number, item in enumerate(shm.COUNTERS):
+        setattr(health, item.name, number + 10)
+    for number, name in enumerate(shm.TIMES):
         histogram = getattr(health, name)
         histogram.buckets[shm.bucket(1000 * number + 1000)] = 5
         histogram.min_ns = histogram.max_ns = 1000 * number + 1000
@@ -65,8 +64,8 @@ def test_everything_is_read(shared: SharedMemory) -> None:
     health.dc_time_ns, health.dc_offset_ns, health.dc_drift_ppb = 1 << 63, -5, -70
     health.delay_cycles[3] = 4
     status = row(shared, "domain_status", "ecat_shm_domain_status")
-    for number, name in enumerate(DOMAIN_COUNTERS):
-        setattr(status, name, number + 1)
+    for number, item in enumerate(shm.DOMAIN_COUNTERS):
+        setattr(status, item.name, number + 1)
     page = shm.struct("ecat_shm_page").from_address(
         shared.address + row(shared, "domains", "ecat_shm_domain").page_offset  # type: ignore[attr-defined]
     )
@@ -84,17 +83,15 @@ def test_everything_is_read(shared: SharedMemory) -> None:
     assert found.clock.state == shm.DcState.LOCKING
     assert (found.clock.reference, found.clock.time_ns) == (1, 1 << 63)
     assert (found.clock.offset_ns, found.clock.drift_ppb) == (-5, -70)
-    assert [getattr(found.counters, name) for name in COUNTERS] == [
-        number + 10 for number in range(len(COUNTERS))
-    ]
+    assert found.counters == {item.name: n + 10 for n, item in enumerate(shm.COUNTERS)}
     assert found.delay_cycles == (0, 0, 0, 4)
     for number, (name, histogram) in enumerate(found.times.items()):
-        assert (name, histogram.count) == (TIMES[number], 5)
+        assert (name, histogram.count) == ([*shm.TIMES][number], 5)
         assert histogram.mean_ns == histogram.quantile(0.5) == 1000 * number + 1000
     (domain,) = found.domains
     assert (domain.wkc, domain.wkc_expected, domain.cycle) == (2, 3, 33)
     assert domain.wkc_state == shm.WkcState.INCOMPLETE
-    assert [getattr(domain, name) for name in DOMAIN_COUNTERS] == [1, 2, 3, 4, 5, 6, 7]
+    assert domain.counters == {item.name: n + 1 for n, item in enumerate(shm.DOMAIN_COUNTERS)}
     assert (domain.divider, domain.output_bytes, domain.input_bytes) == (1, 2, 30)
     first, *others = found.grants
     assert (first.wanted, first.granted, first.value, first.error) == (True, False, 80, 1)
@@ -105,7 +102,7 @@ def test_everything_is_read(shared: SharedMemory) -> None:
 
 def test_fresh_shared_memory_is_all_zero(shared: SharedMemory) -> None:
     found = read(name_of(shared))
-    assert found.counters.cycles == 0
+    assert found.counters["cycles"] == 0
     assert all(histogram.count == 0 for _name, histogram in found.times.items())
     assert found.clock.reference == -1 or found.clock.state == shm.DcState.OFF
 

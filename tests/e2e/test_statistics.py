@@ -110,8 +110,8 @@ def test_every_domain_has_its_row(rates: Daemon) -> None:
     assert (fast["wkc"], slow["wkc"]) == (fast["wkc_expected"], slow["wkc_expected"])
     # A missed cycle costs `fast` an exchange; `slow` makes up for it.
     assert fast["exchanges"] + document["missed"] > 9 * slow["exchanges"] > 0
-    rows = rates.ctl("stats").stdout.split("DOMAIN, SINCE START")[1].splitlines()
-    assert [row.split()[:3] for row in rows[1:3]] == [["0", "fast", "1"], ["1", "slow", "10"]]
+    rows = rates.ctl("stats").stdout.split("DOMAINS, SINCE START")[1].splitlines()
+    assert [row.split()[:3] for row in rows[2:4]] == [["0", "fast", "1"], ["1", "slow", "10"]]
 
 
 def test_the_same_comes_over_zenoh(rates: Daemon) -> None:

@@ -54,13 +54,14 @@ extern "C" {
 
 /* The layout of the shared memory and the enumerations of ecat.h as text, from which other languages
  * build their view of the memory. Each line has seven words, with "-" in place of a missing word, and
- * then a comment:
+ * then a comment; that of a counter is its severity, and the rest about it is in the line of its field:
  *
- *     const  -       name  -     value   -     -
- *     enum   name    -     -     -       -     -
- *     value  of      name  -     value   -     -
- *     struct name    -     -     -       size  -
- *     field  struct  name  type  offset  size  count
+ *     const    -       name  -     value   -     -
+ *     enum     name    -     -     -       -     -
+ *     value    of      name  -     value   -     -
+ *     struct   name    -     -     -       size  -
+ *     field    struct  name  type  offset  size  count
+ *     counter  struct  name  unit  -       -     -
  */
 ECAT_SHM_API const char *ecat_layout(void);
 

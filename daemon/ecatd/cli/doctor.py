@@ -163,7 +163,7 @@ def _exchange_us(options: argparse.Namespace) -> float | None:
             interval: Snapshot = source.read() - first
         except EcatError:
             return None
-        exchange = interval.times.exchange
+        exchange = interval.times["exchange"]
         return exchange.quantile(0.5) / 1e3 if exchange.count else None
 
 

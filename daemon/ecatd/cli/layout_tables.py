@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Sequence
 
 from ecatd.shm import contract as shm
 
-# A comment ends with the writer of the field, or of all fields of a struct. Fields without a writer
-# are written once, by the control side before clients connect.
-_WRITER = re.compile(r"; (engine|relay|control)\b")
 _OF_CLIENTS = ("ecat_out_doorbell", "ecat_out_slot", "ecat_out_image", "ecat_out_request")
 
 
@@ -29,6 +26,10 @@ def layout_lines() -> list[str]:
         if line.kind == "struct":
             lines += ["", f"`{line.of}`, {line.size} bytes: {_text(line.comment)}", ""]
             lines += _table(("offset", "type", "field", "written by", "meaning"), _fields(line))
+            if counters := shm.counters(line.of):
+                lines += ["", "These fields are counters:", ""]
+                rows = [(f"`{item.name}`", item.unit, item.severity) for item in counters]
+                lines += _table(("counter", "unit", "severity"), rows)
     return lines
 
 
@@ -49,21 +50,23 @@ def _enumerators(name: str) -> list[tuple[str, ...]]:
 
 
 def _fields(struct: shm.Line) -> list[tuple[str, ...]]:
-    whole = _WRITER.search(struct.comment)
-    usual = whole[1] if whole else "client" if struct.of in _OF_CLIENTS else "once"
+    """Fields without a writer are written once, by the control side before clients connect."""
+    _, whole = shm.parted(struct.comment)
+    usual = whole or ("client" if struct.of in _OF_CLIENTS else "once")
     return [
         (
             str(field.value),
             field.type + (f"[{field.count}]" if field.count > 1 else ""),
             f"`{field.name}`",
-            found[1] if (found := _WRITER.search(field.comment)) else usual,
-            _text(_WRITER.sub("", field.comment)),
+            writer or usual,
+            _text(meaning),
         )
         for field in shm.fields_of(struct.of)
+        for meaning, writer in (shm.parted(field.comment),)
     ]
 
 
-def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
     lines = [head, tuple("---" for _ in head), *rows]
     return [f"| {' | '.join(cells)} |" for cells in lines]
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from ecatd.base.plain_output import json_text
 from ecatd.base.quoting import printable
 
 SCHEMA = 1
+
+WIDTH = 80
+_SHORTEST = 8  # names in tables are not cut shorter
 
 
 def print_json(document: Mapping[str, Any]) -> None:
@@ -55,6 +58,21 @@ def table_lines(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str =
         ]
         lines.append("  ".join(cells).rstrip())
     return lines
+
+
+def fitting(table: Callable[[int], list[str]]) -> list[str]:
+    """Makes a table that fits into 80 columns, with names cut as far as necessary.
+
+    Args:
+        table: Makes the table with names of at most the given number of characters.
+    """
+    room = 64
+    while True:
+        lines = table(room)
+        excess = max(map(len, lines), default=0) - WIDTH
+        if excess <= 0 or room == _SHORTEST:
+            return lines
+        room = max(_SHORTEST, room - excess)
 
 
 def print_table(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str = "") -> None:

@@ -5,18 +5,16 @@ from __future__ import annotations
 import textwrap
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from itertools import groupby, zip_longest
 from typing import Any
 
-from ecatd.shm.contents import COUNTERS
+from ecatd.shm.contract import COUNTERS
 
-from .output import shortened, table_lines
+from .output import WIDTH, fitting, shortened, table_lines
 from .stats_screen import duration
 from .terminal import alarm, heading
 
-WIDTH = 80
-_SHORTEST = 12  # names are not cut shorter
 _REASONS = {
     "start": "never claimed",
     "released": "released",
@@ -93,21 +91,6 @@ def _section(lines: list[str]) -> list[str]:
     return ["", heading(lines[0]), *lines[1:]] if lines else []
 
 
-def _fitting(table: Callable[[int], list[str]]) -> list[str]:
-    """Makes a table that fits into 80 columns, with names cut as far as necessary.
-
-    Args:
-        table: Makes the table with names of at most the given number of characters.
-    """
-    room = 64
-    while True:
-        lines = table(room)
-        excess = max(map(len, lines), default=0) - WIDTH
-        if excess <= 0 or room == _SHORTEST:
-            return lines
-        room = max(_SHORTEST, room - excess)
-
-
 def _domains(rows: list[Document]) -> list[str]:
     def table(room: int) -> list[str]:
         return table_lines(
@@ -128,7 +111,7 @@ def _domains(rows: list[Document]) -> list[str]:
             " >>>> >>",
         )
 
-    return _fitting(table)
+    return fitting(table)
 
 
 def _slaves(rows: list[Document]) -> list[str]:
@@ -151,7 +134,7 @@ def _slaves(rows: list[Document]) -> list[str]:
             ">    >>>",
         )
 
-    return _fitting(table)
+    return fitting(table)
 
 
 def _signals(document: Document) -> list[str]:
@@ -171,7 +154,7 @@ def _signals(document: Document) -> list[str]:
         )
         return _grouped(head, rows, cells, document, " >>")
 
-    return _fitting(table)
+    return fitting(table)
 
 
 def _owner(row: Document) -> str:
@@ -182,7 +165,7 @@ def _slots(rows: list[Document]) -> list[str]:
     if not rows:
         return []
     head = ("SLOT", "PID", "PROGRAM", "SINCE", "HEARTBEAT", "LEASE", "OWNS", "STATE")
-    title, *lines = _fitting(
+    title, *lines = fitting(
         lambda room: table_lines(head, (_slot(row, room) for row in rows), ">>  >>>")
     )
     made = [title]
@@ -266,7 +249,7 @@ def _outputs(document: Document) -> list[str]:
         )
         return _grouped(head, rows, cells, document, " >  >")
 
-    return _fitting(table)
+    return fitting(table)
 
 
 def _grouped(
@@ -327,7 +310,7 @@ def _settings(rows: list[Document]) -> list[str]:
 def _health(row: Document | None) -> list[str]:
     if row is None:
         return []
-    cells = [f"{name.replace('_', ' '):<14}{row[name]:>10}" for name in COUNTERS]
+    cells = [f"{item.label:<14}{row[item.name]:>10}" for item in COUNTERS if item.unit != "ns"]
     for name in ("slaves_found", "ring", "dc"):
         cells.append(f"{name.replace('_', ' '):<14}{row[name]:>10}")
     return ["EXCHANGE", *_columns(cells, 3)]

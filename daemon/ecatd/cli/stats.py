@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from ecatd.base.errors import EcatError
-from ecatd.shm.statistics import TIMES, Snapshot
+from ecatd.shm.contract import TIMES
+from ecatd.shm.statistics import Snapshot
 from ecatd.shm.statistics.maps import histogram_to_map, interval_to_map, to_map
 
 from .answering import check_cycle
@@ -91,7 +92,7 @@ def _document(snapshot: Snapshot, histogram: str | None) -> dict[str, Any]:
         "bus": snapshot.bus,
         "histogram": histogram,
         "seconds": round(snapshot.seconds, 9),
-        **histogram_to_map(getattr(snapshot.times, histogram), buckets=True),
+        **histogram_to_map(snapshot.times[histogram], buckets=True),
     }
 
 

@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import zip_longest
 
 from ecatd.shm import contract as shm
 from ecatd.shm.statistics import Domain, Histogram, Snapshot
 from ecatd.shm.statistics.maps import QUANTILES
 from ecatd.shm.statistics.problems import ring_line, word
 
-from .output import shortened, table_lines
+from .output import fitting, shortened, table_lines
 
-_TIMES = {
-    "wakeup": "wake-up",
-    "exchange": "exchange",
-    "cycle": "cycle",
-    "delay": "commit to bus",
-    "dc_offset": "DC offset",
-    "mailbox": "mailbox",
-}
 _ROWS = 20  # most rows of a histogram
 _BAR = 20  # characters of the longest bar
-_NAME = 22  # longest name of a domain, so that the table fits
 
 
 def stats_lines(snapshot: Snapshot, interval: Snapshot | None) -> list[str]:
@@ -33,8 +25,13 @@ def stats_lines(snapshot: Snapshot, interval: Snapshot | None) -> list[str]:
     for title, part in parts:
         lines += ["", *_times(f"{title}, µs", part.times.items())]
     if len(snapshot.domains) > 1:
+        shown = [
+            item
+            for item in shm.DOMAIN_COUNTERS
+            if item.severity == "info" or any(d.counters[item.name] for d in snapshot.domains)
+        ]
         for title, part in parts:
-            lines += ["", *_domains(title, part.domains)]
+            lines += ["", *_domains(title, part.domains, shown)]
     return lines
 
 
@@ -102,7 +99,7 @@ def clock_line(snapshot: Snapshot) -> str:
 
 
 def _counters(snapshot: Snapshot, interval: Snapshot | None) -> list[str]:
-    """Counters in two columns, each since the start and, if there is one, in the interval."""
+    """Counters of the wire and of clients: since the start, and in the interval if there is one."""
     parts = [snapshot] if interval is None else [snapshot, interval]
     columns = [_counted(part) for part in parts]
     titles = ["SINCE START"] if interval is None else ["SINCE START", _last(interval)]
@@ -111,37 +108,33 @@ def _counters(snapshot: Snapshot, interval: Snapshot | None) -> list[str]:
         f"{name:<14}" + f"{columns[0][name]:>12}" + "".join(f"{c[name]:>11}" for c in columns[1:])
         for name in columns[0]
     ]
-    half = len(cells) // 2
-    pairs = zip(cells[:half], cells[half:], strict=True)
-    return [f"{'':14}{head}  {'':14}{head}", *(f"{left}  {right}" for left, right in pairs)]
+    first = [*columns[0]].index("commits")  # of those about clients
+    pairs = zip_longest(cells[:first], cells[first:], fillvalue="")
+    rows = (f"{left}  {right}".rstrip() for left, right in pairs)
+    return [f"{'':14}{head}  {'':14}{head}", *rows]
 
 
 def _counted(part: Snapshot) -> dict[str, str]:
-    counters, delays = part.counters, part.delay_cycles
-    load = counters.mailbox_ns * 1e-7 / max(part.seconds, 1e-9)
-    values = {
-        "cycles": counters.cycles,
-        "missed": counters.missed,
-        "frames": counters.frames,
-        "lost": counters.lost,
-        "late": counters.late,
-        "foreign": counters.foreign,
-        "not sent": counters.send_errors,
-        "wrong counter": counters.wkc_bad,
-        "commits": counters.commits,
-        " in 1 cycle": delays[0] + delays[1],
-        " in 2 cycles": delays[2],
-        " in 3 or more": delays[3],
-        "leases lost": counters.lapses,
-        "mailbox frames": counters.mailbox_frames,
-        "mailbox lost": counters.mailbox_lost,
-    }
-    return {**{name: str(value) for name, value in values.items()}, "mailbox load": f"{load:.2f} %"}
+    """Counters by their labels, commits also by their delays, and times as shares of all time."""
+    made = {}
+    for item in shm.COUNTERS:
+        value = part.counters[item.name]
+        if item.unit == "ns":
+            share = value * 1e-7 / max(part.seconds, 1e-9)
+            made[item.label.removesuffix(" ns")] = f"{share:.2f} %"
+            continue
+        made[item.label] = str(value)
+        if item.name == "commits":
+            at_once, after_one, after_two, later = part.delay_cycles
+            made[" in 1 cycle"] = str(at_once + after_one)
+            made[" in 2 cycles"] = str(after_two)
+            made[" in 3 or more"] = str(later)
+    return made
 
 
 def _times(title: str, histograms: Iterable[tuple[str, Histogram]]) -> list[str]:
     rows = [
-        (_TIMES[name], *_percentiles(histogram))
+        (name.replace("_", " "), *_percentiles(histogram))
         for name, histogram in histograms
         if histogram.count
     ]
@@ -168,32 +161,30 @@ def _digits(histogram: Histogram) -> int:
     return 3 if histogram.max_ns < 10_000 else 1
 
 
-def _domains(title: str, domains: tuple[Domain, ...]) -> list[str]:
-    head = f"DOMAIN, {title}".ljust(_NAME)
-    return table_lines(
-        (head, "EVERY", "WKC", "EXCHANGES", "LEFT OUT", "LOST", "LATE", "WRONG"),
-        (
+def _domains(title: str, domains: tuple[Domain, ...], shown: list[shm.Counter]) -> list[str]:
+    """A row for each domain, with names cut so that it fits."""
+    heads = [item.label.upper() for item in shown]
+
+    def table(room: int) -> list[str]:
+        rows = (
             (
-                shortened(f"{domain.number} {domain.name}", _NAME),
+                shortened(f"{domain.number} {domain.name}", room),
                 f"{domain.divider}+{domain.phase}" if domain.phase else domain.divider,
                 f"{domain.wkc}/{domain.wkc_expected}",
-                domain.exchanges,
-                domain.overruns,
-                domain.lost,
-                domain.late,
-                domain.wkc_bad,
+                *(domain.counters[item.name] for item in shown),
             )
             for domain in domains
-        ),
-        " >>>>>>>",
-    )
+        )
+        return table_lines(("DOMAIN", "EVERY", "WKC", *heads), rows, " >>" + ">" * len(heads))
+
+    return [f"DOMAINS, {title}", *fitting(table)]
 
 
 def histogram_lines(name: str, snapshot: Snapshot, interval: Snapshot | None) -> list[str]:
     """The distribution of one time as bars: of the interval if there is one, else since start."""
-    whole: Histogram = getattr(snapshot.times, name)
-    last: Histogram | None = None if interval is None else getattr(interval.times, name)
-    lines = [f"bus {snapshot.bus}: {_TIMES[name]}, {whole.count} samples"]
+    whole = snapshot.times[name]
+    last = None if interval is None else interval.times[name]
+    lines = [f"bus {snapshot.bus}: {name.replace('_', ' ')}, {whole.count} samples"]
     if not whole.count:
         return lines
     lines += ["", *_times("SINCE START, µs", [(name, whole)])]

@@ -1,4 +1,7 @@
-"""Operations for statistics and clocks. Times are in µs unless their keys end with another unit."""
+"""Operations for statistics and clocks. Times are in µs unless their keys end with another unit.
+
+The maps also have all counters and times of the shared memory; see `ecatd.shm.contract`.
+"""
 
 from __future__ import annotations
 
@@ -26,28 +29,8 @@ class Statistics(Map):
         dc: Distributed clocks.
         realtime: Real-time settings.
         seconds: Seconds over which the counters have counted.
-        cycles: Cycles that have run.
-        missed: Deadlines that the engine could not keep.
-        frames: Frames sent.
-        lost: Frames that were not back in their cycle.
-        late: Lost frames that came back afterwards.
-        foreign: Frames of another master, or of an earlier run.
-        wkc_bad: Exchanges of a domain in which a slave did not take part.
-        send_errors: Frames that the interface refused.
-        commits: Commits that were taken over from clients.
-        torn: Output images left for the next cycle, because the client was writing.
-        lapses: Leases that clients have lost.
-        mailbox_frames: Frames of mailboxes and registers.
-        mailbox_lost: How many of them did not come back.
-        mailbox_us: Time for which such a frame was on the wire.
         delay_cycles: Commits that were sent 0, 1, 2, and 3 or more cycles after their sample.
         domains: Domains by number.
-        wakeup: From the deadline of a cycle to its start.
-        exchange: From the first frame sent to the last frame received.
-        cycle: From the start of a cycle to its end.
-        delay: From a commit of a client until its outputs are sent.
-        dc_offset: Phase of the cycle to the reference clock, without sign.
-        mailbox: From the request of a frame of a mailbox or register to its answer.
     """
 
     bus: str
@@ -64,28 +47,8 @@ class Statistics(Map):
     dc: ClockState
     realtime: RealTime
     seconds: float
-    cycles: int
-    missed: int
-    frames: int
-    lost: int
-    late: int
-    foreign: int
-    wkc_bad: int
-    send_errors: int
-    commits: int
-    torn: int
-    lapses: int
-    mailbox_frames: int
-    mailbox_lost: int
-    mailbox_us: float
     delay_cycles: list[int]
     domains: list[DomainStatistics]
-    wakeup: Distribution
-    exchange: Distribution
-    cycle: Distribution
-    delay: Distribution
-    dc_offset: Distribution
-    mailbox: Distribution
 
 
 class SlaveCounts(Map):
@@ -184,13 +147,6 @@ class DomainStatistics(Map):
         wkc: Working counter of its last exchange.
         wkc_state: `zero`, `incomplete` or `complete`.
         cycle_number: Number of the cycle of its last exchange.
-        exchanges: Number of exchanges.
-        overruns: Exchanges left out because their cycle was missed.
-        lost: Frames with its data that did not come back in time.
-        late: Frames with its data that came back after their cycle.
-        unsent: Frames with its data that could not be sent.
-        wkc_bad: Exchanges with an incomplete working counter.
-        wkc_wrong: Those of them whose frames all came back.
     """
 
     number: int
@@ -203,13 +159,6 @@ class DomainStatistics(Map):
     wkc: int
     wkc_state: str
     cycle_number: int
-    exchanges: int
-    overruns: int
-    lost: int
-    late: int
-    unsent: int
-    wkc_bad: int
-    wkc_wrong: int
 
 
 class Distribution(Map):

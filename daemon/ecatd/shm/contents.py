@@ -23,11 +23,6 @@ _T = TypeVar("_T")
 _SILENCE_NS = 80_000_000  # after which a cycle that does not end stands still (`shared_memory.c`)
 _REALS = {(DataType.REAL32, 32): "<f", (DataType.REAL64, 64): "<d"}
 
-COUNTERS = (
-    *("cycles", "missed", "frames", "lost", "late", "foreign", "wkc_bad", "send_errors"),
-    *("commits", "torn", "malformed", "refused", "lapses", "mailbox_frames", "mailbox_lost"),
-)
-
 
 def contents(bus: str) -> dict[str, Any]:
     """Everything in the shared memory of a bus on this machine, also after its daemon has died.
@@ -316,7 +311,7 @@ class Contents:
     def _health(self) -> dict[str, Any] | None:
         for row in self._table("health"):
             return {
-                **{name: getattr(row, name) for name in COUNTERS},
+                **{item.name: getattr(row, item.name) for item in shm.COUNTERS},
                 "slaves_found": row.slaves_found,
                 "al_status": row.al_status,
                 "ring": _word(shm.Ring(row.ring)),

@@ -2,13 +2,15 @@
 
 `client_c/include/ecat/ecat_shm.def` defines the layout, and says which side writes each field.
 `libecat` returns this definition as text. This module makes constants and ctypes classes from it,
-and `cli/layout_tables.py` makes the tables of the documentation. The enumerations are repeated here
+and `cli/layout_tables.py` makes the tables of the documentation. Statistics, metrics and screens
+take the counters and times from here. The enumerations are repeated here
 so that a type checker knows their members; a test compares them with the definition.
 """
 
 from __future__ import annotations
 
 import ctypes
+import re
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
@@ -26,15 +28,15 @@ class Line:
     """One line of the definition.
 
     Attributes:
-        kind: `const`, `enum`, `value` (of the enumeration `of`), `struct` or `field` (of the struct
-            `of`).
+        kind: `const`, `enum`, `value` (of the enumeration `of`), `struct`, `field` (of the struct
+            `of`) or `counter` (a field with this name).
         of: The enumeration or struct to which the line belongs, or which it begins.
         name: Name of a constant, enumerator or field.
-        type: C type of a field.
+        type: C type of a field; unit of a counter.
         value: Value of a constant or enumerator; offset of a field in bytes.
         size: Bytes of a struct, or of all `count` elements of a field.
         count: Elements of a field, 1 for a scalar.
-        comment: The meaning, and which side writes it.
+        comment: The meaning, and which side writes it; severity of a counter.
     """
 
     kind: str
@@ -296,6 +298,58 @@ def fields_of(name: str) -> tuple[Line, ...]:
     """Returns the fields of a struct."""
     return tuple(line for line in DEFINITION if line.kind == "field" and line.of == name)
 
+
+_WRITER = re.compile(r"; (engine|relay|control)\b")
+
+
+def parted(comment: str) -> tuple[str, str]:
+    """Parts a comment into the meaning and the side that writes the field, empty if untold."""
+    found = _WRITER.search(comment)
+    return _WRITER.sub("", comment), found[1] if found else ""
+
+
+class Counter(NamedTuple):
+    """A number in shared memory that only grows, from `start_ns` of `ecat_shm_health` on.
+
+    Attributes:
+        name: Its name everywhere: in statistics, in metrics, and with spaces on screens.
+        meaning: What it counts.
+        unit: What one more stands for: `frames`, `cycles`, …, or `ns` for a time.
+        severity: What it means that it grows, as `ecat_shm.def` says: `info`, `notice`, `warning`.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    severity: str
+
+    @property
+    def label(self) -> str:
+        """Its name on screens and in sentences."""
+        return self.name.replace("_", " ")
+
+
+@cache
+def counters(name: str) -> tuple[Counter, ...]:
+    """Returns the counters of a struct."""
+    meanings = {line.name: parted(line.comment)[0] for line in fields_of(name)}
+    return tuple(
+        Counter(line.name, meanings[line.name], line.type, line.comment)
+        for line in DEFINITION
+        if line.kind == "counter" and line.of == name
+    )
+
+
+COUNTERS = counters("ecat_shm_health")
+"""The counters of a bus."""
+DOMAIN_COUNTERS = counters("ecat_shm_domain_status")
+"""The counters of each domain."""
+TIMES = {
+    line.name: parted(line.comment)[0]
+    for line in fields_of("ecat_shm_health")
+    if line.type == "ecat_shm_histogram"
+}
+"""The meanings of the times of which there is a histogram, by name."""
 
 LIBRARY.ecat_histogram_quantile.restype = ctypes.c_uint64
 LIBRARY.ecat_histogram_quantile.argtypes = [ctypes.c_void_p, ctypes.c_double]

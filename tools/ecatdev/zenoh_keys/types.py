@@ -11,6 +11,7 @@ from ecatd.operations.bus import Event
 from ecatd.operations.operation import Operation
 
 from .. import docstrings
+from . import counters as _  # noqa: F401  it completes maps
 from .published_maps import EVENTS
 
 _NAMES: dict[Any, str] = {

@@ -225,7 +225,7 @@ class ExchangeWatch:
         if domain is None:
             # With two interfaces a frame that one of them does not take leaves by the other one.
             one = len(self._running.interfaces) == 1
-            unsent = health.send_errors if one else 0
+            unsent = health.unsent if one else 0
             failed = health.lost + unsent  # one frame in a cycle, which looks for slaves
             return Counts(health.cycles, 0, health.lost, health.late, unsent, failed)
         row = self._shared.domain_status[domain.number]

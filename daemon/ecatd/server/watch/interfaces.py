@@ -34,15 +34,8 @@ _FOREIGN_TOLD = 10.0
 _SETTLED = 0.1
 """Seconds to wait before a change is reported: an interface that is removed goes down first."""
 
-_COUNTERS = {
-    "missed": "deadlines missed",
-    "lost": "frames lost",
-    "late": "frames back late",
-    "wkc_bad": "wrong working counters",
-    "send_errors": "frames not sent",
-    "mailbox_lost": "mailbox frames lost",
-}
-"""Counters of `ecat_shm_health` that stand still on a healthy bus."""
+_COUNTERS = {item.name: item for item in shm.COUNTERS if item.severity == "warning"}
+"""Those that stand still on a healthy bus."""
 
 _LINKS = {
     shm.Link.UP: "the link is up",
@@ -210,8 +203,8 @@ class InterfaceWatch:
 
     def _tell_counters(self, report: Report) -> None:
         text = ", ".join(
-            f"{words} {report.counts[name]}"
-            for name, words in _COUNTERS.items()
+            f"{item.label} {report.counts[name]} {item.unit}"
+            for name, item in _COUNTERS.items()
             if name in report.counts
         )
         if report.over:

@@ -4,7 +4,7 @@
 first = read("ecat0")
 time.sleep(1)
 last_second = read("ecat0") - first
-print(last_second.counters.lost, last_second.times.exchange.quantile(0.99) / 1000, "µs")
+print(last_second.counters["lost"], last_second.times["exchange"].quantile(0.99) / 1000, "µs")
 ```
 
 The engine always counts in the shared memory, so reading has no effect on it.
@@ -12,18 +12,15 @@ The engine always counts in the shared memory, so reading has no effect on it.
 
 from .maps import from_map, to_map
 from .reader import read
-from .snapshot import TIMES, Bin, Clock, Counters, Domain, Grant, Histogram, Snapshot, Times
+from .snapshot import Bin, Clock, Domain, Grant, Histogram, Snapshot
 
 __all__ = [
-    "TIMES",
     "Bin",
     "Clock",
-    "Counters",
     "Domain",
     "Grant",
     "Histogram",
     "Snapshot",
-    "Times",
     "from_map",
     "read",
     "to_map",

@@ -39,7 +39,7 @@ def read_clocks(bus: str) -> Clocks:
             "reference": clock.reference,
             "time_ns": clock.time_ns,
             "offset": clock.offset_ns / 1000,
-            "phase": cast("Distribution", histogram_to_map(snapshot.times.dc_offset)),
+            "phase": cast("Distribution", histogram_to_map(snapshot.times["dc_offset"])),
             "drift_ppb": clock.drift_ppb,
             "slaves": _slaves(shared, snapshot),
         }

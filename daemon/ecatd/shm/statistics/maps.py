@@ -14,21 +14,9 @@ from typing import Any
 from ecatd.base.errors import EcatError
 
 from .. import contract as shm
-from .snapshot import (
-    COUNTERS,
-    DOMAIN_COUNTERS,
-    TIMES,
-    Clock,
-    Counters,
-    Domain,
-    Grant,
-    Histogram,
-    Snapshot,
-    Times,
-)
+from .snapshot import Clock, Domain, Grant, Histogram, Snapshot
 
 QUANTILES = {"p50": 0.5, "p90": 0.9, "p99": 0.99, "p999": 0.999, "p9999": 0.9999}
-_COUNTED = tuple(name for name in COUNTERS if name != "mailbox_ns")
 _LIMIT = 1 << 64
 
 
@@ -72,8 +60,7 @@ def interval_to_map(snapshot: Snapshot, *, buckets: bool = False) -> dict[str, A
     """Makes a map of counters and times only, without the present state of the bus."""
     return {
         "seconds": round(snapshot.seconds, 9),
-        **{name: getattr(snapshot.counters, name) for name in _COUNTED},
-        "mailbox_us": snapshot.counters.mailbox_ns / 1000,
+        **snapshot.counters,
         "delay_cycles": list(snapshot.delay_cycles),
         "domains": [_domain(domain) for domain in snapshot.domains],
         **{
@@ -123,7 +110,7 @@ def _domain(domain: Domain) -> dict[str, Any]:
         "wkc": domain.wkc,
         "wkc_state": _name(domain.wkc_state),
         "cycle_number": domain.cycle,
-        **{name: getattr(domain, name) for name in DOMAIN_COUNTERS},
+        **domain.counters,
     }
 
 
@@ -191,28 +178,31 @@ def _snapshot(data: Mapping[str, Any]) -> Snapshot:
             round(float(dc["offset"]) * 1000),
             int(dc["drift_ppb"]),
         ),
-        counters=Counters(
-            **{name: _count(data[name]) for name in _COUNTED}, mailbox_ns=_ns(data["mailbox_us"])
-        ),
+        counters=_counters(data, shm.COUNTERS),
         delay_cycles=tuple(_count(data["delay_cycles"][number]) for number in range(4)),
-        times=Times(**{name: _histogram(data[name]) for name in TIMES}),
+        times={name: _histogram(data[name]) for name in shm.TIMES},
         domains=tuple(
             Domain(
                 **{
                     name: _count(row[name])
                     for name in (
                         *("number", "divider", "phase", "output_bytes", "input_bytes"),
-                        *("wkc_expected", "wkc", *DOMAIN_COUNTERS),
+                        *("wkc_expected", "wkc"),
                     )
                 },
                 name=str(row["name"]),
                 wkc_state=_member(shm.WkcState, row["wkc_state"]),
                 cycle=_count(row["cycle_number"]),
+                counters=_counters(row, shm.DOMAIN_COUNTERS),
             )
             for row in data["domains"]
         ),
         grants=_grants(data["realtime"]["settings"]),
     )
+
+
+def _counters(data: dict[str, Any], known: tuple[shm.Counter, ...]) -> dict[str, int]:
+    return {item.name: _count(data[item.name]) for item in known}
 
 
 def _histogram(data: dict[str, Any]) -> Histogram:

@@ -16,44 +16,12 @@ from ecatd.operations.health import Health, required
 
 from .. import contract as shm
 from .problems import find_problems, is_exchanged
-from .snapshot import DOMAIN_COUNTERS, Histogram, Snapshot
+from .snapshot import Histogram, Snapshot
 
 CONTENT_TYPE = "application/openmetrics-text; version=1.0.0; charset=utf-8"
 
 _BOUNDS_NS = tuple(step * 10**power for power in range(3, 9) for step in (1, 2, 5))
 """Upper bounds of the steps of all histograms: 1 µs to 0.5 s."""
-_COUNTERS = {
-    "cycles": "Cycles of the exchange.",
-    "missed": "Cycles that were left out because the one before took too long.",
-    "frames": "Frames that were sent.",
-    "lost": "Frames that did not come back in time.",
-    "late": "Frames that came back after their cycle.",
-    "foreign": "Frames of another master.",
-    "wkc_bad": "Exchanges of a domain with a wrong working counter.",
-    "send_errors": "Frames that the interface did not take.",
-    "commits": "Outputs of clients that were taken over.",
-    "torn": "Outputs of clients that were read in the next cycle only.",
-    "lapses": "Clients that lost their outputs because they did not answer in time.",
-    "mailbox_frames": "Frames of the control side.",
-    "mailbox_lost": "Frames of the control side that did not come back in time.",
-}
-_DOMAIN_COUNTERS = {
-    "exchanges": "Exchanges of a domain.",
-    "overruns": "Exchanges of a domain that were left out because their cycle was missed.",
-    "lost": "Frames with data of a domain that did not come back in time.",
-    "late": "Frames with data of a domain that came back after their cycle.",
-    "unsent": "Frames with data of a domain that could not be sent.",
-    "wkc_bad": "Exchanges of a domain with an incomplete working counter.",
-    "wkc_wrong": "Those of them whose frames all came back.",
-}
-_TIMES = {
-    "wakeup": "How late the cycle begins.",
-    "exchange": "From sending the frames of a cycle to the last answer.",
-    "cycle": "Work in a cycle, with the exchange.",
-    "delay": "From a sample to the exchange with the outputs that answer it.",
-    "dc_offset": "How far the cycle is from its place in the cycle of the reference clock.",
-    "mailbox": "Round trip of a frame of the control side.",
-}
 
 
 def write_metrics(snapshot: Snapshot, slaves: Health | EcatError) -> str:
@@ -118,19 +86,16 @@ def _lines(snapshot: Snapshot, slaves: Health | EcatError) -> Iterator[str]:
         yield from _gauge(
             "ecat_dc_locked", "Whether the cycle follows the reference clock.", [(bus, int(locked))]
         )
-    for name, text in _COUNTERS.items():
-        yield from _counter(f"ecat_{name}", text, [(bus, getattr(snapshot.counters, name))])
-    for name in DOMAIN_COUNTERS:
-        yield from _counter(
-            f"ecat_domain_{name}",
-            _DOMAIN_COUNTERS[name],
-            [
-                ({**bus, "domain": str(domain.number), "name": domain.name}, getattr(domain, name))
-                for domain in snapshot.domains
-            ],
-        )
-    for name, histogram in snapshot.times.items():
-        yield from _histogram(f"ecat_{name}_seconds", _TIMES[name], bus, histogram)
+    for item in shm.COUNTERS:
+        yield from _counter("ecat_", item, [(bus, snapshot.counters)])
+    domains = [
+        ({**bus, "domain": str(domain.number), "name": domain.name}, domain.counters)
+        for domain in snapshot.domains
+    ]
+    for item in shm.DOMAIN_COUNTERS:
+        yield from _counter("ecat_domain_", item, domains)
+    for name, meaning in shm.TIMES.items():
+        yield from _histogram(f"ecat_{name}_seconds", meaning, bus, snapshot.times[name])
 
 
 def _slaves(bus: Mapping[str, str], slaves: Health) -> Iterator[str]:
@@ -213,18 +178,26 @@ def _gauge(
 
 
 def _counter(
-    name: str, text: str, samples: Iterable[tuple[Mapping[str, str], int]]
+    prefix: str, item: shm.Counter, parts: Iterable[tuple[Mapping[str, str], dict[str, int]]]
 ) -> Iterator[str]:
-    yield from _family(name, "counter", text)
-    for labels, value in samples:
-        yield _sample(f"{name}_total", labels, value)
+    """A counter of parts of the bus. Times are in seconds, as everything is here."""
+    is_time = item.unit == "ns"
+    name = prefix + (f"{item.name.removesuffix('_ns')}_seconds" if is_time else item.name)
+    yield from _family(name, "counter", _sentence(item.meaning), "seconds" if is_time else "")
+    for labels, counters in parts:
+        value = counters[item.name]
+        yield _sample(f"{name}_total", labels, value / 1e9 if is_time else value)
+
+
+def _sentence(meaning: str) -> str:
+    return f"{meaning[0].upper()}{meaning[1:]}."
 
 
 def _histogram(
     name: str, text: str, labels: Mapping[str, str], histogram: Histogram
 ) -> Iterator[str]:
     """A step belongs to the first bound at or above its upper edge. The bounds are much wider."""
-    yield from _family(name, "histogram", text, "seconds")
+    yield from _family(name, "histogram", _sentence(text), "seconds")
     bins = list(histogram.bins())
     below = at = 0
     for bound in _BOUNDS_NS:

@@ -54,7 +54,7 @@ def _wire_problems(snapshot: Snapshot) -> Iterator[str]:
 def _seen_from_here(snapshot: Snapshot) -> Iterator[str]:
     """What the shared memory says of exchange and slaves, if no gateway answers for them."""
     for domain in snapshot.domains:
-        if domain.exchanges and domain.wkc_state != shm.WkcState.COMPLETE:
+        if domain.counters["exchanges"] and domain.wkc_state != shm.WkcState.COMPLETE:
             yield (
                 f"the last exchange of domain {domain.number} was not complete (working counter "
                 f"{domain.wkc} of {domain.wkc_expected})"

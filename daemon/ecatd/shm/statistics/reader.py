@@ -8,18 +8,7 @@ from typing import Any
 
 from .. import contract as shm
 from ..reader import Reader, opened
-from .snapshot import (
-    COUNTERS,
-    DOMAIN_COUNTERS,
-    TIMES,
-    Clock,
-    Counters,
-    Domain,
-    Grant,
-    Histogram,
-    Snapshot,
-    Times,
-)
+from .snapshot import Clock, Domain, Grant, Histogram, Snapshot
 
 _TRIES = 5  # attempts to read while no cycle ends
 _NONE = (1 << 64) - 1  # `min_ns` of an empty histogram
@@ -84,9 +73,9 @@ def _read(shared: Reader) -> Snapshot:
             health.dc_offset_ns,
             health.dc_drift_ppb,
         ),
-        counters=Counters(**{name: getattr(health, name) for name in COUNTERS}),
+        counters={item.name: getattr(health, item.name) for item in shm.COUNTERS},
         delay_cycles=tuple(health.delay_cycles),
-        times=Times(**{name: _histogram(getattr(health, name)) for name in TIMES}),
+        times={name: _histogram(getattr(health, name)) for name in shm.TIMES},
         domains=domains,
         grants=tuple(
             Grant(kind, bool(row.wanted), bool(row.granted), row.value, row.error)
@@ -113,7 +102,7 @@ def _domains(shared: Reader, head: Any) -> tuple[Domain, ...]:
                 wkc=page.wkc,
                 wkc_state=shm.WkcState(page.wkc_state),
                 cycle=page.cycle,
-                **{name: getattr(status, name) for name in DOMAIN_COUNTERS},
+                counters={item.name: getattr(status, item.name) for item in shm.DOMAIN_COUNTERS},
             )
         )
     return tuple(made)

@@ -7,8 +7,7 @@ between them.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from ecatd.base.errors import StateError, UsageError
 
@@ -95,50 +94,6 @@ class Histogram:
 
 
 @dataclass(frozen=True, slots=True)
-class Times:
-    """Times measured by the daemon; `ecat_shm_health` in the layout describes each of them."""
-
-    wakeup: Histogram
-    exchange: Histogram
-    cycle: Histogram
-    delay: Histogram
-    dc_offset: Histogram
-    mailbox: Histogram
-
-    def items(self) -> Iterator[tuple[str, Histogram]]:
-        """Yields name and histogram of each time."""
-        for field in fields(self):
-            yield field.name, getattr(self, field.name)
-
-
-TIMES = tuple(field.name for field in fields(Times))
-
-
-@dataclass(frozen=True, slots=True)
-class Counters:
-    """Counters since the start of the exchange, or of an interval (`ecat_shm_health`)."""
-
-    cycles: int
-    missed: int
-    frames: int
-    lost: int
-    late: int
-    foreign: int
-    wkc_bad: int
-    send_errors: int
-    commits: int
-    torn: int
-    lapses: int
-    mailbox_frames: int
-    mailbox_lost: int
-    mailbox_ns: int
-
-
-COUNTERS = tuple(field.name for field in fields(Counters))
-DOMAIN_COUNTERS = ("exchanges", "overruns", "lost", "late", "unsent", "wkc_bad", "wkc_wrong")
-
-
-@dataclass(frozen=True, slots=True)
 class Domain:
     """One domain: what it is, its last exchange, and its counters (`ecat_shm_domain_status`).
 
@@ -153,13 +108,7 @@ class Domain:
         wkc: Working counter of its last exchange.
         wkc_state: Whether none, some or all slaves took part in it.
         cycle: Number of the cycle of its last exchange.
-        exchanges: Number of exchanges.
-        overruns: Exchanges left out because their cycle was missed.
-        lost: Frames with its data that did not come back in time.
-        late: Frames with its data that came back after their cycle.
-        unsent: Frames with its data that could not be sent.
-        wkc_bad: Exchanges with an incomplete working counter.
-        wkc_wrong: Those of them whose frames all came back.
+        counters: Its counters, `shm.DOMAIN_COUNTERS`, by name.
     """
 
     number: int
@@ -172,16 +121,10 @@ class Domain:
     wkc: int
     wkc_state: shm.WkcState
     cycle: int
-    exchanges: int
-    overruns: int
-    lost: int
-    late: int
-    unsent: int
-    wkc_bad: int
-    wkc_wrong: int
+    counters: dict[str, int]
 
     def __sub__(self, earlier: Domain) -> Domain:
-        return replace(self, **_difference(self, earlier, DOMAIN_COUNTERS))
+        return replace(self, counters=_difference(self.counters, earlier.counters))
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,10 +189,10 @@ class Snapshot:
         ring_break: Number of slaves before the break, if the ring is open.
         links: State of the interface and of the second one.
         clock: Distributed clocks.
-        counters: Counters of the exchange.
+        counters: Counters of the exchange, `shm.COUNTERS`, by name.
         delay_cycles: Number of commits that were sent 0, 1, 2, and 3 or more cycles after the
             sample that they answer.
-        times: Histograms.
+        times: Histograms of the times that the daemon measures, `shm.TIMES`, by name.
         domains: Domains by number.
         grants: Real-time settings, in the order of `shm.Setting`.
     """
@@ -270,9 +213,9 @@ class Snapshot:
     ring_break: int
     links: tuple[shm.Link, shm.Link]
     clock: Clock
-    counters: Counters
+    counters: dict[str, int]
     delay_cycles: tuple[int, ...]
-    times: Times
+    times: dict[str, Histogram]
     domains: tuple[Domain, ...]
     grants: tuple[Grant, ...]
 
@@ -298,20 +241,18 @@ class Snapshot:
         return replace(
             self,
             start_ns=earlier.read_ns,
-            counters=Counters(**_difference(self.counters, earlier.counters, COUNTERS)),
+            counters=_difference(self.counters, earlier.counters),
             delay_cycles=tuple(
                 max(0, now - then)
                 for now, then in zip(self.delay_cycles, earlier.delay_cycles, strict=True)
             ),
-            times=Times(
-                **{name: getattr(self.times, name) - getattr(earlier.times, name) for name in TIMES}
-            ),
+            times={name: now - earlier.times[name] for name, now in self.times.items()},
             domains=tuple(
                 now - then for now, then in zip(self.domains, earlier.domains, strict=False)
             ),
         )
 
 
-def _difference(now: object, then: object, names: tuple[str, ...]) -> dict[str, Any]:
+def _difference(now: dict[str, int], then: dict[str, int]) -> dict[str, int]:
     """Increase of counters; 0 for a counter that has decreased, as in damaged shared memory."""
-    return {name: max(0, getattr(now, name) - getattr(then, name)) for name in names}
+    return {name: max(0, value - then[name]) for name, value in now.items()}
