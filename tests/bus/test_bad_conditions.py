@@ -28,6 +28,8 @@ from ecatd.etg.al import AlState
 from ecatd.operations.encoding import unpack
 from ecatd.operations.zenoh_keys import bus_key, session_config
 from ecatd.shm import contract as shm
+from ecatdev.zenoh_keys.bus_maps import Event
+from ecatdev.zenoh_keys.types import problems
 from ecatsim.control import Simulator
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged, pytest.mark.long]
@@ -59,8 +61,10 @@ class Bench:
         assert list(self._session.get(bus_key(daemon.bus, "ro", "info"), timeout=PATIENCE))
 
     def close(self) -> None:
+        """Ends; all events must have been as docs/zenoh-keys.md says."""
         self._subscriber.undeclare()
         self._session.close()
+        assert [text for event in self.events for text in problems(event, Event)] == []
 
     def inside(self, *arguments: str) -> None:
         """Does something in the namespace of the interfaces."""

@@ -153,9 +153,15 @@ def test_what_slaves_are_told_and_answer(start_daemon: Callable[..., Daemon]) ->
 def test_a_refused_claim(daemon: Daemon) -> None:
     set_level(daemon, "outputs", "debug")
     with daemon.client() as first, daemon.client() as second:
-        with first.claim(3, lease=30.0), pytest.raises(EcatError):
-            second.claim(3, lease=30.0)
-        wait_for(lambda: "is refused outputs of slave 3 (EL2008)" in daemon.log, daemon)
+        with first.claim(3, lease=30.0):
+            with pytest.raises(EcatError):
+                second.claim(3, lease=30.0)
+            wait_for(lambda: "is refused outputs of slave 3 (EL2008)" in daemon.log, daemon)
+        assert daemon.ctl_json("stats")["conflicts"] == 1
+        (event,) = daemon.ctl_json("events", "3", "--kind", "conflict")["events"]
+        assert (event["slave"], event["entry"], event["pid"]) == (3, "0x7000:01", os.getpid())
+        assert event["owner"].endswith(f"(pid {os.getpid()})")
+        names(event["text"], event["owner"], event["entry"], "EL2008")
     assert details(daemon.log) == ["outputs"]
 
 

@@ -1,11 +1,9 @@
 """The log: what the journal gets, and that every event has an explanation for `journalctl -x`."""
 
-import ast
 import re
 import shutil
 import socket
 import subprocess
-from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from time import sleep
@@ -13,12 +11,10 @@ from time import sleep
 import pytest
 
 from ecatd.base.log import STORM_MAX, Log, message_id
-from ecatd.base.log_levels import LEVELS, PARTS
-from ecatd.operations.event_facts import KINDS
+from ecatd.base.log_levels import PARTS
 
 ROOT = Path(__file__).parents[2]
 CATALOG = ROOT / "systemd" / "ecatd.catalog"
-FIRST_COLUMN = re.compile(r"^\| ((?:`[a-z_]+`(?:, )?)+) \|", re.MULTILINE)
 
 
 @pytest.fixture
@@ -113,64 +109,6 @@ def test_r47_a_storm_of_messages_is_counted(
     assert "ecatd: debug: gateway: a detail" in lines
     storm.debug("again")
     assert "mailbox: again" in capsys.readouterr().err
-
-
-def explained() -> set[str]:
-    return set(re.findall(r"^-- ([0-9a-f]{32})$", CATALOG.read_text(), re.MULTILINE))
-
-
-def texts(nodes: Iterable[ast.expr | None]) -> set[str]:
-    """The constant texts among some expressions."""
-    return {
-        node.value
-        for node in nodes
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value
-    }
-
-
-def code() -> tuple[set[str], set[str]]:
-    """The names of events that the code publishes, and those that it gives to the log."""
-    published, logged = set(), set()
-    for file in (ROOT / "daemon" / "ecatd").rglob("*.py"):
-        nodes = list(ast.walk(ast.parse(file.read_text())))
-        for node in nodes:
-            match node:
-                case ast.Call(func=ast.Attribute(attr="_tell"), args=[kind], keywords=[_, *_]):
-                    published |= texts([kind])
-                case ast.Dict(keys=keys):
-                    named = zip(keys, node.values, strict=True)
-                    published |= texts([value for key, value in named if texts([key]) == {"event"}])
-                case ast.Call(
-                    func=ast.Attribute(attr=level) | ast.Name(id="tell" as level),
-                    args=[_, kind, *_],
-                ) if level in {*LEVELS, "tell"}:  # `tell` is the method for one of two levels
-                    logged |= texts([kind])
-        if "EventType(" in file.read_text():  # it uses the names of the engine's events
-            cases = [
-                part
-                for node in nodes
-                if isinstance(node, ast.match_case)
-                for part in ast.walk(node.pattern)
-            ]
-            names = {part.attr.lower() for part in cases if isinstance(part, ast.Attribute)}
-            published, logged = published | names, logged | names
-    return published, logged
-
-
-def table(page: str, head: str) -> set[str]:
-    """The names in the first column of a table."""
-    rows = page.partition(head)[2].partition("\n\n")[0]
-    return {name for row in FIRST_COLUMN.findall(rows) for name in re.findall(r"[a-z_]+", row)}
-
-
-def test_r44_every_event_is_explained() -> None:
-    page = (ROOT / "docs" / "troubleshooting.md").read_text()
-    published, logged = code()
-    assert table(page, "| `event` | facts |") == published == KINDS
-    assert table(page, "| `ECAT_EVENT` | what has happened |") == logged - published
-    without = {"working_counter", "log_levels", "change"}
-    assert published - logged == without, "as the page says"
-    assert explained() == {message_id(name) for name in logged}
 
 
 @pytest.mark.skipif(shutil.which("journalctl") is None, reason="there is no systemd")

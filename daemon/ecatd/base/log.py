@@ -2,7 +2,8 @@
 
 The fields of the journal are ECAT_BUS, ECAT_PART (see `ecatd.base.log_levels`), ECAT_EVENT (the
 name of the event in Zenoh), ECAT_SLAVE (the position, once for each slave concerned), and
-MESSAGE_ID, by which `journalctl -x` finds the explanation in `systemd/ecatd.catalog`.
+MESSAGE_ID, by which `journalctl -x` finds the explanation in `systemd/ecatd.catalog`; kinds of
+events are in `ecatd.operations.events`.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ecatd.description.bus import Bus
 from ecatd.operations.bus import Events, ReadEvents
-from ecatd.operations.event_facts import KINDS, shown
+from ecatd.operations.events import PUBLISHED
 
 from .arguments import add_slave
 from .output import print_json, print_json_line
@@ -26,8 +26,6 @@ _PAUSE = 0.5
 _AGO = re.compile(r"(\d+)([smhd])")
 _UNITS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
-_SAID = ("event", "sequence", "instance", "time_ns", "slave", "times")
-"""Facts that have a place of their own in the line of an event, or are for programs."""
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
@@ -53,8 +51,8 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 
 def _kind(text: str) -> str:
     """Checks that there are events of a kind: one that does not exist would filter all out."""
-    if text not in KINDS:
-        known = ", ".join(sorted(KINDS))
+    if text not in PUBLISHED:
+        known = ", ".join(sorted(PUBLISHED))
         raise argparse.ArgumentTypeError(f"there are no events of kind '{text}', only {known}")
     return text
 
@@ -152,11 +150,7 @@ def _line(bus: Bus, event: dict[str, Any]) -> str:
     when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds))
     position = event.get("slave", -1)
     label = bus.slaves[position].label if 0 <= position < len(bus.slaves) else ""
-    text = str(event.get("text", "")) or ", ".join(
-        f"{name} {shown(value)}"
-        for name, value in event.items()
-        if name not in _SAID and value not in ("", None)
-    )
+    text = str(event.get("text", ""))
     what = text if label in text else f"{label}: {text}" if text else label
     times = f"{event.get('times', 1)} times"
     if times != "1 times" and times not in text:

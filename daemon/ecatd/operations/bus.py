@@ -211,6 +211,7 @@ class Event(Map):
         sequence: Its number: each event has the next one, so a gap is a loss.
         instance: Unix time of the start of the daemon in ns, which begins to count them at 1.
         time_ns: Unix time in ns.
+        text: What has happened, as a sentence.
         times: How many events of this kind about the same thing it stands for, if there may be
             several: it is the last one of them.
     """
@@ -219,6 +220,7 @@ class Event(Map):
     sequence: int
     instance: int
     time_ns: int
+    text: str
     times: NotRequired[int]
 
 

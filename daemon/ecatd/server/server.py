@@ -50,6 +50,7 @@ from ecatd.operations.bus import (
 from ecatd.operations.description import BusDescription, Describe
 from ecatd.operations.frames import Frames, ReadFrames
 from ecatd.operations.handlers import handles
+from ecatd.operations.events import new_event
 from ecatd.operations.health import look_at
 from ecatd.operations.log import LogLevels, ReadLogLevels, SetLogLevel
 from ecatd.operations.operation import Operation
@@ -223,7 +224,9 @@ class BusServer:
             self._fault_files.set_config(config.capture)
         self._configured = config.log
         self._use_audit_file(config)
-        self._events.publish({"event": "configuration", "time_ns": time.time_ns()})
+        self._events.publish(
+            new_event("configuration", text="the configuration was read again, and has changed")
+        )
 
     def _use_audit_file(self, config: Config) -> None:
         self._log.set_audit_file(config.audit_file)
@@ -380,12 +383,13 @@ class BusServer:
         before, part = self._log.levels, request.part
         after = self._log.levels = with_level(before, part, request.level)
         self._set_levels(after)
-        self._events.publish({"event": "log_levels", "time_ns": time.time_ns()})
         was = levels_text(before) if part is None else level_of(before, part)
-        self._log.notice(
+        text = (
             f"log level of {part or 'all parts'} changed from {was} to {request.level} by "
             f"{request.by}, until the configuration is read again"
         )
+        self._log.notice(text)
+        self._events.publish(new_event("log_levels", text=text))
         return self._log_levels()
 
     async def stop(self) -> None:

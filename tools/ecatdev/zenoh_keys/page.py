@@ -18,6 +18,7 @@ from ecatd.operations.errors import Failure
 from ecatd.operations.fields import Limits
 from ecatd.operations.operation import Operation, needs_right
 from ecatd.operations.query import ALL
+from ecatd.operations.events import FACTS, KINDS
 
 from ..markdown import head, row
 from .publications import PUBLICATIONS
@@ -139,14 +140,24 @@ def _map(kind: type) -> Iterator[str]:
 
 def _events() -> Iterator[str]:
     yield "Each event has the keys of its kind in addition to those of [Event](#event)."
-    yield "[Events](troubleshooting.md#events) says what they mean."
+    yield "[Events](troubleshooting.md#events) says what to do."
     yield ""
     yield from head("`event`", "when", "keys")
     for name, kind in EVENTS.items():
-        keys = (f"`{k.name}`{'' if k.needed else ' *'} {name_of(k.kind)}" for k in keys_of(kind))
+        values = KINDS[name].values
+        keys = (
+            f"`{key.name}`{'' if key.needed else ' *'}"
+            + (f" ({values[key.name]})" if key.name in values else "")
+            for key in keys_of(kind)
+        )
         yield row(f"`{name}`", summary(kind), ", ".join(keys))
     yield ""
     yield "\\* not always there"
+    yield ""
+    yield from head("key", "type", "meaning")
+    for name, fact in FACTS.items():
+        meaning = fact.meaning.replace("None", "`nil`")
+        yield row(f"`{name}`", name_of(fact.type), f"{meaning[0].upper()}{meaning[1:]}.")
 
 
 def _shown(key: str) -> str:

@@ -157,6 +157,8 @@ class SharedMemory:
     def _fill_signals(self, plan: _Plan) -> None:
         kind = shm.struct("ecat_shm_signal") * max(1, len(plan.signals))
         self.signals = table = kind.from_buffer(self._map, plan.offsets["signals"])
+        sources = shm.struct("ecat_shm_output") * max(1, len(plan.signals))
+        self.outputs = sources.from_buffer(self._map, plan.offsets["outputs"])
         self._entries = [entry for _, _, entry, _, _ in plan.signals]
         for row, (slave, pdo, entry, output, bit_offset) in zip(table, plan.signals, strict=False):
             row.slave, row.domain = slave.position, slave.domain

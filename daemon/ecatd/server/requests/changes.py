@@ -7,7 +7,6 @@ sample, so its changes are told together, at growing intervals: one line for eac
 from __future__ import annotations
 
 import hashlib
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -18,6 +17,7 @@ from typing import Any
 from ecatd.base.batch import Batch
 from ecatd.base.errors import EcatError, NoAnswerError
 from ecatd.base.log import Log
+from ecatd.operations.events import new_event
 
 ZENOH = -1
 """In place of the slot of a program: the request came over Zenoh."""
@@ -171,8 +171,7 @@ class Changes:
 
     def _write(self, facts: dict[str, Any], text: str, *, failed: bool, told: str = "") -> None:
         self._log.notice(text, failed=failed, told=told)
-        more = {"failed": failed, "text": told or text}
-        self._publish({"event": "change", "time_ns": time.time_ns(), **facts, **more})
+        self._publish(new_event("change", **facts, failed=failed, text=told or text))
 
     def close(self) -> None:
         """Tells of the changes that are still waiting."""

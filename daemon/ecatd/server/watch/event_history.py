@@ -12,14 +12,14 @@ from collections.abc import Callable
 from typing import Any
 
 from ecatd.base.batch import Batch
+from ecatd.operations.events import FACTS
 
 Event = dict[str, Any]
 
 _KEPT = 1000
 _BURST, _PER_SECOND = 20, 0.5
 """A flood is more than so many events at once, with so many more each second."""
-_ABOUT = ("event", "slave", "domain", "interface", "slot", "file", "what")
-"""Facts that say what an event is about."""
+_ABOUT = ("event", *(name for name, fact in FACTS.items() if fact.subject))
 _SUBJECTS_MAX = 1000
 
 

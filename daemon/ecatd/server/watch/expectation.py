@@ -110,9 +110,12 @@ class ExpectationWatch:
         self._told = now if whole else before | now
         if self._told.keys() == before.keys():
             return
+        differences = [item.text for item in self._told.values()]
+        text = "bus not as expected: " + "; ".join(differences)
         if not found:
-            self._log.info("the bus is as expected again", "expected_bus")
-        self._tell("expected_bus", differences=[item.text for item in self._told.values()])
+            text = "the bus is as expected again"
+            self._log.info(text, "expected_bus")
+        self._tell("expected_bus", differences=differences, text=text)
 
     def _tell_one(self, item: Difference) -> None:
         tell = self._log.error if item.strict else self._log.warning

@@ -18,7 +18,6 @@ from ecatd.base.paths import give_to_group
 from ecatd.base.pcapng import header, packet, read_records
 from ecatd.config import CaptureConfig
 from ecatd.master.frames.frame_ring import FrameRing
-from ecatd.operations.event_facts import shown
 
 _AFTERMATH = 1.0
 """Seconds between a fault and its file, so that the file also has the frames that follow."""
@@ -89,10 +88,7 @@ class FaultFiles:
         if now - self._last < _PAUSE:
             return
         self._last = now
-        text = facts.get("text") or ", ".join(
-            f"{key} {shown(value)}" for key, value in facts.items()
-        )
-        self._task = asyncio.create_task(self._write(f"{kind}: {text}"))
+        self._task = asyncio.create_task(self._write(f"{kind}: {facts['text']}"))
 
     async def close(self) -> None:
         """Writes a pending file at once, without the frames that would follow the fault."""

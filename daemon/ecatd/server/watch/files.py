@@ -78,7 +78,13 @@ class FileWatch:
         by = f" (open in {names(programs)})" if programs else ""
         text = f"{file.path} was {damage} by another process{by}: {consequence}"
         self._log.warning(text, "tampered")
-        self._tell("tampered", file=str(file.path), damage=damage, programs=[*map(str, programs)])
+        self._tell(
+            "tampered",
+            file=str(file.path),
+            damage=damage,
+            programs=[*map(str, programs)],
+            text=text,
+        )
 
 
 def _damages(file: _File) -> Iterator[tuple[str, str]]:

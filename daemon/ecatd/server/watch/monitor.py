@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Any
@@ -23,6 +22,7 @@ from ecatd.master.al_states import SlaveState
 from ecatd.master.emergencies import Emergency
 from ecatd.master.engine.engine import Event, EventType
 from ecatd.master.worker import Worker
+from ecatd.operations.events import new_event
 from ecatd.operations.faults import Fault
 from ecatd.shm import contract as shm
 
@@ -273,7 +273,7 @@ class Monitor:
         self._tell("working_counter", **facts, text=text)
 
     def _tell(self, kind: str, **facts: Any) -> None:
-        self._publish({"event": kind, "time_ns": time.time_ns(), **facts})
+        self._publish(new_event(kind, **facts))
         self._fault_files.note(kind, facts)
 
     async def run(self) -> None:

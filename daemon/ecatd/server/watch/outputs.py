@@ -88,6 +88,7 @@ class OutputWatch:
         self._log = log
         self._tell = tell
         self._clients: dict[int, _Client] = {}
+        self._owners: dict[int, str] = {}  # of outputs, by signal, at the last conflict
         self._gathered: dict[tuple[int, int], Batch[tuple[Event, _Client]]] = {}
         self._writers: list[Program] = []
         self._looked = 0.0
@@ -96,37 +97,34 @@ class OutputWatch:
         """Takes an event of the engine about a client, or about the drive of a slave."""
         if event.type in (EventType.CLAIMED, EventType.MALFORMED):
             self._look_at(event.slot, event.value)
-        if event.type == EventType.CONFLICT:  # the client knows: nobody else needs to
-            self._tell_conflict(event)
-            return
+        elif event.type == EventType.CONFLICT:  # the client may never have owned anything
+            self._look_at(event.slot)
+            self._owners[event.value] = self._owner(event.value)
         about = (event.slot, event.slave if event.slot < 0 else -1)
         if about not in self._gathered:
             self._gathered[about] = Batch(partial(self._tell_all, event.slot))
         client = self._clients.get(event.slot, _Client(event.slot))
         self._gathered[about].note((event, client))
 
-    def _tell_conflict(self, event: Event) -> None:
-        client = self._clients.get(event.slot, _Client(event.slot))
-        self._log.debug(
-            f"{client} is refused outputs of {self._bus.slaves[event.slave].label}: "
-            f"{self._entry(event.value).address} has another owner",
-            slaves=[event.slave],
-        )
-
     def close(self) -> None:
         """Reports the events that are still waiting."""
         for item in self._gathered.values():
             item.close()
 
-    def _look_at(self, slot: int, generation: int) -> None:
-        """Remembers the client in a slot, so that it can be named after it has left."""
+    def _look_at(self, slot: int, generation: int | None = None) -> None:
+        """Remembers the client in a slot, so that it can be named after it has left.
+
+        Args:
+            slot: The slot.
+            generation: Generation of the client; None: whoever is there now.
+        """
         out, kind = self._shared.out, shm.struct("ecat_out_slot")
         at = out.slots_offset + slot * out.slot_stride
         data = os.pread(self._shared.out_fd, shm.size(kind.__name__), at)
         if len(data) < shm.size(kind.__name__):
             return
         found = kind.from_buffer_copy(data)
-        if found.generation == generation:
+        if generation in (None, found.generation):
             program = shm.printable(found.program)
             self._clients[slot] = _Client(slot, program, found.pid, found.pid_namespace)
 
@@ -177,9 +175,11 @@ class OutputWatch:
             facts["programs"] = [*map(str, self._writers)]
         if event.type == EventType.SAFE:
             facts["reason"] = shm.Reason(event.value).name.lower()
-        elif event.type == EventType.REFUSED:
+        elif event.type in (EventType.REFUSED, EventType.CONFLICT):
             facts["entry"] = self._entry(event.value).address
-        elif event.type == EventType.STOPPED:
+        if event.type == EventType.CONFLICT:
+            facts["owner"] = self._owners[event.value]
+        if event.type == EventType.STOPPED:
             facts["in_time"] = bool(event.value)
         self._tell(EventType(event.type).name.lower(), **facts)
 
@@ -193,6 +193,8 @@ class OutputWatch:
             or (first.type == EventType.STOPPED and first.value)
         )
         say = self._log.info if wanted else self._log.warning
+        if first.type == EventType.CONFLICT:  # the client has been told, and may try again at once
+            say = self._log.debug
         text = self._text(first, who, positions)
         say(text, EventType(first.type).name.lower(), positions)
 
@@ -207,6 +209,10 @@ class OutputWatch:
             case EventType.SAFE:
                 because = _REASONS[shm.Reason(first.value)].format(who)
                 return f"outputs of {slaves} are safe: {because}"
+            case EventType.CONFLICT:
+                entry = self._entry(first.value).address
+                owner = self._owners[first.value]
+                return f"{who} is refused outputs of {slaves}: {owner} owns {entry}"
             case EventType.REFUSED:
                 by = f"slot {first.slot}, of {who}, got" if others else f"{who} wrote"
                 return f"{by} {self._refused(first)}" + (others and f"; {others}")
@@ -222,6 +228,15 @@ class OutputWatch:
             f"{slaves}: the drive has not stopped in {self._patience.get(first.slave, 0):g} s; "
             "its controlword is 0 now"
         )
+
+    def _owner(self, signal: int) -> str:
+        """What an output belongs to now, so that a client cannot have it."""
+        row = self._shared.outputs[signal]
+        if row.state == shm.Outputs.COPIED:
+            return "a [[copy]] of the configuration"
+        if row.owner < 0:  # it has been released meanwhile
+            return "another client"
+        return str(self._clients.get(row.owner, _Client(row.owner)))
 
     def _slaves(self, positions: set[int]) -> str:
         if len(positions) == 1:
