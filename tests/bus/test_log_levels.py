@@ -162,6 +162,19 @@ def test_a_refused_claim(daemon: Daemon) -> None:
         assert (event["slave"], event["entry"], event["pid"]) == (3, "0x7000:01", os.getpid())
         assert event["owner"].endswith(f"(pid {os.getpid()})")
         names(event["text"], event["owner"], event["entry"], "EL2008")
+        with first.claim(3, lease=30.0):
+            for _ in range(50):
+                with pytest.raises(EcatError):
+                    second.claim(3, lease=30.0)
+        assert daemon.ctl_json("stats")["conflicts"] == 51
+
+        def told() -> int:
+            found = daemon.ctl_json("events", "--kind", "conflict")["events"]
+            assert len(found) < 40, "a flood is one event with a count"
+            return sum(event.get("times", 1) for event in found)
+
+        wait_for(lambda: told() == 51, daemon)
+    assert "too often" not in daemon.log
     assert details(daemon.log) == ["outputs"]
 
 

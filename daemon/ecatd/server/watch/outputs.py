@@ -89,7 +89,7 @@ class OutputWatch:
         self._tell = tell
         self._clients: dict[int, _Client] = {}
         self._owners: dict[int, str] = {}  # of outputs, by signal, at the last conflict
-        self._gathered: dict[tuple[int, int], Batch[tuple[Event, _Client]]] = {}
+        self._gathered: dict[tuple[int, int, bool], Batch[tuple[Event, _Client]]] = {}
         self._writers: list[Program] = []
         self._looked = 0.0
 
@@ -100,7 +100,8 @@ class OutputWatch:
         elif event.type == EventType.CONFLICT:  # the client may never have owned anything
             self._look_at(event.slot)
             self._owners[event.value] = self._owner(event.value)
-        about = (event.slot, event.slave if event.slot < 0 else -1)
+        # A client may try again in each cycle: that must not push out what happens to its outputs.
+        about = (event.slot, event.slave if event.slot < 0 else -1, _is_minor(event))
         if about not in self._gathered:
             self._gathered[about] = Batch(partial(self._tell_all, event.slot))
         client = self._clients.get(event.slot, _Client(event.slot))
@@ -137,7 +138,8 @@ class OutputWatch:
             self._find_writers()
         left_out += sum(len(group) for group, _ in groups[:-_TOLD])
         if left_out:
-            self._log.warning(
+            say = self._log.debug if _is_minor(events[-1][0]) else self._log.warning
+            say(
                 f"{left_out} events about outputs of the client in slot {slot} were not reported, "
                 "because they come too often"
             )
@@ -193,7 +195,7 @@ class OutputWatch:
             or (first.type == EventType.STOPPED and first.value)
         )
         say = self._log.info if wanted else self._log.warning
-        if first.type == EventType.CONFLICT:  # the client has been told, and may try again at once
+        if _is_minor(first):
             say = self._log.debug
         text = self._text(first, who, positions)
         say(text, EventType(first.type).name.lower(), positions)
@@ -262,3 +264,8 @@ class OutputWatch:
             f"{low} to {high} {entry.unit}".rstrip()
             + "; the output keeps the value before"
         )
+
+
+def _is_minor(event: Event) -> bool:
+    """Whether the client knows it already, so that the log has it as a detail only."""
+    return event.type == EventType.CONFLICT
