@@ -19,6 +19,7 @@ from typing import Any
 
 import pytest
 import zenoh
+from ecatdev.zenoh_keys.bus_maps import Event
 
 from conftest import PATIENCE, SHM, Daemon, names, one_line_error, run_module, wait_for
 from ecatd.base.errors import UnreachableError
@@ -28,7 +29,6 @@ from ecatd.etg.al import AlState
 from ecatd.operations.encoding import unpack
 from ecatd.operations.zenoh_keys import bus_key, session_config
 from ecatd.shm import contract as shm
-from ecatdev.zenoh_keys.bus_maps import Event
 from ecatdev.zenoh_keys.types import problems
 from ecatsim.control import Simulator
 

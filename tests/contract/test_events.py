@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ecatd.base.log_levels import LEVELS
+from ecatd.operations.bus import Event
 from ecatd.operations.events import FACTS, KINDS, PUBLISHED, new_event
 from ecatdev import event_pages
-from ecatdev.zenoh_keys.bus_maps import Event
 from ecatdev.zenoh_keys.types import problems
 
 ROOT = Path(__file__).parents[2]

@@ -48,9 +48,9 @@ from ecatd.operations.bus import (
     States,
 )
 from ecatd.operations.description import BusDescription, Describe
+from ecatd.operations.events import new_event
 from ecatd.operations.frames import Frames, ReadFrames
 from ecatd.operations.handlers import handles
-from ecatd.operations.events import new_event
 from ecatd.operations.health import look_at
 from ecatd.operations.log import LogLevels, ReadLogLevels, SetLogLevel
 from ecatd.operations.operation import Operation

@@ -15,14 +15,14 @@ from typing import Any
 
 from ecatd.operations.catalog import OPERATIONS
 from ecatd.operations.errors import Failure
+from ecatd.operations.events import FACTS, KINDS
 from ecatd.operations.fields import Limits
 from ecatd.operations.operation import Operation, needs_right
 from ecatd.operations.query import ALL
-from ecatd.operations.events import FACTS, KINDS
 
 from ..markdown import head, row
+from .event_maps import EVENTS
 from .publications import PUBLICATIONS
-from .published_maps import EVENTS
 from .types import answer_of, attributes, keys_of, maps_in, name_of, summary
 
 _INTRO = """\

@@ -12,7 +12,7 @@ from ecatd.operations.operation import Operation
 
 from .. import docstrings
 from . import counters as _  # noqa: F401  it completes maps
-from .published_maps import EVENTS
+from .event_maps import EVENTS
 
 _NAMES: dict[Any, str] = {
     int: "int",

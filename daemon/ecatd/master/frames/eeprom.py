@@ -41,8 +41,8 @@ _PAUSE = 0.0002
 """Seconds between two reads of the status while all EEPROMs are busy."""
 
 _SHARE, _NAP_MAX = 0.75, 0.002
-"""How long nobody asks after commands: this share of the time that the last ones took, in seconds at most. Each
-question costs a frame, and processor time."""
+"""How long nobody asks after commands: this share of the time that the last ones took, and most
+seconds. Each question costs a frame, and processor time."""
 
 _LATE = 0.05
 """Seconds without progress after which reading lets other work go on. A slave that is there, and

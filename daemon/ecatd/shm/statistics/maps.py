@@ -201,7 +201,7 @@ def _snapshot(data: Mapping[str, Any]) -> Snapshot:
     )
 
 
-def _counters(data: dict[str, Any], known: tuple[shm.Counter, ...]) -> dict[str, int]:
+def _counters(data: Mapping[str, Any], known: tuple[shm.Counter, ...]) -> dict[str, int]:
     return {item.name: _count(data[item.name]) for item in known}
 
 

@@ -1,8 +1,8 @@
-"""Maps that are published: values, streams, and the kinds of events."""
+"""Maps of the kinds of events, made of their table."""
 
 from __future__ import annotations
 
-from typing import NotRequired, TypedDict
+from typing import NotRequired
 
 from ecatd.operations.events import FACTS, KINDS, Kind
 
