@@ -206,6 +206,7 @@ def test_a_scan_in_json_and_under_another_name(troll: Daemon, tmp_path: Path) ->
         "slaves": 8,
         "inputs": 142,
         "outputs": 14,
+        "outdated": [],
     }
     assert troll.ctl("scan").stdout == file.read_text()
     renamed = json.loads(troll.ctl("scan", "--from", str(file), "--bus", "other").stdout)

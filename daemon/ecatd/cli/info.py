@@ -18,8 +18,8 @@ from ecatd.shm.real_time import SETTINGS
 from ecatd.shm.statistics import Grant, Snapshot, to_map
 from ecatd.shm.statistics.problems import ring_line, word
 
-from .answering import check_cycle
 from .output import print_json, table_lines
+from .silent_bus import check_cycle
 from .source import Source
 from .stats_screen import clock_line, duration
 

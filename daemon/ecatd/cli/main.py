@@ -55,7 +55,11 @@ _COMMANDS = (
     ("diagnosis", "diagnosis", "Show the diagnosis history of a slave (object 0x10F3)."),
     ("waiting", "waiting", "Show which requests wait for slaves, and for how long."),
     ("events", "events", "Show what has happened on the bus, and what happens now."),
-    ("errors", "errors", "Show the error counters of the slaves, and which cables they are about."),
+    (
+        "errors",
+        "error_counters",
+        "Show error counters of slaves, and which cables they are about.",
+    ),
     ("sii-read", "sii", "Show what is in the EEPROM of a slave, or save it."),
     ("sii-write", "sii_write", "Write the EEPROM of a slave, from a file."),
     ("alias", "sii_write", "Write the station alias into the EEPROM of a slave."),

@@ -18,11 +18,11 @@ from ecatd.etg.pdo import Entry, Pdo
 from ecatd.etg.pdo_layout import places
 from ecatd.operations.bus import ReadStates, SetState, SlaveAlState
 
-from .answering import check_slaves
 from .arguments import add_slave
 from .confirm import add_yes, confirm
 from .outdated import tell_outdated
 from .output import print_json, print_table
+from .silent_bus import check_slaves
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote

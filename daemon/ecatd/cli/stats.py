@@ -11,9 +11,9 @@ from ecatd.shm.contract import TIMES
 from ecatd.shm.statistics import Snapshot
 from ecatd.shm.statistics.maps import histogram_to_map, interval_to_map, to_map
 
-from .answering import check_cycle
 from .arguments import add_watch
 from .output import print_json, print_json_line
+from .silent_bus import check_cycle
 from .source import Source
 from .stats_screen import histogram_lines, stats_lines
 from .terminal import Screen

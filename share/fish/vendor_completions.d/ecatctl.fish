@@ -306,7 +306,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using events' -l json -d 'print JSON for 
 complete -c ecatctl -n '_shtab_ecatctl_using events' -l since -x -d 'only events since this time: 10m, 2h, 1d, or a time of today as 10:02 (default: all that the daemon keeps, up to 1000)'
 complete -c ecatctl -n '_shtab_ecatctl_using events' -s f -l follow -d 'go on with new events'
 complete -c ecatctl -n '_shtab_ecatctl_using events' -l kind -x -d 'only events of this kind, such as emergency; can be given several times'
-complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a errors -d 'Show the error counters of the slaves, and which cables they are about.'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a errors -d 'Show error counters of slaves, and which cables they are about.'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l connect -x -d 'Zenoh endpoint of a daemon, for example tls/host:7448'
