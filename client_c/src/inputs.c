@@ -137,7 +137,7 @@ int ecat_read_int(ecat_t *bus, int number, int64_t *value) {
 
 int ecat_read_physical(ecat_t *bus, int number, double *value) {
   int code = ecat_read(bus, number, value);
-  if (code == 0) *value = *value * bus->signals[number].scale + bus->signals[number].offset;
+  if (code == 0) *value = ecat_to_physical(*value, bus->signals[number].scale, bus->signals[number].offset);
   return code;
 }
 

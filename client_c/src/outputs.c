@@ -75,8 +75,8 @@ static int out_of_range(ecat_t *bus, int number, const struct value *value) {
   const char *unit = value->analog && !own ? entry->unit : "", *space = unit[0] != '\0' ? " " : "";
   double first, last;
   value_limits(rule, &first, &last);
-  first = first * value->scale + value->offset;
-  last = last * value->scale + value->offset;
+  first = ecat_to_physical(first, value->scale, value->offset);
+  last = ecat_to_physical(last, value->scale, value->offset);
   return ecat_fail(bus, ECAT_ERANGE,
                    "%.15g%s%s is out of range for 0x%04X:%02X (%s) of slave %d (%s): %s from %.15g to "
                    "%.15g%s%s are allowed",

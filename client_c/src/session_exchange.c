@@ -333,7 +333,7 @@ int ecat_session_read(ecat_session_entry *entry, double *value) {
   int code = 0;
   if (session->bus != NULL && session->outage == 0)
     code = ecat_session_client(session, ecat_read(session->bus, entry->signal, &entry->raw));
-  *value = entry->raw * entry->expected.scale + entry->expected.offset;
+  *value = ecat_to_physical(entry->raw, entry->expected.scale, entry->expected.offset);
   return code;
 }
 

@@ -12,6 +12,12 @@
 #define TWO_64 18446744073709551616.0
 #define SINGLE_END 340282356779733661637539395458142568448.0 /* from here on (float) gives infinity */
 
+/* The only place of these formulas in C. They are not inline: a model that is compiled for the newest
+ * processors might use a fused multiply-add, which rounds once, and get other numbers than other programs. */
+double ecat_to_physical(double raw, double scale, double offset) { return raw * scale + offset; }
+
+double ecat_to_raw(double value, double scale, double offset) { return (value - offset) / scale; }
+
 double ecat_round(double value) {
   int64_t whole;
   double rest;
@@ -76,7 +82,7 @@ __attribute__((noinline)) static int encode(const struct rule *rule, const struc
                                             uint64_t *bits) {
   double raw = value->is_whole ? (double)value->whole : value->real;
   if (!isfinite(raw)) return ECAT_ERANGE;
-  if (value->scale != 1 || value->offset != 0) raw = (raw - value->offset) / value->scale;
+  if (value->scale != 1 || value->offset != 0) raw = ecat_to_raw(raw, value->scale, value->offset);
   return rule->real ? real(rule, value, raw, bits) : integer(rule, value, raw, bits);
 }
 

@@ -9,6 +9,7 @@ from ecatd.description.bus import Bus, Slave
 from ecatd.etg.datatypes import is_real, is_signed, type_name
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.etg.pdo_layout import places
+from ecatd.etg.scaling import formula_text
 
 from .names import Namespace, component_name, connector_names
 from .text import c_comment, identifier
@@ -141,8 +142,6 @@ def _comment(pdo: Pdo, entry: Entry, bit: int) -> str:
     name = " / ".join(filter(None, (pdo.name, entry.name)))
     text = f"{place}: {entry.address} {type_name(entry.data_type)} {c_comment(name)}".rstrip()
     if entry.is_physical:
-        offset = (
-            f" {'-' if entry.offset < 0 else '+'} {abs(entry.offset):g}" if entry.offset else ""
-        )
-        text += f"; value * {entry.scale:g}{offset} {c_comment(entry.unit)}".rstrip()
+        formula = formula_text("value", entry.scale, entry.offset)
+        text += f"; {formula} {c_comment(entry.unit)}".rstrip()
     return text

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from ecatd.description.units import QUANTITIES, modelica_unit
 from ecatd.etg.datatypes import DataType, is_real, is_signed, type_name
 from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.scaling import formula_text
 
 from . import placement
 from .ir import Connector, Extent, Kind
@@ -142,5 +143,4 @@ def _scaling(entry: Entry) -> Code:
 def _conversion(entry: Entry) -> str:
     if entry.scale == 1 and entry.offset == 0:
         return ""
-    shift = f" {'+' if entry.offset > 0 else '-'} {abs(entry.offset):g}"
-    return f"raw * {entry.scale:g}{shift if entry.offset else ''}"
+    return formula_text("raw", entry.scale, entry.offset)

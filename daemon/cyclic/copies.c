@@ -39,7 +39,7 @@ static struct value whole_value(const struct copy *copy, const struct rule *rule
 
 static struct value converted_value(const struct copy *copy, uint64_t bits) {
   double raw = raw_to_double(bits, copy->source_bits, copy->source_sign, copy->source_real);
-  double real = raw * copy->factor + copy->offset;
+  double real = ecat_to_physical(raw, copy->factor, copy->offset);
   if (isfinite(raw) && !isfinite(real)) real = real > 0 ? DBL_MAX : -DBL_MAX; /* held at the limit */
   return (struct value){.scale = 1, .analog = 1, .real = real};
 }

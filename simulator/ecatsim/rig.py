@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from ecatd.base.errors import UsageError
+from ecatd.etg.scaling import to_physical
 
 from .faults import Fault
 from .plants.fixed_step import FixedStep
@@ -144,7 +145,7 @@ class Rig:
 
         def carry(now: float) -> None:
             del now
-            entry.set(output.get() * scale + offset)
+            entry.set(to_physical(output.get(), scale, offset))
 
         self.plants.append(carry)
 

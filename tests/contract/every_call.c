@@ -259,6 +259,7 @@ static void values(const ecat_t *bus) {
   CHECK(ecat_encode_int(&entry, INT64_MIN, &bits) == ECAT_ERANGE);
   CHECK(ecat_encode_physical(&entry, -1e300, &bits) == 0 && bits == 0x10000 - 100);
   CHECK(ecat_encode_physical(&entry, strtod("nan", NULL), &bits) == ECAT_ERANGE);
+  CHECK(ecat_to_physical(3, 0.5, -1) == 0.5 && ecat_to_raw(0.5, 0.5, -1) == 3);
   CHECK(ecat_round(2.5) == 2 && ecat_round(3.5) == 4 && ecat_round(-0.5) == 0);
   CHECK(ecat_round(-1.5) == -2 && ecat_round(0.49999999999999994) == 0);
   CHECK(ecat_round(4503599627370495.5) == 4503599627370496.0 && ecat_round(1e300) == 1e300);

@@ -272,6 +272,10 @@ ECAT_API int ecat_encode_physical(const ecat_signal_info *entry, double value, u
 /* The smallest and the largest raw value of an entry, by its type and its range. Those of 64 bits are
  * rounded. */
 ECAT_API void ecat_limits(const ecat_signal_info *entry, double *low, double *high);
+/* The physical value of a raw one, raw * scale + offset, and its inverse, which is neither rounded nor held
+ * within limits. */
+ECAT_API double ecat_to_physical(double raw, double scale, double offset);
+ECAT_API double ecat_to_raw(double value, double scale, double offset);
 /* The nearest whole number; halfway cases go to the even one. */
 ECAT_API double ecat_round(double value);
 

@@ -11,6 +11,7 @@ from ecatd.base.version import VERSION
 from ecatd.description.bus import Bus
 from ecatd.etg.datatypes import DataType, is_real, is_signed, value_range
 from ecatd.etg.pdo import Entry
+from ecatd.etg.scaling import to_physical
 
 from .. import names
 from ..ir import Block, Connector, Library
@@ -202,9 +203,8 @@ class _Builder:
         """Returns the FMI type, limits and start value of an entry."""
         zero = 0 if start else None
         low, high = _raw_limits(entry)
-        physical = connector.scale != 1 or connector.offset != 0 or connector.unit_name
-        if physical or is_real(entry.data_type):
-            ends = sorted(limit * connector.scale + connector.offset for limit in (low, high))
+        if entry.is_physical or is_real(entry.data_type):
+            ends = sorted(to_physical(end, entry.scale, entry.offset) for end in (low, high))
             whole = is_real(entry.data_type) and entry.minimum is entry.maximum is None
             minimum, maximum = (
                 None if whole or math.isinf(end) else end  # there is no infinity in XML

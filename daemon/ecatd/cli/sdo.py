@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ecatd.base.addresses import address_text
 from ecatd.base.errors import UsageError
+from ecatd.etg import scaling
 from ecatd.etg.datatypes import (
     STRINGS,
     TYPE_NAMES,
@@ -106,18 +107,9 @@ def value_text(found: SdoValue) -> str:
 
 
 def physical_text(found: SdoValue) -> str:
-    """The physical value, such as `4.2 V`; empty if it has none.
-
-    As `model.physical.physical_text`, which takes longer to load than the rest of the command.
-    """
+    """The physical value, such as `4.2 V`; empty if it has none."""
     value = decode(found.data_type, found.data)
-    if not _is_physical(found) or isinstance(value, bool | str):
-        return ""
-    return f"{value * found.scale + found.offset:.9g} {found.unit}".rstrip()
-
-
-def _is_physical(found: SdoValue) -> bool:
-    return (found.unit, found.scale, found.offset) != ("", 1.0, 0.0)
+    return scaling.physical_text(value, found.unit, found.scale, found.offset)
 
 
 def _document(remote: Remote, options: argparse.Namespace, found: SdoValue) -> dict[str, Any]:
@@ -131,7 +123,7 @@ def _document(remote: Remote, options: argparse.Namespace, found: SdoValue) -> d
         "name": found.name,
         "type": type_name(found.data_type),
         "data": found.data.hex(),
-        **(meaning if _is_physical(found) else {}),
+        **(meaning if scaling.is_physical(found.unit, found.scale, found.offset) else {}),
     }
 
 
@@ -159,7 +151,7 @@ def _data(remote: Remote, options: argparse.Namespace, chosen: DataType | None) 
 
 def _raw(remote: Remote, options: argparse.Namespace, value: float, unit: str) -> str:
     """Converts a physical value to the raw one; returns the text itself if the object is a text."""
-    from ecatd.description.physical import to_raw
+    from ecatd.description.physical import nearest_raw
     from ecatd.etg.pdo import Entry  # loading it takes longer than the rest of the command
 
     known = remote.sdo_read(options.slave, options.index, options.subindex)
@@ -171,7 +163,7 @@ def _raw(remote: Remote, options: argparse.Namespace, value: float, unit: str) -
         scale=known.scale,
         offset=known.offset,
     )
-    return str(to_raw(entry, value, unit))
+    return str(nearest_raw(entry, value, unit))
 
 
 def sdo_write(remote: Remote, options: argparse.Namespace) -> None:

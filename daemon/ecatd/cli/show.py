@@ -17,6 +17,7 @@ from ecatd.etg.datatypes import type_name
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.etg.pdo_layout import places
 from ecatd.operations.bus import ReadStates, SetState, SlaveAlState
+from ecatd.etg.scaling import formula_text, to_physical
 
 from .arguments import add_slave
 from .confirm import add_yes, confirm
@@ -224,12 +225,7 @@ def _print_pdos(kind: str, group: list[Pdo]) -> None:
 
 def _conversion(entry: Entry) -> str:
     """The formula for the physical value: `V = raw * 0.000305185`."""
-    text = f"{entry.unit or 'value'} = raw"
-    if entry.scale != 1:
-        text += f" * {entry.scale:g}"
-    if entry.offset != 0:
-        text += f" {'+' if entry.offset > 0 else '-'} {abs(entry.offset):g}"
-    return text
+    return f"{entry.unit or 'value'} = {formula_text('raw', entry.scale, entry.offset)}"
 
 
 def _meaning(entry: Entry) -> str:
@@ -242,7 +238,7 @@ def _meaning(entry: Entry) -> str:
     if entry.safe is not None:
         safe = entry.safe
         if entry.is_physical and not isinstance(safe, str):
-            safe = f"{safe * entry.scale + entry.offset:g}"
+            safe = f"{to_physical(safe, entry.scale, entry.offset):g}"
         facts.append(f"safe {safe}")
     return f"[{', '.join(facts)}]" if facts else ""
 

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from operator import itemgetter
 from typing import Any
 
+from ecatd.etg.scaling import to_physical_each
+
 from .connection import Connection
 from .signals import Signal, letter
 
@@ -43,7 +45,8 @@ class SignalGroup:
         self._odd = [signal for signal in dict.fromkeys(self.signals) if not letter(signal)]
         for signal in self._odd:
             places[signal.number] = len(places)
-        self._factors = [(signal.scale, signal.offset) for signal in self.signals]
+        self._scales = [signal.scale for signal in self.signals]
+        self._offsets = [signal.offset for signal in self.signals]
         order = [places[signal.number] for signal in self.signals]
         self._pick: Callable[[tuple[Any, ...]], tuple[Any, ...]] = (
             itemgetter(*order) if len(order) > 1 else lambda words: tuple(words[n] for n in order)
@@ -67,5 +70,4 @@ class SignalGroup:
     @property
     def values(self) -> tuple[float, ...]:
         """The physical values, each in the unit of its entry."""
-        pairs = zip(self.raw, self._factors, strict=True)
-        return tuple([raw * scale + offset for raw, (scale, offset) in pairs])
+        return to_physical_each(self.raw, self._scales, self._offsets)

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 from ecatd.base.errors import EcatError, StateError, UsageError
 from ecatd.etg.datatypes import is_real, is_signed
+from ecatd.etg.scaling import to_physical
 from ecatd.shm.contract import Validity
 
 from .connection import Connection
@@ -228,8 +229,7 @@ class Signal:
 
         A value that is set is rounded to a whole raw value if the entry is an integer.
         """
-        raw: float = self.raw
-        return raw * self.scale + self.offset
+        return to_physical(self.raw, self.scale, self.offset)
 
     @value.setter
     def value(self, value: float) -> None:

@@ -9,7 +9,7 @@ from typing import Annotated
 from ecatd.base.addresses import parse_address
 from ecatd.base.toml_file import Key, Table, accepts, one_of, printable, show
 from ecatd.description.limits import SIGNAL_NAME_BYTES, UNIT_BYTES
-from ecatd.description.physical import to_raw
+from ecatd.description.physical import nearest_raw
 from ecatd.etg.datatypes import (
     STRINGS,
     DataType,
@@ -178,7 +178,7 @@ class StartupConfig(Placed):
         """
         if self.unit is None:
             return self
-        raw = to_raw(entry, float(self.value or ""), self.unit)
+        raw = nearest_raw(entry, float(self.value or ""), self.unit)
         return replace(self, value=repr(raw), unit=None)
 
 

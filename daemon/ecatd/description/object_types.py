@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from ecatd.etg.datatypes import DataType, bit_length
 from ecatd.etg.objects import standard_object
+from ecatd.etg.scaling import is_physical
 
 from .bus import Slave
 
@@ -49,7 +50,7 @@ class ObjectType(NamedTuple):
     def to_map(self) -> dict[str, Any]:
         """The keys for replies; unit, scale and offset only if one differs from its default."""
         found: dict[str, Any] = {"name": self.name, "data_type": int(self.data_type)}
-        if (self.unit, self.scale, self.offset) != ("", 1.0, 0.0):
+        if is_physical(self.unit, self.scale, self.offset):
             found |= {"unit": self.unit, "scale": self.scale, "offset": self.offset}
         return found
 

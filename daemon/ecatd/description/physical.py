@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 
 from ecatd.base.errors import UsageError
+from ecatd.etg import scaling
 from ecatd.etg.datatypes import DataType, decode, is_real, nearest_real, type_name, value_range
 from ecatd.etg.pdo import Entry
 
 from .units import si_unit
 
 
-def to_raw(entry: Entry, value: float, unit: str) -> int | float:
+def nearest_raw(entry: Entry, value: float, unit: str) -> int | float:
     """Converts a physical value to the nearest raw one.
 
     Args:
@@ -33,7 +34,7 @@ def to_raw(entry: Entry, value: float, unit: str) -> int | float:
             "converted: write a [[signal]] or a device profile for it, or the raw value without "
             "unit"
         )
-    exact = (_converted(entry, value, unit) - entry.offset) / entry.scale
+    exact = scaling.to_raw(_converted(entry, value, unit), entry.scale, entry.offset)
     low, high = entry.raw_range()
     raw: int | float
     if is_real(entry.data_type):
@@ -71,7 +72,8 @@ def _converted(entry: Entry, value: float, unit: str) -> float:
             f"{entry.address} is in {entry.unit or 'no unit'}, not in {unit}: write the value in "
             f"{entry.unit or 'unit 1'}"
         )
-    return (value * given.factor + given.offset - known.offset) / known.factor
+    base = scaling.to_physical(value, given.factor, given.offset)
+    return scaling.to_raw(base, known.factor, known.offset)
 
 
 def physical_text(entry: Entry, data: bytes) -> str:
@@ -82,6 +84,4 @@ def physical_text(entry: Entry, data: bytes) -> str:
         raw = decode(DataType(entry.data_type), data)
     except (UsageError, ValueError):
         return ""
-    if isinstance(raw, bool | str):
-        return ""
-    return f"{raw * entry.scale + entry.offset:.9g} {entry.unit}".rstrip()
+    return scaling.physical_text(raw, entry.unit, entry.scale, entry.offset)

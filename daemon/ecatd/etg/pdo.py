@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from ecatd.base.addresses import address_text
 
 from .datatypes import is_real, nearest_real
+from .scaling import is_physical, to_raw
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +73,7 @@ class Entry:
     @property
     def is_physical(self) -> bool:
         """Whether the value has a unit, a scale or an offset: it is not just a raw number."""
-        return bool(self.unit) or self.scale != 1 or self.offset != 0
+        return is_physical(self.unit, self.scale, self.offset)
 
     @property
     def is_gap(self) -> bool:
@@ -93,7 +94,7 @@ class Entry:
             -math.inf if self.minimum is None else self.minimum,
             math.inf if self.maximum is None else self.maximum,
         )
-        low, high = sorted((limit - self.offset) / self.scale for limit in declared)
+        low, high = sorted(to_raw(limit, self.scale, self.offset) for limit in declared)
         if is_real(self.data_type):
             return nearest_real(self.data_type, low), nearest_real(self.data_type, high)
         return _inwards(low, math.ceil), _inwards(high, math.floor)

@@ -9,6 +9,7 @@ from typing import Any
 from ecatd.base.errors import EcatError
 from ecatd.base.log import Log
 from ecatd.client import Client
+from ecatd.etg.scaling import to_physical
 from ecatd.operations.encoding import pack
 from ecatd.operations.zenoh_keys import SCHEMA, bus_key
 from ecatd.shm.statistics import read, to_map
@@ -96,7 +97,7 @@ class Publisher:
                 message: dict[str, Any] = {
                     "schema": SCHEMA,
                     "raw": value,
-                    "value": value * signal.scale + signal.offset,
+                    "value": to_physical(value, signal.scale, signal.offset),
                     "unit": signal.unit,
                     "name": signal.name,
                     "cycle": cycles[domain],

@@ -14,6 +14,7 @@ from ecatd.base.errors import EcatError, NotPermittedError
 from ecatd.base.pid_namespace import is_ours
 from ecatd.etg.al import AL_ERROR_FLAG, AlState, al_state_text
 from ecatd.etg.datatypes import DataType, is_signed, type_name
+from ecatd.etg.scaling import to_physical
 
 from . import contract as shm
 from .checks import domain_faults, output_faults, signal_faults, slave_faults
@@ -193,7 +194,7 @@ class Contents:
             "bit_offset": row.bit_offset,
             "bit_length": row.bit_length,
             "raw": raw,
-            "value": None if raw is None else raw * row.scale + row.offset,
+            "value": None if raw is None else to_physical(raw, row.scale, row.offset),
             "unit": shm.printable(row.unit),
             "scaled": (row.scale, row.offset) != (1.0, 0.0),
             "validity": "damaged" if page is None else self._validity(row, page),

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.base.errors import ConfigError, EcatError, StateError, UsageError
+from ecatd.etg.scaling import to_physical
 
 from ..rig import Rig
 from .point import Point, Terminal
@@ -269,7 +270,10 @@ class FmuPlant:
         for group in self._inputs.values():
             group.access(
                 group.references,
-                [group.convert(p.get() * scale + offset) for p, scale, offset in group.links],
+                [
+                    group.convert(to_physical(p.get(), scale, offset))
+                    for p, scale, offset in group.links
+                ],
             )
         result = self._fmu.doStep(self._number * self._period, self._period)
         if isinstance(result, tuple) and result[1]:  # FMI 3.0: terminateSimulation
@@ -277,7 +281,7 @@ class FmuPlant:
         for group in self._outputs.values():
             values = group.access(group.references)
             for value, (point, scale, offset) in zip(values, group.links, strict=True):
-                point.set(value * scale + offset)
+                point.set(to_physical(value, scale, offset))
 
     def _count(self, took: float) -> None:
         self._number += 1

@@ -7,6 +7,7 @@ import math
 from ecatd.base.errors import ConfigError, UsageError
 from ecatd.etg.datatypes import is_real, is_signed
 from ecatd.etg.pdo import Entry
+from ecatd.etg.scaling import to_physical, to_raw
 
 from ..slave.device import Device
 from ..slave.objects import Variable
@@ -59,11 +60,11 @@ class Point:
         raw = self.variable.value
         if not isinstance(raw, int | float) or not math.isfinite(raw):
             return 0.0
-        return raw * self.scale + self.offset
+        return to_physical(raw, self.scale, self.offset)
 
     def set(self, value: float) -> None:
         """Sets the physical value; NaN changes nothing."""
-        raw = (value - self.offset) / self.scale
+        raw = to_raw(value, self.scale, self.offset)
         if raw != raw:  # NaN
             return
         if self._whole:

@@ -10,6 +10,7 @@ from ecatd.base.toml_file import Table
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.datatypes import DataType, bit_length, is_real, is_signed, type_name
 from ecatd.etg.pdo import Entry
+from ecatd.etg.scaling import to_physical, to_raw
 
 from .. import ABSENT, CopyConfig
 from ..problems import AT_ONCE, Problems
@@ -154,8 +155,12 @@ def _conversion(rule: CopyConfig, value: Entry, copied: Entry, what: str) -> tup
             "1, such as factor = 1.0",
         )
     factor = 1.0 if rule.factor is None else rule.factor
-    offset = value.offset * factor + rule.offset - copied.offset
-    factor, offset = value.scale * factor / copied.scale, offset / copied.scale
+    # The raw output for a raw input of 0.
+    physical = to_physical(value.offset, factor, rule.offset)
+    factor, offset = (
+        value.scale * factor / copied.scale,
+        to_raw(physical, copied.scale, copied.offset),
+    )
     if not (math.isfinite(factor) and math.isfinite(offset)):
         rule.table.fail(
             "factor",

@@ -41,6 +41,7 @@ from ecatd.etg.datatypes import (
 )
 from ecatd.etg.idns import idn_text
 from ecatd.etg.pdo import Entry, Pdo
+from ecatd.etg.scaling import to_physical
 from ecatd.etg.unit_codes import meaning
 
 from .check import described_pdos
@@ -257,7 +258,7 @@ class _Adder:
         if (low, high) == whole or not math.isfinite(high - low):
             return
         if low <= 0 <= high:
-            rule.minimum, rule.maximum = low * scale + offset, high * scale + offset
+            rule.minimum, rule.maximum = (to_physical(raw, scale, offset) for raw in (low, high))
         else:  # the safe value, zero, must be in the range
             self._about.append(
                 f"{entry.address} has raw values from {low} to {high}, which ecatd does not use "

@@ -311,7 +311,8 @@ ECATM_FUNCTION int ecatm_sdo_decode(ecatm_sdo *sdo) {
     return ecatm_transfer_fail(transfer, ECAT_EARG, text);
   if (sdo->value == ECATM_INTEGER_VALUE && ecatm_check_integer(number, text) != 0)
     return ecatm_transfer_fail(transfer, ECAT_ERANGE, text);
-  sdo->number = sdo->value == ECATM_REAL_VALUE ? number * sdo->scale + sdo->offset : number;
+  sdo->number =
+      sdo->value == ECATM_REAL_VALUE ? ecat_to_physical(number, sdo->scale, sdo->offset) : number;
   return ECATM_SDO_DONE;
 }
 
@@ -359,7 +360,7 @@ ECATM_FUNCTION int ecatm_sdo_write_real(void *object, double time, int order, in
   ecatm_sdo *sdo = (ecatm_sdo *)object;
   (void)order;
   if (ecatm_sdo_step(sdo, time, trigger, 1))
-    sdo->wrong = ecatm_encode_number(sdo->type, (value - sdo->offset) / sdo->scale,
+    sdo->wrong = ecatm_encode_number(sdo->type, ecat_to_raw(value, sdo->scale, sdo->offset),
                                      sdo->transfer.data, &sdo->transfer.length, sdo->mistake);
   return sdo->trigger.state;
 }
