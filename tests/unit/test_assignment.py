@@ -14,7 +14,7 @@ from ecatd.base.errors import SdoAbortError, StateError
 from ecatd.config import SlaveConfig
 from ecatd.config.resolve.believed import Believed
 from ecatd.description.bus import Slave
-from ecatd.description.doubts import UNREADABLE
+from ecatd.description.conditions import Condition
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.etg.sii import Sii
 from ecatd.etg.sii_reader import read_sii
@@ -261,7 +261,7 @@ def test_assignments_that_make_no_sense() -> None:
         **{(n, 1): bytes.fromhex("10 01 00 60") for n in (0x1A00, 0x1600)},
     }
     known = told(objects, Sii(inputs=[pdo], outputs=[other]))[1]
-    assert known.doubt == UNREADABLE
+    assert known.condition == Condition.UNREADABLE
     names(known.why, "0x1C13:04", "PDO 0x1600", "outputs", "EEPROM")
     unknown = told(objects, Sii())[1]
     assert [pdo.index for pdo in unknown.inputs] == [0x1A00, 0x1A00, 0x1600]

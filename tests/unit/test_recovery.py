@@ -210,6 +210,17 @@ def test_the_same_failure_is_told_once() -> None:
     assert recovery.done(0, Failure("b"))
 
 
+def test_a_device_in_the_place_of_a_slave_is_known_until_the_slave_is_back() -> None:
+    watch = Watch()
+    watch.see(AlState.NONE, strangers=1)
+    watch.recovery.done(0, Failure("another device", Condition.EXCHANGED, (2, 10)))
+    assert watch.recovery.left_alone() == {0: (2, 10)}
+    watch.recovery.done(0, Failure("two are like it", Condition.MISSING))
+    assert watch.recovery.left_alone() == {0: None}
+    watch.see(AlState.OP)
+    assert watch.recovery.left_alone() == {}
+
+
 @pytest.mark.parametrize("state", [AlState.INIT, AlState.PREOP])
 def test_a_slave_that_began_anew_is_set_up(state: AlState) -> None:
     watch = Watch()
@@ -347,8 +358,11 @@ def test_the_table_of_a_slave_says_who_may_take_its_place(table: dict[str, Any],
     sought = Sought.of(Slave(1, "EL1", *A, serial=11), SlaveConfig(1, **table))
     spare = Slave(4, "", 2, 0xA, **SPARE)
     assert sought.fits(spare) == (not said)
-    if said:
-        names(sought.why_not(spare), "slave 1 (EL1)", "left alone", *said.split(" | "))
+    exchanged = sought.why_not(spare)
+    assert (exchanged is None) == (not said)
+    if exchanged:
+        assert exchanged.device == (2, 0xA)
+        names(exchanged.text, "left alone", *said.split(" | "))
 
 
 @pytest.mark.parametrize(

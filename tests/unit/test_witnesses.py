@@ -10,7 +10,7 @@ from ecatd.config.pdos import PdoEntryConfig
 from ecatd.config.resolve.believed import Believed, Told, believe, remaining
 from ecatd.config.startup import StartupConfig
 from ecatd.description.bus import Bus, Slave
-from ecatd.description.doubts import CONTRADICTED, UNREADABLE
+from ecatd.description.conditions import Condition
 from ecatd.description.witnesses import COE, CONFIGURATION, SII, clash, contradictions_text
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.etg.sii import UNASSIGNED, Sii, SiiSyncManager
@@ -121,7 +121,7 @@ def table(text: str) -> PdoConfig:
 
 def test_a_contradiction_is_told_with_both_witnesses_and_nobody_is_believed() -> None:
     found = judge([pdo("abw")], [pdo("ab6w")], length=3)  # equal lengths prove nothing
-    assert found.doubt == CONTRADICTED
+    assert found.condition == Condition.CONTRADICTED
     assert found.why == "PDO 0x1A00: CoE places 0x6016:00 at bit 2, the EEPROM at bit 8"
 
 
@@ -135,7 +135,7 @@ def test_a_contradiction_is_told_with_both_witnesses_and_nobody_is_believed() ->
 )
 def test_the_configuration_chooses(settings: SlaveConfig, expected: str, witness: str) -> None:
     found = judge([pdo("abw")], [pdo("ab6w")], settings)
-    assert (found.doubt, layout(found)) == ("", [expected])
+    assert (found.condition, layout(found)) == ("", [expected])
     assert found.inputs[0].witness == witness
     names(" ".join(found.settled), "0x6016:00 at bit 2", "believed")
 
@@ -149,7 +149,7 @@ def test_the_configuration_chooses(settings: SlaveConfig, expected: str, witness
 )
 def test_what_the_configuration_maps_is_not_compared(settings: SlaveConfig) -> None:
     found = judge([pdo("abw")], [pdo("ab6w")], settings)
-    assert (found.doubt, found.contradictions, layout(found)) == ("", [], ["abw"])
+    assert (found.condition, found.contradictions, layout(found)) == ("", [], ["abw"])
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_what_the_configuration_maps_is_not_compared(settings: SlaveConfig) -> N
 )
 def test_an_eeprom_that_says_nothing_of_a_pdo(sii: list[Pdo]) -> None:
     found = judge([pdo("ab")], sii)
-    assert (found.doubt, found.contradictions, found.notes, found.settled) == ("", [], [], [])
+    assert (found.condition, found.contradictions, found.notes, found.settled) == ("", [], [], [])
 
 
 def test_a_length_of_another_assignment_says_nothing() -> None:
@@ -172,7 +172,7 @@ def test_a_length_of_another_assignment_says_nothing() -> None:
 
 def test_a_pdo_that_somebody_has_mapped() -> None:
     found = judge([pdo("wx")], [pdo("xw")], changeable={0x1A00})
-    assert (found.doubt, layout(found)) == ("", ["wx"])
+    assert (found.condition, layout(found)) == ("", ["wx"])
     names(" ".join(found.settled), "0x1A00", "can be mapped")
 
 
@@ -182,33 +182,33 @@ KNOWN = [pdo("w", 0x1A00), pdo("ab6", 0x1A14), pdo("x", 0x1A01)]
 
 def test_a_mapping_that_cannot_be_read_is_that_of_the_eeprom() -> None:
     found = judge(THREE, KNOWN, unreadable={0x1A14: "no such object"}, length=5)
-    assert (found.doubt, layout(found)) == ("", ["w", "ab6", "x"])
+    assert (found.condition, layout(found)) == ("", ["w", "ab6", "x"])
     names(" ".join(found.notes), "0x1A14", "no such object", "EEPROM")
 
 
 def test_a_length_that_its_sync_manager_contradicts_is_not_guessed() -> None:
     found = judge(THREE, KNOWN, unreadable={0x1A14: "no such object"}, length=6)
-    assert found.doubt == UNREADABLE
+    assert found.condition == Condition.UNREADABLE
     names(found.why, "sync manager 3", "5 bytes", "6")
     told = judge(KNOWN, KNOWN, length=6)
-    assert told.doubt == "", "the slave itself checks that before SAFEOP"
+    assert told.condition == "", "the slave itself checks that before SAFEOP"
     names(" ".join(told.settled), "sync manager 3", "5 bytes", "6", "count")
     unsure = judge([pdo("abw")], [pdo("ab6w")], length=9)
-    assert unsure.doubt == CONTRADICTED
+    assert unsure.condition == Condition.CONTRADICTED
     names(" ".join(unsure.settled), "sync manager 3", "9")
     assert "count" not in " ".join(unsure.settled), "nothing counts yet"
     other = judge(THREE[:2], KNOWN, unreadable={0x1A14: ""}, length=6)
-    assert other.doubt == "", "the length is that of another assignment"
+    assert other.condition == "", "the length is that of another assignment"
 
 
 def test_a_mapping_that_nobody_knows_is_refused_with_its_number() -> None:
     found = judge(THREE, [], unreadable={0x1A14: "no such object"})
-    assert found.doubt == UNREADABLE
+    assert found.condition == Condition.UNREADABLE
     names(found.why, "0x1A14", "no such object", "EEPROM does not describe")
     described = SlaveConfig(1, pdo_source=CONFIGURATION, pdo=[table("ab6")])
     described.pdo[0].index = 0x1A14
     found = judge(THREE, [], described, unreadable={0x1A14: "no such object"})
-    assert (found.doubt, layout(found)) == ("", ["w", "ab6", "x"])
+    assert (found.condition, layout(found)) == ("", ["w", "ab6", "x"])
 
 
 # --- with an ESI file ----------------------------------------------------------------------------
@@ -223,7 +223,7 @@ def esi(text: str, *, fixed: bool = True, maps: int = 0) -> EsiDevice:
 
 def slave_with(found: Believed) -> Slave:
     slave = Slave(0, "Odd", 1, 2, 3, coe=True, contradictions=found.contradictions)
-    slave.inputs = [] if found.doubt else found.inputs
+    slave.inputs = [] if found.condition else found.inputs
     return slave
 
 

@@ -25,7 +25,7 @@ from ecatd.config.resolve.pdos import (
     pdo_obstacles,
 )
 from ecatd.description.bus import Bus, Slave
-from ecatd.description.doubts import CONTRADICTED, REMEDIES, SILENT
+from ecatd.description.conditions import REMEDIES, Condition
 from ecatd.etg.sii import Sii
 from ecatd.operations.bus import Device, ReadStates, Rescan, SlaveAlState
 from ecatd.operations.wire import found_slaves, known_slaves
@@ -53,15 +53,15 @@ def check(options: argparse.Namespace) -> int:
     missing = [found.places.get(n) for item in found.differences for n in item.expected]
     old = tell_outdated(bus, states, [n for n in missing if n is not None])
     moved = wanted.moved(found.places)
-    doubtful = {
+    uncertain = {
         row["position"]: row
         for row in states
         if row["recovery"] in REMEDIES and row["position"] not in gone
     }
     unexpected = found.unexpected
-    changed = _changed_pdos(moved, bus, gone | doubtful.keys() | unexpected.keys())
+    changed = _changed_pdos(moved, bus, gone | uncertain.keys() | unexpected.keys())
     others = {position for item in found.differences for position in item.found} | changed.keys()
-    others |= doubtful.keys() | idle | {n for n in gone if not _exchanges(bus.slaves[n])}
+    others |= uncertain.keys() | idle | {n for n in gone if not _exchanges(bus.slaves[n])}
     known = known_slaves(found.places, devices or [])
     differences = compare(wanted, wire, known=known).differences
     differences += _refused_pdos(moved, bus, changed, told)
@@ -79,9 +79,9 @@ def check(options: argparse.Namespace) -> int:
         for n in sorted(idle & {*places.values()})
     ]
     warnings += [
-        f"{bus.slaves[n].label}: {_doubt(row, moved.settings_of(n), bus.slaves[n])}"
-        for n, row in doubtful.items()
-        if n not in unexpected and row["recovery"] != CONTRADICTED
+        f"{bus.slaves[n].label}: {_uncertain(row, moved.settings_of(n), bus.slaves[n])}"
+        for n, row in uncertain.items()
+        if n not in unexpected and row["recovery"] != Condition.CONTRADICTED
     ]
     from ecatd.vendor.esi import Findings
 
@@ -181,10 +181,10 @@ def _exchanges(slave: Slave) -> bool:
     return bool(slave.outputs or slave.inputs)
 
 
-def _doubt(row: SlaveAlState, settings: SlaveConfig, slave: Slave) -> str:
-    """Why the process data of a slave are in doubt, what the next start does, and what to do."""
+def _uncertain(row: SlaveAlState, settings: SlaveConfig, slave: Slave) -> str:
+    """Why the process data of a slave are uncertain, what the next start does, and what to do."""
     text = row["recovery_text"]
-    if row["recovery"] == SILENT and settings.is_told and _exchanges(slave):
+    if row["recovery"] == Condition.SILENT and settings.is_told and _exchanges(slave):
         text += (
             "; a start with this file tells it its configuration, so it takes no part if it does "
             "not answer then either"

@@ -12,6 +12,7 @@ from ecatd.base.log import Log
 
 from . import GatewayConfig
 
+_APART = ("KEY_VALUES_MISMATCH", "KEY_TYPE_MISMATCH")  # reasons of OpenSSL
 _PERIOD_S = 2.0
 
 
@@ -33,7 +34,8 @@ def wrong_certificates(config: GatewayConfig) -> str:
         if config.certificate:
             context.load_cert_chain(config.certificate, config.key)
     except (ssl.SSLError, OSError, ValueError) as error:
-        why = "do not belong together" if "MISMATCH" in str(error) else "are no PEM files"
+        apart = getattr(error, "reason", "") in _APART
+        why = "do not belong together" if apart else "are no PEM files"
         return (
             f"gateway.certificate {config.certificate} and gateway.key {config.key} {why}: "
             "`ecatctl remote init` makes such a pair"

@@ -72,8 +72,7 @@ def difference(wanted: SlaveConfig, slave: Slave) -> tuple[str, str]:
             "other serial number": "serial in its [[slave]] table",
         }
         return kind, f"{slave.label} has {what}: put the right one in, or correct {correct[kind]}"
-    if wanted.product is not None and wanted.module and slave.modules:
-        text = other_modules(slave.label, wanted.modules, slave.modules)
-        if text:
-            return "other modules", text
+    has_both = wanted.product is not None and wanted.module and slave.modules
+    if has_both and (text := other_modules(wanted.modules, slave.modules)):
+        return "other modules", f"{slave.label} {text}"
     return "", ""

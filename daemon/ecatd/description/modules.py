@@ -46,11 +46,14 @@ def module_differences(wanted: Sequence[Module], there: Sequence[Module]) -> str
     return "; ".join(texts[:_TOLD]) + (f"; and {more} more" if more > 0 else "")
 
 
-def other_modules(label: str, wanted: Sequence[Module], there: Sequence[Module]) -> str:
-    """Which other modules a slave has, and what to do; empty if all is as expected."""
+def other_modules(wanted: Sequence[Module], there: Sequence[Module]) -> str:
+    """Which other modules a slave has, and what to do; empty if all is as expected.
+
+    It is a sentence without its subject, the slave.
+    """
     text = module_differences(wanted, there)
     what_to_do = "put the right ones in, or correct its [[slave.module]] tables"
-    return f"{label} has other modules: {text}; {what_to_do}" if text else ""
+    return f"has other modules: {text}; {what_to_do}" if text else ""
 
 
 def _filled(modules: Sequence[Module], count: int) -> list[Module]:

@@ -44,7 +44,7 @@ def apply(
     bus: Bus,
     profiles: Profiles,
     wire: Sequence[int],
-    doubtful: Collection[int] = (),
+    uncertain: Collection[int] = (),
     idle: Collection[int] = (),
     problems: Problems = AT_ONCE,
 ) -> Applied:
@@ -55,7 +55,7 @@ def apply(
         bus: The bus; its description is completed.
         profiles: Device profiles.
         wire: Positions of the slaves that are there, in the order of the wire.
-        doubtful: Positions of slaves whose process data are in doubt. Rules about entries that they
+        uncertain: Positions of slaves with uncertain process data. Rules about entries that they
             do not have are ignored.
         idle: Positions of slaves whose process data are unknown.
         problems: Takes the problems.
@@ -64,11 +64,11 @@ def apply(
         ConfigError: The configuration does not fit this bus.
     """
     told = {(item.position, one.address) for item in config.slave for one in item.startup}
-    signals = _fitting(config.signal, bus, doubtful)
+    signals = _fitting(config.signal, bus, uncertain)
     give_meanings(bus, profiles, signals, told, problems)
-    rules = _fitting(config.outputs.safe, bus, doubtful)
+    rules = _fitting(config.outputs.safe, bus, uncertain)
     safe = safe_outputs(bus, rules, signals, problems)
-    copies = find_copies(bus, config.copy, safe.stops, doubtful, problems)
+    copies = find_copies(bus, config.copy, safe.stops, uncertain, problems)
     assign_domains(bus, config.domain, idle, problems)
     return Applied(safe, copies, plan_clocks(bus, config, wire, problems))
 
@@ -80,16 +80,16 @@ class _Rule(Protocol):
     def address(self) -> tuple[int, int] | None: ...
 
 
-def _fitting(rules: Sequence[_R], bus: Bus, doubtful: Collection[int]) -> list[_R]:
+def _fitting(rules: Sequence[_R], bus: Bus, uncertain: Collection[int]) -> list[_R]:
     """Returns the rules of the configuration, without those about unknown process data.
 
     Args:
         rules: Rules about a slave, or about one of its entries.
         bus: The bus.
-        doubtful: Positions of slaves whose process data are in doubt.
+        uncertain: Positions of slaves whose process data are uncertain.
     """
     return [
-        rule for rule in rules if rule.slave not in doubtful or _has(bus.slaves[rule.slave], rule)
+        rule for rule in rules if rule.slave not in uncertain or _has(bus.slaves[rule.slave], rule)
     ]
 
 

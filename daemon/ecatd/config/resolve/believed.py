@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from itertools import groupby
 
 from ecatd.description.bus import Slave
-from ecatd.description.doubts import CONTRADICTED, UNREADABLE
+from ecatd.description.conditions import Condition
 from ecatd.description.witnesses import (
     COE,
     CONFIGURATION,
@@ -69,7 +69,7 @@ class Believed:
         notes: Sentences without a subject about what is wrong, and how it is taken.
         settled: Sentences without a subject about witnesses that differ, where it is clear which
             one is right.
-        doubt: `CONTRADICTED` or `UNREADABLE`, if the process data are not certain; else empty.
+        condition: CONTRADICTED or UNREADABLE, if the process data are not certain; else FINE.
         why: The reason, as a sentence without a beginning.
     """
 
@@ -78,7 +78,7 @@ class Believed:
     contradictions: list[Contradiction] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     settled: list[str] = field(default_factory=list)
-    doubt: str = ""
+    condition: Condition = Condition.FINE
     why: str = ""
 
 
@@ -179,10 +179,10 @@ class _Judge:
                 counts = "" if undecided else "; the PDOs count"
                 found.settled += (f"{text}{counts}" for text in lengths if text)
         if self._unknown:
-            found.doubt, found.why = UNREADABLE, "; ".join(self._unknown)
+            found.condition, found.why = Condition.UNREADABLE, "; ".join(self._unknown)
             found.notes = list(told.notes)  # nobody is believed
         elif undecided:
-            found.doubt, found.why = CONTRADICTED, contradictions_text(undecided)
+            found.condition, found.why = Condition.CONTRADICTED, contradictions_text(undecided)
         return found
 
     def _pdos(self, pdos: list[Pdo]) -> Iterator[Pdo]:

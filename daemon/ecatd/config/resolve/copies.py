@@ -51,7 +51,7 @@ def find_copies(
     bus: Bus,
     rules: Sequence[CopyConfig],
     stops: Sequence[Stop],
-    doubtful: Collection[int],
+    uncertain: Collection[int],
     problems: Problems = AT_ONCE,
 ) -> list[Copy]:
     """Finds the entries, and computes factors so that the physical value stays the same.
@@ -61,7 +61,7 @@ def find_copies(
         rules: The configuration.
         stops: Axes that are stopped, which takes precedence over copies. Their controlwords cannot
             be copies.
-        doubtful: Positions of slaves whose process data are in doubt. Rules about outputs that they
+        uncertain: Positions of slaves with uncertain process data. Rules about outputs that they
             do not have are ignored.
         problems: Takes the problems of rules.
 
@@ -74,17 +74,17 @@ def find_copies(
     copies = []
     for rule in rules:
         with problems:
-            copy = _find_copy(bus, rule, stops, doubtful)
+            copy = _find_copy(bus, rule, stops, uncertain)
             copies += [copy] if copy is not None else []
     return copies
 
 
 def _find_copy(
-    bus: Bus, rule: CopyConfig, stops: Sequence[Stop], doubtful: Collection[int]
+    bus: Bus, rule: CopyConfig, stops: Sequence[Stop], uncertain: Collection[int]
 ) -> Copy | None:
     """As `find_copies`, for one rule; None if it is ignored."""
     target = bus.slaves[rule.slave]
-    if target.position in doubtful and not _find(target, rule.address, output=True):
+    if target.position in uncertain and not _find(target, rule.address, output=True):
         return None
     copied = _entry(target, rule.address, rule.table, "entry")
     to = f"{copied.address} of {target.label}"
@@ -95,7 +95,7 @@ def _find_copy(
             f"{rule.from_entry} to {to}: this is the controlword of a drive that [[outputs.safe]] "
             "brings to a stop, so it cannot be a copy: remove one of them",
         )
-    if why := _why_missing(bus, rule, doubtful):
+    if why := _why_missing(bus, rule, uncertain):
         missing = (
             f"{rule.table.where('from_slave')}: {why}, so {to} keeps its safe value; nobody can "
             "claim it while the configuration has this [[copy]]"
@@ -115,13 +115,13 @@ def _find_copy(
     )
 
 
-def _why_missing(bus: Bus, rule: CopyConfig, doubtful: Collection[int]) -> str:
+def _why_missing(bus: Bus, rule: CopyConfig, uncertain: Collection[int]) -> str:
     """Why an input is not on the bus; empty if it is, or if the rule is wrong."""
     if rule.from_slave == ABSENT:
         return "its slave takes no part"
     source = bus.slaves[rule.from_slave]
-    if source.position in doubtful and not _find(source, rule.from_address, output=False):
-        return f"{source.label} has no {rule.from_entry} yet, since its process data are in doubt"
+    if source.position in uncertain and not _find(source, rule.from_address, output=False):
+        return f"{source.label} has no {rule.from_entry} yet, since its process data are uncertain"
     return ""
 
 

@@ -17,7 +17,7 @@ from .watchdogs import check_watchdog
 
 
 def misfits(
-    config: Config, described: Bus, profiles: Profiles, doubtful: Collection[int] = ()
+    config: Config, described: Bus, profiles: Profiles, uncertain: Collection[int] = ()
 ) -> list[str]:
     """Takes the steps of a start that need only the description of the bus.
 
@@ -25,7 +25,7 @@ def misfits(
         config: The configuration, about the slaves where they were found.
         described: The bus. Meanings from another configuration do not count.
         profiles: Device profiles.
-        doubtful: Positions of slaves whose process data will change.
+        uncertain: Positions of slaves whose process data will change.
 
     Returns:
         All reasons for which the daemon would refuse the configuration.
@@ -38,15 +38,15 @@ def misfits(
     for slave in bus.slaves:
         settings = config.settings_of(slave.position)
         slave.given_name, slave.group = settings.name, settings.group_at(slave.position)
-        if slave.position not in doubtful:
+        if slave.position not in uncertain:
             raw_parameters(settings, slave, profiles, config.signal, problems)
     wire = [slave.position for slave in bus.slaves]
-    apply(config, bus, profiles, wire, doubtful, doubtful, problems)
+    apply(config, bus, profiles, wire, uncertain, uncertain, problems)
     for slave in bus.slaves:
         wanted = config.settings_of(slave.position).watchdog_ms
         if wanted is not None and any(pdo.bit_length for pdo in slave.outputs):
             slave.watchdog_ms = wanted
-        if slave.position not in doubtful:
+        if slave.position not in uncertain:
             with problems:
                 check_watchdog(config, bus, slave)
     return problems.texts

@@ -119,19 +119,17 @@ class Conversations:
 
         def talk() -> Talk[T]:
             _check_state(slave, (yield from coe.mailbox.look()), without)
-            yield from coe.mailbox.open(least)
-            return (yield from part(coe.mailbox))
+            try:
+                yield from coe.mailbox.open(least)
+                return (yield from part(coe.mailbox))
+            except UnknownProtocolError as error:
+                raise StateError(
+                    f"{slave.label} has no {what}: its mailbox does not support them"
+                ) from error
+            except (NoAnswerError, StateError) as error:  # a mailbox does not know its slave
+                raise type(error)(f"{slave.label}: {error}") from error
 
-        try:
-            return await self._hold(slave, coe, talk())
-        except UnknownProtocolError as error:
-            raise StateError(
-                f"{slave.label} has no {what}: its mailbox does not support them"
-            ) from error
-        except (NoAnswerError, StateError) as error:
-            if str(error).startswith(slave.label):
-                raise
-            raise type(error)(f"{slave.label}: {error}") from error
+        return await self._hold(slave, coe, talk())
 
     async def _hold(self, slave: Slave, coe: Coe, talk: Talk[T]) -> T:
         async with self._turn(slave, coe.line):

@@ -76,7 +76,7 @@ class Assignment:
         slave = self._slave
         slave.outputs, slave.inputs = believed.outputs, believed.inputs
         slave.contradictions = believed.contradictions
-        if not believed.doubt:
+        if not believed.condition:
             yield from self._add_names()
         return believed
 

@@ -144,7 +144,7 @@ class BringUp:
             data.clocks,
             found.absent,
             found.awaited,
-            found.doubtful,
+            found.uncertain,
             found.idle,
             SetUp(
                 found.master,
@@ -154,7 +154,7 @@ class BringUp:
                 data.image,
                 found.mailboxes,
                 data.clocks,
-                found.doubtful,
+                found.uncertain,
                 self.config,
             ),
             found.finder(),

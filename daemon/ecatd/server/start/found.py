@@ -11,9 +11,9 @@ from ecatd.config.expected_bus import Difference
 from ecatd.description.bus import Bus, Slave
 from ecatd.master.master import Master
 
-from .doubtful import Doubt
 from .identify import Finder
 from .mapping import Scanned
+from .uncertain import Uncertain
 
 STARTS_OTHERS = 'policy = "tolerant" in [expected] or in a [[slave]] table starts the others'
 """What a message says about a slave without which the bus must not start."""
@@ -82,7 +82,7 @@ class FoundBus:
         stuck: Slaves that do not reach PREOP, by their place on the wire, and their AL states.
         scanned: All slaves by position, including optional slaves that are absent.
         expectation: The expected bus, and the differences; set when the slaves are compared.
-        doubtful: Slaves whose process data are in doubt, by position, and the reasons.
+        uncertain: Slaves whose process data are uncertain, by position, and the reasons.
         mailboxes: See `set_up.read_mailboxes`.
         ends: See `matching.branch_ends`.
         lost: Positions of slaves that have lost their power or cable since they were read.
@@ -98,7 +98,7 @@ class FoundBus:
     stuck: dict[int, str] = field(default_factory=dict)
     scanned: list[Scanned] = field(default_factory=list)
     expectation: Expectation = field(init=False)
-    doubtful: dict[int, Doubt] = field(default_factory=dict)
+    uncertain: dict[int, Uncertain] = field(default_factory=dict)
     mailboxes: list[bytes] = field(default_factory=list)
     ends: list[int] = field(default_factory=list)
     lost: set[int] = field(default_factory=set)
@@ -128,9 +128,9 @@ class FoundBus:
 
     @property
     def idle(self) -> list[int]:
-        """Positions of doubtful slaves without process data; they are not exchanged."""
+        """Positions of uncertain slaves without process data; they are not exchanged."""
         slaves = self.bus.slaves
-        return [n for n in self.doubtful if not (slaves[n].outputs or slaves[n].inputs)]
+        return [n for n in self.uncertain if not (slaves[n].outputs or slaves[n].inputs)]
 
     def must_be_there(self, position: int) -> bool:
         """Whether the bus must not start without the slave at a position."""

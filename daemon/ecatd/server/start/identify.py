@@ -21,7 +21,7 @@ from ecatd.description.bus import Slave
 from ecatd.master.frames.datagrams import Datagrams, Place, Station
 from ecatd.master.frames.wire import Wire
 
-from .matching import Found, Sought, match
+from .matching import Exchanged, Found, Sought, match
 
 
 class Finder:
@@ -117,16 +117,16 @@ class Finder:
         """Accepts a slave that was found by its place, if it has the right identification."""
         told = there.identification
         wanted, _ = self._identified.get(position, (told, 0))
-        label = self._slaves[position].slave.label
         if told == wanted:
             found.places[position] = there.position
         elif told:
-            found.exchanged[position] = (
-                f"a device with the identification {told}, not {wanted}, is in the place of "
-                f"{label}: it is left alone; put the right one in, or set its selector"
+            found.exchanged[position] = Exchanged.by(
+                there,
+                f"a device with the identification {told}, not {wanted}, is in its place, and is "
+                "left alone: put the right one in, or set its selector",
             )
         else:
-            found.unclear[position] = _no_identification(label, wanted)
+            found.unclear[position] = _no_identification(wanted)
 
     def _find_anywhere(self, found: Found, strangers: Mapping[int, Slave]) -> dict[int, Slave]:
         """Finds groups by their marks; returns the remaining strangers."""
@@ -151,8 +151,8 @@ class Finder:
         for at, position in enumerate(group, start=place):
             if at not in others:
                 continue  # the slave still has its address, or there is no device
-            if text := self._slaves[position].why_not(others.pop(at)):
-                found.exchanged[position] = text
+            if exchanged := self._slaves[position].why_not(others.pop(at)):
+                found.exchanged[position] = exchanged
             else:
                 found.places[position] = at
 
@@ -177,23 +177,25 @@ class Finder:
             by_selector = mark.kind == "identification"
             has = there[place].identification if by_selector else there[place].alias
             if by_selector and not has:
-                found.unclear[first.position] = _no_identification(first.label, mark.value)
+                found.unclear[first.position] = _no_identification(mark.value)
                 continue
-            found.exchanged[first.position] = (
-                f"a device like {first.label} is there, but has the {mark.kind} {has}, not "
-                f"{mark.value}: it is left alone; put the right one in, or "
-                f"{'set its selector' if by_selector else 'give it this alias'}"
+            found.exchanged[first.position] = Exchanged.by(
+                there[place],
+                f"a device like it is there, but has the {mark.kind} {has}, not {mark.value}, and "
+                "is left alone: put the right one in, or "
+                f"{'set its selector' if by_selector else 'give it this alias'}",
             )
         if missing and strangers and len(strangers) == len(found.strangers):
             first, other = missing[0].slave, there[strangers[0]]
             _, what = identity_difference(missing[0].rule, other)
-            found.exchanged[first.position] = (
-                f"{first.label} is absent, but another device is there ({what}): it is left alone; "
-                "put the right one in, or restart ecatd with a configuration that expects it"
+            found.exchanged[first.position] = Exchanged.by(
+                other,
+                f"it is absent, and another device is there ({what}), which is left alone: put the "
+                "right one in, or restart ecatd with a configuration that expects the other",
             )
 
-    def check(self, position: int) -> str:
-        """Checks that the device with a slave's address is that slave; returns why not, or "".
+    def check(self, position: int) -> Exchanged | None:
+        """Checks that the device with a slave's address is that slave; returns why not, or None.
 
         The device has kept its power, so its identification is not read again.
 
@@ -220,8 +222,8 @@ def _device(slave: Slave) -> tuple[int, int]:
     return slave.revision, slave.serial
 
 
-def _no_identification(label: str, wanted: int) -> str:
+def _no_identification(wanted: int) -> str:
     return (
-        f"{label} does not tell its identification, which must be {wanted}: ecatd keeps asking; "
-        "look at its selector"
+        f"it does not tell its identification, which must be {wanted}: ecatd keeps asking; look at "
+        "its selector"
     )

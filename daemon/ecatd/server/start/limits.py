@@ -40,7 +40,7 @@ class Limits:
         self._profiles = profiles
         self._eeproms = [item.sii for item in found.scanned]
         self._wire = list(found.master.wire)
-        self._doubtful, self._idle = frozenset(found.doubtful), frozenset(found.idle)
+        self._uncertain, self._idle = frozenset(found.uncertain), frozenset(found.idle)
 
     def check(self, config: Config) -> Bus:
         """Applies a configuration with other limits to a copy of the bus, with the start's checks.
@@ -62,11 +62,11 @@ class Limits:
         here = config.moved({n: at for n, at in found.places.items() if at not in unexpected})
         check_slaves(here, wanted)
         for slave, sii in zip(wanted.slaves, self._eeproms, strict=True):
-            if slave.position not in self._doubtful:
+            if slave.position not in self._uncertain:
                 settings = here.settings_of(slave.position)
                 known = with_eeprom_pdos(slave, sii)
                 raw_parameters(settings, known, self._profiles, here.signal)
-        apply(here, wanted, self._profiles, self._wire, self._doubtful, self._idle)
+        apply(here, wanted, self._profiles, self._wire, self._uncertain, self._idle)
         return wanted
 
     def use(self, wanted: Bus) -> list[str]:

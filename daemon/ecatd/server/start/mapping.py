@@ -2,7 +2,7 @@
 
 Slaves with CoE have a PDO assignment that can be read (`assignment.py`), drives with SoE have
 telegrams (`telegrams.py`). Other slaves have fixed PDOs, described by their SII (categories 50 and
-51). `doubtful.py` decides how to use slaves that do not answer, or whose EEPROM is damaged.
+51). `uncertain.py` decides how to use slaves that do not answer, or whose EEPROM is damaged.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.config import Config, SlaveConfig
 from ecatd.config.resolve.believed import Believed, Told, believe
 from ecatd.description.bus import Slave
-from ecatd.description.doubts import STUCK
+from ecatd.description.conditions import Condition
 from ecatd.etg.datatypes import type_by_size
 from ecatd.etg.pdo import Pdo
 from ecatd.etg.pdo_layout import sync_manager_bytes
@@ -58,9 +58,9 @@ class Scanned:
         silence: The request that failed and the reason, if the mailbox did not answer, or answered
             with malformed messages; else empty. The process data are then those of the SII.
         nonsense: Whether it has answered with malformed messages.
-        doubt: `CONTRADICTED` or `UNREADABLE`, if its witnesses do not say what its process data
-            are; `STUCK` if it does not reach PREOP; else empty.
-        why: The reason for `doubt`.
+        condition: CONTRADICTED or UNREADABLE, if its witnesses do not say what its process data
+            are; STUCK if it does not reach PREOP; else FINE.
+        why: The reason for `condition`.
         notes: Sentences about what is wrong with its process data, and how it is taken.
         settled: Sentences about witnesses that differ where it is clear which one is right, and
             about a slave that describes its PDOs nowhere.
@@ -76,7 +76,7 @@ class Scanned:
     emergencies: list[tuple[int, int]] = field(default_factory=list)
     silence: str = ""
     nonsense: bool = False
-    doubt: str = ""
+    condition: Condition = Condition.FINE
     why: str = ""
     notes: list[str] = field(default_factory=list)
     settled: list[str] = field(default_factory=list)
@@ -180,12 +180,12 @@ def configure_slaves(
         if item.settings.mailbox_timeout_ms is not None:
             master.set_mailbox_timeout(item.slave.position, item.settings.mailbox_timeout_ms / 1000)
         item.slave.group = item.settings.group_at(item.slave.position)
-        if item.known and not item.speaks and not item.doubt:
+        if item.known and not item.speaks and not item.condition:
             take_pdos_from_sii(item)
     asked = [
         item
         for item in expected
-        if item.known and item.doubt != STUCK and (item.speaks or item.gets_ip)
+        if item.known and item.condition != Condition.STUCK and (item.speaks or item.gets_ip)
     ]
     coe = [master.coe(item.slave.position) for item in asked]
     converse(master.registers, list(map(_configure_and_read, asked, coe)), cancelled)
@@ -205,7 +205,7 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
         found = yield from reader.read()
         take_believed(item, found)
         item.guessed = reader.guessed
-        if not item.doubt:
+        if not item.condition:
             item.refused = [*item.refused, *warn_of_none(item.slave, item.sii, item.settings)]
             item.settled += tell_of_none(item.slave, item.sii, item.settings)
     except RefusedError:
@@ -242,7 +242,7 @@ def take_believed(item: Scanned, found: Believed) -> None:
     slave = item.slave
     slave.outputs, slave.inputs = found.outputs, found.inputs
     slave.contradictions = found.contradictions
-    item.doubt, item.why = found.doubt, found.why
+    item.condition, item.why = found.condition, found.why
     item.notes = [f"{slave.label}: {note}" for note in found.notes]
     item.settled = [f"{slave.label}: {note}" for note in found.settled]
 

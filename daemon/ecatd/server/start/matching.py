@@ -21,21 +21,39 @@ from ecatd.config.expected_slave import identity_difference
 from ecatd.description.bus import Slave
 
 
+@dataclass(frozen=True, slots=True)
+class Exchanged:
+    """A device in the place of a slave, which is left alone.
+
+    Attributes:
+        device: Its vendor ID and product code.
+        text: What it is, and what to do, as sentences about "it", the slave.
+    """
+
+    device: tuple[int, int]
+    text: str
+
+    @classmethod
+    def by(cls, device: Slave, text: str) -> Exchanged:
+        """Makes one from the device that is there."""
+        return cls((device.vendor, device.product), text)
+
+
 @dataclass(slots=True)
 class Found:
     """The result of a look along the wire. Keys are positions of the scan.
 
     Attributes:
         places: Places of identified slaves that have no station address of the bus.
-        exchanged: Messages about slaves that were replaced by another device.
-        unclear: Messages about slaves that may be back, but cannot be identified.
+        exchanged: Slaves that were replaced by another device.
+        unclear: Why slaves that may be back cannot be identified: sentences that do not name them.
         strangers: Places of devices where no slave is missing.
         other_device: Positions in `places` where the device has another revision or serial number
             than the one before, so that the known facts about that one may be wrong for it.
     """
 
     places: dict[int, int] = field(default_factory=dict)
-    exchanged: dict[int, str] = field(default_factory=dict)
+    exchanged: dict[int, Exchanged] = field(default_factory=dict)
     unclear: dict[int, str] = field(default_factory=dict)
     strangers: list[int] = field(default_factory=list)
     other_device: set[int] = field(default_factory=set)
@@ -72,10 +90,10 @@ class Sought:
         """Whether a device can be the slave, by its EEPROM."""
         return self.is_kind(found) and self.rule.alias in (None, found.alias)
 
-    def why_not(self, found: Slave) -> str:
-        """Returns why a device in the slave's place is not the slave; empty if it is."""
+    def why_not(self, found: Slave) -> Exchanged | None:
+        """Returns why a device in the slave's place is not the slave; None if it is."""
         if self.fits(found):
-            return ""
+            return None
         kind, what = identity_difference(self.rule, found)
         there = "another device (%s)" if kind == "other device" else "a device with %s,"
         remedy = "restart ecatd to use it"
@@ -84,9 +102,9 @@ class Sought:
         if not kind:
             what = f"the station alias {found.alias}, not {self.rule.alias}"
             remedy = "give it this alias"
-        return (
-            f"{there % what} is in the place of {self.slave.label}: it is left alone; put the "
-            f"right one in, or {remedy}"
+        return Exchanged.by(
+            found,
+            f"{there % what} is in its place, and is left alone: put the right one in, or {remedy}",
         )
 
 
@@ -177,8 +195,8 @@ def _match_gap(
         found.unclear |= {item.slave.position: text for item in missing}
         return
     for item, place in zip(chosen, gap, strict=True):
-        if text := item.why_not(devices[place]):
-            found.exchanged[item.slave.position] = text
+        if exchanged := item.why_not(devices[place]):
+            found.exchanged[item.slave.position] = exchanged
         else:
             found.places[item.slave.position] = place
 

@@ -59,15 +59,13 @@ class Modules:
             StateError: Its answers are malformed.
         """
         there = yield from self.detected()
-        text = other_modules(self._slave.label, wanted, there) if there else ""
-        if text:
-            raise RefusedError(text)
+        if there and (text := other_modules(wanted, there)):
+            raise RefusedError(self._slave, text)
         idents = [module.ident for module in wanted]
         try:
             yield from self._coe.upload(CONFIGURED, 0)
         except SdoAbortError as abort:
-            text = no_slots_text(abort_error(abort.code))
-            raise RefusedError(f"{self._slave.label} {text}") from abort
+            raise RefusedError(self._slave, no_slots_text(abort_error(abort.code))) from abort
         before = yield from self._lists.read(CONFIGURED, 4, _SLOTS_MAX)
         if _stripped(before) == idents:
             return
@@ -75,8 +73,8 @@ class Modules:
         now = yield from self._lists.read(CONFIGURED, 4, _SLOTS_MAX)
         if _stripped(now) != idents:
             raise RefusedError(
-                f"{self._slave.label} has accepted its list of modules, but has another one "
-                f"(0x{CONFIGURED:04X})"
+                self._slave,
+                f"has accepted its list of modules, but has another one (0x{CONFIGURED:04X})",
             )
 
     def _write(self, idents: Sequence[int], count: int) -> Talk[None]:

@@ -110,8 +110,9 @@ class PdoWriter:
                 if (yield from self._assignment.pdos()) == (outputs, inputs):
                     raise error from worse
                 raise RefusedError(
-                    f"{error}; then it did not take back the PDOs that it had ({worse}): switch "
-                    "its power off and on"
+                    self._slave,
+                    f"{error.why}; then it did not take back the PDOs that it had: it "
+                    f"{worse.why}; switch its power off and on",
                 ) from error
             raise
 
@@ -135,7 +136,7 @@ class PdoWriter:
             number = places.get(index, UNASSIGNED)
             if number not in channels[usage]:
                 if not channels[usage]:
-                    raise RefusedError(f"{self._slave.label} {no_channel_text(index, usage)}")
+                    raise RefusedError(self._slave, no_channel_text(index, usage))
                 number = channels[usage][0]
             wanted[number].append(index)
         return wanted
@@ -158,7 +159,7 @@ class PdoWriter:
             if _configured(pdo) == _mapping(now):
                 continue
             if pdo.index in self._sii.fixed:
-                raise RefusedError(f"{self._slave.label} {fixed_text(pdo.index)}")
+                raise RefusedError(self._slave, fixed_text(pdo.index))
             changed[pdo.index] = _mapping(now)
         return changed
 
@@ -181,16 +182,18 @@ class PdoWriter:
             except SdoAbortError as abort:
                 if abort.code in _MISSING and not (yield from self._exists(object_, subindex)):
                     raise RefusedError(
-                        f"{self._slave.label} has no {entry}, which PDO 0x{index:04X} shall map"
-                        f"{yield from self._mappable(index)}"
+                        self._slave,
+                        f"has no {entry}, which PDO 0x{index:04X} shall map"
+                        f"{yield from self._mappable(index)}",
                     ) from abort
                 continue
             except (NoAnswerError, StateError):
                 return  # its SDO information service does not work
             if 0 < described.bit_length < bits:
                 raise RefusedError(
-                    f"{self._slave.label}: {entry} has {described.bit_length} bits, and PDO "
-                    f"0x{index:04X} shall map {bits} of it: correct its bits"
+                    self._slave,
+                    f"has {entry} with {described.bit_length} bits, and PDO 0x{index:04X} shall "
+                    f"map {bits} of it: correct its bits",
                 )
 
     def _exists(self, index: int, subindex: int) -> Talk[bool]:
@@ -249,7 +252,8 @@ class PdoWriter:
             try:
                 yield from self._write(index, number, "I", value, what)
             except RefusedError as error:
-                raise RefusedError(f"{error}{yield from self._mappable(index)}") from error
+                more = yield from self._mappable(index)
+                raise RefusedError(self._slave, f"{error.why}{more}") from error
         yield from self._write(index, 0, "B", len(mapping), f"{pdo} with {len(mapping)} entries")
 
     def _write(self, index: int, subindex: int, form: str, value: int, what: str) -> Talk[None]:
@@ -269,14 +273,15 @@ class PdoWriter:
             now = [pdo for pdo in (*outputs, *inputs) if pdo.sync_manager == number]
             if [pdo.index for pdo in now] != indices:
                 raise RefusedError(
-                    f"{self._slave.label} has accepted the PDOs {indices_text(indices)} in sync "
-                    f"manager {number}, but has {indices_text([pdo.index for pdo in now])}"
+                    self._slave,
+                    f"has accepted the PDOs {indices_text(indices)} in sync manager {number}, "
+                    f"but has {indices_text([pdo.index for pdo in now])}",
                 )
             for pdo in now:
                 if pdo.index in own and _mapping(pdo) != _configured(own[pdo.index]):
                     raise RefusedError(
-                        f"{self._slave.label} has accepted the mapping of PDO "
-                        f"0x{pdo.index:04X}, but has another one"
+                        self._slave,
+                        f"has accepted the mapping of PDO 0x{pdo.index:04X}, but has another one",
                     )
 
 

@@ -45,7 +45,7 @@ def set_up_process_data(found: FoundBus, profiles: Profiles, log: Log) -> Proces
         StateError: A slave does not answer.
     """
     bus, config, master = found.bus, found.config, found.master
-    applied = apply(config, bus, profiles, master.wire, found.doubtful, found.idle)
+    applied = apply(config, bus, profiles, master.wire, found.uncertain, found.idle)
     for warning in unused_profiles(bus, profiles):
         log.warning(warning)
     for copy in applied.copies:

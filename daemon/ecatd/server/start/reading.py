@@ -14,7 +14,7 @@ from ecatd.config.meanings import raw_parameters, untold_types
 from ecatd.config.profiles import Profiles, load_profiles
 from ecatd.config.resolve import check_slaves, load_description
 from ecatd.description.bus import Bus, Slave
-from ecatd.description.doubts import STUCK
+from ecatd.description.conditions import Condition
 from ecatd.etg.al import AlState
 from ecatd.etg.sii import Sii
 from ecatd.master.emergencies import tell_emergencies
@@ -23,13 +23,13 @@ from ecatd.master.master import Master
 
 from .absent import may_be_empty, waits_for_slaves
 from .clocks import clock_bits
-from .doubtful import settle
 from .expectation import follow_expectation
 from .found import STARTS_OTHERS, FoundBus
 from .gone import find_gone
 from .mapping import Scanned, configure_slaves, identify_slaves, read_modules
 from .matching import branch_ends
 from .set_up import count_links, read_mailboxes
+from .uncertain import settle
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
     scanned = identify_slaves(master)
     for item in scanned:
         if why := found.stuck.get(item.slave.position):
-            item.doubt, item.why = STUCK, why
+            item.condition, item.why = Condition.STUCK, why
     for item in scanned:
         slave = item.slave
         log.debug(
@@ -96,7 +96,7 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
             f"{slave.alias}",
             slaves=[slave.position],
         )
-    in_preop = [item for item in scanned if not item.doubt]
+    in_preop = [item for item in scanned if not item.condition]
     _identify(found, in_preop)
     read_modules(master, in_preop, cancelled)
     unexpected = follow_expectation(found, scanned, files.description, log)
@@ -119,8 +119,9 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
     said = {(rule.slave, rule.address) for rule in found.config.signal if rule.type}
     for item in found.scanned:
         configured = {address for at, address in said if at == item.slave.position}
-        for text in untold_types(item.slave, item.guessed, configured) if not item.doubt else ():
-            log.info(text)
+        if not item.condition:
+            for text in untold_types(item.slave, item.guessed, configured):
+                log.info(text)
     patience = found.config.state_patience
     with_sync = {item.slave for item in found.config.dc.slave}
     dispensable = {
@@ -128,7 +129,7 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
         for item in found.scanned
         if item.known and not found.must_be_there(item.slave.position)
     }
-    found.doubtful = settle(
+    found.uncertain = settle(
         *(master, found.scanned, unexpected, with_sync, dispensable, found.refused),
         *(patience, log.warning),
     )
@@ -145,7 +146,7 @@ def _leave_out_stuck(found: FoundBus) -> None:
     Raises:
         StateError: The bus must not start without one of them.
     """
-    stuck = [item for item in found.scanned if item.doubt == STUCK]
+    stuck = [item for item in found.scanned if item.condition == Condition.STUCK]
     if must := [item for item in stuck if found.must_be_there(item.slave.position)]:
         texts = [
             f"{item.slave.label} does not reach PREOP: {item.why}"

@@ -12,7 +12,22 @@ from ecatd.master.mailbox.talks import Talk
 
 
 class RefusedError(StateError):
-    """A slave refuses its configuration, so another try is useless."""
+    """A slave refuses its configuration, so another try is useless.
+
+    Attributes:
+        slave: The slave.
+        why: What it does or has, as a sentence without its subject, the slave.
+        where: File, line and key of what it refuses; empty if it is not from one place.
+    """
+
+    def __init__(self, slave: Slave, why: str, where: str = "") -> None:
+        super().__init__(f"{where}: {slave.label} {why}" if where else f"{slave.label} {why}")
+        self.slave, self.why, self.where = slave, why, where
+
+    @property
+    def of_it(self) -> str:
+        """The sentence about a slave that has been named already."""
+        return f"{self.where}: it {self.why}" if self.where else f"it {self.why}"
 
 
 def write(
@@ -34,9 +49,8 @@ def write(
     try:
         yield from coe.download(*address, struct.pack(f"<{form}", value))
     except SdoAbortError as abort:
-        raise RefusedError(
-            f"{slave.label} refuses {what} (0x{address[0]:04X}:{address[1]:02X}): {reason(abort)}"
-        ) from abort
+        where = f"0x{address[0]:04X}:{address[1]:02X}"
+        raise RefusedError(slave, f"refuses {what} ({where}): {reason(abort)}") from abort
 
 
 def reason(abort: SdoAbortError) -> str:

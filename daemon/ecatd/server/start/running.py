@@ -12,10 +12,10 @@ from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.master.master import Master
 
 from .clocks import Clocks
-from .doubtful import Doubt
 from .found import Expectation
 from .identify import Finder
 from .set_up import SetUp
+from .uncertain import Uncertain
 
 
 @dataclass(slots=True)
@@ -33,8 +33,8 @@ class RunningBus:
         absent: Positions of the optional slaves that were absent at the start.
         awaited: Positions of the other slaves that were missing at the start, and are used when
             they come.
-        doubtful: Slaves whose process data are in doubt, by position, and the reasons.
-        idle: Positions of the doubtful slaves that stay in PREOP and are not exchanged.
+        uncertain: Slaves whose process data are uncertain, by position, and the reasons.
+        idle: Positions of the uncertain slaves that stay in PREOP and are not exchanged.
         set_up: Sets up slaves that have restarted.
         finder: Finds slaves that have lost their station address.
         expectation: The expected bus, and the differences at the start.
@@ -52,7 +52,7 @@ class RunningBus:
     clocks: Clocks | None
     absent: set[int]
     awaited: set[int]
-    doubtful: dict[int, Doubt]
+    uncertain: dict[int, Uncertain]
     idle: list[int]
     set_up: SetUp
     finder: Finder

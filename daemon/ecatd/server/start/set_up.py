@@ -16,7 +16,7 @@ from ecatd.base.durations import Patience
 from ecatd.base.errors import ConfigError, StateError
 from ecatd.config import Config
 from ecatd.description.bus import Bus, Slave
-from ecatd.description.doubts import REMEDIES
+from ecatd.description.conditions import REMEDIES
 from ecatd.etg.al import AlState
 from ecatd.etg.pdo import Pdo
 from ecatd.etg.sii import SiiMailbox
@@ -29,10 +29,10 @@ from ecatd.master.master import Master, SilentSlaveError
 
 from .clock_registers import SYNC_CONTROL
 from .clocks import Clocks
-from .doubtful import Doubt
 from .mapping import Scanned, configure, describer, process_data_registers, take_pdos_from_sii
 from .slave_configuration import SlaveConfiguration
 from .telling import Missed, leave, tell, write_parameters
+from .uncertain import Uncertain
 from .watchdogs import check_watchdogs
 
 _SYNC_MANAGERS, _MAILBOXES_SIZE = 0x0800, 16
@@ -107,7 +107,7 @@ class SetUp:
         image: The process image.
         mailboxes: See `read_mailboxes`.
         clocks: The distributed clocks, if they are used.
-        doubtful: Slaves whose process data are in doubt. Slaves that answer again are removed.
+        uncertain: Slaves whose process data are uncertain. Slaves that answer again are removed.
         config: The configuration.
     """
 
@@ -120,7 +120,7 @@ class SetUp:
         image: Image,
         mailboxes: Sequence[bytes],
         clocks: Clocks | None,
-        doubtful: dict[int, Doubt],
+        uncertain: dict[int, Uncertain],
         config: Config,
     ) -> None:
         self._master = master
@@ -130,7 +130,7 @@ class SetUp:
         self._image = image
         self._mailboxes = list(mailboxes)
         self._clocks = clocks
-        self._doubtful = doubtful
+        self._uncertain = uncertain
         self._config = config
         self._patience = config.state_patience
         self._unconfigured: set[int] = set()  # slaves that need their configuration before SAFEOP
@@ -345,8 +345,8 @@ class SetUp:
         for number, now in found.items():
             item = items[number]
             position = item.slave.position
-            if now.doubt:
-                text = f"{now.why}; {REMEDIES[now.doubt]}"
+            if now.condition:
+                text = f"{now.why}; {REMEDIES[now.condition]}"
             else:
                 text = _difference(item.slave, now.outputs, now.inputs, described=not item.known)
             if text:
@@ -354,7 +354,7 @@ class SetUp:
                 continue
             item.silence = ""
             if not item.sii.damaged:
-                self._doubtful.pop(position, None)
+                self._uncertain.pop(position, None)
         return missed
 
 

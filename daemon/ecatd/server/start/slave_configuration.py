@@ -83,17 +83,16 @@ class SlaveConfiguration:
             where = eoe.table.where()
             raise NoAnswerError(f"{where}: no answer to its IP parameters: {error}") from error
         except StateError as error:
-            raise RefusedError(
-                f"{eoe.table.where()}: {self._slave.label} refuses its IP parameters: {error}; "
-                f"correct or remove [slave.eoe]"
-            ) from error
+            why = f"refuses its IP parameters: {error}; correct or remove [slave.eoe]"
+            raise RefusedError(self._slave, why, eoe.table.where()) from error
 
     def _placed(self, key: str, talk: Talk[None]) -> Talk[None]:
         """Runs `talk`, and adds file, line and key to the message of a `RefusedError`."""
         try:
             yield from talk
         except RefusedError as error:
-            raise RefusedError(f"{self._settings.table.where(key)}: {error}") from error
+            where = self._settings.table.where(key)
+            raise RefusedError(self._slave, error.why, where) from error
 
     def write_parameters(self, transition: str) -> Talk[list[str]]:
         """Writes the parameters of one transition; returns and raises as `tell`."""
@@ -118,11 +117,9 @@ class SlaveConfiguration:
                     index, subindex, parameter.data, complete=parameter.complete
                 )
             except SdoAbortError as abort:
-                text = (
-                    f"{parameter.table.where('object')}: {self._slave.label} refuses its start-up "
-                    f"parameter {_text(parameter)}: {reason(abort)}"
-                )
-                refused.append(_refused(text, transition, abort, optional=parameter.optional))
+                why = f"refuses its start-up parameter {_text(parameter)}: {reason(abort)}"
+                error = RefusedError(self._slave, why, parameter.table.where("object"))
+                refused.append(_refused(error, transition, optional=parameter.optional))
         return refused
 
     def _idns(self, transition: str) -> Talk[list[str]]:
@@ -137,26 +134,25 @@ class SlaveConfiguration:
                     raise UsageError(f"it takes {attribute.size} bytes, not {len(data)}")
                 is_list = attribute.is_list
                 yield from write_idn(mailbox, idn.drive, idn.number, data, is_list=is_list)
-            except (SoeRefusedError, UsageError) as error:
-                text = (
-                    f"{idn.table.where('idn')}: {self._slave.label} cannot take the IDN {idn}: "
-                    f"{error}"
-                )
-                refused.append(_refused(text, transition, error, optional=idn.optional))
+            except (SoeRefusedError, UsageError) as problem:
+                why = f"cannot take the IDN {idn}: {problem}"
+                error = RefusedError(self._slave, why, idn.table.where("idn"))
+                refused.append(_refused(error, transition, optional=idn.optional))
         return refused
 
 
-def _refused(text: str, transition: str, why: Exception, *, optional: bool) -> str:
+def _refused(error: RefusedError, transition: str, *, optional: bool) -> str:
     """Returns a message about a refused parameter with what follows.
 
     Raises:
         RefusedError: The slave must have it.
     """
     if transition in TRANSITIONS_DOWN:
-        return f"{text}; its state is changed nevertheless"
+        return f"{error}; its state is changed nevertheless"
     if optional:
-        return f"{text}; it is optional, so the slave is used"
-    raise RefusedError(f"{text}; correct the value, or write optional = true") from why
+        return f"{error}; it is optional, so the slave is used"
+    what_to_do = "correct the value, or write optional = true"
+    raise RefusedError(error.slave, f"{error.why}; {what_to_do}", error.where)
 
 
 def _text(parameter: StartupConfig) -> str:

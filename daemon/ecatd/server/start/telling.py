@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ecatd.base.coroutine_steps import Steps
 from ecatd.base.durations import Patience
+from ecatd.base.errors import EcatError
 from ecatd.etg.al import AlState
 from ecatd.master.mailbox.talks import Talk, talk_all
 from ecatd.master.master import Master
@@ -21,7 +22,7 @@ class Missed:
     """Why a slave did not reach the requested state.
 
     Attributes:
-        text: The reason, for messages.
+        text: The reason, as a sentence about "it".
         changed: Whether another try is useless, since the slave's process data differ from those
             at the start, or it refuses its configuration.
     """
@@ -64,10 +65,15 @@ def tell(
     found, failed = yield from talk_all(master.registers, talks)
     refused = [text for number in sorted(found) for text in found[number]]
     missed = {
-        items[number].slave.position: Missed(f"{error}", changed=isinstance(error, RefusedError))
-        for number, error in sorted(failed.items())
+        items[number].slave.position: _missed(error) for number, error in sorted(failed.items())
     }
     return refused, missed
+
+
+def _missed(error: EcatError) -> Missed:
+    if isinstance(error, RefusedError):
+        return Missed(error.of_it, changed=True)
+    return Missed(str(error))
 
 
 def leave(

@@ -130,23 +130,26 @@ class ToOp:
         here = {item.slave.position for item in self._found.present} - {*self._found.idle}
         failed = finish(clocks.sync_signals.start(self._shared, here), _CLOCK_PAUSE)
         if failed:
-            labels = ((self._found.bus.slaves[n].label, why) for n, why in failed.items())
-            raise self._refused("; ".join(f"{label}: {why}" for label, why in labels), failed)
+            raise self._refused(self._named(failed), failed)
 
     def _bring_to(self, state: AlState) -> None:
         """Brings all slaves to a state, except those that stay in PREOP.
 
-        If a doubtful slave does not reach it, this is no error: recovery tries again later.
+        If an uncertain slave does not reach it, this is no error: recovery tries again later.
         """
         found = self._found
         out = {*found.idle, *found.absent, *found.missing}
         used = [n for n in range(len(found.bus.slaves)) if n not in out] if out else None
         patience = found.config.state_patience
         try:
-            found.master.al_states.wait_for(state, patience, used, optional=found.doubtful)
+            found.master.al_states.wait_for(state, patience, used, optional=found.uncertain)
         except NotReachedError as error:
             why = {n: f"it does not reach {text}" for n, text in error.missed.items()}
             raise self._refused(str(error), why) from error
+
+    def _named(self, why: dict[int, str]) -> str:
+        slaves = self._found.bus.slaves
+        return "; ".join(f"{slaves[n].label}: {text}" for n, text in why.items())
 
     def _refused(self, message: str, why: dict[int, str]) -> StateError:
         """The error about slaves that do not go on.
@@ -164,12 +167,12 @@ class ToOp:
         return LeftOutError(message, why)
 
     def _tell_before_op(self) -> None:
-        """Writes the start-up parameters of SO to all slaves but the doubtful ones.
+        """Writes the start-up parameters of SO to all slaves but the uncertain ones.
 
-        A doubtful slave must not keep the others from OP, and may be in PREOP.
+        An uncertain slave must not keep the others from OP, and may be in PREOP.
         """
         found = self._found
-        done = self._told | found.doubtful.keys()
+        done = self._told | found.uncertain.keys()
         waiting = [item for item in found.present if item.slave.position not in done]
         told, refused = finish(write_parameters(found.master, waiting, "SO"), MAILBOX_PAUSE_S)
         for text in told:
@@ -178,4 +181,4 @@ class ToOp:
         self._told -= refused.keys()
         if refused:
             why = {position: missed.text for position, missed in refused.items()}
-            raise self._refused("; ".join(why.values()), why)
+            raise self._refused(self._named(why), why)

@@ -26,6 +26,7 @@ from ..start.running import RunningBus
 _QUIET_S = 1.0
 """Seconds without a change, after which the wire is looked at."""
 
+LeftAlone = Mapping[int, tuple[int, int] | None]
 Key = tuple[Any, ...]
 """What makes a difference the same one, wherever it is on the wire."""
 
@@ -64,11 +65,12 @@ class ExpectationWatch:
         """Whether there was a change after which nobody has looked."""
         return self._changed_at is not None
 
-    async def look(self, left_alone: Mapping[int, str]) -> None:
+    async def look(self, left_alone: LeftAlone) -> None:
         """Looks at the wire if it has changed and is quiet again, and tells what is new.
 
         Args:
-            left_alone: By position, what recovery has told of a device in the place of a slave.
+            left_alone: By position, vendor ID and product code of a device in the place of a
+                slave, where recovery has told why it is left alone.
         """
         if self._changed_at is None or time.monotonic() < self._changed_at + _QUIET_S:
             return
@@ -97,7 +99,7 @@ class ExpectationWatch:
         self,
         found: Sequence[Difference],
         wire: Sequence[Slave],
-        left_alone: Mapping[int, str],
+        left_alone: LeftAlone,
         *,
         whole: bool,
     ) -> None:
@@ -131,18 +133,12 @@ class ExpectationWatch:
         before = [slave for slave in self._wire[:place] if slave is not None]
         return f"behind {before[-1].label}" if before else "in front of all others"
 
-    def _is_told(
-        self, item: Difference, wire: Sequence[Slave], left_alone: Mapping[int, str]
-    ) -> bool:
+    def _is_told(self, item: Difference, wire: Sequence[Slave], left_alone: LeftAlone) -> bool:
         """Whether recovery has told why the devices of a difference are left alone."""
         if item.expected:
             places = {self._positions.get(n) for n in item.expected}
             return item.kind.startswith("other") and places <= left_alone.keys()
-        return any(
-            device(wire[n].vendor, wire[n].product) in text
-            for n in item.found
-            for text in left_alone.values()
-        )
+        return any((wire[n].vendor, wire[n].product) in left_alone.values() for n in item.found)
 
     def _tell_added(self, found: Comparison, new: Sequence[Slave], *, whole: bool) -> None:
         """Tells which new devices the next start would use."""

@@ -70,7 +70,7 @@ class InterfaceWatch:
         self._ring: Event | None = None
         self._ring_since = 0.0  # Unix time since which it is open
         self._untold_break: Event | None = None
-        self._ring_told = ""
+        self._ring_told: tuple[shm.Ring, int | None] | None = None
         self._ring_timer: asyncio.TimerHandle | None = None
         self._states = StateWatch(running.interfaces, log, tell)
         self._links = LinkWatch(running.interfaces, self._on_link, self._states.note)
@@ -294,9 +294,10 @@ class InterfaceWatch:
             return
         state = shm.Ring(event.value)
         text = describe_ring(self._bus, self._interfaces, state, event.slave)
-        if text == self._ring_told and (state == shm.Ring.OPEN or brief is None):
+        broken_at = event.slave if state == shm.Ring.OPEN else None
+        if self._ring_told == (state, broken_at) and (state == shm.Ring.OPEN or brief is None):
             return
-        self._ring_told = text
+        self._ring_told = state, broken_at
         if state == shm.Ring.CLOSED and brief is not None:
             place = _place(self._bus, self._interfaces, brief.slave)
             text = f"the ring was broken {place} for a moment: check the plugs. Now {text}"

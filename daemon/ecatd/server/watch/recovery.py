@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 
-from ecatd.description import doubts
+from ecatd.description.conditions import Condition
 from ecatd.etg.al import (
     AL_ERROR_FLAG,
     AL_SYNCHRONIZATION,
@@ -35,25 +34,7 @@ _ASKED_ONLY = 2
 _PATIENCE = 3.0
 """Seconds for which a slave that left OP without an error is left alone. If another master has
 done that, its frames are noticed in this time."""
-
-
-class Condition(StrEnum):
-    """What is known of a slave that is not in OP, or whose process data are in doubt."""
-
-    FINE = ""
-    ABSENT = "absent"  # an optional slave that is not there
-    MISSING = "missing"
-    EXCHANGED = "exchanged"
-    RECOVERING = "recovering"
-    WAITING = "waiting"
-    REFUSED = "refused"
-    LEFT = "left"
-    SILENT = doubts.SILENT
-    DAMAGED = doubts.DAMAGED
-    UNEXPECTED = doubts.UNEXPECTED
-    CONTRADICTED = doubts.CONTRADICTED
-    UNREADABLE = doubts.UNREADABLE
-    STUCK = doubts.STUCK
+_LEFT_ALONE = (Condition.EXCHANGED, Condition.MISSING)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +42,16 @@ class Failure:
     """Why a slave did not come back.
 
     Attributes:
-        text: In words.
+        text: A sentence about "it", the slave; empty if there is nothing in its place.
         condition: What it is from now on; `WAITING` is tried again.
+        device: Vendor ID and product code of a device in its place.
         early: Whether the try does not count, because the wire was changing, or another slave of
             the same try went away.
     """
 
     text: str
     condition: Condition = Condition.WAITING
+    device: tuple[int, int] | None = None
     early: bool = False
 
 
@@ -107,7 +90,7 @@ class _Slave:
     tries: int = 0
     not_before: float = 0.0
     told_slow: bool = False
-    told: str = ""  # the failure that was last reported
+    told: Failure | None = None  # the failure that was last reported
     missing: bool = False
     busy: bool = False  # a repair is at work on it
     condition: Condition = Condition.FINE
@@ -120,7 +103,7 @@ class _Slave:
 
     def begin_anew(self) -> None:
         """Counts tries from 0 again."""
-        self.tries, self.not_before, self.told_slow, self.told = 0, 0.0, False, ""
+        self.tries, self.not_before, self.told_slow, self.told = 0, 0.0, False, None
 
 
 class Recovery:
@@ -175,6 +158,14 @@ class Recovery:
         if slave.down_since is None:
             return Condition.FINE, ""
         return slave.condition, slave.text
+
+    def left_alone(self) -> dict[int, tuple[int, int] | None]:
+        """Slaves in whose places something was found that is left alone, and which device it is."""
+        return {
+            n: slave.told.device
+            for n, slave in enumerate(self._slaves)
+            if slave.down_since is not None and slave.condition in _LEFT_ALONE and slave.told
+        }
 
     def down_for(self, position: int, now: float) -> float | None:
         """Seconds since a slave left OP; None if it has not, or was never there."""
@@ -272,7 +263,7 @@ class Recovery:
         if not item.al_state & 0x0F:
             absent = item.position in self._optional
             slave.condition = Condition.ABSENT if absent else Condition.MISSING
-            slave.text = slave.told = ""  # a slave that is put in later is reported again
+            slave.text, slave.told = "", None  # a slave that is put in later is reported again
         elif self._mode != "all" or item.al_state & 0x0F == AlState.BOOT:
             slave.condition, slave.text = Condition.LEFT, ""
         elif slave.condition != Condition.REFUSED:
@@ -308,6 +299,6 @@ class Recovery:
         if failure.early:
             slave.tries, slave.not_before = slave.tries - 1, 0.0
             return False
-        news = failure.text != slave.told
-        slave.told = failure.text
+        news = failure != slave.told
+        slave.told = failure
         return news

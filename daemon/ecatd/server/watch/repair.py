@@ -13,6 +13,7 @@ from ecatd.base.errors import EcatError, StateError
 from ecatd.base.log import Log
 from ecatd.config import RecoveryConfig
 from ecatd.description.bus import Bus
+from ecatd.description.conditions import Condition
 from ecatd.etg.al import AlState
 from ecatd.master.al_states import WHY_SILENT, SlaveState
 from ecatd.master.frames.datagrams import Place
@@ -20,15 +21,14 @@ from ecatd.master.frames.wire import WireChangedError
 from ecatd.master.master import SilentSlaveError
 from ecatd.master.worker import Worker
 
-from ..start.matching import Found
+from ..start.matching import Exchanged, Found
 from ..start.running import RunningBus
 from ..start.telling import Missed
 from .presence import name_slaves
-from .recovery import QUICK_TRIES, Condition, Failure, Plan, Recovery
+from .recovery import QUICK_TRIES, Failure, Plan, Recovery
 
 _LOOKS = 3
 _NAMES_MAX = 3
-_LEFT_ALONE = (Condition.EXCHANGED, Condition.MISSING)
 
 
 class Repair:
@@ -77,8 +77,8 @@ class Repair:
     def condition(self, position: int) -> tuple[Condition, str]:
         """What is known of a slave that is not as it should be."""
         condition, text = self._recovery.condition(position)
-        if not condition and (doubt := self._running.doubtful.get(position)):
-            return Condition(doubt.word), doubt.text
+        if not condition and (uncertain := self._running.uncertain.get(position)):
+            return uncertain.condition, uncertain.text
         return condition, text
 
     @property
@@ -86,10 +86,12 @@ class Repair:
         """Whether slaves are being brought back."""
         return bool(self._jobs)
 
-    def left_alone(self) -> dict[int, str]:
-        """What was told of devices that stand where slaves should be, by position."""
-        conditions = {slave.position: self.condition(slave.position) for slave in self._bus.slaves}
-        return {n: text for n, (word, text) in conditions.items() if text and word in _LEFT_ALONE}
+    def left_alone(self) -> dict[int, tuple[int, int] | None]:
+        """By position, devices in the places of slaves of which it was told why they are left.
+
+        Each with its vendor ID and product code, or None if it is not clear which device it is.
+        """
+        return self._recovery.left_alone()
 
     def down_since(self, position: int) -> float | None:
         """When a slave that should be in OP has left it, in Unix seconds; None if it has not."""
@@ -226,8 +228,8 @@ class Repair:
         here = []
         for position in positions:
             if position not in missing:
-                if text := finder.check(position):
-                    failures[position] = self._exchanged(position, text)
+                if exchanged := finder.check(position):
+                    failures[position] = self._exchanged(position, exchanged)
                 else:
                     here.append(position)
                 yield
@@ -260,9 +262,9 @@ class Repair:
                 failures[position] = Failure(text, condition)
         return here, failures
 
-    def _exchanged(self, position: int, text: str) -> Failure:
-        text += self._running.expectation.restart_without([position])
-        return Failure(text, Condition.EXCHANGED)
+    def _exchanged(self, position: int, found: Exchanged) -> Failure:
+        text = found.text + self._running.expectation.restart_without([position])
+        return Failure(text, Condition.EXCHANGED, found.device)
 
     def _give_address(self, position: int, place: int) -> None:
         """Gives an identified slave its address; the reference clock is followed from then on."""
@@ -370,8 +372,7 @@ def _lines(bus: Bus, failures: dict[int, Failure]) -> Iterator[str]:
     for text, positions in alike.items():
         groups = [positions] if len(positions) > _NAMES_MAX else [[item] for item in positions]
         for group in groups:
-            names = name_slaves(bus, group)
-            yield text if names in text else f"{names}: {text}"
+            yield f"{name_slaves(bus, group)}: {text}"
 
 
 def _refuse(bus: Bus, failures: dict[int, Failure]) -> None:

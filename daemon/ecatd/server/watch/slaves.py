@@ -14,6 +14,7 @@ from typing import Any
 
 from ecatd.base.log import Log
 from ecatd.config import RecoveryConfig
+from ecatd.description.conditions import Condition
 from ecatd.etg.al import AL_ERROR_FLAG, AlState
 from ecatd.master.al_states import SlaveState
 from ecatd.master.frames.datagrams import aprd
@@ -23,7 +24,6 @@ from ..start.running import RunningBus
 from .expectation import ExpectationWatch
 from .interfaces import InterfaceWatch
 from .presence import describe_presence, name_slaves
-from .recovery import Condition
 from .repair import Repair
 
 _SLOW_PERIOD = 2.0

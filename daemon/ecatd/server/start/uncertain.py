@@ -1,12 +1,12 @@
-"""Decides how to use slaves whose process data are in doubt.
+"""Decides how to use slaves whose process data are uncertain.
 
 These are slaves with CoE whose mailbox does not answer or answers with nonsense, slaves with a
 damaged EEPROM, which may describe only a part of the process data, slaves whose CoE and EEPROM
 contradict each other, slaves that do not reach PREOP, and slaves other than the expected ones.
-Slaves with lesser contradictions, and slaves without which the bus may start, are in doubt if they
-do not reach SAFEOP. A doubtful slave must not keep the others from OP. If some of its process data
-are known, and it reaches SAFEOP with them, it is used. Otherwise it stays in PREOP and takes no
-part in the exchange: in OP it would look like a slave without process data.
+Slaves with lesser contradictions, and slaves without which the bus may start, count among them if
+they do not reach SAFEOP. An uncertain slave must not keep the others from OP. If some of its
+process data are known, and it reaches SAFEOP with them, it is used. Otherwise it stays in PREOP and
+takes no part in the exchange: in OP it would look like a slave without process data.
 
 A slave with SYNC signals cannot be tried, since these need the exchange. If it refuses SAFEOP or OP
 later, the start begins again without it (`to_op.py`).
@@ -21,15 +21,7 @@ from ecatd.base.coroutine_steps import Steps, finish
 from ecatd.base.durations import Patience
 from ecatd.base.errors import StateError
 from ecatd.description.bus import Bus, Slave
-from ecatd.description.doubts import (
-    CONTRADICTED,
-    DAMAGED,
-    REMEDIES,
-    SILENT,
-    STUCK,
-    UNEXPECTED,
-    UNREADABLE,
-)
+from ecatd.description.conditions import REMEDIES, Condition
 from ecatd.etg.al import AlState
 from ecatd.master.al_states import why_not_reached
 from ecatd.master.engine.layout import lay_out
@@ -37,26 +29,47 @@ from ecatd.master.master import Master
 
 from .mapping import Scanned, configure
 
-_STAYS = "stays in PREOP and takes no part"
-_REASONS = {
-    CONTRADICTED: f"what describes its process data is contradictory, so it {_STAYS}",
-    UNREADABLE: f"its process data are not known, so it {_STAYS}",
-    STUCK: "it does not reach PREOP, so it takes no part",
+_CAUSES = {
+    Condition.CONTRADICTED: "what describes its process data is contradictory",
+    Condition.UNREADABLE: "its process data are not known",
+    Condition.STUCK: "it does not reach PREOP",
+}
+_USED = {
+    Condition.SILENT: "is used with the process data of its EEPROM, and its objects cannot be "
+    "reached",
+    Condition.DAMAGED: "is used with the process data that are known of it",
 }
 _NAMED = 3  # most problems of an EEPROM in one message
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
-    """The reason why the process data of a slave are in doubt.
+class Uncertain:
+    """Why the process data of a slave are uncertain, and what becomes of it.
 
     Attributes:
-        word: One of `model.doubts`.
-        text: The reason and the consequence, for messages.
+        condition: What is wrong.
+        cause: The same as a sentence; empty if nothing is known but `why`.
+        details: More about the cause.
+        used: Whether it is used with what is known; else it has no process data.
+        why: Why it is not used.
+        in_preop: Whether it is in PREOP if it is not used.
     """
 
-    word: str
-    text: str
+    condition: Condition
+    cause: str = ""
+    details: tuple[str, ...] = ()
+    used: bool = False
+    why: str = ""
+    in_preop: bool = True
+
+    @property
+    def text(self) -> str:
+        """The cause and the consequence, as sentences about "it"."""
+        stays = "stays in PREOP and takes no part" if self.in_preop else "takes no part"
+        then = _USED[self.condition] if self.used else f"{stays}: {self.why}"
+        if self.details:
+            return f"{self.cause}: {'; '.join(self.details)}. It {then}"
+        return f"{self.cause}, so it {then}" if self.cause else f"it {then}"
 
 
 def settle(
@@ -68,40 +81,40 @@ def settle(
     left_out: Mapping[int, str],
     patience: Patience,
     tell: Callable[[str], None],
-) -> dict[int, Doubt]:
-    """Tries doubtful slaves in SAFEOP, and decides which of them are used. All must be in PREOP.
+) -> dict[int, Uncertain]:
+    """Tries uncertain slaves in SAFEOP, and decides which of them are used. All must be in PREOP.
 
     Args:
         master: The master.
-        scanned: All slaves. Doubtful slaves that are not used lose their process data here.
+        scanned: All slaves. Uncertain slaves that are not used lose their process data here.
         unexpected: By position, why a slave is not the expected one. These slaves are not used.
         synchronised: Positions of slaves with SYNC signals, without which they may refuse SAFEOP.
         dispensable: Positions of slaves without which the bus may start.
         left_out: By position, why slaves refuse to go on, as an earlier try of the start has shown.
             These slaves are not used.
         patience: Time that slaves have to reach a state.
-        tell: Called with a warning about each other doubtful slave, and about each EEPROM with
+        tell: Called with a warning about each other uncertain slave, and about each EEPROM with
             lesser mistakes.
 
     Returns:
-        The doubt about each doubtful slave, by position.
+        What is known of each uncertain slave, by position.
     """
-    doubtful = [
+    uncertain = [
         item
         for item in scanned
         if item.known
-        and (item.silence or item.sii.damaged or item.doubt or item.unplaced)
+        and (item.silence or item.sii.damaged or item.condition or item.unplaced)
         and item.slave.position not in unexpected
     ]
     described = [
         item
-        for item in doubtful
-        if (item.slave.outputs or item.slave.inputs) and not item.doubt and not item.unplaced
+        for item in uncertain
+        if (item.slave.outputs or item.slave.inputs) and not item.condition and not item.unplaced
     ]
     suspects = [
         item
         for item in scanned
-        if item not in doubtful
+        if item not in uncertain
         and item.slave.position not in (*synchronised, *left_out)
         and item.slave.position not in unexpected
         and (item.slave.position in dispensable or _is_suspect(item))
@@ -109,17 +122,20 @@ def settle(
         and item.known
     ]
     refused = finish(_try(master, [*described, *suspects], patience)) | {**left_out}
-    doubtful += (n for n in scanned if n not in doubtful and n.slave.position in refused)
-    doubts = {}
+    uncertain += (n for n in scanned if n not in uncertain and n.slave.position in refused)
+    settled = {}
     for item in scanned:
         slave = item.slave
         if slave.position in unexpected:
-            text = f"it is not the expected slave, so it {_STAYS}: {unexpected[slave.position]}"
-            doubts[slave.position] = Doubt(UNEXPECTED, text)
+            settled[slave.position] = Uncertain(
+                Condition.UNEXPECTED,
+                "it is not the expected slave",
+                why=unexpected[slave.position],
+            )
             continue
         for note in item.notes:
             tell(note)
-        if item not in doubtful:
+        if item not in uncertain:
             if slave.problems:
                 tell(f"{slave.label}: there are mistakes in its EEPROM: {_problems(slave)}")
             continue
@@ -130,19 +146,16 @@ def settle(
             slave.outputs, slave.inputs = [], []
         if slave.position in left_out or (item in suspects and not _is_suspect(item)):
             # Nothing but its refusal is known.
-            doubt = Doubt(STUCK, f"it {_STAYS}: {why}")
+            found = Uncertain(Condition.STUCK, why=why)
         else:
-            doubt = _doubt(item, used=used, why=why)
-        doubts[slave.position] = doubt
-        if slave.problems and doubt.word in _REASONS:
+            found = _describe(item, used=used, why=why)
+        settled[slave.position] = found
+        if slave.problems and found.condition in _CAUSES:
             tell(f"{slave.label}: there are mistakes in its EEPROM: {_problems(slave)}")
-        if unplaced and not item.doubt:
+        if unplaced and not item.condition:
             slave.problems.append(unplaced)
-        told = f"{_name(slave)}: {doubt.text}"
-        if doubt.word == SILENT:
-            told = f"{item.silence}; {slave.label} {doubt.text.partition(', so it ')[2]}"
-        tell(f"{told}; {REMEDIES[doubt.word]}")
-    return doubts
+        tell(f"{_name(slave)}: {found.text}; {REMEDIES[found.condition]}")
+    return settled
 
 
 def _is_suspect(item: Scanned) -> bool:
@@ -150,27 +163,25 @@ def _is_suspect(item: Scanned) -> bool:
     return bool(item.slave.problems or item.notes or item.settled)
 
 
-def _doubt(item: Scanned, *, used: bool, why: str) -> Doubt:
-    if item.doubt and not item.silence:
-        return Doubt(item.doubt, f"{_REASONS[item.doubt]}: {item.why}")
-    if item.silence and not item.sii.damaged:
-        text = "is used with the process data of its EEPROM, and its objects cannot be reached"
-        if not used:
-            nothing = "its EEPROM describes no process data"
-            if item.settings.is_told:  # its configuration changes the process data of its EEPROM
-                nothing = "it cannot be told its configuration"
-            text = f"{_STAYS}: {why or nothing}"
-        did = "answered with nonsense" if item.nonsense else "did not answer"
-        return Doubt(SILENT, f"its mailbox {did} at the start, so it {text}")
-    text = "is used with the process data that are known of it"
-    if not used:
-        text = f"{_STAYS}: {why or 'no process data are known of it'}"
-    if item.silence:
-        text = f"{text}; {item.silence}"
+def _describe(item: Scanned, *, used: bool, why: str) -> Uncertain:
+    condition, silence = item.condition, [item.silence] if item.silence else []
+    if condition and not silence:
+        in_preop = condition != Condition.STUCK
+        return Uncertain(condition, _CAUSES[condition], why=item.why, in_preop=in_preop)
+    if silence and not item.sii.damaged:
+        cause = "its mailbox did not answer at the start"
+        if item.nonsense:
+            cause = "its mailbox answered with nonsense at the start"
+        nothing = "its EEPROM describes no process data"
+        if item.settings.is_told:  # its configuration changes the process data of its EEPROM
+            nothing = "it cannot be told its configuration"
+        return Uncertain(Condition.SILENT, cause, (*silence,), used=used, why=why or nothing)
+    why = why or "no process data are known of it"
     if not item.slave.problems:
-        return Doubt(DAMAGED, f"it {text}")
-    what = "its EEPROM is damaged" if item.sii.damaged else "there are mistakes in its EEPROM"
-    return Doubt(DAMAGED, f"{what}: {_problems(item.slave)}. It {text}")
+        return Uncertain(Condition.DAMAGED, used=used, why=why)
+    cause = "its EEPROM is damaged" if item.sii.damaged else "there are mistakes in its EEPROM"
+    details = (_problems(item.slave), *silence)
+    return Uncertain(Condition.DAMAGED, cause, details, used=used, why=why)
 
 
 def _problems(slave: Slave) -> str:
