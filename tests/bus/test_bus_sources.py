@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -255,6 +256,25 @@ def test_wrong_sources(tmp_path: Path, arguments: str, message: str, status: int
     names(one_line_error(result.stderr, "ecatctl"), *wanted.split(" | "))
     assert result.returncode == status
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("rig", "error"),
+    [
+        ('name = "x"\ncolour = "red"\n', {"name": "config", "line": 2}),  # says the simulator
+        ('name = "x"\n', {"name": "unreachable"}),  # says the bus server
+    ],
+)
+def test_describe_says_for_programs_why_it_has_failed(
+    tmp_path: Path, rig: str, error: dict[str, Any]
+) -> None:
+    (tmp_path / "rig.toml").write_text(rig)
+    command = ("--describe", "--simulate", str(tmp_path / "rig.toml"))
+    result = run_module("ecatd.service", *command)
+    said = json.loads(result.stdout)["error"]
+    assert error.items() <= said.items()
+    assert said["message"] in result.stderr
+    assert said.get("file", command[-1]) == command[-1]
 
 
 def test_a_scan_replaces_a_file_as_a_whole(tmp_path: Path) -> None:

@@ -240,7 +240,7 @@ def test_another_device_in_its_place_is_left_alone(start: Start) -> None:
     with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
         rig.faults.swap(5, "EL2008")
         rig.faults.heal_link(4)
-        wait_for(lambda: "is in the place of slave" in daemon.log, daemon)
+        wait_for(lambda: "is in its place" in daemon.log, daemon)
         assert states(daemon)[5] == "no answer"
         assert states(daemon)[8] == "OP"
 

@@ -233,7 +233,7 @@ def test_r07_another_device_is_left_alone(start: Start) -> None:
     in_op(bench)
     with undisturbed(bench, range(4)):
         bench.ctl("swap", "4", "EL2008")
-        bench.wait_for_log("is in the place of slave 4 (Loopback32)")
+        bench.wait_for_log("is in its place")
         bench.wait_for_event("recovery", slave=4, state="exchanged")
         bench.wait_for(lambda: condition(bench, 4) == "exchanged")
         line = next(
@@ -245,7 +245,7 @@ def test_r07_another_device_is_left_alone(start: Start) -> None:
         bench.ctl("swap", "4", "original")
         in_op(bench)
     # It is not told again and again; once more, if frames get lost meanwhile.
-    assert bench.daemon.log.count("is in the place of slave 4") <= 3
+    assert bench.daemon.log.count("is in its place") <= 3
 
 
 def test_a_state_that_a_user_wants_is_respected(start: Start) -> None:

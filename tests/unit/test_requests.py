@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import naming
-from ecatd.base.errors import EcatError, SdoAbortError, UsageError
+from ecatd.base.errors import ConfigError, EcatError, SdoAbortError, UsageError
 from ecatd.etg.abort_codes import abort_error
 from ecatd.gateway.gateway import Gateway
 from ecatd.master.ethernet.traffic import EthernetTraffic
@@ -140,6 +140,14 @@ def test_errors_survive_the_way_through_a_reply() -> None:
     assert error.code == 0x06020000
     assert "does not exist" in str(error)
     assert isinstance(EcatError.from_reply(UsageError("x").to_reply()), UsageError)
+    placed = EcatError.from_reply(ConfigError("cycle: is 0", "a.toml", 3).to_reply())
+    assert isinstance(placed, ConfigError)
+    assert (placed.file, placed.problem, str(placed)) == (
+        "a.toml",
+        "cycle: is 0",
+        "a.toml:3: cycle: is 0",
+    )
+    assert "file" not in ConfigError("there is no file").to_reply()
     assert type(EcatError.from_reply({"name": "new", "message": "m"})) is EcatError
 
 

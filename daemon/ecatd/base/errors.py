@@ -51,6 +51,8 @@ class EcatError(Exception):
         name, message = reply.get("name"), str(reply.get("message", "unknown error"))
         if name == SdoAbortError.name:
             return SdoAbortError(int(reply.get("code", 0)), message, str(reply.get("text", "")))
+        if name == ConfigError.name and "file" in reply:
+            return ConfigError(str(reply["problem"]), str(reply["file"]), int(reply["line"]))
         return _BY_NAME.get(str(name), EcatError)(message)
 
 
@@ -62,9 +64,24 @@ class UsageError(EcatError):
 
 
 class ConfigError(UsageError):
-    """A configuration file that cannot be used; the message begins with file, line and key."""
+    """A configuration file that cannot be used; the message begins with file, line and key.
+
+    Attributes:
+        file: The file, if the error is about a key of it; else empty.
+        problem: The message without file and line.
+    """
 
     name = "config"
+
+    def __init__(self, problem: str, file: str = "", line: int = 0) -> None:
+        place = f"{file}:{line}: " if line else f"{file}: " if file else ""
+        super().__init__(f"{place}{problem}")
+        self.file, self.problem, self._line = file, problem, line
+
+    def to_reply(self) -> dict[str, Any]:
+        """Adds `file`, `line` and `problem` if the error is about a key of a file."""
+        places = {"file": self.file, "line": self._line, "problem": self.problem}
+        return super().to_reply() | (places if self.file else {})
 
 
 class UnreachableError(EcatError):

@@ -124,12 +124,15 @@ class Document:
 
     def where(self, path: toml_places.Path) -> str:
         """File, line and key: the start of a message."""
-        line = self.place(path).line
+        line, key = self.place(path).line, self.key(path)
         place = f"{self.source}:{line}" if line else self._origin(path)
-        key = path_text(path)
+        return f"{place}: {key}" if key else place
+
+    def key(self, path: toml_places.Path) -> str:
+        """A key in messages, with a note about its table; empty for the document itself."""
         above = (path[:end] for end in range(len(path), 0, -1))
         note = next((f" ({self.notes[table]})" for table in above if table in self.notes), "")
-        return f"{place}: {key}{note}" if key else place
+        return f"{path_text(path)}{note}" if path else ""
 
     def _origin(self, path: toml_places.Path) -> str:
         """File and line of a key as another process has found them, or of its table."""
@@ -160,7 +163,13 @@ class Table:
 
     def fail(self, key: Key | None, message: str) -> NoReturn:
         """Raises `ConfigError` about a key of the table; None stands for the table itself."""
-        raise ConfigError(f"{self.where(key)}: {message}")
+        path = self.path if key is None else (*self.path, key)
+        line = self.document.place(path).line
+        if not line:  # nobody knows the line, or another process has found it
+            raise ConfigError(f"{self.document.where(path)}: {message}")
+        text = self.document.key(path)
+        problem = f"{text}: {message}" if text else message
+        raise ConfigError(problem, self.document.source, line)
 
     def where(self, key: Key | None = None) -> str:
         """File, line and key; None means the table itself."""

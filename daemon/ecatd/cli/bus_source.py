@@ -7,7 +7,7 @@ the slaves (`ecatd --describe`). So all sources give the same library, byte for 
 from __future__ import annotations
 
 import argparse
-import re
+import json
 import subprocess
 import sys
 import tempfile
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ecatd.base.bus_name import check_bus_name
-from ecatd.base.errors import EcatError, UsageError, error_class
+from ecatd.base.errors import ConfigError, EcatError, UsageError, error_class
 from ecatd.config import Config, load_config
 from ecatd.config.origins import find_origins
 from ecatd.description import bus_file
@@ -28,7 +28,7 @@ Kind = Literal["scan", "rig", "esi"]
 
 _FILES = (".json", ".toml", ".py", ".xml")
 _PEEK = 4096
-_WARNING = "ecatsim: warning: "
+_WARNED = 10
 _BOMS = (b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")
 
 
@@ -110,9 +110,10 @@ def _without_daemon(options: argparse.Namespace, kind: Kind) -> Bus:
         rig.write_text(text, "utf-8")
         try:
             return _described(str(rig), options)
-        except EcatError as error:  # about a temporary file that the user does not know
-            text = re.sub(rf"{re.escape(str(rig))}(:\d+)?", source, str(error))
-            raise type(error)(text) from None
+        except ConfigError as error:
+            if error.file != str(rig):
+                raise
+            raise ConfigError(error.problem, source) from None  # the user knows no other file
 
 
 def _kind(source: str) -> Kind:
@@ -184,27 +185,17 @@ def _described(rig: str, options: argparse.Namespace) -> Bus:
     ended = subprocess.run(
         command, stdin=subprocess.DEVNULL, capture_output=True, check=False, encoding="utf-8"
     )
-    if ended.returncode != 0:
-        raise _complaint(ended)
-    _warn(ended.stderr, rig)
+    try:
+        answer = json.loads(ended.stdout)
+    except ValueError:
+        raise error_class(ended.returncode)(
+            f"ecatd has ended with status {ended.returncode} and said nothing"
+        ) from None
+    if "error" in answer:
+        raise EcatError.from_reply(answer["error"])
+    warnings = answer.get("warnings", [])
+    for text in warnings[:_WARNED]:
+        print(f"ecatctl: warning: {text}", file=sys.stderr)
+    if len(warnings) > _WARNED:
+        print(f"ecatctl: warning: and {len(warnings) - _WARNED} more", file=sys.stderr)
     return bus_file.parse(ended.stdout, f"the description of {rig}")
-
-
-def _warn(said: str, rig: str) -> None:
-    """Passes on the warnings of the simulator about files of vendors."""
-    for line in said.splitlines():
-        if line.startswith(_WARNING):
-            text = line.removeprefix(_WARNING).replace(
-                f": `ecatsim check --json {rig}` lists all", ""
-            )
-            print(f"ecatctl: warning: {text}", file=sys.stderr)
-
-
-def _complaint(ended: subprocess.CompletedProcess[str]) -> EcatError:
-    """Makes an error of the last message of a daemon, with the class of its exit status."""
-    text = f"ecatd has ended with status {ended.returncode} and said nothing"
-    for line in ended.stderr.splitlines():
-        for begin in ("ecatd: error: ", "ecatsim: "):
-            if line.startswith(begin) and not line.startswith(_WARNING):
-                text = line.removeprefix(begin)
-    return error_class(ended.returncode)(text)

@@ -8,8 +8,9 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError, UsageError
 from ecatd.base.paths import profile_folders
@@ -47,11 +48,24 @@ if TYPE_CHECKING:
 _FIRST_OWN = 0x2000
 """Objects below describe the communication (ETG.1000.6); PDOs have keys of their own."""
 
-_DIFFERENT, _UNKNOWN = "different", "not verified"
-"""Beginnings of the results of a comparison that are worth an exit status."""
 
-_SAME, _SECRET, _OPTIONAL = "as configured", "cannot be read", "optional"
-"""Those of the other results. A slave may refuse an optional parameter."""
+class _Outcome(StrEnum):
+    """What a comparison has shown; only DIFFERENT and UNKNOWN are worth an exit status."""
+
+    SAME = "as configured"
+    DIFFERENT = "different"
+    UNKNOWN = "not verified"
+    SECRET = "cannot be read"
+    OPTIONAL = "optional"  # not as configured; a slave may refuse the parameter
+    REPLACED = "not what a slave in OP has"
+
+
+class _Compared(NamedTuple):
+    """A parameter, and what its slave has: `outcome` is for decisions, `row` for people."""
+
+    outcome: _Outcome
+    row: dict[str, Any]
+
 
 _ACTIONS = """\
 actions:
@@ -118,7 +132,8 @@ def _verify(remote: Remote, options: argparse.Namespace) -> int:
     used = load_config(options.config) if options.config else remote.configuration()[0]
     places = compare(used, bus.slaves).places
     chosen = None if options.slave is None else bus.find(options.slave)
-    rows = list(_compared(remote, bus, used.moved(places), chosen))
+    found = list(_compared(remote, bus, used.moved(places), chosen))
+    rows = [item.row for item in found]
     if options.json:
         print_json({"bus": bus.name, "parameters": rows})
     elif rows:
@@ -141,7 +156,7 @@ def _verify(remote: Remote, options: argparse.Namespace) -> int:
     else:
         print("the configuration has no start-up parameters for this bus")
     unknown = Counter(
-        bus.slaves[row["slave"]].label for row in rows if row["result"].startswith(_UNKNOWN)
+        bus.slaves[row["slave"]].label for outcome, row in found if outcome == _Outcome.UNKNOWN
     )
     if chosen is None:
         gone = [item for item in used.slave if item.startup and item.position not in places]
@@ -151,13 +166,11 @@ def _verify(remote: Remote, options: argparse.Namespace) -> int:
     if unknown:
         told = "; ".join(f"{count} of {label}" for label, count in unknown.items())
         print(f"ecatctl: parameters that could not be verified: {told}", file=sys.stderr)
-    differs = any(row["result"] == _DIFFERENT for row in rows)
+    differs = any(item.outcome == _Outcome.DIFFERENT for item in found)
     return StateError.exit_code if differs or unknown else 0
 
 
-def _compared(
-    remote: Remote, bus: Bus, here: Config, chosen: Slave | None
-) -> Iterator[dict[str, Any]]:
+def _compared(remote: Remote, bus: Bus, here: Config, chosen: Slave | None) -> Iterator[_Compared]:
     meanings = _Meanings(here)
     for settings in here.slave:
         if chosen is not None and chosen.position != settings.position:
@@ -166,21 +179,25 @@ def _compared(
             continue
         in_op = _in_force(settings)
         for parameter in settings.startup:
-            row = {"slave": settings.position, "object": parameter.object}
+            row: dict[str, Any] = {"slave": settings.position, "object": parameter.object}
             known = meanings.of(bus.slaves[settings.position], parameter.entry)
             try:
                 raw = parameter.raw(known)
             except UsageError as error:
                 configured = f"{parameter.value} {parameter.unit}"
-                result = f"{_UNKNOWN}: {error}"
-                yield {**row, "configured": configured, "has": None, "result": result}
+                result = f"{_Outcome.UNKNOWN}: {error}"
+                row |= {"configured": configured, "has": None, "result": result}
+                yield _Compared(_Outcome.UNKNOWN, row)
                 continue
-            found = _value_of(remote, settings.position, raw, known)
-            if in_op.get(parameter.address) is not parameter and found["has"] is not None:
-                found["result"] = f"of {parameter.transition}: not what a slave in OP has"
-            elif parameter.optional and found["result"] != _SAME:
-                found["result"] = f"{_OPTIONAL}: {found['result']}"
-            yield {**row, "configured": _shown(raw, known, raw.data), **found}
+            row["configured"] = _shown(raw, known, raw.data)
+            outcome, row["has"], why = _value_of(remote, settings.position, raw, known)
+            result = f"{outcome}: {why}" if why else str(outcome)
+            if in_op.get(parameter.address) is not parameter and row["has"] is not None:
+                outcome = _Outcome.REPLACED
+                result = f"of {parameter.transition}: {outcome}"
+            elif parameter.optional and outcome != _Outcome.SAME:
+                outcome, result = _Outcome.OPTIONAL, f"{_Outcome.OPTIONAL}: {result}"
+            yield _Compared(outcome, row | {"result": result})
 
 
 def _in_force(settings: SlaveConfig) -> dict[tuple[int, int], StartupConfig]:
@@ -213,17 +230,17 @@ class _Meanings:
 
 def _value_of(
     remote: Remote, position: int, parameter: StartupConfig, known: Entry
-) -> dict[str, Any]:
-    """What a slave has for a parameter, and the result of the comparison."""
+) -> tuple[_Outcome, str | None, str]:
+    """The outcome of the comparison, what the slave has, and why it cannot be read."""
     index, subindex = parameter.address
     try:
         data = remote.sdo_read(position, index, subindex, complete=parameter.complete).data
     except (SdoAbortError, NoAnswerError, StateError) as error:
         secret = isinstance(error, SdoAbortError) and error.code == WRITE_ONLY
-        return {"has": None, "result": f"{_SECRET if secret else _UNKNOWN}: {error}"}
+        return _Outcome.SECRET if secret else _Outcome.UNKNOWN, None, str(error)
     same = data[: len(parameter.data)] == parameter.data
-    result = _SAME if same else _DIFFERENT
-    return {"has": _shown(parameter, known, data), "result": result}
+    outcome = _Outcome.SAME if same else _Outcome.DIFFERENT
+    return outcome, _shown(parameter, known, data), ""
 
 
 def _shown(parameter: StartupConfig, known: Entry, data: bytes) -> str:

@@ -12,6 +12,7 @@ can read and compare files. The same description always gives the same bytes.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from typing import Any
@@ -34,14 +35,16 @@ _DEFAULTS = {
 }
 
 
-def dump(bus: Bus, version: str = "") -> str:
+def dump(bus: Bus, version: str = "", warnings: Sequence[str] = ()) -> str:
     """Writes the description as JSON.
 
     Args:
         bus: The description.
         version: Version of the program that has scanned the bus; left out if empty.
+        warnings: What is wrong with the files of the rig that was scanned; left out if empty.
     """
-    head = {"schema": SCHEMA} | ({"version": version} if version else {})
+    head: dict[str, Any] = {"schema": SCHEMA} | ({"version": version} if version else {})
+    head |= {"warnings": [*warnings]} if warnings else {}
     head |= {"fingerprint": f"{bus.fingerprint:016x}", "name": bus.name}
     lines = [f"{_inside(head | {'cycle_time_us': bus.cycle_time_us})}"]
     lines.append(f'"domains": {_list([_map(domain) for domain in bus.domains], 1)}')

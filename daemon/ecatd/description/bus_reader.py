@@ -281,7 +281,7 @@ class _Reader:
             "cycle_time_us": _integer(1, 1_000_000),
             "slaves": lambda value: _list(value, POSITION_MAX + 1, self._slave),
             "domains": lambda value: _list(value, DOMAINS_MAX, self._domain),
-            **dict.fromkeys(("schema", "version", "fingerprint"), _anything),
+            **dict.fromkeys(("schema", "version", "warnings", "fingerprint"), _anything),
         }
 
     def bus(self, data: Any) -> Bus:

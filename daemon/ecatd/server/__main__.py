@@ -129,7 +129,8 @@ def _describe(settings: dict[str, Any], log: Log) -> None:
 
     config = read_config(settings["config"], origins=settings["origins"])
     config.second_interface = settings["second_interface"]
-    sys.stdout.write(dump(describe(config, settings["interface"], log)))
+    bus = describe(config, settings["interface"], log)
+    sys.stdout.write(dump(bus, warnings=settings["warnings"]))
 
 
 def main() -> int:
@@ -151,7 +152,9 @@ def main() -> int:
             asyncio.run(_serve(settings, log))
     except EcatError as error:
         log.error(str(error), "failed")
-        if not settings["describe"]:
+        if settings["describe"]:
+            print(json.dumps({"error": error.to_reply()}))
+        else:
             tell("failed", str(error))
         return error.exit_code
     except Exception as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import json
 import os
 import sys
 from pathlib import Path
@@ -173,6 +174,8 @@ def _main() -> int:
         return asyncio.run(supervisor.run())
     except EcatError as error:
         log.error(str(error))
+        if options.describe:
+            print(json.dumps({"error": error.to_reply()}))
         return error.exit_code
 
 

@@ -66,11 +66,11 @@ on it. That can take longer than `TimeoutStartSec=`, and a bus server that hangs
 
 
 class _EndedError(EcatError):
-    """A child has ended with this exit status and has reported why."""
+    """A child has ended with this exit status and has reported why: for `describe`, in `output`."""
 
-    def __init__(self, status: int) -> None:
+    def __init__(self, status: int, output: str = "") -> None:
         super().__init__("")
-        self.status = status
+        self.status, self.output = status, output
 
 
 class Supervisor:
@@ -128,10 +128,14 @@ class Supervisor:
             await self._run()
         except _EndedError as ended:
             status = ended.status
+            if self._describe:
+                sys.stdout.write(ended.output)
             wait_s = self._wait_s(status)
         except EcatError as error:  # before there is a child
             self._log.error(str(error))
             self._tell_failure(str(error))
+            if self._describe:
+                print(json.dumps({"error": error.to_reply()}))
             status = error.exit_code
             wait_s = self._wait_s(status)
         finally:
@@ -166,6 +170,7 @@ class Supervisor:
             "runtime_dir": "" if self._describe else str(make_dir(self._config.bus, user_dir())),
             "memory_dir": "" if self._describe else str(make_folder(self._log.warning)),
             "namespace_of": 0,
+            "warnings": [],
             "parent": os.getpid(),
             "log": self._config.log,
         }
@@ -181,6 +186,7 @@ class Supervisor:
                     "true into its rig file)"
                 )
             settings["namespace_of"] = ready["pid"]
+            settings["warnings"] = ready["warnings"]
             fatal.append(simulator)
         server = await self._start("the bus server", "ecatd.server")
         server.give(settings)
@@ -212,10 +218,10 @@ class Supervisor:
         return child
 
     async def _print_description(self, server: Child) -> None:
-        description = await self._or_stop(server.output())
+        output = await self._or_stop(server.output())
         if status := await server.end:
-            raise _EndedError(_status(status))
-        sys.stdout.write(description)
+            raise _EndedError(_status(status), output)
+        sys.stdout.write(output)
 
     async def _start_simulator(self, rig: str) -> tuple[Child, dict[str, Any]]:
         read, write = os.pipe()
@@ -230,9 +236,12 @@ class Supervisor:
             lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(read, "rb")
         )
         line = await self._or_stop(reader.readline())
-        if not line:
-            raise _EndedError(await child.end or 70)
-        return child, json.loads(line)
+        ready = json.loads(line or "{}")
+        if "error" in ready:
+            self._tell_failure(ready["error"]["message"])
+        if "error" in ready or not ready:
+            raise _EndedError(await child.end or 70, line.decode())
+        return child, ready
 
     async def _ready(self, child: Child) -> str:
         """Waits until a child is ready; returns its text.

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 
@@ -18,6 +19,7 @@ from ecatd.base.process import OF_A_SEGMENT, die_with_parent, drop_rights
 
 from ..control.server import Server
 from ..control.sockets import FOLDER_VARIABLE, NAME_VARIABLE, folder
+from ..files import python_file
 from ..net import netlink
 from ..replay import Replay
 from ..rig import Rig
@@ -70,7 +72,7 @@ def add_arguments(parser: Parser, command: str) -> None:
         "--ready-fd",
         metavar="N",
         type=int,
-        help="file descriptor for a line of JSON when the segment answers",
+        help="file descriptor for a line of JSON when the segment answers, or with `error`",
     )
     parser.add_argument(
         "--die-with-parent", action="store_true", help="end when the calling process ends"
@@ -79,7 +81,18 @@ def add_arguments(parser: Parser, command: str) -> None:
     parser.add_argument(
         "child", metavar="-- COMMAND", nargs="*", default=[], help="command to run beside it"
     )
-    parser.set_defaults(execute=lambda options: _Runner(options).run())
+    parser.set_defaults(execute=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    try:
+        return _Runner(options).run()
+    except Exception as error:
+        ready_fd = options.ready_fd
+        if ready_fd is not None and (reply := python_file.reply(error)):
+            with suppress(OSError, ValueError), os.fdopen(ready_fd, "w") as ready:
+                ready.write(json.dumps({"error": reply}) + "\n")
+        raise
 
 
 class _Runner:
@@ -223,6 +236,7 @@ class _Runner:
             "interface": interface,
             "rig": rig.name,
             "slaves": len(rig.devices),
+            "warnings": rig.remarks,
             "name": self._server.name if self._server else None,
         }
         where = f"on {interface}"
@@ -233,6 +247,7 @@ class _Runner:
             try:
                 with os.fdopen(arguments.ready_fd, "w") as ready:
                     ready.write(json.dumps(facts) + "\n")
+                arguments.ready_fd = None  # it is closed, so its number may be another file's
             except OSError as error:
                 raise UsageError(f"--ready-fd {arguments.ready_fd}: {error.strerror}") from error
         elif not arguments.child:

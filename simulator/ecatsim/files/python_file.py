@@ -70,20 +70,20 @@ def explained(path: Path, call: Callable[[], T]) -> T:
     except UsageError:
         raise
     except (Exception, SystemExit) as error:
-        raise ConfigError(f"{place(error) or path}: {_words(error)}") from error
+        raise ConfigError(_words(error), *(_place(error) or (str(path), 0))) from error
 
 
-def place(error: BaseException) -> str:
-    """Returns the last place in a user's file that an error passed, `file:line`, or ""."""
-    found = ""
+def _place(error: BaseException) -> tuple[str, int] | None:
+    """Returns file and line of the last place in a user's file that an error passed."""
+    found = None
     trace = error.__traceback__
     while trace is not None:
         path = _names.get(trace.tb_frame.f_code.co_filename)
         if path is not None:
-            found = f"{path}:{trace.tb_lineno}"
+            found = str(path), trace.tb_lineno
         trace = trace.tb_next
     if isinstance(error, SyntaxError) and error.filename in _names and error.lineno:
-        found = f"{_names[error.filename]}:{error.lineno}"
+        found = str(_names[error.filename]), error.lineno
     return found
 
 
@@ -93,10 +93,18 @@ def report(error: Exception) -> str:
     Returns:
         The line, or "" for an unexpected error elsewhere, which is a defect.
     """
-    where = place(error)
-    if isinstance(error, EcatError):
-        return f"{where}: {error}" if where and not str(error).startswith(where) else str(error)
-    return f"{where}: {_words(error)}" if where else ""
+    where = _place(error)
+    if isinstance(error, ConfigError) and error.file:
+        return str(error)
+    text = str(error) if isinstance(error, EcatError) else _words(error) if where else ""
+    return str(ConfigError(text, *where)) if where else text
+
+
+def reply(error: Exception) -> dict[str, Any] | None:
+    """The map of an error for programs; None for an unexpected error, which is a defect."""
+    text = report(error)
+    facts = error.to_reply() if isinstance(error, EcatError) else {"name": EcatError.name}
+    return facts | {"message": text} if text else None
 
 
 def _words(error: BaseException) -> str:
