@@ -16,8 +16,8 @@ from ecatd.etg.al import AL_ERROR_FLAG, AlState, al_state_text
 from ecatd.etg.datatypes import type_name
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.etg.pdo_layout import places
-from ecatd.operations.bus import ReadStates, SetState, SlaveAlState
 from ecatd.etg.scaling import formula_text, to_physical
+from ecatd.operations.bus import ReadStates, SetState, SlaveAlState
 
 from .arguments import add_slave
 from .confirm import add_yes, confirm

@@ -68,7 +68,7 @@ complete -c ecatsim -n '_shtab_ecatsim_using run' -l replay -xka "(__fish_comple
 complete -c ecatsim -n '_shtab_ecatsim_using run' -l repeat -d 'with --replay: again and again'
 complete -c ecatsim -n '_shtab_ecatsim_using run' -l step-time-us -x -d 'time between two steps of devices and plants (default and least: 1000)'
 complete -c ecatsim -n '_shtab_ecatsim_using run' -l name -x -d 'name for `ecatsim ctl --name` (default: its process id)'
-complete -c ecatsim -n '_shtab_ecatsim_using run' -l ready-fd -x -d 'file descriptor for a line of JSON when the segment answers'
+complete -c ecatsim -n '_shtab_ecatsim_using run' -l ready-fd -x -d 'file descriptor for a line of JSON when the segment answers, or with `error`'
 complete -c ecatsim -n '_shtab_ecatsim_using run' -l die-with-parent -d 'end when the calling process ends'
 complete -c ecatsim -n '_shtab_ecatsim_using run' -l strict -d 'refuse ESI files and EEPROM images with mistakes; else a warning says what is wrong, and what is understood is simulated'
 complete -c ecatsim -n '_shtab_ecatsim_using; and test $_shtab_ecatsim_npos -eq 0' -a capture -d 'Scans a real segment and writes a rig file that simulates it: EEPROM images, slave controllers, topology, PDOs and object dictionaries. The slaves go to PREOP, and afterwards to the state they were in.'

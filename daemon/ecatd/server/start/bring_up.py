@@ -28,6 +28,7 @@ from ecatd.master.master import Master
 from ecatd.operations.frames import RINGS
 
 from .clocks import Clocks
+from .configurations import leave
 from .exchange import find_failing, leases, start_exchange
 from .found import FoundBus
 from .gone import find_gone
@@ -36,7 +37,6 @@ from .process_data import ProcessData, set_up_process_data
 from .reading import Files, read, read_files, scan
 from .running import RunningBus
 from .set_up import SetUp
-from .telling import leave
 from .to_op import MAILBOX_PAUSE_S, LeftOutError, ToOp
 from .wire_time import WireTime
 
@@ -174,7 +174,7 @@ class BringUp:
         return self.bus
 
     def leave(self, state: AlState, patience: Patience) -> None:
-        """Writes the slaves' parameters for the way down to a state; see `telling.leave`."""
+        """Writes the slaves' parameters for the way down to a state; see `configurations.leave`."""
         if self._found is not None:
             steps = leave(self._found.master, self._found.present, state, patience)
             for text in finish(steps, MAILBOX_PAUSE_S):

@@ -29,9 +29,9 @@ from ecatd.master.master import Master, SilentSlaveError
 
 from .clock_registers import SYNC_CONTROL
 from .clocks import Clocks
+from .configurations import Missed, leave, write_configurations, write_parameters
 from .mapping import Scanned, configure, describer, process_data_registers, take_pdos_from_sii
 from .slave_configuration import SlaveConfiguration
-from .telling import Missed, leave, tell, write_parameters
 from .uncertain import Uncertain
 from .watchdogs import check_watchdogs
 
@@ -208,7 +208,7 @@ class SetUp:
         }
 
     def leave(self, positions: Iterable[int], state: AlState) -> Steps[list[str]]:
-        """Writes the parameters of slaves before they go down to a state; see `telling.leave`."""
+        """Writes the parameters of slaves before they go down; see `configurations.leave`."""
         items = [self._scanned[position] for position in sorted(positions)]
         # A parameter of SP may change an object that a parameter of PS has set.
         if state not in (AlState.SAFEOP, AlState.OP):
@@ -325,7 +325,7 @@ class SetUp:
         """Writes the configuration of slaves in PREOP again: they lose it when they restart."""
         items = [self._scanned[position] for position in sorted(positions)]
         items = [item for item in items if item.gets_ip or (item.speaks and item.settings.is_told)]
-        _, missed = yield from tell(self._master, items, SlaveConfiguration.tell)
+        _, missed = yield from write_configurations(self._master, items, SlaveConfiguration.tell)
         self._unconfigured -= set(positions) - missed.keys()
         return missed
 

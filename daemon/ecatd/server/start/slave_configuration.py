@@ -7,7 +7,7 @@ This is done whenever the slave starts or comes back, in this order (ETG.1000.6)
 - in SAFEOP, before OP: the parameters of SO.
 
 On the way down, the parameters of OS are written in OP, and those of SP in SAFEOP
-(`telling.leave`).
+(`configurations.leave`).
 
 `pdo_writer.py` writes the PDOs.
 """

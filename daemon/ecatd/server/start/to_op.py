@@ -17,10 +17,10 @@ from ecatd.master.al_states import NotReachedError
 from ecatd.master.engine.shared_memory import SharedMemory
 
 from .clocks import Clocks
+from .configurations import write_parameters
 from .found import STARTS_OTHERS, FoundBus
 from .gone import find_gone
 from .set_up import wait_for_outputs
-from .telling import write_parameters
 
 MAILBOX_PAUSE_S = 0.0005
 """Seconds between two rounds of frames while slaves answer over their mailboxes."""

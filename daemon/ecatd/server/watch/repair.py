@@ -21,9 +21,9 @@ from ecatd.master.frames.wire import WireChangedError
 from ecatd.master.master import SilentSlaveError
 from ecatd.master.worker import Worker
 
+from ..start.configurations import Missed
 from ..start.matching import Exchanged, Found
 from ..start.running import RunningBus
-from ..start.telling import Missed
 from .presence import name_slaves
 from .recovery import QUICK_TRIES, Failure, Plan, Recovery
 

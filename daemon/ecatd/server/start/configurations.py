@@ -41,10 +41,14 @@ def write_parameters(
         on.
     """
     items = [item for item in items if item.settings.has_parameters(transition)]
-    return (yield from tell(master, items, lambda told: told.write_parameters(transition)))
+    return (
+        yield from write_configurations(
+            master, items, lambda slave: slave.write_parameters(transition)
+        )
+    )
 
 
-def tell(
+def write_configurations(
     master: Master,
     items: Sequence[Scanned],
     talk: Callable[[SlaveConfiguration], Talk[list[str]]],
