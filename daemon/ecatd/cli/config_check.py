@@ -189,7 +189,7 @@ def _uncertain(row: SlaveAlState, settings: SlaveConfig, slave: Slave) -> str:
             "; a start with this file tells it its configuration, so it takes no part if it does "
             "not answer then either"
         )
-    return f"{text}; {REMEDIES[row['recovery']]}"
+    return f"{text}; {REMEDIES[Condition(row['recovery'])]}"
 
 
 def _wrong(

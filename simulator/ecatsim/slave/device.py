@@ -44,7 +44,7 @@ _EVENT_MASK = 0x0204  # register: the events that interrupt the device
 _EVENTS, _SYNC0_EVENT = 0x00FFFF03, 0x00000004  # without SYNC0 and SYNC1: too frequent
 _OF_EMERGENCY = 0xE800  # diagnosis code with the error code of an emergency
 _TIMEOUT = 1.0  # seconds that a change to OP waits for the master
-_AWAKE, _WOKEN = -1, -2  # instead of a number of changes: it makes steps; and has not made one yet
+_AWAKE, _WOKEN = -1, -2  # no numbers of changes: it makes steps; it has not made one yet
 
 
 class Device(DeviceType):

@@ -6,6 +6,7 @@ import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from math import copysign
+from typing import Any
 
 from ecatd.base.errors import ConfigError
 from ecatd.etg import abort_codes
@@ -20,11 +21,11 @@ Value = int | float | str | bytes
 _set = object.__setattr__
 
 
-def _differ(new: object, old: object) -> bool:
+def _differ(new: Value, old: Value) -> bool:
     """Whether two values have different bytes; 0.0 and -0.0 have."""
     if new != old:
         return True
-    return new.__class__ is float and not new and copysign(1, new) != copysign(1, old)  # type: ignore[arg-type]
+    return isinstance(new, float) and not new and copysign(1, new) != copysign(1, float(old))
 
 
 @dataclass(slots=True)
@@ -72,7 +73,7 @@ class Variable:
         if not self.bits:
             self.bits = bit_length(self.type) or 8 * len(self.encode())
 
-    def __setattr__(self, name: str, value: object) -> None:
+    def __setattr__(self, name: str, value: Any) -> None:
         if name == "value" and self.owner is not None and _differ(value, self.value):
             self.owner.changes += 1
         _set(self, name, value)

@@ -40,9 +40,10 @@ _SILENT_LIMIT = Patience(1.0)
 _PAUSE = 0.0002
 """Seconds between two reads of the status while all EEPROMs are busy."""
 
-_SHARE, _NAP_MAX = 0.75, 0.002
-"""How long nobody asks after commands: this share of the time that the last ones took, and most
-seconds. Each question costs a frame, and processor time."""
+_SHARE, _LESS, _NAP_MAX = 0.75, 0.9, 0.001
+"""After commands, nobody asks for a while, since each question costs a frame and processor time:
+for this share of the time that the last commands took, and less and less while they have ended by
+then. Seconds, at most."""
 
 _LATE = 0.05
 """Seconds without progress after which reading lets other work go on. A slave that is there, and
@@ -200,6 +201,7 @@ def reading_each(
     try:
         _assign_to_master(registers, eeproms)
         unread, progress = eeproms, time.monotonic()
+        nap, in_vain = 0.0, False
         while unread:
             if cancelled():
                 raise StateError("stopped while slaves were being read")
@@ -208,9 +210,13 @@ def reading_each(
             took = time.monotonic() - progress
             if moved:
                 progress += took
-                if unread and _SHARE * took > _PAUSE:
-                    time.sleep(min(_SHARE * took, _NAP_MAX))
-            elif took < _LATE:
+                nap = min(_SHARE * took if in_vain else _LESS * nap, _NAP_MAX)
+                in_vain = False
+                if unread and nap > _PAUSE:
+                    time.sleep(nap)
+                continue
+            in_vain = True
+            if took < _LATE:
                 time.sleep(_PAUSE)
             else:
                 yield
