@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 import zenoh
-from ecatdev.zenoh_keys.bus_maps import Event
+from ecatd.operations.bus import Event
 
 from conftest import PATIENCE, SHM, Daemon, names, one_line_error, run_module, wait_for
 from ecatd.base.errors import UnreachableError

@@ -19,7 +19,7 @@ RIGS = Path(__file__).parents[1] / "rigs"
 
 SHOW = """
     buses slaves graph pdos read watch check stats metrics claims shm dc info sdos sdo-read events
-    sii-read soe-read eoe eoe-read rescan reg-read scan cstruct xml client-flags log
+    sii-read soe-read eoe eoe-read rescan reg-read scan cstruct xml client-flags log waiting
 """
 """Commands that change nothing."""
 
@@ -71,7 +71,7 @@ write '0/0x6040:00=0' --for 0.1 --yes
 record -o record.csv --for 0.1
 sdos 0 0x1018; sdo-read 0 0x1018 1; sdo-write 0 0x6060 0 8
 sdo-dump 0 -o values.toml; sdo-restore 0 values.toml --yes
-diagnosis 0; events; errors
+diagnosis 0; waiting; events; errors
 sii-read 0 -o sii.bin; sii-write 0 sii.bin --yes; alias 0 7 --yes
 foe-read 0 parameters.bin -o parameters.bin; foe-write 0 parameters.bin --yes
 soe-read 1 S-0-0001; soe-write 1 S-0-0001 2000
