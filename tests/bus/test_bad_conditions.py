@@ -19,13 +19,13 @@ from typing import Any
 
 import pytest
 import zenoh
-from ecatd.operations.bus import Event
 
 from conftest import PATIENCE, SHM, Daemon, names, one_line_error, run_module, wait_for
 from ecatd.base.errors import UnreachableError
 from ecatd.base.paths import zenoh_socket
 from ecatd.base.process import OF_ROOT
 from ecatd.etg.al import AlState
+from ecatd.operations.bus import Event
 from ecatd.operations.encoding import unpack
 from ecatd.operations.zenoh_keys import bus_key, session_config
 from ecatd.shm import contract as shm
