@@ -409,7 +409,7 @@ def test_an_upgrade_leaves_the_bus_alone(machine: Machine) -> None:
     machine("cp -r /etc/ecatd /tmp/before")
     machine("mkdir -p /tmp/new && dpkg-deb -R /files/ecatd_*.deb /tmp/new")
     machine("sed -i 's/^Version: .*/Version: 99.0/' /tmp/new/DEBIAN/control")
-    version = "/tmp/new/usr/lib/ecatd/lib/python3.11/site-packages/ecatd/version.py"
+    version = "/tmp/new/usr/lib/ecatd/lib/python3.11/site-packages/ecatd/base/version.py"
     machine(f"sed -i 's/^VERSION = .*/VERSION = \"99.0\"/' {version}")
     machine("dpkg-deb -Znone -b /tmp/new /tmp/ecatd_99.deb >/dev/null")
     told = machine("apt-get install -y /tmp/ecatd_99.deb 2>&1 | tail -5", timeout=300).text
