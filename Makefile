@@ -77,7 +77,7 @@ pictures: $(if $(filter $(VENV)/bin,$(BIN)),$(if $(wildcard $(VENV)/.test),,$(VE
 
 # What the README shows: screens of commands, the topology, and the figure of the demo.
 screens: $(VENV)/.demo
-	@$(PIP) rich
+	@$(PIP) "$$(ls $(VENV)/wheel/*.whl)[screens]"
 	@PYTHONPATH=tools $(BIN)/python -m ecatdev.screens docs/pictures
 	@$(BIN)/python examples/figure9/demo.py --out build/demo --bus "$(BUS)"
 	@cp build/demo/figure9.png docs/pictures/figure9.png

@@ -61,6 +61,8 @@ slaves = [0, "EK1100"]
 [[gateway.user]]
 name = "bob"
 [[gateway.user]]
+name = "7.eve@press"
+[[gateway.user]]
 name = "dora"
 write = ["log", "frames"]
 changes_max = 2
@@ -80,7 +82,7 @@ class Site:
         made = remote_command("init", "--dir", str(self.folder), "--host", "machine.example")
         assert made.returncode == 0, made.stderr
         names(made.stdout, "users_ca", f"{self.folder}/daemon.pem", "machine.example")
-        for user in ("anna", "bob", "carl", "dora"):
+        for user in ("anna", "bob", "carl", "dora", "7.eve@press"):
             made = remote_command("user", user, "--dir", str(self.folder), "-o", str(self[user]))
             assert made.returncode == 0, made.stderr
             names(made.stdout, "[[gateway.user]]", f'name = "{user}"')
@@ -112,6 +114,8 @@ def site(tmp_path_factory: pytest.TempPathFactory, start_shared: Callable[..., D
 
 def test_r36_a_user_reads_and_changes_what_the_configuration_says(site: Site) -> None:
     with site.as_user("anna") as anna:
+        with site.as_user("7.eve@press") as eve:  # each letter stands in keys as it is
+            assert eve.rights()["user"] == "7.eve@press"
         assert anna.rights() == {
             "user": "anna",
             "read": True,

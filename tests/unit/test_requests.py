@@ -17,6 +17,8 @@ from ecatd.operations.encoding import unpack
 from ecatd.operations.objects import SdoRead
 from ecatd.operations.operation import Operation, to_map
 from ecatd.operations.query import from_query, to_query
+from ecatd.operations.registers import ReadRegister
+from ecatd.operations.users import ReadRights
 from ecatd.server.requests.dictionaries import Dictionaries
 from ecatd.server.requests.eeproms import Eeproms
 from ecatd.server.requests.ethernet import Ethernet
@@ -149,6 +151,24 @@ def test_errors_survive_the_way_through_a_reply() -> None:
     )
     assert "file" not in ConfigError("there is no file").to_reply()
     assert type(EcatError.from_reply({"name": "new", "message": "m"})) is EcatError
+
+
+def test_a_program_is_told_what_an_operation_does_not_have() -> None:
+    with pytest.raises(UsageError, match=naming("'lenght'", "size")):
+        ReadRegister(0, 0x0130, lenght=2)  # type: ignore[call-arg]
+    with pytest.raises(UsageError, match=naming("3", "4")):
+        ReadRegister(0, 0x0130, 2, 2)  # type: ignore[call-arg]
+
+
+@pytest.mark.parametrize("user", ["anna", "7up", "all", "anna@press.example", "a_b-c.d"])
+def test_the_name_of_a_user_stands_in_a_key_as_it_is(user: str) -> None:
+    """Zenoh compares it with the rules of `gateway/access.py`."""
+    query = to_query(ReadRights(user))
+    assert query.key == ("as", user, "ro", "rights")
+    assert from_query(query.key, "", {}) == ReadRights(user)
+    for wrong in ("", "a/b", "a*", "an%6Ea", "x" * 65):
+        with pytest.raises(UsageError):
+            ReadRights(wrong)
 
 
 def test_every_operation_has_one_handler() -> None:

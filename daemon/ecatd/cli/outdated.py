@@ -21,7 +21,7 @@ def tell_outdated(
 
     Args:
         bus: The description.
-        rows: The AL states of all slaves, as `Remote.states` returns them.
+        rows: The AL states of all slaves, as `ReadStates` is answered.
         quiet: Positions of slaves about which the line says nothing.
 
     Returns:

@@ -331,7 +331,10 @@ class Waiting(Map):
 
 
 class ReadWaiting(Operation[Waiting]):
-    """Asks which requests wait for mailboxes and EEPROMs of slaves, for example of a slow one."""
+    """Asks which requests wait for mailboxes and EEPROMs of slaves, for example of a slow one.
+
+    Transfers of files are not among them: they go on without a request.
+    """
 
     op = "read_waiting"
     key = "ro/waiting"

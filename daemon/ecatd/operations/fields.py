@@ -21,6 +21,10 @@ TRANSFER_MAX = 1 << 53
 """Highest number of a transfer."""
 
 
+_SPECIAL = frozenset("/*$#?%")
+"""What has a meaning in keys."""
+
+
 class Limits(NamedTuple):
     """The least and the greatest value of a number.
 
@@ -57,6 +61,21 @@ class Printable(NamedTuple):
             raise UsageError(f"{where} must be up to {self.most} printable characters")
 
 
+class Verbatim(NamedTuple):
+    """A text that stands in a key as it is, since Zenoh's access control compares it.
+
+    Attributes:
+        most: Its most characters.
+    """
+
+    most: int
+
+    def check(self, where: str, value: Any) -> None:
+        """Raises UsageError for a text that cannot stand in a key."""
+        if not 1 <= len(value) <= self.most or not value.isprintable() or set(value) & _SPECIAL:
+            raise UsageError(f"{where} must be 1 to {self.most} characters other than / * $ # ? %")
+
+
 SlaveReference = Annotated[int | str, Limits(0, POSITION_MAX)]
 """A slave: its position, or its name."""
 Index = Annotated[int, Limits(0, 0xFFFF, is_address=True)]
@@ -73,6 +92,8 @@ Password = Annotated[int, Limits(0, 0xFFFFFFFF)]
 Count = Annotated[int, Limits(0, 1 << 62)]
 ClientName = Annotated[str, Printable(BY_MAX)]
 """The name that the client of a change gives itself, for the log; its daemon adds who it is."""
+UserName = Annotated[str, Verbatim(64)]
+"""The common name of a certificate, as in `as/NAME/…`."""
 
 
 class Field(NamedTuple):
@@ -84,13 +105,13 @@ class Field(NamedTuple):
     """
 
     types: tuple[str, ...]
-    rule: Limits | Printable | None
+    rule: Limits | Printable | Verbatim | None
 
     @classmethod
     def of(cls, hint: Any) -> Field:
         """Makes it of an annotation."""
         types: list[str] = []
-        rule: Limits | Printable | None = None
+        rule: Limits | Printable | Verbatim | None = None
         for part in get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,):
             if get_origin(part) is Annotated:
                 part, rule, *_ = get_args(part)

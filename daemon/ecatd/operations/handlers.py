@@ -14,7 +14,7 @@ from ecatd.base.errors import UsageError
 from .operation import Operation
 
 A = TypeVar("A")
-O = TypeVar("O", bound=Operation[Any])  # noqa: E741
+Op = TypeVar("Op", bound=Operation[Any])
 S = TypeVar("S")
 
 _MARK = "handles"
@@ -22,12 +22,12 @@ _MARK = "handles"
 
 def handles(
     kind: type[Operation[A]],
-) -> Callable[[Callable[[S, O], A | Awaitable[A]]], Callable[[S, O], A | Awaitable[A]]]:
+) -> Callable[[Callable[[S, Op], A | Awaitable[A]]], Callable[[S, Op], A | Awaitable[A]]]:
     """Marks a method that carries out operations of a kind, at once or asynchronously."""
 
     def mark(
-        method: Callable[[S, O], A | Awaitable[A]],
-    ) -> Callable[[S, O], A | Awaitable[A]]:
+        method: Callable[[S, Op], A | Awaitable[A]],
+    ) -> Callable[[S, Op], A | Awaitable[A]]:
         setattr(method, _MARK, kind)
         return method
 

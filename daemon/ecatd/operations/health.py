@@ -28,7 +28,7 @@ class Health:
     """The health of a bus.
 
     Attributes:
-        rows: AL states of all slaves, as `Remote.states` returns them.
+        rows: AL states of all slaves, as `ReadStates` is answered.
         expected: Number of slaves that should be there: all but optional ones that are absent, and
             those that were missing at the start, so that they are no part of the bus.
         in_op: Number of those that are in OP.
@@ -134,7 +134,7 @@ def outdated(slaves: Sequence[Slave], rows: Iterable[SlaveAlState]) -> dict[int,
 
     Args:
         slaves: The slaves of the description.
-        rows: Their AL states, as `Remote.states` returns them.
+        rows: Their AL states, as `ReadStates` is answered.
     """
     why = {}
     for row in required(rows):

@@ -98,6 +98,12 @@ class Operation(Generic[A]):
 
     def __init__(self, *args: Any, **values: Any) -> None:
         fields = self.fields
+        if len(args) > len(fields):
+            raise UsageError(f"{self.op} has {len(fields)} fields, not {len(args)}")
+        for name in values:
+            if name not in fields:
+                known = ", ".join(fields)
+                raise UsageError(f"'{name}' is not a key of {self.op}: use {known or 'none'}")
         values.update(zip(fields, args, strict=False))
         if missing := [name for name in self.needed if name not in values]:
             raise UsageError(f"{self.op} needs {', '.join(missing)}")

@@ -16,7 +16,7 @@ from urllib.parse import quote, unquote
 from ecatd.base.addresses import parse_number
 from ecatd.base.errors import UsageError
 
-from .fields import Field, Limits
+from .fields import Field, Limits, Verbatim
 from .operation import Operation, needs_right
 
 ALL = "all"
@@ -175,6 +175,8 @@ def _to_text(name: str, value: Any, field: Field) -> str:
         return f"0x{value:0{digits}X}"
     if isinstance(value, int | float):
         return f"{value:.15g}" if isinstance(value, float) else str(value)
+    if isinstance(field.rule, Verbatim):
+        return str(value)
     if not value:
         raise UsageError(f"'{name}' is empty: give a name or a number")
     if value == ALL or value[0] in _BEGIN_OF_NUMBER:  # a name, which must not read as anything else
@@ -201,4 +203,4 @@ def _from_text(name: str, text: str, field: Field, where: str) -> Any:
             return int(text, 0)
         if "str" not in types:
             raise UsageError(f"{text[:40]!r} in {where} is not a valid {name}")
-    return unquote(text)
+    return text if isinstance(rule, Verbatim) else unquote(text)

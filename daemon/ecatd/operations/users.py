@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .fields import UserName
 from .operation import Map, Operation
 
 
@@ -30,4 +31,4 @@ class ReadRights(Operation[Rights]):
 
     op = "rights"
     key = "as/{user}/ro/rights"
-    user: str
+    user: UserName

@@ -116,9 +116,8 @@ def may_own(user: int) -> bool:
 def make_folder(tell: Callable[[str], None]) -> Path:
     """Returns the folder for the shared memory of this user's daemons; makes or mends it.
 
-    What somebody else has put in its place is replaced, if this is root.
-
-    An ordinary user cannot replace it, and goes on in the directory of their session.
+    Root replaces what somebody else has put in its place. An ordinary user cannot, and goes on in
+    the directory of their session.
 
     Args:
         tell: Called with a sentence, if something is in its place.
