@@ -76,8 +76,7 @@ pictures: $(if $(filter $(VENV)/bin,$(BIN)),$(if $(wildcard $(VENV)/.test),,$(VE
 	@PYTHONPATH=daemon:codegen:tools $(BIN)/python -m ecatdev.drawing docs/pictures
 
 # What the README shows: screens of commands, the topology, and the figure of the demo.
-screens: $(VENV)/.demo
-	@$(PIP) "$$(ls $(VENV)/wheel/*.whl)[screens]"
+screens: $(VENV)/.test
 	@PYTHONPATH=tools $(BIN)/python -m ecatdev.screens docs/pictures
 	@$(BIN)/python examples/figure9/demo.py --out build/demo --bus "$(BUS)"
 	@cp build/demo/figure9.png docs/pictures/figure9.png
