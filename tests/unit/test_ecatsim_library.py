@@ -1,11 +1,12 @@
 """The library of devices: names, parameters, what `ecatsim devices` prints."""
 
 import json
+import math
 
 import pytest
 
 from conftest import naming
-from ecatd.base.errors import UsageError
+from ecatd.base.errors import SdoAbortError, UsageError
 from ecatd.description.witnesses import clash
 from ecatd.etg import sii_reader
 from ecatd.etg.al import AlState
@@ -13,6 +14,8 @@ from ecatd.etg.pdo import Entry, Pdo
 from ecatsim.cli.main import main
 from ecatsim.devices.library import library, make
 from ecatsim.devices.parameters import Parameter
+from ecatsim.plants.point import Point
+from ecatsim.rig import Rig
 
 # Vendor and product as the devices themselves have them; 0xFFFF is nobody's vendor ID.
 OTHERS = {
@@ -21,6 +24,7 @@ OTHERS = {
     "ElmoGold": (0x9A, 0x30924),
     "DigitalIO": (0xFFFF, 0xD10),
     "AnalogIO": (0xFFFF, 0xA10),
+    "Encoder": (0xFFFF, 0x406),
     "ModularIO": (0xFFFF, 0xE10),
     "Loopback32": (0xFFFF, 0x3232),
 }
@@ -293,6 +297,39 @@ def test_generic_analog_io_has_range_and_unit(bits):
     assert device[0x7000, 2] == -1
     with pytest.raises(UsageError, match=naming("AnalogIO", "bits", 16, 32, 24)):
         make("AnalogIO", bits=24)
+
+
+def test_an_encoder_tells_where_its_shaft_is():
+    encoder = make("Encoder", resolution=1000, turns=4)
+    rig = Rig("shaft", [encoder])
+    angle = Point((encoder, 0x6004, 0))
+    rig.drive((encoder, 0x6004, 0), lambda now: 2 * math.pi * 10 * now)  # ten revolutions a second
+
+    def position_at(now):
+        rig.plants[0](now)
+        encoder.step(now)
+        return encoder[0x6004, 0]
+
+    assert [position_at(now) for now in (0.00005, 0.02005, 0.39995, 0.40005)] == [0, 200, 3999, 0]
+    assert encoder[0x6030, 1] == 600
+    assert position_at(0.40005) == 0
+    assert encoder[0x6030, 1] == 0
+    angle.set(-0.001)
+    encoder.step(1.0)
+    assert encoder[0x6004, 0] == 3999
+    objects = encoder.dictionary
+    objects[0x6003, 0].write((1500).to_bytes(4, "little"))
+    encoder.step(2.0)
+    assert encoder[0x6004, 0] == 1500
+    with pytest.raises(SdoAbortError):
+        objects[0x6003, 0].write((4000).to_bytes(4, "little"))
+    objects[0x6000, 0].write(b"\5\0")  # counter-clockwise, and scaled
+    objects[0x6001, 0].write((100).to_bytes(4, "little"))
+    objects[0x6002, 0].write((150).to_bytes(4, "little"))
+    objects[0x6003, 0].write((7).to_bytes(4, "little"))
+    angle.set(2 * math.pi - 0.001)
+    encoder.step(3.0)
+    assert encoder[0x6004, 0] == (7 - 100) % 150
 
 
 def test_other_parameters_are_another_revision():

@@ -21,6 +21,7 @@ from ..slave.device import Device
 from ..slave.sync_managers import default_size
 from . import beckhoff
 from .elmo import ElmoGold
+from .encoder import Encoder
 from .generic import AnalogIO, DigitalIO, Loopback
 from .generic_drive import CiA402Drive
 from .modular import ModularIO
@@ -32,6 +33,7 @@ _CLASSES: Mapping[str, type[Device]] = {
     "CiA402": CiA402Drive,
     "ElmoGold": ElmoGold,
     "SoeDrive": SoeDrive,
+    "Encoder": Encoder,
     "DigitalIO": DigitalIO,
     "AnalogIO": AnalogIO,
     "ModularIO": ModularIO,
