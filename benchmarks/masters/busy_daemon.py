@@ -1,12 +1,11 @@
 """`ecatd` with a bus server that computes on demand: `python -m …masters.busy_daemon FILE`.
 
-FILE is a configuration. The service starts this module again, without FILE, as its bus server. This
-bus server has a thread that computes from SIGUSR1 until SIGUSR2. Everything else is as in `ecatd`.
+FILE is a configuration. The bus server has a thread that computes from SIGUSR1 until SIGUSR2.
+Everything else is as in `ecatd`.
 """
 
 from __future__ import annotations
 
-import asyncio
 import signal
 import sys
 import threading
@@ -14,19 +13,13 @@ from pathlib import Path
 
 from ecatd.base.log import Log
 from ecatd.config import load_config
+from ecatd.server import __main__ as bus_server
 from ecatd.server.__main__ import main as serve
-from ecatd.service.child import Child
 from ecatd.service.supervisor import Supervisor
 
 _LEVELS = {"level": "warning"}
 _working = threading.Event()
 _thread: list[threading.Thread] = []
-
-
-class _Service(Supervisor):
-    async def _start(self, name: str, *command: str, fd: int | None = None) -> Child:
-        ours = ("benchmarks.masters.busy_daemon",) if command == ("ecatd.server",) else command
-        return await super()._start(name, *ours, fd=fd)
 
 
 def _compute() -> None:
@@ -43,17 +36,19 @@ def _begin(*_: object) -> None:
     _working.set()
 
 
-def main() -> int:
-    """Runs the service or the bus server, and returns its exit status."""
-    if sys.argv[1:]:
-        config = load_config(Path(sys.argv[1]))
-        log = Log("ecatd", _LEVELS)
-        config.log = _LEVELS
-        service = _Service(config, {}, None, log, lambda: (config, {}))
-        return asyncio.run(service.run())
+def _serve() -> int:
     signal.signal(signal.SIGUSR1, _begin)
     signal.signal(signal.SIGUSR2, lambda *_: _working.clear())
     return serve()
+
+
+def main() -> int:
+    """Runs the service, and returns its exit status."""
+    bus_server.main = _serve  # the service runs it in a copy of this process
+    config = load_config(Path(sys.argv[1]))
+    log = Log("ecatd", _LEVELS)
+    config.log = _LEVELS
+    return Supervisor(config, {}, None, log, lambda: (config, {})).run()
 
 
 if __name__ == "__main__":

@@ -97,7 +97,7 @@ class Daemon:
     def bus_server(self) -> int:
         """Process ID of the bus server."""
         for pid in self.processes:
-            if b"busy_daemon" in Path(f"/proc/{pid}/cmdline").read_bytes():
+            if b"ecatd.server" in Path(f"/proc/{pid}/cmdline").read_bytes():
                 return pid
         raise StateError("ecatd has no bus server")
 

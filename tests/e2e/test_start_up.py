@@ -11,7 +11,16 @@ from pathlib import Path
 
 import pytest
 
-from conftest import CYCLE_TIME_US, SHM, Daemon, names, one_line_error, run_module, wait_for
+from conftest import (
+    CYCLE_TIME_US,
+    SHM,
+    Daemon,
+    children,
+    names,
+    one_line_error,
+    run_module,
+    wait_for,
+)
 from ecatd.base.failure_record import FailureRecord, write_record
 from ecatd.client.remote import Remote
 from ecatd.etg.al import AlState
@@ -472,6 +481,24 @@ def test_ctrl_c_ends_everything(start_daemon: Callable[..., Daemon], tmp_path: P
     assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
     assert not list(SHM.glob(f"{daemon.bus}*"))
     assert not list((tmp_path / "d0" / "r").iterdir())
+
+
+def test_closed_standard_streams_become_no_other_files(tmp_path: Path) -> None:
+    """A program that was started without them must not write its messages into a socket."""
+    bus = f"closed{os.getpid()}"
+    env = {**os.environ, "ECATD_RUNTIME_DIR": str(tmp_path)}
+    command = f"exec {sys.executable} -m ecatd.service --simulate troll --bus {bus}"
+    with subprocess.Popen(["sh", "-c", f"{command} <&- >&- 2>&-"], env=env) as daemon:
+        try:
+            while run_module("ecatd.cli", "check", "--bus", bus, env=env).returncode:
+                assert daemon.poll() is None
+            pids = [daemon.pid, *children(daemon.pid)]
+            titles = [Path(f"/proc/{pid}/cmdline").read_text().split("\0")[0] for pid in pids[1:]]
+            assert sorted(titles) == ["ecatd.gateway", "ecatd.server", "ecatsim"]
+            assert {str(Path(f"/proc/{pid}/fd/2").readlink()) for pid in pids} == {os.devnull}
+        finally:
+            daemon.terminate()
+    assert daemon.returncode == 0
 
 
 def test_setpriv_and_unshare_are_there() -> None:

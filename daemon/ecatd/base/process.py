@@ -5,11 +5,13 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
-from collections.abc import Collection, Iterator
+import sys
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
+_PR_SET_NAME = 15
 _PR_SET_NO_NEW_PRIVS = 38
 _PR_CAPBSET_DROP = 24
 _PR_CAP_AMBIENT, _PR_CAP_AMBIENT_CLEAR_ALL = 47, 4
@@ -35,6 +37,36 @@ OF_THE_SERVICE = (signal.SIGINT, signal.SIGHUP)
 they would end a child that has not called `leave_signals_to_the_service` yet."""
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
+
+
+def open_standard_streams() -> None:
+    """Opens those of stdin, stdout and stderr that are closed, on /dev/null.
+
+    Otherwise the next files that are opened get their numbers, and what is printed lands in them.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
+
+
+def set_title(command: Sequence[str]) -> None:
+    """Has `ps` and `top` show another command for this process, as far as it has room for it.
+
+    Args:
+        command: The words of the command.
+    """
+    _LIBC.prctl(_PR_SET_NAME, command[0].encode(), 0, 0, 0)
+    with suppress(OSError, ValueError, IndexError):
+        # After the name in brackets; the fields 48 and 49 of proc(5) are arg_start and arg_end.
+        fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
+        begin, end = int(fields[45]), int(fields[46])
+        if 0 < begin < end:
+            words = b"".join(word.encode() + b"\0" for word in command)[: end - begin - 1]
+            ctypes.memmove(begin, words.ljust(end - begin, b"\0"), end - begin)
 
 
 def die_with_parent(parent: int, number: int = signal.SIGTERM) -> None:

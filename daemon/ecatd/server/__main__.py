@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 
 
 async def _serve(settings: dict[str, Any], log: Log) -> None:
-    # Not imported earlier, since entering a namespace needs a process without other threads.
     from .control import ControlSocket
     from .log_lines import LogLines
     from .server import BusServer
@@ -136,6 +135,8 @@ def _describe(settings: dict[str, Any], log: Log) -> None:
 def main() -> int:
     """Runs the bus server; returns the exit code, which says why it ended."""
     leave_signals_to_the_service()
+    from . import control, log_lines, server  # noqa: F401  loaded while the service checks files
+
     settings = read_settings()
     log = Log("ecatd", settings["log"], settings["config"]["bus"])
     try:

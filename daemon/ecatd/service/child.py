@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import signal
-import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable
 from typing import Any
 
-from ecatd.base.process import OF_THE_SERVICE
 from ecatd.base.service_link import HANG_S
 
-PYTHON = (sys.executable, "-P", "-m")
-"""Runs a module. -P: Python does not look for modules in the current directory."""
+from .processes import Process
+
 _KILL_PATIENCE = 5.0
 
 
@@ -25,6 +23,8 @@ class Child:
     Args:
         name: What it is, for messages.
         process: The process.
+        stdin: Writes to its stdin.
+        stdout: Reads its stdout.
 
     Attributes:
         name: As above.
@@ -34,44 +34,42 @@ class Child:
         on_starting: Called when it says that its start goes on.
     """
 
-    def __init__(self, name: str, process: asyncio.subprocess.Process) -> None:
+    def __init__(
+        self,
+        name: str,
+        process: Process,
+        stdin: asyncio.WriteTransport,
+        stdout: asyncio.StreamReader,
+    ) -> None:
         self.name = name
-        self.end = asyncio.ensure_future(process.wait())
+        self.end = asyncio.ensure_future(_end_of(process.pid))
         self.report: dict[str, Any] = {}
         self.on_levels: Callable[[dict[str, str]], None] = lambda levels: None
         self.on_starting: Callable[[], None] = lambda: None
-        self._process = process
-        self._broken = asyncio.ensure_future(_ignore_broken_pipe(process))
+        self._pid = process.pid
+        self._stdin, self._stdout = stdin, stdout
         self._asked_at: float | None = None
         self._first: bytes | None = None
         self._listening: asyncio.Task[None] | None = None
         self._change: asyncio.Future[str] | None = None
 
     @classmethod
-    async def start(cls, name: str, *command: str, pass_fds: Sequence[int] = ()) -> Child:
-        """Starts a Python module.
+    async def of(cls, name: str, process: Process) -> Child:
+        """Takes charge of a process that has been started.
 
         Args:
             name: What it is, for messages.
-            command: The module and its arguments.
-            pass_fds: File descriptors for a child that gets no settings, and writes only to these.
+            process: The process.
         """
-        way = asyncio.subprocess.DEVNULL if pass_fds else asyncio.subprocess.PIPE
-        signal.pthread_sigmask(signal.SIG_BLOCK, OF_THE_SERVICE)
-        try:
-            # The child has a session of its own, so that Ctrl-C reaches only the service, which
-            # ends its children in order.
-            process = await asyncio.create_subprocess_exec(
-                *PYTHON, *command, stdin=way, stdout=way, pass_fds=pass_fds, start_new_session=True
-            )
-        finally:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, OF_THE_SERVICE)
-        return cls(name, process)
+        loop = asyncio.get_running_loop()
+        stdout = asyncio.StreamReader()
+        stdin, _ = await loop.connect_write_pipe(asyncio.BaseProtocol, process.stdin)
+        await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(stdout), process.stdout)
+        return cls(name, process, stdin, stdout)
 
     def give(self, message: dict[str, Any]) -> None:
         """Sends it the settings for which it waits, or other settings while it runs."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(message).encode() + b"\n")
+        self._stdin.write(json.dumps(message).encode() + b"\n")
 
     async def change(self, settings: dict[str, Any]) -> str:
         """Gives it other settings while it runs, and waits until it uses them.
@@ -118,11 +116,6 @@ class Child:
             elif word == "changed" and self._change is not None and not self._change.done():
                 self._change.set_result(text.strip())
 
-    @property
-    def _stdout(self) -> asyncio.StreamReader:
-        assert self._process.stdout is not None
-        return self._process.stdout
-
     def ping(self) -> None:
         """Asks whether it works, unless it has not yet answered the last question."""
         if self._asked_at is None:
@@ -141,13 +134,11 @@ class Child:
 
     def terminate(self) -> None:
         """Asks it to end."""
-        with suppress(ProcessLookupError):
-            self._process.terminate()
+        self._send(signal.SIGTERM)
 
     async def kill(self) -> None:
         """Ends it at once, and waits a little: one that waits in a driver may not end at all."""
-        with suppress(ProcessLookupError):
-            self._process.kill()
+        self._send(signal.SIGKILL)
         await asyncio.wait((self.end,), timeout=_KILL_PATIENCE)
 
     async def stop(self, patience_s: float) -> bool:
@@ -168,12 +159,22 @@ class Child:
             return False
         return True
 
+    def _send(self, number: int) -> None:
+        if not self.end.done():  # else its number may be that of another process
+            os.kill(self._pid, number)
+
     def __str__(self) -> str:
-        return f"{self.name} (process {self._process.pid})"
+        return f"{self.name} (process {self._pid})"
 
 
-async def _ignore_broken_pipe(process: asyncio.subprocess.Process) -> None:
-    """Takes the error of a write to a process that has just ended: `Child.end` tells of the end."""
-    if process.stdin is not None:
-        with suppress(ConnectionError):
-            await process.stdin.wait_closed()
+async def _end_of(pid: int) -> int:
+    """Waits until a child process has ended; returns its exit status, or -SIGNAL."""
+    loop, ended = asyncio.get_running_loop(), asyncio.Event()
+    watch = os.pidfd_open(pid)
+    loop.add_reader(watch, ended.set)
+    try:
+        await ended.wait()
+    finally:
+        loop.remove_reader(watch)
+        os.close(watch)
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])

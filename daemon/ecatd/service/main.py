@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 import json
 import os
 import sys
@@ -16,13 +15,14 @@ from ecatd.base.log import Log
 from ecatd.base.log_levels import OTHERS
 from ecatd.base.paths import profile_folders
 from ecatd.base.plain_output import plain_output
+from ecatd.base.process import open_standard_streams
 from ecatd.base.version import VERSION
 from ecatd.config import Config, load_config, read_config
 from ecatd.config.origins import COMMAND_LINE, find_origins
 from ecatd.config.profiles import load_profiles
 from ecatd.config.resolve import alike_slaves, load_description, missing_folders
 
-from .child import PYTHON
+from .processes import PYTHON
 from .supervisor import Supervisor
 
 _EPILOG = """\
@@ -127,6 +127,7 @@ def _check_files(config: Config) -> None:
 
 def main() -> int:
     """Runs the daemon until a signal ends it; returns the exit status. SIGHUP is ignored so far."""
+    open_standard_streams()
     try:
         with plain_output():
             return _main()
@@ -171,7 +172,7 @@ def _main() -> int:
             gateway=not options.no_gateway,
             replay=options.replay,
         )
-        return asyncio.run(supervisor.run())
+        return supervisor.run()
     except EcatError as error:
         log.error(str(error))
         if options.describe:

@@ -37,9 +37,12 @@ from ecatd.shm.other_daemon import check_free
 
 from .child import Child
 from .failed_starts import FailedStarts, not_started
+from .processes import Process, fork, module_main, simulate, spawn
 
 T = TypeVar("T")
 
+SIMULATOR, SERVER, GATEWAY = "the simulator", "the bus server", "the gateway"
+"""Names of the processes, for messages."""
 _STEP_LEAST_US, _STEP_MOST_US = 1000, 10_000
 """Limits of the simulator; within them it makes one step for each cycle of the bus."""
 _GATEWAY_PAUSE = 1.0
@@ -115,15 +118,54 @@ class Supervisor:
         self._failure = "see the log"
         self._is_ready = False
 
-    async def run(self) -> int:
-        """Runs until SIGTERM, SIGINT or SIGQUIT; returns the exit status."""
+    def run(self) -> int:
+        """Runs until SIGTERM, SIGINT or SIGQUIT; returns the exit status.
+
+        Raises:
+            StateError: The system has not the memory for the processes.
+        """
         leave_processor(self._config.realtime.cpu)
         offer_to_oom_killer(_OOM_SCORE)
+        try:
+            processes = self._fork()
+        except OSError as error:
+            raise StateError(
+                f"the processes of ecatd cannot be started: {error.strerror}"
+            ) from error
+        return asyncio.run(self._supervise(processes))
+
+    def _fork(self) -> dict[str, Process]:
+        """Starts the processes of a start, which wait until they are told to begin."""
+        processes: dict[str, Process] = {}
+
+        def start(name: str, command: tuple[str, ...], run: Callable[[], int]) -> None:
+            processes[name] = fork(command, run, processes.values())
+
+        if self._rig:
+            start(SIMULATOR, ("ecatsim", "run", self._rig), lambda: simulate(self._simulation()))
+        start(SERVER, ("ecatd.server",), module_main("ecatd.server.__main__"))
+        if self._with_gateway and not self._describe:
+            start(GATEWAY, self._gateway_command, module_main("ecatd.gateway.__main__"))
+        return processes
+
+    @property
+    def _gateway_command(self) -> tuple[str, ...]:
+        return ("ecatd.gateway", self._config.bus)
+
+    def _simulation(self) -> list[str]:
+        """The arguments of `ecatsim`."""
+        step_us = min(max(self._config.cycle_time_us, _STEP_LEAST_US), _STEP_MOST_US)
+        replay = [] if self._replay is None else ["--replay", str(self._replay)]
+        rig = self._rig or ""
+        return ["run", rig, "--die-with-parent", "--step-time-us", str(step_us), *replay]
+
+    async def _supervise(self, processes: dict[str, Process]) -> int:
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGQUIT):
             loop.add_signal_handler(number, self._stop.set)
         loop.add_signal_handler(signal.SIGHUP, self._reload.set)
         status = wait_s = 0
+        self._children = [await Child.of(*item) for item in processes.items()]
         try:
             await self._run()
         except _EndedError as ended:
@@ -176,7 +218,7 @@ class Supervisor:
         }
         fatal = []
         if self._rig:
-            simulator, ready = await self._start_simulator(self._rig)
+            simulator, ready = await self._start_simulator()
             settings["interface"] = ready["interface"]
             settings["second_interface"] = ready.get("second", "")
             if self._config.second_interface and not settings["second_interface"]:
@@ -188,7 +230,7 @@ class Supervisor:
             settings["namespace_of"] = ready["pid"]
             settings["warnings"] = ready["warnings"]
             fatal.append(simulator)
-        server = await self._start("the bus server", "ecatd.server")
+        server = self._child(SERVER)
         server.give(settings)
         if self._describe:
             await self._print_description(server)
@@ -197,7 +239,7 @@ class Supervisor:
         server.on_starting = _extend_start
         fatal.append(server)
         # The gateway loads while the bus comes up, and begins when the bus is there.
-        gateway = await self._start_gateway() if self._with_gateway else None
+        gateway = self._child(GATEWAY) if self._with_gateway else None
         begin = await self._ready(server)
         if gateway is not None:
             gateway.give({"parent": os.getpid()})
@@ -211,11 +253,8 @@ class Supervisor:
         notify("READY=1", f"STATUS={begin}")
         await self._watch(fatal, gateway, begin)
 
-    async def _start(self, name: str, *command: str, fd: int | None = None) -> Child:
-        child = await Child.start(name, *command, pass_fds=() if fd is None else (fd,))
-        self._children.append(child)
-        self._log.debug(f"{child} has been started")
-        return child
+    def _child(self, name: str) -> Child:
+        return next(child for child in self._children if child.name == name)
 
     async def _print_description(self, server: Child) -> None:
         output = await self._or_stop(server.output())
@@ -223,24 +262,15 @@ class Supervisor:
             raise _EndedError(_status(status), output)
         sys.stdout.write(output)
 
-    async def _start_simulator(self, rig: str) -> tuple[Child, dict[str, Any]]:
-        read, write = os.pipe()
-        step_us = min(max(self._config.cycle_time_us, _STEP_LEAST_US), _STEP_MOST_US)
-        options = ["--ready-fd", str(write), "--die-with-parent", "--step-time-us", str(step_us)]
-        if self._replay is not None:
-            options += ["--replay", str(self._replay)]
-        child = await self._start("the simulator", "ecatsim", "run", rig, *options, fd=write)
-        os.close(write)
-        reader = asyncio.StreamReader()
-        await asyncio.get_running_loop().connect_read_pipe(
-            lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(read, "rb")
-        )
-        line = await self._or_stop(reader.readline())
+    async def _start_simulator(self) -> tuple[Child, dict[str, Any]]:
+        child = self._child(SIMULATOR)
+        child.give({})
+        line = await self._or_stop(child.output())
         ready = json.loads(line or "{}")
         if "error" in ready:
             self._tell_failure(ready["error"]["message"])
         if "error" in ready or not ready:
-            raise _EndedError(await child.end or 70, line.decode())
+            raise _EndedError(await child.end or 70, line)
         return child, ready
 
     async def _ready(self, child: Child) -> str:
@@ -348,9 +378,6 @@ class Supervisor:
                 self._log.warning(text, "gateway")
             gateway = await self._replace(gateway)
 
-    async def _start_gateway(self) -> Child:
-        return await self._start("the gateway", "ecatd.gateway", self._config.bus)
-
     async def _replace(self, gateway: Child) -> Child:
         """Starts another gateway; tries until the system has the memory for it."""
         self._children.remove(gateway)
@@ -360,13 +387,16 @@ class Supervisor:
             # that.
             await asyncio.sleep(_GATEWAY_PAUSE)
             try:
-                gateway = await self._start_gateway()
+                process = spawn(*self._gateway_command)
             except OSError as error:
                 if not told:
                     text = f"the gateway cannot be started: {error.strerror}; ecatd tries it again"
                     self._log.error(text, "gateway")
                 told = True
             else:
+                gateway = await Child.of(GATEWAY, process)
+                self._children.append(gateway)
+                self._log.debug(f"{gateway} has been started")
                 gateway.give({"parent": os.getpid()})
                 return gateway
 
