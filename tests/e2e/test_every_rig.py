@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from conftest import Daemon
-from ecatd.cli.main import _COMMANDS, main
+from ecatd.cli.commands import find_commands
+from ecatd.cli.main import main
 
 pytestmark = [pytest.mark.bus, pytest.mark.long]
 
@@ -53,7 +54,8 @@ def lines(text: str) -> list[str]:
 def all_lines() -> list[str]:
     """Those above, and all other commands without arguments."""
     given = lines(COMMANDS)
-    others = {name for name, _, _ in _COMMANDS} - {*ELSEWHERE} - {line.split()[0] for line in given}
+    names = {found.name for found in find_commands()}
+    others = names - {*ELSEWHERE} - {line.split()[0] for line in given}
     return [*given, *sorted(others)]
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ecatd.cli.main import _COMMANDS
+from ecatd.cli.commands import find_commands
 from ecatdev.igh_page import ROWS, shown, table
 
 PAGE = Path(__file__).parents[2] / "docs" / "from-igh.md"
@@ -10,7 +10,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "from-igh.md"
 
 def test_all_34_commands_have_an_answer() -> None:
     assert len({row.igh for row in ROWS}) == 34
-    known = {name for name, _, _ in _COMMANDS} | {"--version"}
+    known = {found.name for found in find_commands()} | {"--version"}
     assert {row.ours.split()[0] for row in ROWS if row.ours} <= known
     assert all(row.ours or row.remark for row in ROWS)
 

@@ -3,11 +3,13 @@
 import os
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from ecatd.cli import main as cli
+from ecatd.cli.commands import GROUPS, Command, find_commands
 from ecatd.service import main as service
 
 COMMANDS = ("ecatd", "ecatctl", "ecatsim")
@@ -83,6 +85,7 @@ def test_folders_that_may_not_be_looked_at(tmp_path: Path) -> None:
     closed = tmp_path / "closed"
     closed.mkdir(mode=0)
     program = f"""
+from importlib import import_module
 from pathlib import Path
 from ecatd.shm import files
 files.folders = lambda: [Path({str(closed)!r})]
@@ -102,3 +105,24 @@ print(files.exists("ecat0"))
     assert done.returncode == 7
     assert done.stderr.startswith(f"ecatctl: {closed}")
     assert "Permission denied" in done.stderr
+
+
+def test_a_screen_that_says_so_is_a_command() -> None:
+    """The tables are read without importing the screens, and are what these have."""
+    found = find_commands()
+    by_screen: dict[str, dict[str, Command]] = {}
+    for one in found:
+        by_screen.setdefault(one.module, {})[one.name] = one.command
+    for path in Path(cli.__file__).parent.glob("[a-z]*.py"):
+        screen = vars(import_module(f"ecatd.cli.{path.stem}"))
+        assert screen.get("COMMANDS", {}) == by_screen.get(path.stem, {})
+        assert ("COMMANDS" in screen) == ("add_arguments" in screen)
+    assert len({one.name for one in found}) == len(found)
+    assert {one.command.group for one in found} == set(GROUPS)
+
+
+def test_commands_are_found_without_loading_screens() -> None:
+    code = "import sys, ecatd.cli.main as m; m.make_parser(); print(*sys.modules)"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name for name in found.stdout.split() if name.startswith("ecatd.cli.")}
+    assert loaded == {"ecatd.cli.main", "ecatd.cli.commands", "ecatd.cli.arguments"}

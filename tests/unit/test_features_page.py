@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from ecatd.cli import config, startup
-from ecatd.cli.main import _COMMANDS
+from ecatd.cli.commands import find_commands
 
 DOCS = Path(__file__).parents[2] / "docs"
 COLUMNS = ["no.", "feature", "A/B", "ecatd", "tests"]
@@ -96,7 +96,7 @@ def test_every_feature_of_etg_1500_has_a_row() -> None:
 def test_a_row_is_rated_and_names_what_exists(row: dict[str, str]) -> None:
     text = row["ecatd"]
     assert re.match(r"(yes|partly|no)\b", text)
-    commands = {name for name, _, _ in _COMMANDS}
+    commands = {found.name for found in find_commands()}
     for name, action in re.findall(r"`ecatctl ([a-z-]+)(?: ([a-z-]+))?`", text):
         assert name in commands
         assert not action or action in ACTIONS[name]

@@ -12,8 +12,13 @@ from ecatd.base.errors import EcatError, NoAnswerError, NotPermittedError, Unrea
 from ecatd.operations.health import Health
 from ecatd.shm.statistics.problems import find_problems, is_exchanged
 
+from .commands import Command
 from .output import print_json
 from .source import Source
+
+COMMANDS = {
+    "check": Command("health", "Say in one line whether the bus is well, for monitoring systems.")
+}
 
 WORDS = ("well", "degraded", "down", "denied")
 _WELL, _DEGRADED, _DOWN, _DENIED = range(4)

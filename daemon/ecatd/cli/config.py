@@ -22,11 +22,14 @@ from ecatd.description.bus import Bus, Slave
 from ecatd.operations.bus import ReadStates
 
 from .bus_source import add_options, check_options, get_bus, use_bus_of
+from .commands import Command
 from .config_check import check, described
 from .named_objects import refresh_modules
 from .outdated import tell_outdated
 from .output import print_json, print_table, shortened
 from .saving import save
+
+COMMANDS = {"config": Command("daemon", "Write, check, compare or show the configuration.")}
 
 _DIFFERENT = 1
 _TABLE_WIDTH = 100

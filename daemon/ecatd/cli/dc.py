@@ -10,8 +10,11 @@ from ecatd.base.errors import EcatError
 from ecatd.operations.statistics import Clocks, ReadClocks, SlaveClock
 from ecatd.shm.statistics.clocks import read_clocks
 
+from .commands import Command
 from .output import print_json, print_table, shortened
 from .source import Source
+
+COMMANDS = {"dc": Command("health", "Show the distributed clocks.")}
 
 _NAME = 22  # longest name of a slave, so that the table fits into 80 columns
 _GONE = {"": "", "absent": "absent", "missing": "no answer"}

@@ -21,12 +21,17 @@ from ecatd.etg.diagnosis import (
 )
 
 from .arguments import slave
+from .commands import Command
 from .confirm import add_yes, confirm
 from .output import print_json, print_table
 from .progress import counted
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {
+    "diagnosis": Command("diagnosis", "Show the diagnosis history of a slave (object 0x10F3).")
+}
 
 _EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
 """Distributed clocks count from here (ETG.1000.4)."""

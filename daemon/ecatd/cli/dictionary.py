@@ -19,6 +19,7 @@ from ecatd.operations.objects import ListObjects
 
 from . import addresses
 from .arguments import slave
+from .commands import Command
 from .output import print_json, print_table
 from .progress import counted
 from .sdo import physical_text, value_text
@@ -27,6 +28,10 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote, SdoValue
     from ecatd.description.bus import Slave
     from ecatd.vendor.esi import EsiDevice
+
+COMMANDS = {
+    "sdos": Command("objects", "List the objects of a slave: types, access rights, values.")
+}
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:

@@ -31,9 +31,14 @@ from ecatd.shm.statistics import Snapshot
 
 from .arguments import seconds
 from .bus_source import use_bus_of
+from .commands import Command
 from .output import print_json, table_lines
 from .saving import save
 from .source import Source
+
+COMMANDS = {
+    "doctor": Command("machine", "Find what makes a bus slow, late or unreachable on this machine.")
+}
 
 _QUANTILES = {"median": 0.5, "p99": 0.99, "p9999": 0.9999}
 _WINDOW_S = 2.0

@@ -10,8 +10,14 @@ from typing import Any
 from ecatd.base.version import VERSION
 
 from .bus_source import add_options, get_bus
+from .commands import Command
 from .output import print_json
 from .saving import save
+
+COMMANDS = {
+    "cstruct": Command("documents", "Print a C header of the process image."),
+    "xml": Command("documents", "Print the bus as XML with the elements of ESI files."),
+}
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:

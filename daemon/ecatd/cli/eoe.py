@@ -11,10 +11,19 @@ from ecatd.etg.eoe import NONE, parse_address, parse_interface, parse_mac, parse
 from ecatd.operations.ethernet import ReadEthernet, ReadIp, WriteIp
 
 from .arguments import slave
+from .commands import Command
 from .output import print_json, print_table
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {
+    "eoe": Command(
+        "mailboxes", "Show the interface to slaves with Ethernet (EoE), and count their frames."
+    ),
+    "eoe-read": Command("mailboxes", "Read the IP parameters of a slave (EoE)."),
+    "eoe-write": Command("mailboxes", "Write IP parameters of a slave (EoE)."),
+}
 
 _MACS_SHOWN = 4
 """Most addresses at one slave in the table: a device can invent any number of them."""

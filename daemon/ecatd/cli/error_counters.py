@@ -13,11 +13,18 @@ from ecatd.description.bus import Bus
 from ecatd.etg.port_errors import LinkErrors, PortErrors, SlaveErrors, links_with_errors
 
 from .arguments import add_slave, add_watch
+from .commands import Command
 from .output import print_json, print_json_line, print_table
 from .watch import check
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {
+    "errors": Command(
+        "diagnosis", "Show error counters of slaves, and which cables they are about."
+    )
+}
 
 _PORTS = 4
 

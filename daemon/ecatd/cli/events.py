@@ -14,12 +14,17 @@ from ecatd.operations.bus import Events, ReadEvents
 from ecatd.operations.events import PUBLISHED
 
 from .arguments import add_slave
+from .commands import Command
 from .output import print_json, print_json_line
 from .terminal import check_stdout
 from .watch import outlive
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {
+    "events": Command("diagnosis", "Show what has happened on the bus, and what happens now.")
+}
 
 _PAUSE = 0.5
 """Seconds between two requests for new events."""

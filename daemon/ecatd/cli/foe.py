@@ -14,6 +14,7 @@ from ecatd.description.bus import Slave
 from ecatd.operations.fields import FILE_MAX
 
 from .arguments import bounded, slave
+from .commands import Command
 from .confirm import add_yes, confirm
 from .output import print_json
 from .progress import progress
@@ -22,6 +23,11 @@ from .saving import add_force, check_target, read_bytes, save_bytes
 if TYPE_CHECKING:
     from ecatd.client.file_transfer import FileTransfer
     from ecatd.client.remote import Remote
+
+COMMANDS = {
+    "foe-read": Command("mailboxes", "Read a file of a slave (FoE)."),
+    "foe-write": Command("mailboxes", "Write a file to a slave, such as firmware (FoE)."),
+}
 
 _STDOUT = Path("-")
 _PAUSES = 0.02, 0.2

@@ -14,12 +14,17 @@ from ecatd.etg.al import al_state_text
 from ecatd.etg.port_errors import PORT_ORDER, SlaveErrors, links_with_errors
 from ecatd.operations.bus import ReadStates, SlaveAlState
 
+from .commands import Command
 from .output import print_json
 from .saving import save
 from .slave_tree import Node, errors_text, rows
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {
+    "graph": Command("bus", "Show which slave is plugged in at which port, as a tree or a picture.")
+}
 
 _AT_MASTER = (-1, 0)
 _FORMATS = {".dot": "dot", ".gv": "dot", ".svg": "svg"}

@@ -11,11 +11,14 @@ from ecatd.base.errors import StateError
 from ecatd.operations.registers import WriteRegister
 
 from .arguments import seconds, slave
+from .commands import Command
 from .output import print_json
 from .progress import progress
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {"identify": Command("slaves", "Have a slave blink, to find it in the cabinet.")}
 
 _RUN_LED = 0x0138
 """Register "RUN LED override" (ETG.1000.4): bit 4 takes it over, bits 0 to 3 say how it blinks."""

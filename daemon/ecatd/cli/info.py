@@ -18,12 +18,19 @@ from ecatd.shm.real_time import SETTINGS
 from ecatd.shm.statistics import Grant, Snapshot, to_map
 from ecatd.shm.statistics.problems import ring_line, word
 
+# AL states that are no bitwise OR of others: BOOT (3) is INIT (1) | PREOP (2).
+from .commands import Command
 from .output import print_json, table_lines
 from .silent_bus import check_cycle
 from .source import Source
 from .stats_screen import clock_line, duration
 
-# AL states that are no bitwise OR of others: BOOT (3) is INIT (1) | PREOP (2).
+COMMANDS = {
+    "info": Command(
+        "health", "Show the daemon, its bus, and the real-time settings that were granted."
+    )
+}
+
 _SINGLE = (AlState.INIT, AlState.PREOP, AlState.SAFEOP, AlState.OP)
 
 

@@ -14,12 +14,21 @@ from ecatd.base.errors import EcatError, NotPermittedError, UsageError
 from ecatd.base.paths import user_config
 
 from .bus_source import add_options, get_bus
+from .commands import Command
 from .output import print_json
 
 if TYPE_CHECKING:
     from ecatd.description.bus import Bus
     from ecatgen import Report
     from ecatgen.fmu import FmuReport
+
+COMMANDS = {
+    "generate": Command("documents", "Write a Modelica library, or an FMU, of the bus."),
+    "library": Command("documents", "Install the Modelica library EtherCAT.", has_bus=False),
+    "client-flags": Command(
+        "documents", "Print compiler flags for C and C++ programs.", has_bus=False
+    ),
+}
 
 CHANGES = 1
 """Exit status of `--check` if something would change."""

@@ -7,12 +7,15 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from .commands import Command
 from .output import print_json_line
 from .terminal import check_stdout
 from .watch import outlive
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {"log": Command("daemon", "Show new lines of the log of the daemon as they come.")}
 
 _EPILOG = """\
 Lines of levels below notice, values that were written into objects, and older lines are only in the

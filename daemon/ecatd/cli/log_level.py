@@ -8,10 +8,15 @@ from typing import TYPE_CHECKING
 from ecatd.base.log_levels import LEVELS, PARTS
 from ecatd.operations.log import ReadLogLevels, SetLogLevel
 
+from .commands import Command
 from .output import print_json, print_table
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {
+    "log-level": Command("daemon", "Show the levels of the log, or change one while the bus runs.")
+}
 
 _ALL = "all"
 _PARTS = "\n".join(f"  {part:<12}{about}" for part, about in PARTS.items())

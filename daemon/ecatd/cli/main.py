@@ -1,7 +1,7 @@
 """The command `ecatctl`: parses its commands, and turns errors into exit statuses.
 
-Commands must start fast, so only the module of the given command is loaded. It adds the arguments
-of its commands itself (`add_arguments`).
+Commands must start fast, so only the module of the given command is loaded (`commands.py`). It adds
+the arguments of its commands itself (`add_arguments`).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import argparse
 import os
 import sys
 from contextlib import suppress
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ecatd.base.bus_name import check_bus_name, check_full_bus_name
 from ecatd.base.errors import EcatError, StateError, UsageError
@@ -19,6 +19,7 @@ from ecatd.base.plain_output import error_text, plain_output
 from ecatd.base.version import VERSION
 
 from .arguments import seconds
+from .commands import Found, find_commands
 
 _EPILOG = """\
 exit status:
@@ -29,71 +30,6 @@ exit status:
 
 The daemon of this machine is used; --connect tls/HOST:7448 asks one of another host.
 """
-
-_COMMANDS = (
-    ("buses", "buses", "List the buses of this machine, or all that --connect reaches."),
-    ("slaves", "show", "List the slaves in the order of the wire."),
-    ("graph", "graph", "Show which slave is plugged in at which port, as a tree or a picture."),
-    ("pdos", "show", "List the process data of the slaves."),
-    ("read", "read", "Show values of the process image, by names."),
-    ("watch", "watch_values", "Show values as they change, with minimum, mean and maximum."),
-    ("write", "write", "Hold values at outputs, by names."),
-    ("record", "record", "Write the values of each cycle to a CSV file."),
-    ("state", "show", "Show the AL states, or bring slaves to one."),
-    ("check", "check", "Say in one line whether the bus is well, for monitoring systems."),
-    ("stats", "stats", "Show counters and timing of the cyclic exchange."),
-    ("metrics", "metrics", "Print the statistics for Prometheus, in the OpenMetrics format."),
-    ("claims", "shared_memory", "Show who owns which outputs, and why the others are safe."),
-    ("shm", "shared_memory", "Show all that is in the shared memory of the bus."),
-    ("dc", "dc", "Show the distributed clocks."),
-    ("info", "info", "Show the daemon, its bus, and the real-time settings that were granted."),
-    ("sdos", "dictionary", "List the objects of a slave: types, access rights, values."),
-    ("sdo-read", "sdo", "Read an object of a slave."),
-    ("sdo-write", "sdo", "Write an object of a slave."),
-    ("sdo-dump", "sdo_file", "Save the values of all objects of a slave to a file."),
-    ("sdo-restore", "sdo_file", "Write the values in such a file back, where they differ."),
-    ("diagnosis", "diagnosis", "Show the diagnosis history of a slave (object 0x10F3)."),
-    ("waiting", "waiting", "Show which requests wait for slaves, and for how long."),
-    ("events", "events", "Show what has happened on the bus, and what happens now."),
-    (
-        "errors",
-        "error_counters",
-        "Show error counters of slaves, and which cables they are about.",
-    ),
-    ("sii-read", "sii", "Show what is in the EEPROM of a slave, or save it."),
-    ("sii-write", "sii_write", "Write the EEPROM of a slave, from a file."),
-    ("alias", "sii_write", "Write the station alias into the EEPROM of a slave."),
-    ("foe-read", "foe", "Read a file of a slave (FoE)."),
-    ("foe-write", "foe", "Write a file to a slave, such as firmware (FoE)."),
-    ("soe-read", "soe", "Read IDNs of a drive (SoE)."),
-    ("soe-write", "soe", "Write an IDN of a drive (SoE)."),
-    ("eoe", "eoe", "Show the interface to slaves with Ethernet (EoE), and count their frames."),
-    ("eoe-read", "eoe", "Read the IP parameters of a slave (EoE)."),
-    ("eoe-write", "eoe", "Write IP parameters of a slave (EoE)."),
-    ("rescan", "rescan", "Compare the devices on the wire with those of the start."),
-    ("reboot", "rescan", "Reset the controller of a slave, and wait until it is back."),
-    ("identify", "identify", "Have a slave blink, to find it in the cabinet."),
-    ("reg-read", "registers", "Read registers of a slave."),
-    ("reg-write", "registers", "Write registers of a slave."),
-    ("log", "log", "Show new lines of the log of the daemon as they come."),
-    ("log-level", "log_level", "Show the levels of the log, or change one while the bus runs."),
-    ("config", "config", "Write, check, compare or show the configuration."),
-    ("startup", "startup", "Compare start-up parameters with the slaves, or capture them."),
-    ("scan", "scan", "Print or save the bus description: slaves, process data, domains."),
-    ("cstruct", "documents", "Print a C header of the process image."),
-    ("xml", "documents", "Print the bus as XML with the elements of ESI files."),
-    ("generate", "library", "Write a Modelica library, or an FMU, of the bus."),
-    ("library", "library", "Install the Modelica library EtherCAT."),
-    ("capture", "capture", "Write the last frames on the wire to a file, for Wireshark."),
-    ("doctor", "doctor", "Find what makes a bus slow, late or unreachable on this machine."),
-    ("remote", "remote_access", "Make certificates for users of other machines, and test them."),
-    ("service", "service", "Install, upgrade or remove the service of systemd."),
-    ("client-flags", "library", "Print compiler flags for C and C++ programs."),
-)
-"""Name, module and summary of each command."""
-
-_ALIASES = {"state": ["states"], "sdo-read": ["upload"], "sdo-write": ["download"]}
-_WITHOUT_BUS = ("library", "client-flags")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -106,7 +42,25 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Command(LazyCommand, _Parser):
-    """A command of `ecatctl`."""
+    """A command of `ecatctl`.
+
+    Args:
+        found: Its name, and where it is.
+        settings: Further arguments for `argparse.ArgumentParser`.
+    """
+
+    def __init__(self, *, found: Found, **settings: Any) -> None:
+        super().__init__(command=found.name, module=f"{__package__}.{found.module}", **settings)
+        self._has_bus = found.command.has_bus
+
+    def declare(self) -> None:
+        """Declares the options of all commands, and has the screen declare its own."""
+        if not self._is_declared:
+            if self._has_bus:
+                _add_common(self, defaults=False)
+            else:
+                self.add_argument("--json", action="store_true", help="print JSON for programs")
+        super().declare()
 
 
 def _print_error(error: EcatError) -> None:
@@ -167,19 +121,14 @@ def make_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(
         title="commands", metavar="COMMAND", required=True, parser_class=_Command
     )
-    for name, module, summary in _COMMANDS:
-        command = commands.add_parser(
-            name,
-            command=name,
-            module=f"{__package__}.{module}",
-            help=summary,
-            description=summary,
-            aliases=_ALIASES.get(name, ()),
+    for found in find_commands():
+        commands.add_parser(
+            found.name,
+            found=found,
+            help=found.command.summary,
+            description=found.command.summary,
+            aliases=found.command.aliases,
         )
-        if name in _WITHOUT_BUS:
-            command.add_argument("--json", action="store_true", help="print JSON for programs")
-        else:
-            _add_common(command, defaults=False)
     return parser
 
 

@@ -8,7 +8,12 @@ from ecatd.base.errors import EcatError, UsageError
 from ecatd.operations.health import Health
 from ecatd.shm.statistics.open_metrics import write_metrics
 
+from .commands import Command
 from .source import Source
+
+COMMANDS = {
+    "metrics": Command("health", "Print the statistics for Prometheus, in the OpenMetrics format.")
+}
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Any
 from ecatd.client.patterns import find_signals
 
 from .arguments import add_watch
+from .commands import Command
 from .output import table_lines
 from .signals import add_patterns, open_client
 from .watch import present
 
 if TYPE_CHECKING:
     from ecatd.client.signals import Signal
+
+COMMANDS = {"read": Command("values", "Show values of the process image, by names.")}
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:

@@ -17,6 +17,7 @@ from ecatd.base.errors import NotPermittedError, StateError, UsageError
 from ecatd.client.patterns import find_signals
 
 from .arguments import times
+from .commands import Command
 from .output import print_json
 from .recordings import FORMATS, Cell, Column, Recording, check_format, open_recording
 from .saving import add_force, check_target
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from ecatd.client import Client
     from ecatd.client.group import SignalGroup
     from ecatd.client.signals import Signal
+
+COMMANDS = {"record": Command("values", "Write the values of each cycle to a CSV file.")}
 
 _PATIENCE, _PERIOD_MOST = 5.0, 3600.0
 """Seconds for which a cycle may be late, and longest time between two lines in seconds."""

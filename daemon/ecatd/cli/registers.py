@@ -19,11 +19,17 @@ from ecatd.etg.registers import (
 from ecatd.operations.registers import ReadRegister, WriteRegister
 
 from .arguments import bounded, slave
+from .commands import Command
 from .confirm import add_yes, confirm
 from .output import print_json, print_table
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {
+    "reg-read": Command("slaves", "Read registers of a slave."),
+    "reg-write": Command("slaves", "Write registers of a slave."),
+}
 
 _FEATURES, _HAS_CLOCK = 0x0008, 0x04
 _CLOCK = range(0x0910, 0x0A00)

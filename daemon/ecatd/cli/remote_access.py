@@ -30,9 +30,14 @@ from .authority import (
     make_server,
     openssl,
 )
+from .commands import Command
 from .output import print_json
 from .router_config import router_config
 from .saving import save, writing
+
+COMMANDS = {
+    "remote": Command("machine", "Make certificates for users of other machines, and test them.")
+}
 
 _ACTIONS = """\
 actions:

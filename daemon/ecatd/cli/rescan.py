@@ -14,12 +14,18 @@ from ecatd.operations.bus import Device, ReadStates, Rescan
 from ecatd.operations.registers import WriteRegister
 
 from .arguments import slave
+from .commands import Command
 from .confirm import add_yes, confirm
 from .output import print_json, print_table
 from .progress import progress
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {
+    "rescan": Command("slaves", "Compare the devices on the wire with those of the start."),
+    "reboot": Command("slaves", "Reset the controller of a slave, and wait until it is back."),
+}
 
 _RESET, _LETTERS = 0x0040, b"RES"
 """Register "ESC reset ECAT" (ETG.1000.4): three letters in three writes."""

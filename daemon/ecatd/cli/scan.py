@@ -11,8 +11,15 @@ from ecatd.description.bus import Bus
 from ecatd.description.bus_file import dump
 
 from .bus_source import add_options, get_bus
+from .commands import Command
 from .output import print_json
 from .saving import save
+
+COMMANDS = {
+    "scan": Command(
+        "documents", "Print or save the bus description: slaves, process data, domains."
+    )
+}
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:

@@ -24,11 +24,17 @@ from ecatd.operations.objects import DATA_MAX
 
 from . import addresses
 from .arguments import slave
+from .commands import Command
 from .output import print_json
 from .saving import add_force, check_target, read_bytes, save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote, SdoValue
+
+COMMANDS = {
+    "sdo-read": Command("objects", "Read an object of a slave.", aliases=("upload",)),
+    "sdo-write": Command("objects", "Write an object of a slave.", aliases=("download",)),
+}
 
 _WITH_UNIT = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?) +(\S.*)")
 """A number with a unit."""

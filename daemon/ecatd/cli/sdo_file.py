@@ -24,6 +24,7 @@ from ecatd.etg.datatypes import STRINGS, decode, parse_type, type_alias
 from ecatd.etg.dictionary import Access, DictionaryEntry, access_text
 
 from .arguments import slave
+from .commands import Command
 from .confirm import add_yes, confirm
 from .dictionary import add_esi, read_objects, read_value
 from .output import print_json, print_table
@@ -33,6 +34,11 @@ from .sdo import physical_text, value_text
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote, SdoValue
+
+COMMANDS = {
+    "sdo-dump": Command("objects", "Save the values of all objects of a slave to a file."),
+    "sdo-restore": Command("objects", "Write the values in such a file back, where they differ."),
+}
 
 _STDOUT = "-"
 _FIRST_OWN = 0x2000

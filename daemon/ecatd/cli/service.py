@@ -14,8 +14,11 @@ from ecatd.admin.installation.service import install, upgrade
 from ecatd.base.errors import UsageError
 from ecatd.base.version import VERSION
 
+from .commands import Command
 from .confirm import add_yes, confirm
 from .output import print_json
+
+COMMANDS = {"service": Command("machine", "Install, upgrade or remove the service of systemd.")}
 
 _ACTIONS = """\
 actions:

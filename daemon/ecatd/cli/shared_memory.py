@@ -14,11 +14,18 @@ from ecatd.shm.contents import contents
 from ecatd.shm.raw import NAMES, plain, read_raw
 
 from .arguments import add_slave, add_watch
+
+# Fields that are printed in hexadecimal.
+from .commands import Command
 from .layout_tables import layout_lines
 from .shared_memory_screen import claims_lines, contents_lines
 from .watch import present
 
-# Fields that are printed in hexadecimal.
+COMMANDS = {
+    "claims": Command("health", "Show who owns which outputs, and why the others are safe."),
+    "shm": Command("health", "Show all that is in the shared memory of the bus."),
+}
+
 _HEXADECIMAL = frozenset(
     (
         *("magic", "layout", "fingerprint", "vendor", "product", "revision", "serial"),

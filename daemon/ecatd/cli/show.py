@@ -20,6 +20,7 @@ from ecatd.etg.scaling import formula_text, to_physical
 from ecatd.operations.bus import ReadStates, SetState, SlaveAlState
 
 from .arguments import add_slave
+from .commands import Command
 from .confirm import add_yes, confirm
 from .outdated import tell_outdated
 from .output import print_json, print_table
@@ -28,6 +29,11 @@ from .silent_bus import check_slaves
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
+COMMANDS = {
+    "slaves": Command("bus", "List the slaves in the order of the wire."),
+    "pdos": Command("bus", "List the process data of the slaves."),
+    "state": Command("health", "Show the AL states, or bring slaves to one.", aliases=("states",)),
+}
 
 _PROBLEMS_SHOWN = 10
 _START_S = 60.0

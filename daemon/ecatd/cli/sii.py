@@ -13,12 +13,15 @@ from ecatd.etg.sii import UNASSIGNED, Sii, SiiMailbox
 from ecatd.etg.sii_check import check_sii
 
 from .arguments import slave
+from .commands import Command
 from .output import print_json
 from .progress import progress
 from .saving import add_force, check_target, save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {"sii-read": Command("mailboxes", "Show what is in the EEPROM of a slave, or save it.")}
 
 _PROTOCOLS = ("AoE", "EoE", "CoE", "FoE", "SoE", "VoE")
 _COE = ("SDO", "SDO information", "PDO assignment", "PDO configuration", "upload at the start")

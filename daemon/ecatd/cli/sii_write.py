@@ -20,6 +20,7 @@ from ecatd.etg.sii_check import MAX_IMAGE, check_sii, sii_checksum
 from ecatd.operations.eeproms import SII_WORDS_MAX, ReadSii, WriteSii
 
 from .arguments import bounded, slave
+from .commands import Command
 from .confirm import add_yes, confirm
 from .output import print_json
 from .progress import counted
@@ -28,6 +29,11 @@ from .sii import read_image, sii_lines
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {
+    "sii-write": Command("mailboxes", "Write the EEPROM of a slave, from a file."),
+    "alias": Command("mailboxes", "Write the station alias into the EEPROM of a slave."),
+}
 
 _ALIAS, _CHECKSUM = 4, 7  # words of the configuration area (ETG.1000.6, table "SII")
 _PART = 2 * SII_WORDS_MAX

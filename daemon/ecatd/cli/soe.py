@@ -9,11 +9,17 @@ from ecatd.base.errors import StateError, UsageError
 from ecatd.etg.idns import ALL_IDNS, IdnValue, idn_text, parse_idn
 
 from .arguments import bounded, slave
+from .commands import Command
 from .output import print_json, print_table
 from .progress import counted
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {
+    "soe-read": Command("mailboxes", "Read IDNs of a drive (SoE)."),
+    "soe-write": Command("mailboxes", "Write an IDN of a drive (SoE)."),
+}
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:

@@ -36,6 +36,7 @@ from ecatd.etg.pdo import Entry
 
 from .arguments import slave
 from .bus_source import use_bus_of
+from .commands import Command
 from .dictionary import objects_of, read_objects
 from .esi_devices import device_of
 from .output import print_json, print_table
@@ -44,6 +45,10 @@ from .saving import save
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {
+    "startup": Command("daemon", "Compare start-up parameters with the slaves, or capture them.")
+}
 
 _FIRST_OWN = 0x2000
 """Objects below describe the communication (ETG.1000.6); PDOs have keys of their own."""

@@ -7,10 +7,15 @@ from typing import TYPE_CHECKING
 
 from ecatd.operations.bus import ReadWaiting
 
+from .commands import Command
 from .output import print_json, print_table
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+COMMANDS = {
+    "waiting": Command("diagnosis", "Show which requests wait for slaves, and for how long.")
+}
 
 
 def add_arguments(command: argparse.ArgumentParser, _: str) -> None:
