@@ -45,6 +45,9 @@ def test_events_are_kept(bus: Daemon) -> None:
     assert len(lines) >= len(found)
     names("\n".join(lines), "slave 10 (EL2008)", "recovery", "back in OP after")
     assert {*kinds(bus, "--kind", "recovery", "--kind", "slaves")} == {"recovery", "slaves"}
+    assert {event["severity"] for event in found} > {"error"}
+    bad = [event for event in found if event["severity"] in ("error", "warning")]
+    assert bus.ctl_json("events", "--severity", "warning")["events"][: len(bad)] == bad
     assert kinds(bus, "--since", "1h")[: len(found)] == [event["event"] for event in found]
     later = bus.ctl_json("events", "--since", "0s")["events"]
     assert all(event["sequence"] > numbers[-1] for event in later)

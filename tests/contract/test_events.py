@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from ecatd.base.log_levels import LEVELS
 from ecatd.operations.bus import Event
-from ecatd.operations.events import FACTS, KINDS, PUBLISHED, new_event
+from ecatd.operations.events import FACTS, KINDS, PUBLISHED, SEVERITIES, new_event
 from ecatdev import event_pages
 from ecatdev.zenoh_keys.types import problems
 
@@ -95,6 +95,8 @@ def test_the_facts_of_the_code_are_those_of_the_kind() -> None:
 
 def test_the_severity_is_that_of_the_worst_line() -> None:
     for name, kind in KINDS.items():
+        assert kind.severity in SEVERITIES, name
+        assert new_event(name, text="x")["severity"] == kind.severity
         levels = [use.level for use in USES if use.kind == name and use.level]
         sure = [ORDER.index(level) for level in levels if level != EITHER]
         severity = ORDER.index(kind.severity)

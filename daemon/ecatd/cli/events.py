@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ecatd.description.bus import Bus
 from ecatd.operations.bus import Events, ReadEvents
-from ecatd.operations.events import PUBLISHED
+from ecatd.operations.events import PUBLISHED, SEVERITIES
 
 from .arguments import add_slave
 from .commands import Command
@@ -50,6 +50,12 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         type=_kind,
         metavar="KIND",
         help="only events of this kind, such as emergency; can be given several times",
+    )
+    command.add_argument(
+        "--severity",
+        choices=SEVERITIES,
+        default=SEVERITIES[-1],
+        help="only events that are as bad as this, or worse: error, warning, notice or info",
     )
     add_slave(command)
 
@@ -111,7 +117,7 @@ class _Follower:
     def _show(self, bus: Bus, answer: Events) -> None:
         options = self._options
         chosen = None if options.slave is None else bus.find(options.slave).position
-        found = list(_wanted(answer["events"], chosen, self._since, options.kind))
+        found = list(_wanted(answer["events"], chosen, self._since, options))
         if options.json and not options.follow:
             print_json({"bus": bus.name, "events": found})
             return
@@ -127,12 +133,14 @@ def _wanted(
     found: Iterable[Any],
     chosen: int | None,
     since: float | None,
-    kinds: list[str] | None,
+    options: argparse.Namespace,
 ) -> Iterator[dict[str, Any]]:
+    severities = SEVERITIES[: SEVERITIES.index(options.severity) + 1]
     for event in found:
         of_slave = chosen is None or chosen in _concerned(event)
-        of_kind = not kinds or event["event"] in kinds
-        if of_slave and of_kind and (since is None or event["time_ns"] >= since * 1e9):
+        of_kind = not options.kind or event["event"] in options.kind
+        is_bad = event["severity"] in severities
+        if of_slave and of_kind and is_bad and (since is None or event["time_ns"] >= since * 1e9):
             yield event
 
 

@@ -208,6 +208,7 @@ class Event(Map):
 
     Attributes:
         event: Its kind.
+        severity: How bad events of this kind are: `error`, `warning`, `notice` or `info`.
         sequence: Its number: each event has the next one, so a gap is a loss.
         instance: Unix time of the start of the daemon in ns, which begins to count them at 1.
         time_ns: Unix time in ns.
@@ -217,6 +218,7 @@ class Event(Map):
     """
 
     event: str
+    severity: str
     sequence: int
     instance: int
     time_ns: int

@@ -74,12 +74,17 @@ FACTS: Mapping[str, Fact] = {
 }
 
 
+SEVERITIES = ("error", "warning", "notice", "info")
+"""How bad events can be, the worst first."""
+
+
 class Kind(NamedTuple):
     """A kind of event.
 
     Attributes:
         name: Its name: `event` of the event, and `ECAT_EVENT` of its lines in the journal.
-        severity: Level of its lines in the log at worst; what is good news has `info`.
+        severity: One of `SEVERITIES`: the level of its lines in the log at worst; what is good news
+            has `info`.
         subject: What has happened, without a full stop.
         advice: Sentences in Markdown that say more, and what to do; `{bus}` and `{slave}` stand for
             the names.
@@ -389,4 +394,11 @@ def new_event(kind: str, *, text: str, **facts: Any) -> dict[str, Any]:
         text: What has happened, as a sentence.
         facts: The other facts that its row of `KINDS` names.
     """
-    return {"event": kind, "time_ns": time.time_ns(), **facts, "text": text}
+    severity = KINDS[kind].severity
+    return {
+        "event": kind,
+        "severity": severity,
+        "time_ns": time.time_ns(),
+        **facts,
+        "text": text,
+    }

@@ -51,7 +51,7 @@ function _shtab_ecatctl_using
 end
 
 set -g _shtab_ecatctl_commands buses graph slaves pdos read record watch write check dc info metrics claims shm state states stats sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis errors events waiting eoe eoe-read eoe-write foe-read foe-write sii-read sii-write alias soe-read soe-write identify reg-read reg-write rescan reboot config log log-level startup cstruct xml generate library client-flags scan capture doctor remote service
-set -g _shtab_ecatctl_opts_with_value --address --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --raw --root --seconds --since --size --templates --timeout --type --user --watch -n -o
+set -g _shtab_ecatctl_opts_with_value --address --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --raw --root --seconds --severity --since --size --templates --timeout --type --user --watch -n -o
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -310,6 +310,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using events' -l json -d 'print JSON for 
 complete -c ecatctl -n '_shtab_ecatctl_using events' -l since -x -d 'only events since this time: 10m, 2h, 1d, or a time of today as 10:02 (default: all that the daemon keeps, up to 1000)'
 complete -c ecatctl -n '_shtab_ecatctl_using events' -s f -l follow -d 'go on with new events'
 complete -c ecatctl -n '_shtab_ecatctl_using events' -l kind -x -d 'only events of this kind, such as emergency; can be given several times'
+complete -c ecatctl -n '_shtab_ecatctl_using events' -l severity -xka "error warning notice info" -d 'only events that are as bad as this, or worse: error, warning, notice or info'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a waiting -d 'Show which requests wait for slaves, and for how long.'
 complete -c ecatctl -n '_shtab_ecatctl_using waiting' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using waiting' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
