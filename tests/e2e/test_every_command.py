@@ -54,7 +54,7 @@ def test_each_command_that_changes_something_asks_or_has_a_reason() -> None:
     for name, module in MODULES.items():
         screen = import_module(f"ecatd.cli.{module}")
         parser = argparse.ArgumentParser()
-        screen.add_arguments(parser, name)
+        getattr(screen, "add_arguments", lambda *_: None)(parser, name)
         assert ("--yes" in parser.format_usage()) == (name in ASK.split()), name
         source = inspect.getsource(screen)
         asked = {kind.__name__ for kind in OPERATIONS.values() if needs_right(kind)}

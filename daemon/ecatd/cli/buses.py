@@ -12,17 +12,9 @@ from ecatd.base.paths import closed_buses, search_dirs, served_buses
 from ecatd.operations.bus import ReadInfo, ReadStates
 from ecatd.operations.health import look_at
 
-from .commands import Command
 from .output import print_json, print_table
 
-COMMANDS = {
-    "buses": Command("bus", "List the buses of this machine, or all that --connect reaches.")
-}
-
-
-def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
-    """Sets the function of the command; it has no arguments of its own."""
-    command.set_defaults(alone=buses)
+COMMANDS = {"bus": {"buses": "List the buses of this machine, or all that --connect reaches."}}
 
 
 def buses(options: argparse.Namespace) -> None:

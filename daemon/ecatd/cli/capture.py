@@ -16,7 +16,6 @@ from ecatd.base.pcapng import Frame, header, packet, read_records
 from ecatd.operations.frames import RINGS, ReadFrames
 
 from .arguments import seconds
-from .commands import Command
 from .output import print_json
 from .saving import add_force, check_target, writing
 from .signals import noted_signals
@@ -25,9 +24,7 @@ from .terminal import check_stdout
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-COMMANDS = {
-    "capture": Command("machine", "Write the last frames on the wire to a file, for Wireshark.")
-}
+COMMANDS = {"machine": {"capture": "Write the last frames on the wire to a file, for Wireshark."}}
 
 _PAUSE = 0.2
 """Seconds between two looks for new frames."""
@@ -37,7 +34,6 @@ _AT_ONCE = 64
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments."""
-    command.set_defaults(run=capture)
     command.add_argument(
         *("-o", "--output"),
         metavar="FILE",

@@ -12,13 +12,10 @@ from ecatd.base.errors import EcatError, NoAnswerError, NotPermittedError, Unrea
 from ecatd.operations.health import Health
 from ecatd.shm.statistics.problems import find_problems, is_exchanged
 
-from .commands import Command
 from .output import print_json
 from .source import Source
 
-COMMANDS = {
-    "check": Command("health", "Say in one line whether the bus is well, for monitoring systems.")
-}
+COMMANDS = {"health": {"check": "Say in one line whether the bus is well, for monitoring systems."}}
 
 WORDS = ("well", "degraded", "down", "denied")
 _WELL, _DEGRADED, _DOWN, _DENIED = range(4)
@@ -30,7 +27,6 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.epilog = (
         "exit status, as for monitoring plug-ins: 0 well, 1 degraded, 2 down, 3 no right to look"
     )
-    command.set_defaults(alone=check)
 
 
 def check(options: argparse.Namespace) -> int:

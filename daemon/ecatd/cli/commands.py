@@ -1,4 +1,8 @@
-"""Finds the commands of `ecatctl`: each screen says in `COMMANDS` which ones it has.
+"""Finds the commands of `ecatctl`: each screen says in `COMMANDS` which ones it has, by group.
+
+A function of the screen carries a command out, and has its name, with _ for -. It gets the session
+with the daemon and the options, or only these if it connects to the bus itself, or needs none; it
+may return the exit status. If commands have arguments, `add_arguments(parser, name)` adds them.
 
 A command must start fast, and importing all screens takes longer than most commands run. So this
 reads the tables in their source texts, and only the screen of the given command is imported.
@@ -26,44 +30,31 @@ class Command(NamedTuple):
     """A command.
 
     Attributes:
+        name: Its name.
         group: One of `GROUPS`.
         summary: What it does, for the help.
-        aliases: Its other names.
-        has_bus: Whether it takes the options that choose a bus.
-    """
-
-    group: str
-    summary: str
-    aliases: tuple[str, ...] = ()
-    has_bus: bool = True
-
-
-class Found(NamedTuple):
-    """A command, and where it is.
-
-    Attributes:
-        name: Its name.
         module: Name of the module of its screen.
-        command: What its screen says of it.
     """
 
     name: str
+    group: str
+    summary: str
     module: str
-    command: Command
 
 
-def find_commands() -> list[Found]:
+def find_commands() -> list[Command]:
     """All commands, in the order of the help: by group, screen, and place in its table."""
-    return sorted(_found(), key=lambda found: (GROUPS.index(found.command.group), found.module))
+    return sorted(_found(), key=lambda found: (GROUPS.index(found.group), found.module))
 
 
-def _found() -> Iterator[Found]:
+def _found() -> Iterator[Command]:
     folder = os.path.dirname(__file__)  # noqa: PTH120  loading pathlib takes as long as all of this
     for file in os.listdir(folder):  # noqa: PTH208
         module, end = os.path.splitext(file)  # noqa: PTH122
         if end == ".py":
             with open(os.path.join(folder, file), "rb") as source:  # noqa: PTH118, PTH123
                 _, mark, table = source.read(_HEAD).partition(_MARK)
-            commands = eval(table.partition(_END)[0], {"Command": Command}) if mark else {}
-            for name, command in commands.items():
-                yield Found(name, module, command)
+            groups = eval(table.partition(_END)[0], {}) if mark else {}
+            for group, commands in groups.items():
+                for name, summary in commands.items():
+                    yield Command(name, group, summary, module)

@@ -22,14 +22,13 @@ from ecatd.description.bus import Bus, Slave
 from ecatd.operations.bus import ReadStates
 
 from .bus_source import add_options, check_options, get_bus, use_bus_of
-from .commands import Command
 from .config_check import check, described
 from .named_objects import refresh_modules
 from .outdated import tell_outdated
 from .output import print_json, print_table, shortened
 from .saving import save
 
-COMMANDS = {"config": Command("daemon", "Write, check, compare or show the configuration.")}
+COMMANDS = {"daemon": {"config": "Write, check, compare or show the configuration."}}
 
 _DIFFERENT = 1
 _TABLE_WIDTH = 100
@@ -55,7 +54,6 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
     command.epilog = _ACTIONS
     command.formatter_class = argparse.RawDescriptionHelpFormatter
-    command.set_defaults(alone=config)
     command.add_argument("action", choices=_RUN, metavar="ACTION", help="see below")
     command.add_argument(
         "file", nargs="?", type=Path, metavar="FILE", help="a configuration, or an ENI file"

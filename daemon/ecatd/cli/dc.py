@@ -10,20 +10,14 @@ from ecatd.base.errors import EcatError
 from ecatd.operations.statistics import Clocks, ReadClocks, SlaveClock
 from ecatd.shm.statistics.clocks import read_clocks
 
-from .commands import Command
 from .output import print_json, print_table, shortened
 from .source import Source
 
-COMMANDS = {"dc": Command("health", "Show the distributed clocks.")}
+COMMANDS = {"health": {"dc": "Show the distributed clocks."}}
 
 _NAME = 22  # longest name of a slave, so that the table fits into 80 columns
 _GONE = {"": "", "absent": "absent", "missing": "no answer"}
 _EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
-
-
-def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
-    """Sets the function of the command; it has no arguments of its own."""
-    command.set_defaults(alone=dc)
 
 
 def dc(options: argparse.Namespace) -> None:

@@ -21,7 +21,6 @@ from ecatd.etg.diagnosis import (
 )
 
 from .arguments import slave
-from .commands import Command
 from .confirm import add_yes, confirm
 from .output import print_json, print_table
 from .progress import counted
@@ -29,9 +28,7 @@ from .progress import counted
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-COMMANDS = {
-    "diagnosis": Command("diagnosis", "Show the diagnosis history of a slave (object 0x10F3).")
-}
+COMMANDS = {"diagnosis": {"diagnosis": "Show the diagnosis history of a slave (object 0x10F3)."}}
 
 _EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
 """Distributed clocks count from here (ETG.1000.4)."""
@@ -41,7 +38,6 @@ _FIRST_YEAR_NS = 365 * 86400 * 10**9
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(run=diagnosis)
     command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
     command.add_argument(
         "--esi", metavar="PATH", help="take the texts from this ESI file, or a folder of them"

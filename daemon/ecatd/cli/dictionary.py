@@ -19,7 +19,6 @@ from ecatd.operations.objects import ListObjects
 
 from . import addresses
 from .arguments import slave
-from .commands import Command
 from .output import print_json, print_table
 from .progress import counted
 from .sdo import physical_text, value_text
@@ -29,14 +28,11 @@ if TYPE_CHECKING:
     from ecatd.description.bus import Slave
     from ecatd.vendor.esi import EsiDevice
 
-COMMANDS = {
-    "sdos": Command("objects", "List the objects of a slave: types, access rights, values.")
-}
+COMMANDS = {"objects": {"sdos": "List the objects of a slave: types, access rights, values."}}
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(run=sdos)
     command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
     command.add_argument(
         "index",

@@ -31,13 +31,12 @@ from ecatd.shm.statistics import Snapshot
 
 from .arguments import seconds
 from .bus_source import use_bus_of
-from .commands import Command
 from .output import print_json, table_lines
 from .saving import save
 from .source import Source
 
 COMMANDS = {
-    "doctor": Command("machine", "Find what makes a bus slow, late or unreachable on this machine.")
+    "machine": {"doctor": "Find what makes a bus slow, late or unreachable on this machine."}
 }
 
 _QUANTILES = {"median": 0.5, "p99": 0.99, "p9999": 0.9999}
@@ -81,7 +80,6 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.add_argument(
         "-o", dest="out", type=Path, metavar="FILE", help="also write a report to send to others"
     )
-    command.set_defaults(alone=doctor)
 
 
 def doctor(options: argparse.Namespace) -> int:

@@ -10,19 +10,19 @@ from typing import Any
 from ecatd.base.version import VERSION
 
 from .bus_source import add_options, get_bus
-from .commands import Command
 from .output import print_json
 from .saving import save
 
 COMMANDS = {
-    "cstruct": Command("documents", "Print a C header of the process image."),
-    "xml": Command("documents", "Print the bus as XML with the elements of ESI files."),
+    "documents": {
+        "cstruct": "Print a C header of the process image.",
+        "xml": "Print the bus as XML with the elements of ESI files.",
+    },
 }
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
-    command.set_defaults(alone=cstruct if name == "cstruct" else xml)
     command.add_argument("-o", dest="out", metavar="FILE", type=Path, help="save it to this file")
     add_options(command)
 

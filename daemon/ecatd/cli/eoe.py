@@ -11,18 +11,17 @@ from ecatd.etg.eoe import NONE, parse_address, parse_interface, parse_mac, parse
 from ecatd.operations.ethernet import ReadEthernet, ReadIp, WriteIp
 
 from .arguments import slave
-from .commands import Command
 from .output import print_json, print_table
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 COMMANDS = {
-    "eoe": Command(
-        "mailboxes", "Show the interface to slaves with Ethernet (EoE), and count their frames."
-    ),
-    "eoe-read": Command("mailboxes", "Read the IP parameters of a slave (EoE)."),
-    "eoe-write": Command("mailboxes", "Write IP parameters of a slave (EoE)."),
+    "mailboxes": {
+        "eoe": "Show the interface to slaves with Ethernet (EoE), and count their frames.",
+        "eoe-read": "Read the IP parameters of a slave (EoE).",
+        "eoe-write": "Write IP parameters of a slave (EoE).",
+    },
 }
 
 _MACS_SHOWN = 4
@@ -39,7 +38,6 @@ _WHAT = {
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
-    command.set_defaults(run={"eoe": eoe, "eoe-read": eoe_read, "eoe-write": eoe_write}[name])
     if name == "eoe":
         return
     command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")

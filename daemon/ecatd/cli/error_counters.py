@@ -13,7 +13,6 @@ from ecatd.description.bus import Bus
 from ecatd.etg.port_errors import LinkErrors, PortErrors, SlaveErrors, links_with_errors
 
 from .arguments import add_slave, add_watch
-from .commands import Command
 from .output import print_json, print_json_line, print_table
 from .watch import check
 
@@ -21,9 +20,7 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 COMMANDS = {
-    "errors": Command(
-        "diagnosis", "Show error counters of slaves, and which cables they are about."
-    )
+    "diagnosis": {"errors": "Show error counters of slaves, and which cables they are about."}
 }
 
 _PORTS = 4
@@ -31,7 +28,6 @@ _PORTS = 4
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(run=errors)
     add_slave(command)
     command.add_argument("-a", "--all", action="store_true", help="show the counters of all ports")
     command.add_argument(

@@ -14,7 +14,6 @@ from ecatd.operations.bus import Events, ReadEvents
 from ecatd.operations.events import PUBLISHED, SEVERITIES
 
 from .arguments import add_slave
-from .commands import Command
 from .output import print_json, print_json_line
 from .terminal import check_stdout
 from .watch import outlive
@@ -22,9 +21,7 @@ from .watch import outlive
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-COMMANDS = {
-    "events": Command("diagnosis", "Show what has happened on the bus, and what happens now.")
-}
+COMMANDS = {"diagnosis": {"events": "Show what has happened on the bus, and what happens now."}}
 
 _PAUSE = 0.5
 """Seconds between two requests for new events."""
@@ -35,7 +32,6 @@ _CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(alone=events)
     command.add_argument(
         "--since",
         type=_time,

@@ -14,7 +14,6 @@ from ecatd.description.bus import Slave
 from ecatd.operations.fields import FILE_MAX
 
 from .arguments import bounded, slave
-from .commands import Command
 from .confirm import add_yes, confirm
 from .output import print_json
 from .progress import progress
@@ -25,8 +24,10 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 COMMANDS = {
-    "foe-read": Command("mailboxes", "Read a file of a slave (FoE)."),
-    "foe-write": Command("mailboxes", "Write a file to a slave, such as firmware (FoE)."),
+    "mailboxes": {
+        "foe-read": "Read a file of a slave (FoE).",
+        "foe-write": "Write a file to a slave, such as firmware (FoE).",
+    },
 }
 
 _STDOUT = Path("-")
@@ -40,7 +41,6 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
     command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
     if name == "foe-read":
-        command.set_defaults(run=foe_read)
         command.add_argument("name", metavar="NAME", help="name of the file, as the slave knows it")
         command.add_argument(
             *("-o", "--out"),
@@ -52,7 +52,6 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         )
         add_force(command)
     else:
-        command.set_defaults(run=foe_write)
         command.add_argument("file", metavar="FILE", type=Path, help="the file")
         command.add_argument(
             *("--as", "-n"),

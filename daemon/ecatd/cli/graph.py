@@ -14,7 +14,6 @@ from ecatd.etg.al import al_state_text
 from ecatd.etg.port_errors import PORT_ORDER, SlaveErrors, links_with_errors
 from ecatd.operations.bus import ReadStates, SlaveAlState
 
-from .commands import Command
 from .output import print_json
 from .saving import save
 from .slave_tree import Node, errors_text, rows
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 COMMANDS = {
-    "graph": Command("bus", "Show which slave is plugged in at which port, as a tree or a picture.")
+    "bus": {"graph": "Show which slave is plugged in at which port, as a tree or a picture."}
 }
 
 _AT_MASTER = (-1, 0)
@@ -32,7 +31,6 @@ _FORMATS = {".dot": "dot", ".gv": "dot", ".svg": "svg"}
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(run=graph)
     command.add_argument(
         "-o",
         dest="out",

@@ -11,14 +11,13 @@ from ecatd.base.errors import StateError
 from ecatd.operations.registers import WriteRegister
 
 from .arguments import seconds, slave
-from .commands import Command
 from .output import print_json
 from .progress import progress
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-COMMANDS = {"identify": Command("slaves", "Have a slave blink, to find it in the cabinet.")}
+COMMANDS = {"slaves": {"identify": "Have a slave blink, to find it in the cabinet."}}
 
 _RUN_LED = 0x0138
 """Register "RUN LED override" (ETG.1000.4): bit 4 takes it over, bits 0 to 3 say how it blinks."""
@@ -29,7 +28,6 @@ _OWN = b"\0"
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(run=identify)
     command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
     command.add_argument(
         "--seconds", type=seconds, default=10.0, metavar="S", help="how long (default: 10)"

@@ -18,25 +18,17 @@ from ecatd.shm.real_time import SETTINGS
 from ecatd.shm.statistics import Grant, Snapshot, to_map
 from ecatd.shm.statistics.problems import ring_line, word
 
-# AL states that are no bitwise OR of others: BOOT (3) is INIT (1) | PREOP (2).
-from .commands import Command
 from .output import print_json, table_lines
 from .silent_bus import check_cycle
 from .source import Source
 from .stats_screen import clock_line, duration
 
 COMMANDS = {
-    "info": Command(
-        "health", "Show the daemon, its bus, and the real-time settings that were granted."
-    )
+    "health": {"info": "Show the daemon, its bus, and the real-time settings that were granted."}
 }
 
+# AL states that are no bitwise OR of others: BOOT (3) is INIT (1) | PREOP (2).
 _SINGLE = (AlState.INIT, AlState.PREOP, AlState.SAFEOP, AlState.OP)
-
-
-def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
-    """Sets the function of the command; it has no arguments of its own."""
-    command.set_defaults(alone=info)
 
 
 def info(options: argparse.Namespace) -> int:

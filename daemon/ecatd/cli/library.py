@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
-from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,6 @@ from ecatd.base.errors import EcatError, NotPermittedError, UsageError
 from ecatd.base.paths import user_config
 
 from .bus_source import add_options, get_bus
-from .commands import Command
 from .output import print_json
 
 if TYPE_CHECKING:
@@ -23,11 +21,11 @@ if TYPE_CHECKING:
     from ecatgen.fmu import FmuReport
 
 COMMANDS = {
-    "generate": Command("documents", "Write a Modelica library, or an FMU, of the bus."),
-    "library": Command("documents", "Install the Modelica library EtherCAT.", has_bus=False),
-    "client-flags": Command(
-        "documents", "Print compiler flags for C and C++ programs.", has_bus=False
-    ),
+    "documents": {
+        "generate": "Write a Modelica library, or an FMU, of the bus.",
+        "library": "Install the Modelica library EtherCAT.",
+        "client-flags": "Print compiler flags for C and C++ programs.",
+    },
 }
 
 CHANGES = 1
@@ -36,14 +34,9 @@ CHANGES = 1
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
-    run: Callable[[argparse.Namespace], int | None]
-    add, run = {
-        "generate": (_add_generate, generate),
-        "library": (_add_library, library),
-        "client-flags": (_add_client_flags, client_flags),
-    }[name]
-    command.set_defaults(alone=run)
-    add(command)
+    {"generate": _add_generate, "library": _add_library, "client-flags": _add_client_flags}[name](
+        command
+    )
 
 
 def _add_generate(command: argparse.ArgumentParser) -> None:

@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from .commands import Command
 from .output import print_json_line
 from .terminal import check_stdout
 from .watch import outlive
@@ -15,7 +14,7 @@ from .watch import outlive
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-COMMANDS = {"log": Command("daemon", "Show new lines of the log of the daemon as they come.")}
+COMMANDS = {"daemon": {"log": "Show new lines of the log of the daemon as they come."}}
 
 _EPILOG = """\
 Lines of levels below notice, values that were written into objects, and older lines are only in the
@@ -26,7 +25,6 @@ journal of the machine: journalctl -u 'ecatd*'.
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
     command.epilog = _EPILOG
-    command.set_defaults(alone=log)
 
 
 def log(options: argparse.Namespace) -> None:

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 from ecatd.base.log_levels import LEVELS, PARTS
 from ecatd.operations.log import ReadLogLevels, SetLogLevel
 
-from .commands import Command
 from .output import print_json, print_table
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 COMMANDS = {
-    "log-level": Command("daemon", "Show the levels of the log, or change one while the bus runs.")
+    "daemon": {"log-level": "Show the levels of the log, or change one while the bus runs."}
 }
 
 _ALL = "all"
@@ -38,7 +37,6 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
     command.epilog = _EPILOG
     command.formatter_class = argparse.RawDescriptionHelpFormatter
-    command.set_defaults(run=log_level)
     command.add_argument(
         "part", nargs="?", metavar="PART", choices=(*PARTS, _ALL), help="see below; or all"
     )

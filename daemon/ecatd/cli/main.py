@@ -1,7 +1,6 @@
 """The command `ecatctl`: parses its commands, and turns errors into exit statuses.
 
-Commands must start fast, so only the module of the given command is loaded (`commands.py`). It adds
-the arguments of its commands itself (`add_arguments`).
+Commands must start fast, so only the module of the given command is loaded (`commands.py`).
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ import argparse
 import os
 import sys
 from contextlib import suppress
+from importlib import import_module
 from typing import Any, NoReturn
 
 from ecatd.base.bus_name import check_bus_name, check_full_bus_name
@@ -19,7 +19,7 @@ from ecatd.base.plain_output import error_text, plain_output
 from ecatd.base.version import VERSION
 
 from .arguments import seconds
-from .commands import Found, find_commands
+from .commands import Command, find_commands
 
 _EPILOG = """\
 exit status:
@@ -31,6 +31,9 @@ exit status:
 The daemon of this machine is used; --connect tls/HOST:7448 asks one of another host.
 """
 
+_ALIASES = {"state": ["states"], "sdo-read": ["upload"], "sdo-write": ["download"]}
+_WITHOUT_BUS = ("library", "client-flags")
+
 
 class _Parser(argparse.ArgumentParser):
     """Reports wrong usage also as JSON if `--json` is given."""
@@ -41,26 +44,34 @@ class _Parser(argparse.ArgumentParser):
         super().error(message)
 
 
-class _Command(LazyCommand, _Parser):
-    """A command of `ecatctl`.
+class _CommandParser(LazyCommand, _Parser):
+    """The parser of a command of `ecatctl`.
 
     Args:
-        found: Its name, and where it is.
+        command: The command.
         settings: Further arguments for `argparse.ArgumentParser`.
     """
 
-    def __init__(self, *, found: Found, **settings: Any) -> None:
-        super().__init__(command=found.name, module=f"{__package__}.{found.module}", **settings)
-        self._has_bus = found.command.has_bus
+    def __init__(self, *, command: Command, **settings: Any) -> None:
+        module = f"{__package__}.{command.module}"
+        super().__init__(command=command.name, module=module, **settings)
 
     def declare(self) -> None:
         """Declares the options of all commands, and has the screen declare its own."""
-        if not self._is_declared:
-            if self._has_bus:
-                _add_common(self, defaults=False)
-            else:
-                self.add_argument("--json", action="store_true", help="print JSON for programs")
-        super().declare()
+        if self._is_declared:
+            return
+        self._is_declared = True
+        name = self._command
+        if name in _WITHOUT_BUS:
+            self.add_argument("--json", action="store_true", help="print JSON for programs")
+        else:
+            _add_common(self, defaults=False)
+        screen = import_module(self._module)
+        if hasattr(screen, "add_arguments"):
+            screen.add_arguments(self, name)
+        run = getattr(screen, name.replace("-", "_"))
+        takes_session = run.__code__.co_argcount == 2
+        self.set_defaults(**{"run" if takes_session else "alone": run})
 
 
 def _print_error(error: EcatError) -> None:
@@ -119,15 +130,15 @@ def make_parser() -> argparse.ArgumentParser:
     )
     _add_common(parser, defaults=True)
     commands = parser.add_subparsers(
-        title="commands", metavar="COMMAND", required=True, parser_class=_Command
+        title="commands", metavar="COMMAND", required=True, parser_class=_CommandParser
     )
-    for found in find_commands():
+    for command in find_commands():
         commands.add_parser(
-            found.name,
-            found=found,
-            help=found.command.summary,
-            description=found.command.summary,
-            aliases=found.command.aliases,
+            command.name,
+            command=command,
+            help=command.summary,
+            description=command.summary,
+            aliases=_ALIASES.get(command.name, ()),
         )
     return parser
 

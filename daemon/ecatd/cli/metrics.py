@@ -8,17 +8,11 @@ from ecatd.base.errors import EcatError, UsageError
 from ecatd.operations.health import Health
 from ecatd.shm.statistics.open_metrics import write_metrics
 
-from .commands import Command
 from .source import Source
 
 COMMANDS = {
-    "metrics": Command("health", "Print the statistics for Prometheus, in the OpenMetrics format.")
+    "health": {"metrics": "Print the statistics for Prometheus, in the OpenMetrics format."}
 }
-
-
-def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
-    """Sets the function of the command; it has no arguments of its own."""
-    command.set_defaults(alone=metrics)
 
 
 def metrics(options: argparse.Namespace) -> None:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from ecatd.client.patterns import find_signals
 
 from .arguments import add_watch
-from .commands import Command
 from .output import table_lines
 from .signals import add_patterns, open_client
 from .watch import present
@@ -16,12 +15,11 @@ from .watch import present
 if TYPE_CHECKING:
     from ecatd.client.signals import Signal
 
-COMMANDS = {"read": Command("values", "Show values of the process image, by names.")}
+COMMANDS = {"values": {"read": "Show values of the process image, by names."}}
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(alone=read)
     add_patterns(command)
     add_watch(command)
 

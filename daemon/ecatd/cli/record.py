@@ -17,7 +17,6 @@ from ecatd.base.errors import NotPermittedError, StateError, UsageError
 from ecatd.client.patterns import find_signals
 
 from .arguments import times
-from .commands import Command
 from .output import print_json
 from .recordings import FORMATS, Cell, Column, Recording, check_format, open_recording
 from .saving import add_force, check_target
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
     from ecatd.client.group import SignalGroup
     from ecatd.client.signals import Signal
 
-COMMANDS = {"record": Command("values", "Write the values of each cycle to a CSV file.")}
+COMMANDS = {"values": {"record": "Write the values of each cycle to a CSV file."}}
 
 _PATIENCE, _PERIOD_MOST = 5.0, 3600.0
 """Seconds for which a cycle may be late, and longest time between two lines in seconds."""
@@ -42,7 +41,6 @@ _PATIENCE, _PERIOD_MOST = 5.0, 3600.0
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(alone=record)
     add_patterns(command)
     command.add_argument(
         *("-o", "--out"),

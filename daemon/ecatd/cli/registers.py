@@ -19,7 +19,6 @@ from ecatd.etg.registers import (
 from ecatd.operations.registers import ReadRegister, WriteRegister
 
 from .arguments import bounded, slave
-from .commands import Command
 from .confirm import add_yes, confirm
 from .output import print_json, print_table
 
@@ -27,8 +26,10 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 COMMANDS = {
-    "reg-read": Command("slaves", "Read registers of a slave."),
-    "reg-write": Command("slaves", "Write registers of a slave."),
+    "slaves": {
+        "reg-read": "Read registers of a slave.",
+        "reg-write": "Write registers of a slave.",
+    },
 }
 
 _FEATURES, _HAS_CLOCK = 0x0008, 0x04
@@ -50,7 +51,6 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         + (" (default: all that have a name)" if reading else ""),
     )
     if reading:
-        command.set_defaults(run=reg_read)
         command.add_argument(
             "size",
             type=bounded(1, 256),
@@ -59,7 +59,6 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
             help="how many bytes (default: those of the register, or 2)",
         )
         return
-    command.set_defaults(run=reg_write)
     command.add_argument(
         "value", metavar="VALUE", help="a number, or bytes as hex:04 00 in the order of addresses"
     )

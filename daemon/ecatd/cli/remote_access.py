@@ -30,14 +30,11 @@ from .authority import (
     make_server,
     openssl,
 )
-from .commands import Command
 from .output import print_json
 from .router_config import router_config
 from .saving import save, writing
 
-COMMANDS = {
-    "remote": Command("machine", "Make certificates for users of other machines, and test them.")
-}
+COMMANDS = {"machine": {"remote": "Make certificates for users of other machines, and test them."}}
 
 _ACTIONS = """\
 actions:
@@ -66,7 +63,6 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
     command.epilog = _ACTIONS
     command.formatter_class = argparse.RawDescriptionHelpFormatter
-    command.set_defaults(alone=remote)
     command.add_argument("action", choices=_RUN, metavar="ACTION", help="see below")
     command.add_argument(
         "name", nargs="?", metavar="NAME", help="user, machine, router: its name; show: a file"

@@ -14,7 +14,6 @@ from ecatd.operations.bus import Device, ReadStates, Rescan
 from ecatd.operations.registers import WriteRegister
 
 from .arguments import slave
-from .commands import Command
 from .confirm import add_yes, confirm
 from .output import print_json, print_table
 from .progress import progress
@@ -23,8 +22,10 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 COMMANDS = {
-    "rescan": Command("slaves", "Compare the devices on the wire with those of the start."),
-    "reboot": Command("slaves", "Reset the controller of a slave, and wait until it is back."),
+    "slaves": {
+        "rescan": "Compare the devices on the wire with those of the start.",
+        "reboot": "Reset the controller of a slave, and wait until it is back.",
+    },
 }
 
 _RESET, _LETTERS = 0x0040, b"RES"
@@ -36,12 +37,9 @@ _DIFFERENT = 7
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
-    if name == "rescan":
-        command.set_defaults(run=rescan)
-        return
-    command.set_defaults(run=reboot)
-    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
-    add_yes(command)
+    if name == "reboot":
+        command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+        add_yes(command)
 
 
 # --- rescan --------------------------------------------------------------------------------------

@@ -11,20 +11,16 @@ from ecatd.description.bus import Bus
 from ecatd.description.bus_file import dump
 
 from .bus_source import add_options, get_bus
-from .commands import Command
 from .output import print_json
 from .saving import save
 
 COMMANDS = {
-    "scan": Command(
-        "documents", "Print or save the bus description: slaves, process data, domains."
-    )
+    "documents": {"scan": "Print or save the bus description: slaves, process data, domains."}
 }
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(alone=scan)
     command.add_argument("-o", dest="out", metavar="FILE", type=Path, help="save it to this file")
     add_options(command)
 

@@ -24,7 +24,6 @@ from ecatd.operations.objects import DATA_MAX
 
 from . import addresses
 from .arguments import slave
-from .commands import Command
 from .output import print_json
 from .saving import add_force, check_target, read_bytes, save_bytes
 
@@ -32,8 +31,10 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote, SdoValue
 
 COMMANDS = {
-    "sdo-read": Command("objects", "Read an object of a slave.", aliases=("upload",)),
-    "sdo-write": Command("objects", "Write an object of a slave.", aliases=("download",)),
+    "objects": {
+        "sdo-read": "Read an object of a slave.",
+        "sdo-write": "Write an object of a slave.",
+    },
 }
 
 _WITH_UNIT = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?) +(\S.*)")
@@ -43,7 +44,6 @@ _WITH_UNIT = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
     reading = name == "sdo-read"
-    command.set_defaults(run=sdo_read if reading else sdo_write)
     command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
     command.add_argument("object", type=addresses.object_, metavar="OBJECT", help=addresses.HELP)
     command.add_argument(

@@ -24,7 +24,6 @@ from ecatd.etg.datatypes import STRINGS, decode, parse_type, type_alias
 from ecatd.etg.dictionary import Access, DictionaryEntry, access_text
 
 from .arguments import slave
-from .commands import Command
 from .confirm import add_yes, confirm
 from .dictionary import add_esi, read_objects, read_value
 from .output import print_json, print_table
@@ -36,8 +35,10 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote, SdoValue
 
 COMMANDS = {
-    "sdo-dump": Command("objects", "Save the values of all objects of a slave to a file."),
-    "sdo-restore": Command("objects", "Write the values in such a file back, where they differ."),
+    "objects": {
+        "sdo-dump": "Save the values of all objects of a slave to a file.",
+        "sdo-restore": "Write the values in such a file back, where they differ.",
+    },
 }
 
 _STDOUT = "-"
@@ -65,14 +66,12 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
     command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
     if name == "sdo-dump":
-        command.set_defaults(run=sdo_dump)
         command.add_argument(
             "-o", dest="out", metavar="FILE", type=Path, help="the file (default: print it)"
         )
         add_force(command)
         add_esi(command)
         return
-    command.set_defaults(run=sdo_restore)
     command.add_argument("file", metavar="FILE", type=Path, help="a file that sdo-dump has written")
     command.add_argument("--dry-run", action="store_true", help="only show what would be written")
     add_yes(command)

@@ -14,11 +14,10 @@ from ecatd.admin.installation.service import install, upgrade
 from ecatd.base.errors import UsageError
 from ecatd.base.version import VERSION
 
-from .commands import Command
 from .confirm import add_yes, confirm
 from .output import print_json
 
-COMMANDS = {"service": Command("machine", "Install, upgrade or remove the service of systemd.")}
+COMMANDS = {"machine": {"service": "Install, upgrade or remove the service of systemd."}}
 
 _ACTIONS = """\
 actions:
@@ -52,7 +51,6 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         help="install into the file system of an image; commands of the system are not run",
     )
     add_yes(command)
-    command.set_defaults(alone=service)
 
 
 def service(options: argparse.Namespace) -> None:

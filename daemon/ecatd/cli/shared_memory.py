@@ -14,18 +14,18 @@ from ecatd.shm.contents import contents
 from ecatd.shm.raw import NAMES, plain, read_raw
 
 from .arguments import add_slave, add_watch
-
-# Fields that are printed in hexadecimal.
-from .commands import Command
 from .layout_tables import layout_lines
 from .shared_memory_screen import claims_lines, contents_lines
 from .watch import present
 
 COMMANDS = {
-    "claims": Command("health", "Show who owns which outputs, and why the others are safe."),
-    "shm": Command("health", "Show all that is in the shared memory of the bus."),
+    "health": {
+        "claims": "Show who owns which outputs, and why the others are safe.",
+        "shm": "Show all that is in the shared memory of the bus.",
+    },
 }
 
+# Fields that are printed in hexadecimal.
 _HEXADECIMAL = frozenset(
     (
         *("magic", "layout", "fingerprint", "vendor", "product", "revision", "serial"),
@@ -36,7 +36,6 @@ _HEXADECIMAL = frozenset(
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
-    command.set_defaults(alone={"claims": claims, "shm": shm}[name])
     add_watch(command)
     add_slave(command)
     if name == "shm":

@@ -20,7 +20,6 @@ from ecatd.etg.scaling import formula_text, to_physical
 from ecatd.operations.bus import ReadStates, SetState, SlaveAlState
 
 from .arguments import add_slave
-from .commands import Command
 from .confirm import add_yes, confirm
 from .outdated import tell_outdated
 from .output import print_json, print_table
@@ -30,9 +29,11 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 COMMANDS = {
-    "slaves": Command("bus", "List the slaves in the order of the wire."),
-    "pdos": Command("bus", "List the process data of the slaves."),
-    "state": Command("health", "Show the AL states, or bring slaves to one.", aliases=("states",)),
+    "bus": {
+        "slaves": "List the slaves in the order of the wire.",
+        "pdos": "List the process data of the slaves.",
+        "state": "Show the AL states, or bring slaves to one.",
+    },
 }
 
 _PROBLEMS_SHOWN = 10
@@ -44,7 +45,6 @@ _NAMED_MAX = 4
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
-    command.set_defaults(run={"slaves": slaves, "pdos": pdos, "state": state}[name])
     if name in ("pdos", "state"):
         add_slave(command)
     if name == "state":

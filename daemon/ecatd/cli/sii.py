@@ -13,7 +13,6 @@ from ecatd.etg.sii import UNASSIGNED, Sii, SiiMailbox
 from ecatd.etg.sii_check import check_sii
 
 from .arguments import slave
-from .commands import Command
 from .output import print_json
 from .progress import progress
 from .saving import add_force, check_target, save_bytes
@@ -21,7 +20,7 @@ from .saving import add_force, check_target, save_bytes
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-COMMANDS = {"sii-read": Command("mailboxes", "Show what is in the EEPROM of a slave, or save it.")}
+COMMANDS = {"mailboxes": {"sii-read": "Show what is in the EEPROM of a slave, or save it."}}
 
 _PROTOCOLS = ("AoE", "EoE", "CoE", "FoE", "SoE", "VoE")
 _COE = ("SDO", "SDO information", "PDO assignment", "PDO configuration", "upload at the start")
@@ -31,7 +30,6 @@ _FMMUS = {1: "outputs", 2: "inputs", 3: "mailbox state"}
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(run=sii_read)
     command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
     command.add_argument(
         "-o", dest="out", metavar="FILE", type=Path, help="save the bytes to this file"

@@ -20,7 +20,6 @@ from ecatd.etg.sii_check import MAX_IMAGE, check_sii, sii_checksum
 from ecatd.operations.eeproms import SII_WORDS_MAX, ReadSii, WriteSii
 
 from .arguments import bounded, slave
-from .commands import Command
 from .confirm import add_yes, confirm
 from .output import print_json
 from .progress import counted
@@ -31,8 +30,10 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 COMMANDS = {
-    "sii-write": Command("mailboxes", "Write the EEPROM of a slave, from a file."),
-    "alias": Command("mailboxes", "Write the station alias into the EEPROM of a slave."),
+    "mailboxes": {
+        "sii-write": "Write the EEPROM of a slave, from a file.",
+        "alias": "Write the station alias into the EEPROM of a slave.",
+    },
 }
 
 _ALIAS, _CHECKSUM = 4, 7  # words of the configuration area (ETG.1000.6, table "SII")
@@ -45,13 +46,11 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
     command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
     if name == "alias":
-        command.set_defaults(run=set_alias)
         command.add_argument(
             "alias", type=bounded(0, 0xFFFF), metavar="ALIAS", help="the alias, 0 for none"
         )
         add_yes(command)
         return
-    command.set_defaults(run=sii_write)
     command.add_argument(
         "file", type=Path, metavar="FILE", help=("the bytes, as `sii-read -o` has written them")
     )
@@ -263,7 +262,7 @@ def _next_alias(remote: Remote, slave: Slave) -> int:
         return 0
 
 
-def set_alias(remote: Remote, options: argparse.Namespace) -> None:
+def alias(remote: Remote, options: argparse.Namespace) -> None:
     """Writes the configured station alias, and the checksum that belongs to it."""
     found = remote.describe().find(options.slave)
     head = remote.request(ReadSii(found.position, 0, _CHECKSUM + 1))["data"]

@@ -9,7 +9,6 @@ from ecatd.base.errors import StateError, UsageError
 from ecatd.etg.idns import ALL_IDNS, IdnValue, idn_text, parse_idn
 
 from .arguments import bounded, slave
-from .commands import Command
 from .output import print_json, print_table
 from .progress import counted
 
@@ -17,15 +16,16 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 COMMANDS = {
-    "soe-read": Command("mailboxes", "Read IDNs of a drive (SoE)."),
-    "soe-write": Command("mailboxes", "Write an IDN of a drive (SoE)."),
+    "mailboxes": {
+        "soe-read": "Read IDNs of a drive (SoE).",
+        "soe-write": "Write an IDN of a drive (SoE).",
+    },
 }
 
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
     reading = name == "soe-read"
-    command.set_defaults(run=soe_read if reading else soe_write)
     command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
     command.add_argument(
         "idn",

@@ -36,7 +36,6 @@ from ecatd.etg.pdo import Entry
 
 from .arguments import slave
 from .bus_source import use_bus_of
-from .commands import Command
 from .dictionary import objects_of, read_objects
 from .esi_devices import device_of
 from .output import print_json, print_table
@@ -46,9 +45,7 @@ from .saving import save
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-COMMANDS = {
-    "startup": Command("daemon", "Compare start-up parameters with the slaves, or capture them.")
-}
+COMMANDS = {"daemon": {"startup": "Compare start-up parameters with the slaves, or capture them."}}
 
 _FIRST_OWN = 0x2000
 """Objects below describe the communication (ETG.1000.6); PDOs have keys of their own."""
@@ -89,7 +86,6 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
     command.epilog = _ACTIONS
     command.formatter_class = argparse.RawDescriptionHelpFormatter
-    command.set_defaults(alone=startup)
     command.add_argument("action", choices=_RUN, metavar="ACTION", help="see below")
     command.add_argument("slave", nargs="?", type=slave, metavar="SLAVE", help="position or name")
     command.add_argument(

@@ -12,7 +12,6 @@ from ecatd.shm.statistics import Snapshot
 from ecatd.shm.statistics.maps import histogram_to_map, interval_to_map, to_map
 
 from .arguments import add_watch
-from .commands import Command
 from .output import print_json, print_json_line
 from .silent_bus import check_cycle
 from .source import Source
@@ -20,12 +19,11 @@ from .stats_screen import histogram_lines, stats_lines
 from .terminal import Screen
 from .watch import check, clock, ticks
 
-COMMANDS = {"stats": Command("health", "Show counters and timing of the cyclic exchange.")}
+COMMANDS = {"health": {"stats": "Show counters and timing of the cyclic exchange."}}
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(alone=stats)
     add_watch(command)
     command.add_argument(
         "--histogram", choices=TIMES, metavar="NAME", help=f"show one time: {', '.join(TIMES)}"

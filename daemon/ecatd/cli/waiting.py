@@ -7,20 +7,12 @@ from typing import TYPE_CHECKING
 
 from ecatd.operations.bus import ReadWaiting
 
-from .commands import Command
 from .output import print_json, print_table
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-COMMANDS = {
-    "waiting": Command("diagnosis", "Show which requests wait for slaves, and for how long.")
-}
-
-
-def add_arguments(command: argparse.ArgumentParser, _: str) -> None:
-    """Adds the arguments of the command: it has none of its own."""
-    command.set_defaults(run=waiting)
+COMMANDS = {"diagnosis": {"waiting": "Show which requests wait for slaves, and for how long."}}
 
 
 def waiting(remote: Remote, options: argparse.Namespace) -> None:

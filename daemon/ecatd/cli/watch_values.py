@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from ecatd.operations.streams import StreamSignal
 
 from .arguments import times
-from .commands import Command
 from .output import print_json_line, table_lines
 from .terminal import Screen, check_stdout
 from .watch import outlive
@@ -18,14 +17,11 @@ from .watch import outlive
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-COMMANDS = {
-    "watch": Command("values", "Show values as they change, with minimum, mean and maximum.")
-}
+COMMANDS = {"values": {"watch": "Show values as they change, with minimum, mean and maximum."}}
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(alone=watch)
     command.add_argument(
         "pattern",
         nargs="?",

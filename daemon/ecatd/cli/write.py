@@ -11,7 +11,6 @@ from ecatd.base.errors import LeaseError, StateError, UsageError
 from ecatd.client.patterns import find_output
 from ecatd.etg.al import AlState, al_state_text
 
-from .commands import Command
 from .confirm import add_yes, confirm
 from .output import print_json
 from .signals import add_for, ended_by_signals, is_physical, open_client
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from ecatd.client import Client
     from ecatd.client.signals import Signal
 
-COMMANDS = {"write": Command("values", "Hold values at outputs, by names.")}
+COMMANDS = {"values": {"write": "Hold values at outputs, by names."}}
 
 _LEASE = 1.0
 """Seconds after which outputs are safe if this command hangs or is killed."""
@@ -30,7 +29,6 @@ _BEAT = 0.1
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.set_defaults(alone=write)
     command.add_argument(
         "values",
         nargs="+",

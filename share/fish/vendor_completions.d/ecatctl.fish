@@ -50,7 +50,7 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands buses graph slaves pdos read record watch write check dc info metrics claims shm state states stats sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis errors events waiting eoe eoe-read eoe-write foe-read foe-write sii-read sii-write alias soe-read soe-write identify reg-read reg-write rescan reboot config log log-level startup cstruct xml generate library client-flags scan capture doctor remote service
+set -g _shtab_ecatctl_commands buses graph slaves pdos state states read record watch write check dc info metrics claims shm stats sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis errors events waiting eoe eoe-read eoe-write foe-read foe-write sii-read sii-write alias soe-read soe-write identify reg-read reg-write rescan reboot config log log-level startup cstruct xml generate library client-flags scan capture doctor remote service
 set -g _shtab_ecatctl_opts_with_value --address --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --raw --root --seconds --severity --since --size --templates --timeout --type --user --watch -n -o
 
 complete -c ecatctl -e
@@ -92,6 +92,22 @@ complete -c ecatctl -n '_shtab_ecatctl_using pdos' -l connect -x -d 'Zenoh endpo
 complete -c ecatctl -n '_shtab_ecatctl_using pdos' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
 complete -c ecatctl -n '_shtab_ecatctl_using pdos' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using pdos' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a state -d 'Show the AL states, or bring slaves to one.'
+complete -c ecatctl -n '_shtab_ecatctl_using state' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using state' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using state' -l connect -x -d 'Zenoh endpoint of a daemon, for example tls/host:7448'
+complete -c ecatctl -n '_shtab_ecatctl_using state' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
+complete -c ecatctl -n '_shtab_ecatctl_using state' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using state' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using state' -l yes -d 'do it without asking'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a states -d 'Show the AL states, or bring slaves to one.'
+complete -c ecatctl -n '_shtab_ecatctl_using states' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using states' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using states' -l connect -x -d 'Zenoh endpoint of a daemon, for example tls/host:7448'
+complete -c ecatctl -n '_shtab_ecatctl_using states' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
+complete -c ecatctl -n '_shtab_ecatctl_using states' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using states' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using states' -l yes -d 'do it without asking'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a read -d 'Show values of the process image, by names.'
 complete -c ecatctl -n '_shtab_ecatctl_using read' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using read' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
@@ -180,22 +196,6 @@ complete -c ecatctl -n '_shtab_ecatctl_using shm' -l watch -x -d 'show it again 
 complete -c ecatctl -n '_shtab_ecatctl_using shm' -l count -x -d 'with --watch: end after N times'
 complete -c ecatctl -n '_shtab_ecatctl_using shm' -l raw -xka "header slaves signals domains slave_status outputs slot_status replies domain_status settings health pages out_header doorbells slots requests images" -d 'one table: header, slaves, signals, domains, slave_status, outputs, slot_status, replies, domain_status, settings, health, pages, out_header, doorbells, slots, requests, images'
 complete -c ecatctl -n '_shtab_ecatctl_using shm' -l layout -d 'print the layout itself as tables in Markdown'
-complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a state -d 'Show the AL states, or bring slaves to one.'
-complete -c ecatctl -n '_shtab_ecatctl_using state' -s h -l help -d 'show this help message and exit'
-complete -c ecatctl -n '_shtab_ecatctl_using state' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
-complete -c ecatctl -n '_shtab_ecatctl_using state' -l connect -x -d 'Zenoh endpoint of a daemon, for example tls/host:7448'
-complete -c ecatctl -n '_shtab_ecatctl_using state' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
-complete -c ecatctl -n '_shtab_ecatctl_using state' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
-complete -c ecatctl -n '_shtab_ecatctl_using state' -l json -d 'print JSON for programs'
-complete -c ecatctl -n '_shtab_ecatctl_using state' -l yes -d 'do it without asking'
-complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a states -d 'Show the AL states, or bring slaves to one.'
-complete -c ecatctl -n '_shtab_ecatctl_using states' -s h -l help -d 'show this help message and exit'
-complete -c ecatctl -n '_shtab_ecatctl_using states' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
-complete -c ecatctl -n '_shtab_ecatctl_using states' -l connect -x -d 'Zenoh endpoint of a daemon, for example tls/host:7448'
-complete -c ecatctl -n '_shtab_ecatctl_using states' -l identity -x -d 'certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
-complete -c ecatctl -n '_shtab_ecatctl_using states' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
-complete -c ecatctl -n '_shtab_ecatctl_using states' -l json -d 'print JSON for programs'
-complete -c ecatctl -n '_shtab_ecatctl_using states' -l yes -d 'do it without asking'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a stats -d 'Show counters and timing of the cyclic exchange.'
 complete -c ecatctl -n '_shtab_ecatctl_using stats' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using stats' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
