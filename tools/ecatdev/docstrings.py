@@ -1,4 +1,4 @@
-"""What docstrings say, for pages that are made from the sources."""
+"""What docstrings and comments of classes say, for pages that are made from the sources."""
 
 from __future__ import annotations
 
@@ -13,7 +13,22 @@ def paragraphs(kind: type) -> list[str]:
 
 
 def attributes(kind: type) -> dict[str, str]:
-    """Returns what is said about each attribute, in one line."""
+    """Returns what is said about each attribute, in one line: in the docstring, or with `#:`."""
     text = (inspect.getdoc(kind) or "").partition("\nAttributes:\n")[2]
     found = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", text, re.MULTILINE)
-    return {name: " ".join(about.split()) for name, about in found}
+    return {name: " ".join(about.split()) for name, about in found} | _comments(kind)
+
+
+def _comments(kind: type) -> dict[str, str]:
+    """What comments that begin with `#:` say, above an attribute or behind it."""
+    try:
+        source = inspect.getsource(kind)
+    except (OSError, TypeError):  # it was made while the program runs
+        return {}
+    found = {}
+    for above, name, behind in re.findall(
+        r"((?:^ {4}#: .*\n)*)^ {4}(\w+): (?:[^#\n]|#(?!:))*(?:#: (.*))?$", source, re.MULTILINE
+    ):
+        if text := behind or " ".join(above.replace("#:", "").split()):
+            found[name] = text
+    return found

@@ -8,22 +8,14 @@ from .operation import Map, Operation
 
 
 class BusDescription(Map):
-    """The bus as it was set up at the start.
+    """The bus as it was set up at the start."""
 
-    Attributes:
-        fingerprint: 16 hex digits that change with the identities, the order or the PDOs of the
-            slaves.
-        name: Name of the bus.
-        cycle_time_us: Base cycle in microseconds.
-        slaves: Slaves by position.
-        domains: Domains by number; empty if there is only domain 0.
-    """
-
+    #: 16 hex digits that change with the identities, the order or the PDOs of the slaves.
     fingerprint: str
-    name: str
-    cycle_time_us: int
-    slaves: list[Slave]
-    domains: list[Domain]
+    name: str  #: Name of the bus.
+    cycle_time_us: int  #: Base cycle in microseconds.
+    slaves: list[Slave]  #: Slaves by position.
+    domains: list[Domain]  #: Domains by number; empty if there is only domain 0.
 
 
 class Describe(Operation[BusDescription]):

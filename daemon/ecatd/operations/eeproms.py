@@ -13,53 +13,36 @@ SII_WORDS_MAX = 64
 
 
 class Written(Map):
-    """The end of a write of an EEPROM.
+    """The end of a write of an EEPROM."""
 
-    Attributes:
-        written: How many words had other values.
-    """
-
-    written: int
+    written: int  #: How many words had other values.
 
 
 class ReadSii(Operation[Data]):
-    """Reads a part of the EEPROM of a slave (SII).
-
-    Attributes:
-        slave: Position or name.
-        word: Address of the first word.
-        count: How many words.
-    """
+    """Reads a part of the EEPROM of a slave (SII)."""
 
     op = "read_sii"
     key = "ro/sii/{slave}"
     cost = Cost.MAILBOX
-    slave: SlaveReference
-    word: Word = 0
-    count: WordCount = 64
+    slave: SlaveReference  #: Position or name.
+    word: Word = 0  #: Address of the first word.
+    count: WordCount = 64  #: How many words.
 
 
 class WriteSii(Operation[Written]):
-    """Writes a part of the EEPROM of a slave (SII).
-
-    Attributes:
-        slave: Position or name.
-        word: Address of the first word.
-        data: The words, little endian, 1 to 64 of them.
-        more: Whether the same client writes more parts. For ten seconds, no other client may write
-            this EEPROM, so that it does not get parts of two images.
-        by: The name that the client gives itself, for the log.
-    """
+    """Writes a part of the EEPROM of a slave (SII)."""
 
     op = "write_sii"
     key = "rw/sii/{slave}"
     cost = Cost.MAILBOX
     disturbs_files = True
-    slave: SlaveReference
-    word: Word
-    data: bytes
+    slave: SlaveReference  #: Position or name.
+    word: Word  #: Address of the first word.
+    data: bytes  #: The words, little endian, 1 to 64 of them.
+    #: Whether the same client writes more parts. For ten seconds, no other client may write this
+    #: EEPROM, so that it does not get parts of two images.
     more: bool = False
-    by: ClientName = ""
+    by: ClientName = ""  #: The name that the client gives itself, for the log.
 
     def _check(self) -> None:
         if len(self.data) % 2 or not 2 <= len(self.data) <= 2 * SII_WORDS_MAX:

@@ -8,26 +8,15 @@ from .operation import Map
 
 
 class Error(Map):
-    """An error.
+    """An error."""
 
-    Attributes:
-        name: One of [these](troubleshooting.md#errors-by-name).
-        message: What is wrong, where, and what to do.
-        code: The code of an SDO abort.
-        text: What the standard says about it.
-    """
-
-    name: str
-    message: str
-    code: NotRequired[int]
-    text: NotRequired[str]
+    name: str  #: One of [these](troubleshooting.md#errors-by-name).
+    message: str  #: What is wrong, where, and what to do.
+    code: NotRequired[int]  #: The code of an SDO abort.
+    text: NotRequired[str]  #: What the standard says about it.
 
 
 class Failure(Map):
-    """An error reply.
+    """An error reply."""
 
-    Attributes:
-        error: The error.
-    """
-
-    error: Error
+    error: Error  #: The error.

@@ -15,27 +15,17 @@ FILE_PART = 32 * 1024
 
 
 class Transfer(Map):
-    """A transfer of a file.
+    """A transfer of a file."""
 
-    Attributes:
-        transfer: Its number, which only the client knows that has started it.
-        step: `receiving` from the client, `to boot`, `transferring`, `from boot`, `done`, `failed`.
-        received: Bytes that have come from the client.
-        size: Bytes of a file that is written; None for one that is read.
-        moved: Bytes that have gone over the bus.
-        busy: What a busy slave says; empty if it is not busy.
-        failure: The error, after a failure.
-        note: A remark about the end; may be empty.
-    """
-
-    transfer: int
+    transfer: int  #: Its number, which only the client knows that has started it.
+    #: `receiving` from the client, `to boot`, `transferring`, `from boot`, `done`, `failed`.
     step: str
-    received: int
-    size: int | None
-    moved: int
-    busy: str
-    failure: Error | None
-    note: str
+    received: int  #: Bytes that have come from the client.
+    size: int | None  #: Bytes of a file that is written; None for one that is read.
+    moved: int  #: Bytes that have gone over the bus.
+    busy: str  #: What a busy slave says; empty if it is not busy.
+    failure: Error | None  #: The error, after a failure.
+    note: str  #: A remark about the end; may be empty.
 
 
 class StartFoe(Operation[Transfer]):
@@ -43,29 +33,19 @@ class StartFoe(Operation[Transfer]):
 
     A file that is written is sent to the daemon first, in parts. If the same file is on its way to
     the slave already, the answer is about that transfer.
-
-    Attributes:
-        slave: Position or name.
-        file: Name of the file, as the slave knows it.
-        write: Whether to write the file to the slave, and not to read it.
-        size: For writing: its size in bytes.
-        digest: For writing: its SHA-256, in hex.
-        password: Password of the slave for it, 0 for none.
-        boot: Whether to bring the slave to BOOT before, and back afterwards.
-        by: The name that the client gives itself, for the log.
-        only_find: Whether to start nothing, but only to find a transfer that is on its way.
     """
 
     op = "start_foe"
     key = "rw/foe/{slave}"
-    slave: SlaveReference
-    file: str
-    write: bool = False
-    size: FileSize = 0
-    digest: str = ""
-    password: Password = 0
-    boot: bool = False
-    by: ClientName = ""
+    slave: SlaveReference  #: Position or name.
+    file: str  #: Name of the file, as the slave knows it.
+    write: bool = False  #: Whether to write the file to the slave, and not to read it.
+    size: FileSize = 0  #: For writing: its size in bytes.
+    digest: str = ""  #: For writing: its SHA-256, in hex.
+    password: Password = 0  #: Password of the slave for it, 0 for none.
+    boot: bool = False  #: Whether to bring the slave to BOOT before, and back afterwards.
+    by: ClientName = ""  #: The name that the client gives itself, for the log.
+    #: Whether to start nothing, but only to find a transfer that is on its way.
     only_find: bool = False
 
     def _check(self) -> None:
@@ -83,57 +63,37 @@ class StartFoe(Operation[Transfer]):
 
 
 class PutFoe(Operation[Transfer]):
-    """Sends a part of a file that is to be written; the slave gets it when all parts are there.
-
-    Attributes:
-        transfer: Number of the transfer.
-        offset: Where the part begins: how much of the file the daemon has.
-        data: The part, at most 32 KiB.
-    """
+    """Sends a part of a file that is to be written; the slave gets it when all parts are there."""
 
     op = "put_foe"
     key = "rw/foe/{transfer}/put"
     is_repeatable = True
-    transfer: TransferNumber
-    offset: FileSize
-    data: bytes
+    transfer: TransferNumber  #: Number of the transfer.
+    offset: FileSize  #: Where the part begins: how much of the file the daemon has.
+    data: bytes  #: The part, at most 32 KiB.
 
 
 class TakeFoe(Operation[Data]):
-    """Asks for a part of a file that has been read.
-
-    Attributes:
-        transfer: Number of the transfer, a secret of the client that has started it.
-        offset: Where the part begins.
-    """
+    """Asks for a part of a file that has been read."""
 
     op = "take_foe"
     key = "ro/foe/{transfer}/{offset}"
-    transfer: TransferNumber
-    offset: FileSize
+    transfer: TransferNumber  #: Number of the transfer, a secret of the client that has started it.
+    offset: FileSize  #: Where the part begins.
 
 
 class ReadFoe(Operation[Transfer]):
-    """Asks how far a transfer is.
-
-    Attributes:
-        transfer: Its number.
-    """
+    """Asks how far a transfer is."""
 
     op = "read_foe"
     key = "ro/foe/{transfer}"
-    transfer: TransferNumber
+    transfer: TransferNumber  #: Its number.
 
 
 class CancelFoe(Operation[Transfer]):
-    """Ends a transfer. What the slave does with a part of a file depends on the slave.
-
-    Attributes:
-        transfer: Its number.
-        by: The name that the client gives itself, for the log.
-    """
+    """Ends a transfer. What the slave does with a part of a file depends on the slave."""
 
     op = "cancel_foe"
     key = "rw/foe/{transfer}/cancel"
-    transfer: TransferNumber
-    by: ClientName = ""
+    transfer: TransferNumber  #: Its number.
+    by: ClientName = ""  #: The name that the client gives itself, for the log.

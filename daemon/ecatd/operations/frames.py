@@ -16,41 +16,27 @@ RINGS = ("cycle", "control")
 
 
 class Frames(Map):
-    """The last frames. Times are in ns.
+    """The last frames. Times are in ns."""
 
-    Attributes:
-        records: Whole records as they are in memory: the struct `cyclic_frame_record` of
-            `daemon/cyclic/frame_ring.h`.
-        position: Where the next request continues.
-        more: Whether it can do so at once.
-        overwritten: How many bytes before the first record were lost.
-        now_ns: No frame from before this time is missing.
-        clock_ns: The time of a frame plus this is Unix time.
-        interfaces: The interfaces, by the number that a record has.
-    """
-
+    #: Whole records as they are in memory: the struct `cyclic_frame_record` of
+    #: `daemon/cyclic/frame_ring.h`.
     records: bytes
-    position: int
-    more: bool
-    overwritten: int
-    now_ns: int
-    clock_ns: int
-    interfaces: list[str]
+    position: int  #: Where the next request continues.
+    more: bool  #: Whether it can do so at once.
+    overwritten: int  #: How many bytes before the first record were lost.
+    now_ns: int  #: No frame from before this time is missing.
+    clock_ns: int  #: The time of a frame plus this is Unix time.
+    interfaces: list[str]  #: The interfaces, by the number that a record has.
 
 
 class ReadFrames(Operation[Frames]):
-    """Asks for the last frames that were sent and received.
-
-    Attributes:
-        ring: `cycle`, or `control` for all others than those of the cyclic exchange.
-        position: Where to begin: 0 for the oldest, or `position` of the last answer.
-    """
+    """Asks for the last frames that were sent and received."""
 
     op = "read_frames"
     key = "rw/frames/{ring}"
     is_repeatable = True
-    ring: str
-    position: Count = 0
+    ring: str  #: `cycle`, or `control` for all others than those of the cyclic exchange.
+    position: Count = 0  #: Where to begin: 0 for the oldest, or `position` of the last answer.
 
     def _check(self) -> None:
         if self.ring not in RINGS:

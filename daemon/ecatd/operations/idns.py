@@ -12,61 +12,38 @@ from .operation import Cost, Map, Operation
 
 
 class Idn(Map):
-    """An IDN of a drive.
+    """An IDN of a drive."""
 
-    Attributes:
-        idn: The IDN.
-        name: Its name.
-        attribute: The 32 bits of element 3.
-        unit: Its unit; may be empty.
-        value: The bytes of its value, of a list without its lengths.
-        before: After a write: the bytes from before.
-    """
-
-    idn: int
-    name: str
-    attribute: int
-    unit: str
-    value: bytes
-    before: NotRequired[bytes]
+    idn: int  #: The IDN.
+    name: str  #: Its name.
+    attribute: int  #: The 32 bits of element 3.
+    unit: str  #: Its unit; may be empty.
+    value: bytes  #: The bytes of its value, of a list without its lengths.
+    before: NotRequired[bytes]  #: After a write: the bytes from before.
 
 
 class ReadIdn(Operation[Idn]):
-    """Reads an IDN of a drive (SoE).
-
-    Attributes:
-        slave: Position or name.
-        idn: The IDN in 16 bits: bit 15 for P, bits 12 to 14 for the set, then the number.
-        drive: Number of the drive in the slave.
-    """
+    """Reads an IDN of a drive (SoE)."""
 
     op = "read_idn"
     key = "ro/idn/{slave}/{drive}/{idn}"
     cost = Cost.MAILBOX
-    slave: SlaveReference
-    idn: IdnNumber
-    drive: DriveNumber = 0
+    slave: SlaveReference  #: Position or name.
+    idn: IdnNumber  #: The IDN in 16 bits: bit 15 for P, bits 12 to 14 for the set, then the number.
+    drive: DriveNumber = 0  #: Number of the drive in the slave.
 
 
 class WriteIdn(Operation[Idn]):
-    """Writes the value of an IDN of a drive (SoE).
-
-    Attributes:
-        slave: Position or name.
-        idn: The IDN in 16 bits: bit 15 for P, bits 12 to 14 for the set, then the number.
-        data: The bytes of the value, little endian; of a list without its lengths.
-        drive: Number of the drive in the slave.
-        by: The name that the client gives itself, for the log.
-    """
+    """Writes the value of an IDN of a drive (SoE)."""
 
     op = "write_idn"
     key = "rw/idn/{slave}/{drive}/{idn}"
     cost = Cost.MAILBOX
-    slave: SlaveReference
-    idn: IdnNumber
-    data: bytes
-    drive: DriveNumber = 0
-    by: ClientName = ""
+    slave: SlaveReference  #: Position or name.
+    idn: IdnNumber  #: The IDN in 16 bits: bit 15 for P, bits 12 to 14 for the set, then the number.
+    data: bytes  #: The bytes of the value, little endian; of a list without its lengths.
+    drive: DriveNumber = 0  #: Number of the drive in the slave.
+    by: ClientName = ""  #: The name that the client gives itself, for the log.
 
     def _check(self) -> None:
         if len(self.data) > DATA_MAX:

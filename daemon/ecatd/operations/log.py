@@ -10,37 +10,22 @@ from .operation import Map, Operation
 
 
 class LogLevels(Map):
-    """Levels of the log.
+    """Levels of the log."""
 
-    Attributes:
-        levels: Those in force, by part.
-        configured: Those of the configuration, by part.
-    """
-
-    levels: dict[str, str]
-    configured: dict[str, str]
+    levels: dict[str, str]  #: Those in force, by part.
+    configured: dict[str, str]  #: Those of the configuration, by part.
 
 
 class LogLine(Map):
-    """A line of the log of the bus server.
+    """A line of the log of the bus server."""
 
-    Attributes:
-        sequence: Its number: each line has the next one, so a gap is a loss.
-        time_ns: Unix time in ns.
-        level: `error`, `warning` or `notice`.
-        part: The part of the daemon; see LogLevels.
-        text: What has happened.
-        event: Kind of the event that tells the same; may be empty.
-        slaves: Positions of the slaves concerned.
-    """
-
-    sequence: int
-    time_ns: int
-    level: str
-    part: str
-    text: str
-    event: str
-    slaves: list[int]
+    sequence: int  #: Its number: each line has the next one, so a gap is a loss.
+    time_ns: int  #: Unix time in ns.
+    level: str  #: `error`, `warning` or `notice`.
+    part: str  #: The part of the daemon; see LogLevels.
+    text: str  #: What has happened.
+    event: str  #: Kind of the event that tells the same; may be empty.
+    slaves: list[int]  #: Positions of the slaves concerned.
 
 
 class ReadLogLevels(Operation[LogLevels]):
@@ -51,19 +36,13 @@ class ReadLogLevels(Operation[LogLevels]):
 
 
 class SetLogLevel(Operation[LogLevels]):
-    """Asks for another level of the log, until the configuration is read again.
-
-    Attributes:
-        level: `error`, `warning`, `info` or `debug`.
-        part: A part of the log, as the answer names it, or None for all of them.
-        by: The name that the client gives itself, for the log.
-    """
+    """Asks for another level of the log, until the configuration is read again."""
 
     op = "set_log_level"
     key = "rw/log/{part}"
-    level: str
-    part: str | None = None
-    by: ClientName = ""
+    level: str  #: `error`, `warning`, `info` or `debug`.
+    part: str | None = None  #: A part of the log, as the answer names it, or None for all of them.
+    by: ClientName = ""  #: The name that the client gives itself, for the log.
 
     def _check(self) -> None:
         if self.level not in LEVELS:

@@ -14,122 +14,75 @@ DATA_MAX = 32 * 1024
 
 
 class Sdo(Map):
-    """The value of an object, as it was uploaded or downloaded.
+    """The value of an object, as it was uploaded or downloaded."""
 
-    Attributes:
-        data: Its bytes, little endian.
-        name: Name of the object; may be empty.
-        data_type: Its CoE data type index; where nobody knows it, an unsigned type of that size, or
-            OCTET_STRING.
-        unit: Unit of the physical value. It, `scale` and `offset` are there if they are known.
-        scale: Physical value = value * scale + offset.
-        offset: See `scale`; in `unit`.
-    """
-
-    data: bytes
-    name: str
+    data: bytes  #: Its bytes, little endian.
+    name: str  #: Name of the object; may be empty.
+    #: Its CoE data type index; where nobody knows it, an unsigned type of that size, or
+    #: OCTET_STRING.
     data_type: int
+    #: Unit of the physical value. It, `scale` and `offset` are there if they are known.
     unit: NotRequired[str]
-    scale: NotRequired[float]
-    offset: NotRequired[float]
+    scale: NotRequired[float]  #: Physical value = value * scale + offset.
+    offset: NotRequired[float]  #: See `scale`; in `unit`.
 
 
 class Objects(Map):
-    """The objects of a slave.
+    """The objects of a slave."""
 
-    Attributes:
-        objects: The index of each.
-    """
-
-    objects: list[int]
+    objects: list[int]  #: The index of each.
 
 
 class ObjectEntry(Map):
-    """An entry of an object.
+    """An entry of an object."""
 
-    Attributes:
-        subindex: Its subindex.
-        name: Its name.
-        data_type: Its CoE data type index.
-        bit_length: Its length in bits.
-        access: Its access rights, bits as in ETG.1000.6.
-        unit: Unit code (ETG.1004), 0 for none.
-        default: Its value as the device is delivered, as SDO data; None: not known.
-        minimum: Its smallest value, as SDO data; None: not known.
-        maximum: Its largest one.
-    """
-
-    subindex: int
-    name: str
-    data_type: int
-    bit_length: int
-    access: int
-    unit: int
-    default: bytes | None
-    minimum: bytes | None
-    maximum: bytes | None
+    subindex: int  #: Its subindex.
+    name: str  #: Its name.
+    data_type: int  #: Its CoE data type index.
+    bit_length: int  #: Its length in bits.
+    access: int  #: Its access rights, bits as in ETG.1000.6.
+    unit: int  #: Unit code (ETG.1004), 0 for none.
+    default: bytes | None  #: Its value as the device is delivered, as SDO data; None: not known.
+    minimum: bytes | None  #: Its smallest value, as SDO data; None: not known.
+    maximum: bytes | None  #: Its largest one.
 
 
 class ObjectDescription(Map):
-    """What an object is.
+    """What an object is."""
 
-    Attributes:
-        index: Its index.
-        name: Its name.
-        code: Its kind: 7 a variable, 8 an array, 9 a record, or another number of the slave.
-        data_type: Its CoE data type index; of a record that of its structure.
-        entries: Its entries.
-    """
-
-    index: int
-    name: str
-    code: int
-    data_type: int
-    entries: list[ObjectEntry]
+    index: int  #: Its index.
+    name: str  #: Its name.
+    code: int  #: Its kind: 7 a variable, 8 an array, 9 a record, or another number of the slave.
+    data_type: int  #: Its CoE data type index; of a record that of its structure.
+    entries: list[ObjectEntry]  #: Its entries.
 
 
 class SdoRead(Operation[Sdo]):
-    """Uploads an object.
-
-    Attributes:
-        slave: Position or name.
-        index: Object index.
-        subindex: Object subindex.
-        complete: Whether to use complete access.
-    """
+    """Uploads an object."""
 
     op = "sdo_read"
     key = "ro/sdo/{slave}/{index}/{subindex}"
     cost = Cost.MAILBOX
-    slave: SlaveReference
-    index: Index
-    subindex: Subindex = 0
-    complete: bool = False
+    slave: SlaveReference  #: Position or name.
+    index: Index  #: Object index.
+    subindex: Subindex = 0  #: Object subindex.
+    complete: bool = False  #: Whether to use complete access.
 
 
 class SdoWrite(Operation[Sdo]):
-    """Downloads an object; has either `data` or `value`.
-
-    Attributes:
-        slave: Position or name.
-        index: Object index.
-        data: Bytes, little endian.
-        subindex: Object subindex.
-        complete: Whether to use complete access.
-        value: The value as a user types it; the daemon finds out the type of the object.
-        by: The name that the client gives itself, for the log.
-    """
+    """Downloads an object; has either `data` or `value`."""
 
     op = "sdo_write"
     key = "rw/sdo/{slave}/{index}/{subindex}"
     cost = Cost.MAILBOX
-    slave: SlaveReference
-    index: Index
-    data: bytes | None = None
-    subindex: Subindex = 0
-    complete: bool = False
+    slave: SlaveReference  #: Position or name.
+    index: Index  #: Object index.
+    data: bytes | None = None  #: Bytes, little endian.
+    subindex: Subindex = 0  #: Object subindex.
+    complete: bool = False  #: Whether to use complete access.
+    #: The value as a user types it; the daemon finds out the type of the object.
     value: str | None = None
-    by: ClientName = ""
+    by: ClientName = ""  #: The name that the client gives itself, for the log.
 
     def _check(self) -> None:
         if (self.data is None) == (self.value is None):
@@ -139,31 +92,22 @@ class SdoWrite(Operation[Sdo]):
 
 
 class ListObjects(Operation[Objects]):
-    """Asks which objects a slave has. The daemon asks the slave each time.
-
-    Attributes:
-        slave: Position or name.
-    """
+    """Asks which objects a slave has. The daemon asks the slave each time."""
 
     op = "list_objects"
     key = "ro/objects/{slave}"
     cost = Cost.MAILBOX
-    slave: SlaveReference
+    slave: SlaveReference  #: Position or name.
 
 
 class DescribeObject(Operation[ObjectDescription]):
-    """Asks for names, types and access rights of an object. The daemon keeps them.
-
-    Attributes:
-        slave: Position or name.
-        index: Object index.
-    """
+    """Asks for names, types and access rights of an object. The daemon keeps them."""
 
     op = "describe_object"
     key = "ro/objects/{slave}/{index}"
     cost = Cost.MAILBOX
-    slave: SlaveReference
-    index: Index
+    slave: SlaveReference  #: Position or name.
+    index: Index  #: Object index.
 
 
 def check_data(data: bytes) -> None:

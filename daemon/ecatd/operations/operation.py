@@ -9,7 +9,8 @@ Clients ask operations of a daemon. The class of an operation is all that is kno
   second part is the right, as `gateway.user.write` names it. Fields in braces stand in the key, so
   that access control can distinguish kinds of operations and slaves;
 - `cost` is what it takes, which decides how many may wait;
-- the docstring is its description in docs/zenoh-keys.md.
+- the docstring is its description in docs/zenoh-keys.md; a comment that begins with `#:` is that
+  of a field, or of a key of the answer.
 
 Client, gateway and bus server derive all else: parsing (`catalog.py`), queries (`query.py`), who
 carries it out (`handlers.py`), who may ask (`gateway/access.py`).

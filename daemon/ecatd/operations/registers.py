@@ -12,82 +12,53 @@ _REGISTERS_END, _REGISTER_BYTES_MAX = 0x1000, 256
 
 
 class Data(Map):
-    """Bytes.
+    """Bytes."""
 
-    Attributes:
-        data: As read: of registers after a write those that they have then, of a file empty at its
-            end.
-    """
-
+    #: As read: of registers after a write those that they have then, of a file empty at its end.
     data: bytes
 
 
 class SlaveCounters(Map):
-    """The error counters of a slave.
+    """The error counters of a slave."""
 
-    Attributes:
-        position: Its position.
-        ports: Those of its ports, by number.
-        processing: Errors of the processing unit: frames that are not EtherCAT, or malformed.
-        pdi: Errors of the process data interface.
-        since: Unix time at which ecatd cleared them; None if it has not.
-    """
-
-    position: int
-    ports: list[PortErrors]
-    processing: int
-    pdi: int
-    since: float | None
+    position: int  #: Its position.
+    ports: list[PortErrors]  #: Those of its ports, by number.
+    processing: int  #: Errors of the processing unit: frames that are not EtherCAT, or malformed.
+    pdi: int  #: Errors of the process data interface.
+    since: float | None  #: Unix time at which ecatd cleared them; None if it has not.
 
 
 class Errors(Map):
-    """Error counters.
+    """Error counters."""
 
-    Attributes:
-        slaves: Those of each slave that answers.
-    """
-
-    slaves: list[SlaveCounters]
+    slaves: list[SlaveCounters]  #: Those of each slave that answers.
 
 
 class ReadRegister(Operation[Data]):
-    """Reads registers of the ESC of a slave.
-
-    Attributes:
-        slave: Position or name.
-        address: Address of the first register.
-        size: How many bytes, 1 to 256.
-    """
+    """Reads registers of the ESC of a slave."""
 
     op = "read_register"
     key = "ro/register/{slave}/{address}"
     cost = Cost.FRAMES
-    slave: SlaveReference
-    address: Register
-    size: ByteCount = 2
+    slave: SlaveReference  #: Position or name.
+    address: Register  #: Address of the first register.
+    size: ByteCount = 2  #: How many bytes, 1 to 256.
 
     def _check(self) -> None:
         check_registers(self.address, self.size)
 
 
 class WriteRegister(Operation[Data]):
-    """Writes registers of the ESC of a slave.
-
-    Attributes:
-        slave: Position or name.
-        address: Address of the first register.
-        data: The bytes, 1 to 256.
-        by: The name that the client gives itself, for the log.
-    """
+    """Writes registers of the ESC of a slave."""
 
     op = "write_register"
     key = "rw/register/{slave}/{address}"
     cost = Cost.FRAMES
     disturbs_files = True
-    slave: SlaveReference
-    address: Register
-    data: bytes
-    by: ClientName = ""
+    slave: SlaveReference  #: Position or name.
+    address: Register  #: Address of the first register.
+    data: bytes  #: The bytes, 1 to 256.
+    by: ClientName = ""  #: The name that the client gives itself, for the log.
 
     def _check(self) -> None:
         check_registers(self.address, len(self.data))
@@ -102,18 +73,13 @@ class ReadErrors(Operation[Errors]):
 
 
 class ResetErrors(Operation[Errors]):
-    """Clears the error counters of one slave, or of all slaves.
-
-    Attributes:
-        slave: Position or name, or None for all slaves.
-        by: The name that the client gives itself, for the log.
-    """
+    """Clears the error counters of one slave, or of all slaves."""
 
     op = "reset_errors"
     key = "rw/errors/{slave}"
     cost = Cost.FRAMES
-    slave: SlaveReference | None = None
-    by: ClientName = ""
+    slave: SlaveReference | None = None  #: Position or name, or None for all slaves.
+    by: ClientName = ""  #: The name that the client gives itself, for the log.
 
 
 def check_registers(address: int, size: int) -> None:

@@ -6,79 +6,49 @@ from .operation import Map, Operation
 
 
 class StreamSignal(Map):
-    """An entry of a stream.
+    """An entry of a stream."""
 
-    Attributes:
-        name: SLAVE/ENTRY.
-        slave: Position of the slave.
-        address: Its address, as `0x6041:00`.
-        unit: Unit of its values; may be empty.
-    """
-
-    name: str
-    slave: int
-    address: str
-    unit: str
+    name: str  #: SLAVE/ENTRY.
+    slave: int  #: Position of the slave.
+    address: str  #: Its address, as `0x6041:00`.
+    unit: str  #: Unit of its values; may be empty.
 
 
 class Stream(Map):
-    """A stream that was opened.
+    """A stream that was opened."""
 
-    Attributes:
-        key: The key under which its rows are published.
-        rate: Rows a second.
-        cycles: Cycles of each row.
-        signals: Its entries.
-    """
-
-    key: str
-    rate: float
-    cycles: int
-    signals: list[StreamSignal]
+    key: str  #: The key under which its rows are published.
+    rate: float  #: Rows a second.
+    cycles: int  #: Cycles of each row.
+    signals: list[StreamSignal]  #: Its entries.
 
 
 class StreamRow(Map):
-    """A row of a stream.
+    """A row of a stream."""
 
-    Attributes:
-        cycle: Number of its last cycle.
-        values: For each of the signals its minimum, mean and maximum in the cycles of the row, and
-            the number of cycles in which it was valid. The first three are None if that is 0.
-    """
-
-    cycle: int
+    cycle: int  #: Number of its last cycle.
+    #: For each of the signals its minimum, mean and maximum in the cycles of the row, and the
+    #: number of cycles in which it was valid. The first three are None if that is 0.
     values: list[list[float | None]]
 
 
 class PdoValue(Map):
-    """A value of the process data.
+    """A value of the process data."""
 
-    Attributes:
-        raw: The value as it is in the frame.
-        value: The physical value.
-        unit: Its unit; may be empty.
-        name: Name of the entry; may be empty.
-        cycle: Number of the cycle.
-    """
-
-    raw: float
-    value: float
-    unit: str
-    name: str
-    cycle: int
+    raw: float  #: The value as it is in the frame.
+    value: float  #: The physical value.
+    unit: str  #: Its unit; may be empty.
+    name: str  #: Name of the entry; may be empty.
+    cycle: int  #: Number of the cycle.
 
 
 class OpenStream(Operation[Stream]):
     """Opens a stream of entries; it ends 5 s after the last reader has left.
 
     Readers with the same pattern and rate share a stream.
-
-    Attributes:
-        pattern: SLAVE/ENTRY with `*` and `?`, percent-encoded: `4%2F*`.
-        hz: Rows a second.
     """
 
     op = "stream"
     key = "ro/stream"
-    pattern: str = "*"
-    hz: float = 10.0
+    pattern: str = "*"  #: SLAVE/ENTRY with `*` and `?`, percent-encoded: `4%2F*`.
+    hz: float = 10.0  #: Rows a second.

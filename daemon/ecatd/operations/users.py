@@ -7,28 +7,18 @@ from .operation import Map, Operation
 
 
 class Rights(Map):
-    """What a user may do.
+    """What a user may do."""
 
-    Attributes:
-        user: Name of the user.
-        read: Whether the user may read.
-        write: The rights of the user, such as `sdo`.
-        slaves: Positions and names of the slaves that the user may change; empty: all.
-    """
-
-    user: str
-    read: bool
-    write: list[str]
+    user: str  #: Name of the user.
+    read: bool  #: Whether the user may read.
+    write: list[str]  #: The rights of the user, such as `sdo`.
+    #: Positions and names of the slaves that the user may change; empty: all.
     slaves: list[int | str]
 
 
 class ReadRights(Operation[Rights]):
-    """Asks what a user of another machine may do.
-
-    Attributes:
-        user: Name of the user.
-    """
+    """Asks what a user of another machine may do."""
 
     op = "rights"
     key = "as/{user}/ro/rights"
-    user: UserName
+    user: UserName  #: Name of the user.
