@@ -503,7 +503,7 @@ def test_r40_only_what_is_configured_listens(daemon: Daemon) -> None:
             if fields[9] in inodes and listening:
                 found.append((table, fields[1]))
     assert ("tcp", f"0100007F:{PORT:04X}") in found
-    assert len(found) == 2, "the other one is that of Zenoh, behind the entrance"
+    assert len(found) == 2, "the other one is that of Zenoh, behind the addresses of the gateway"
     assert {(table, place[:9]) for table, place in found} == {("tcp", "0100007F:")}
 
 

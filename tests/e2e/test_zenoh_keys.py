@@ -11,12 +11,11 @@ import pytest
 import zenoh
 
 from conftest import Daemon, wait_for
-from ecatd.operations.bus import Events
+from ecatd.operations.bus import Events, ReadRights
 from ecatd.operations.catalog import OPERATIONS
 from ecatd.operations.encoding import pack, unpack
-from ecatd.operations.errors import Failure
+from ecatd.operations.operation import Failure
 from ecatd.operations.registers import Data
-from ecatd.operations.users import ReadRights
 from ecatd.operations.zenoh_keys import bus_key, session_config
 from ecatdev.zenoh_keys.page import page
 from ecatdev.zenoh_keys.publications import PUBLICATIONS

@@ -56,7 +56,7 @@ def test_our_own_sequences_reach_a_terminal_and_those_of_others_do_not() -> None
     program = (
         "from ecatd.base.plain_output import plain_output\n"
         "from ecatd.cli.terminal import Screen, alarm, show\n"
-        "from ecatd.cli.progress import progress\n"
+        "from ecatd.cli.output import progress\n"
         f"text = {HOSTILE[:5]!r} + 'x'\n"
         "with plain_output(), progress() as tell:\n"
         "    show([alarm(text)]); Screen().draw([text]); tell(text)\n"

@@ -12,13 +12,14 @@ from ecatd.base.errors import ConfigError, EcatError, SdoAbortError, UsageError
 from ecatd.etg.abort_codes import abort_error
 from ecatd.gateway.gateway import Gateway
 from ecatd.master.ethernet.traffic import EthernetTraffic
+from ecatd.operations.bus import ReadRights
 from ecatd.operations.catalog import OPERATIONS, parse
 from ecatd.operations.encoding import unpack
 from ecatd.operations.objects import SdoRead
 from ecatd.operations.operation import Operation, to_map
 from ecatd.operations.query import from_query, to_query
 from ecatd.operations.registers import ReadRegister
-from ecatd.operations.users import ReadRights
+from ecatd.operations.streams import OpenStream
 from ecatd.server.requests.dictionaries import Dictionaries
 from ecatd.server.requests.eeproms import Eeproms
 from ecatd.server.requests.ethernet import Ethernet
@@ -182,3 +183,9 @@ def test_every_operation_has_one_handler() -> None:
         if (kind := getattr(method, "handles", None)) is not None
     ]
     assert sorted(kind.op for kind in marked) == sorted(OPERATIONS)
+
+
+def test_a_whole_number_is_a_float_where_that_is_asked_for() -> None:
+    assert OpenStream("*", 304) == OpenStream("*", 304.0)
+    with pytest.raises(UsageError, match=naming("'hz'", "too large")):
+        OpenStream("*", 10**400)

@@ -1,4 +1,4 @@
-"""Types and options of arguments that several commands have: numbers, slaves, times.
+"""Types and options of arguments that several commands have: numbers, slaves, times, the bus.
 
 The converters raise `argparse.ArgumentTypeError`.
 """
@@ -8,6 +8,12 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from ecatd.base.errors import UsageError
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
 
 
 def number(text: str) -> int:
@@ -91,3 +97,29 @@ def add_slave(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "slave", type=slave, nargs="?", metavar="SLAVE", help="only this one, by position or name"
     )
+
+
+def add_one_slave(command: argparse.ArgumentParser) -> None:
+    """Adds the argument SLAVE of commands that are about one slave."""
+    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+
+
+def hex_bytes(text: str) -> bytes | None:
+    """The bytes that a user writes as `hex:04 00`; None if the text does not begin so.
+
+    Raises:
+        UsageError: It does, and no bytes follow.
+    """
+    if not text.startswith("hex:"):
+        return None
+    try:
+        return bytes.fromhex(text[4:])
+    except ValueError:
+        raise UsageError(f"'{text}' is no row of bytes: write it as 'hex:04 00'") from None
+
+
+def connect(options: argparse.Namespace) -> Remote:
+    """Opens a session with the daemon that the options choose."""
+    from ecatd.client.remote import Remote  # loading Zenoh is slow
+
+    return Remote(options.bus, options.connect, options.timeout)

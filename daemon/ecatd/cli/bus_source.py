@@ -22,7 +22,8 @@ from ecatd.description import bus_file
 from ecatd.description.bus import Bus
 from ecatd.operations.bus import ReadStates
 
-from .outdated import tell_outdated
+from .arguments import connect
+from .bus_warnings import warn_outdated
 
 Kind = Literal["scan", "rig", "esi"]
 
@@ -73,7 +74,7 @@ def get_bus(options: argparse.Namespace) -> tuple[Bus, dict[str, Any]]:
     """Gets the description of the bus that the options choose.
 
     Returns:
-        The description; and for `--json`, `outdated`: see `tell_outdated`. It is empty if no daemon
+        The description; and for `--json`, `outdated`: see `warn_outdated`. It is empty if no daemon
         was asked.
 
     Raises:
@@ -81,11 +82,9 @@ def get_bus(options: argparse.Namespace) -> tuple[Bus, dict[str, Any]]:
     """
     kinds = check_options(options)
     if not kinds:
-        from ecatd.client.remote import Remote  # loading Zenoh is slow
-
-        with Remote(options.bus, options.connect, options.timeout) as remote:
+        with connect(options) as remote:
             bus, rows = remote.describe(), remote.request(ReadStates())["slaves"]
-        return bus, {"outdated": tell_outdated(bus, rows)}
+        return bus, {"outdated": warn_outdated(bus, rows)}
     return _without_daemon(options, kinds[0]), {"outdated": []}
 
 

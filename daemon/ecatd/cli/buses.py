@@ -12,6 +12,7 @@ from ecatd.base.paths import closed_buses, search_dirs, served_buses
 from ecatd.operations.bus import ReadInfo, ReadStates
 from ecatd.operations.health import look_at
 
+from .arguments import connect
 from .output import print_json, print_table
 
 COMMANDS = {"bus": {"buses": "List the buses of this machine, or all that --connect reaches."}}
@@ -34,7 +35,7 @@ def buses(options: argparse.Namespace) -> None:
 def _here(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """The buses of this machine, also those that do not answer."""
     from ecatd.client.remote import Remote  # loading Zenoh is slow
-    from ecatd.client.unserved import has_shared_memory
+    from ecatd.client.why_no_daemon import has_shared_memory
 
     names = {bus: None for folder in search_dirs() for bus in served_buses(folder)}
     for bus in names:
@@ -51,9 +52,7 @@ def _here(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 def _there(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """The buses at an endpoint, of one gateway or of all behind a router, also silent ones."""
-    from ecatd.client.remote import Remote
-
-    with Remote(options.bus, options.connect, options.timeout) as remote:
+    with connect(options) as remote:
         alive = remote.alive()
         infos, states = remote.ask_all("info", "state")
     for bus in sorted({*alive, *infos}):

@@ -21,12 +21,13 @@ from ecatd.config.writer import number_of, value_text, write_config
 from ecatd.description.bus import Bus, Slave
 from ecatd.operations.bus import ReadStates
 
+from .arguments import connect
 from .bus_source import add_options, check_options, get_bus, use_bus_of
+from .bus_warnings import warn_outdated
 from .config_check import check, described
 from .named_objects import refresh_modules
-from .outdated import tell_outdated
 from .output import print_json, print_table, shortened
-from .saving import save
+from .saving import add_out, save
 
 COMMANDS = {"daemon": {"config": "Write, check, compare or show the configuration."}}
 
@@ -58,9 +59,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.add_argument(
         "file", nargs="?", type=Path, metavar="FILE", help="a configuration, or an ENI file"
     )
-    command.add_argument(
-        "-o", dest="out", metavar="FILE", type=Path, help="init, from-eni: write it to this file"
-    )
+    add_out(command, "init, from-eni: write it to this file")
     command.add_argument(
         "--force",
         action="store_true",
@@ -104,9 +103,7 @@ def config(options: argparse.Namespace) -> int:
 
 def _remote(options: argparse.Namespace) -> tuple[Bus, Config, dict[str, str]]:
     """The bus of a daemon, its configuration, and where that comes from."""
-    from ecatd.client.remote import Remote  # loading Zenoh is slow
-
-    with Remote(options.bus, options.connect, options.timeout) as remote:
+    with connect(options) as remote:
         return remote.describe(), *remote.configuration()
 
 
@@ -120,16 +117,14 @@ def _init(options: argparse.Namespace) -> int:
         known.cycle_time_us = bus.cycle_time_us
     else:
         check_options(options)
-        from ecatd.client.remote import Remote  # loading Zenoh is slow
-
-        with Remote(options.bus, options.connect, options.timeout) as remote:
+        with connect(options) as remote:
             bus, (known, _), rows = (
                 remote.describe(),
                 remote.configuration(),
                 remote.request(ReadStates())["slaves"],
             )
             refresh_modules(remote, bus, rows)
-        more = {"outdated": tell_outdated(bus, rows)}
+        more = {"outdated": warn_outdated(bus, rows)}
     known = known.moved(compare(known, bus.slaves).places)
     notes = None
     if options.esi is not None:
@@ -143,19 +138,26 @@ def _init(options: argparse.Namespace) -> int:
         warn(findings)
         notes = add_esi(known, bus, devices)
         more |= {"described": sorted(devices), "warnings": findings.texts}
-    _write(options, bus, write_config(known, bus, VERSION, notes), "give them names, then", more)
+    text = write_config(known, bus, VERSION, notes)
+    _write(options, bus, known, text, "give them names, then", more)
     return 0
 
 
 def _write(
-    options: argparse.Namespace, bus: Bus, text: str, then: str, more: dict[str, Any]
+    options: argparse.Namespace,
+    bus: Bus,
+    written: Config,
+    text: str,
+    then: str,
+    more: dict[str, Any],
 ) -> None:
     """Writes a configuration to its file, and says so; without a file, to the standard output.
 
     Args:
         options: Those of the command.
         bus: The bus.
-        text: The configuration.
+        written: The configuration.
+        text: The same as the text of a file.
         then: What the user should do before ecatd uses it.
         more: Further keys for `--json`.
     """
@@ -183,7 +185,7 @@ def _write(
         return
     if kept:
         print(f"{kept}: the file that was there, with its comments", file=sys.stderr)
-    which = "" if "\ninterface = " in text else " --interface IF"
+    which = "" if written.interface else " --interface IF"
     print(
         f"{options.out}: bus {bus.name}, {slaves} slave{'s' * (slaves != 1)}; {then} "
         f"`ecatd --config {options.out}{which}`"
@@ -222,7 +224,8 @@ def _from_eni(options: argparse.Namespace) -> int:
     if not options.json:
         labels = {slave.position: slave.label for slave in found.bus.slaves}
         print("\n".join(found.report.lines(str(options.file), labels)), file=sys.stderr)
-    _write(options, found.bus, text, "check it, then", found.report.to_dict())
+    more = found.report.to_dict()
+    _write(options, found.bus, found.config, text, "check it, then", more)
     return 0
 
 
@@ -331,12 +334,12 @@ def _show(options: argparse.Namespace) -> int:
 def _signals(bus: Bus, used: Config) -> list[dict[str, Any]]:
     """Entries that have a meaning, and where it comes from."""
     places = compare(used, bus.slaves).places
-    told = {(places.get(rule.slave), rule.address) for rule in used.signal}
+    named = {(places.get(rule.slave), rule.address) for rule in used.signal}
     rows = []
     for slave in bus.slaves:
         for outputs in (True, False):
             for _, entry, _ in slave.entries(outputs=outputs):
-                configured = (slave.position, (entry.index, entry.subindex)) in told
+                configured = (slave.position, (entry.index, entry.subindex)) in named
                 if not (entry.is_physical or configured):
                     continue
                 rows.append(

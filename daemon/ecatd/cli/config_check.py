@@ -30,9 +30,10 @@ from ecatd.etg.sii import Sii
 from ecatd.operations.bus import Device, ReadStates, Rescan, SlaveAlState
 from ecatd.operations.wire import found_slaves, known_slaves
 
+from .arguments import connect
 from .bus_source import check_options, get_bus, use_bus_of
-from .named_objects import Told, ask_slaves, esi_objects, refresh_modules
-from .outdated import tell_outdated
+from .bus_warnings import warn_outdated
+from .named_objects import Answers, ask_slaves, esi_objects, refresh_modules
 from .output import print_json
 from .witness_check import contradictions
 
@@ -44,14 +45,14 @@ def check(options: argparse.Namespace) -> int:
     """Lists the differences between slaves, and what of the file does not fit the bus."""
     wanted = load_config(options.file)
     use_bus_of(options, wanted)
-    bus, devices, idle, states, told = _bus(options, wanted)
+    bus, devices, idle, states, answers = _bus(options, wanted)
     wire = bus.slaves if devices is None else found_slaves(bus, devices)
     # The slaves of the bus have process data with which tables are compared. What is about slaves
     # that are others, or will have other PDOs, is not known.
     gone = {row["position"] for row in states if not row["al_state"]}
     found = compare(wanted, bus.slaves, gone)
     missing = [found.places.get(n) for item in found.differences for n in item.expected]
-    old = tell_outdated(bus, states, [n for n in missing if n is not None])
+    old = warn_outdated(bus, states, [n for n in missing if n is not None])
     moved = wanted.moved(found.places)
     uncertain = {
         row["position"]: row
@@ -64,14 +65,14 @@ def check(options: argparse.Namespace) -> int:
     others |= uncertain.keys() | idle | {n for n in gone if not _exchanges(bus.slaves[n])}
     known = known_slaves(found.places, devices or [])
     differences = compare(wanted, wire, known=known).differences
-    differences += _refused_pdos(moved, bus, changed, told)
+    differences += _refused_pdos(moved, bus, changed, answers)
     notes = [
         f"a restart with this file would change the PDOs of {bus.slaves[n].label}: it exchanges "
         f"{text}"
         for n, text in changed.items()
     ]
     places = {n: at for n, at in found.places.items() if at not in unexpected}
-    wrong = _wrong(wanted, places, bus, others, told.eeproms)
+    wrong = _wrong(wanted, places, bus, others, answers.eeproms)
     warnings = alike_slaves(wanted) + missing_folders(wanted)
     warnings += [
         f"{bus.slaves[n].label} takes no part now, so the file is not checked against its process "
@@ -92,15 +93,15 @@ def check(options: argparse.Namespace) -> int:
     contradicting, decided = contradictions(moved, bus, in_esi, gone | unexpected.keys())
     differences += contradicting
     notes += decided
-    warnings += _unknown_pdos(moved, bus, changed.keys() - in_esi.keys(), told)
-    objects = dict(told.objects)
+    warnings += _unknown_pdos(moved, bus, changed.keys() - in_esi.keys(), answers)
+    objects = dict(answers.objects)
     for n, named in esi_objects(moved, in_esi).items():
         objects[n] = {**objects.get(n, {}), **named}
     refused = [
         (n, item, f"{item.table.where()}: {bus.slaves[n].label} {text}")
         for n, known in objects.items()
         if n in places.values()
-        for item, text in object_problems(moved.settings_of(n), known, told.eeproms.get(n))
+        for item, text in object_problems(moved.settings_of(n), known, answers.eeproms.get(n))
     ]
     differences += [
         Difference("other objects", (n,), (n,), text, strict=False)
@@ -156,25 +157,23 @@ def _is_optional(item: Placed) -> bool:
 
 def _bus(
     options: argparse.Namespace, wanted: Config
-) -> tuple[Bus, list[Device] | None, set[int], list[SlaveAlState], Told]:
+) -> tuple[Bus, list[Device] | None, set[int], list[SlaveAlState], Answers]:
     """The bus, and the devices that a start would find on its wire; None: the slaves of the bus.
 
     Also slaves of which the daemon does not know the process data, how slaves are, and what they
-    have told; all of these are empty for a bus that does not run.
+    have answered; all of these are empty for a bus that does not run.
     """
     if options.sources:
         bus, _ = get_bus(options)
-        return bus, None, set(), [], Told()
+        return bus, None, set(), [], Answers()
     check_options(options)
-    from ecatd.client.remote import Remote  # loading Zenoh is slow
-
-    with Remote(options.bus, options.connect, options.timeout) as remote:
+    with connect(options) as remote:
         bus, rows = remote.describe(), remote.request(ReadStates())["slaves"]
         devices = remote.request(Rescan())["devices"]
         refresh_modules(remote, bus, rows)
         unexpected = compare(remote.configuration()[0], bus.slaves).unexpected
-        told = ask_slaves(remote, wanted, bus, rows)
-    return bus, devices, {n for n in unexpected if not _exchanges(bus.slaves[n])}, rows, told
+        answers = ask_slaves(remote, wanted, bus, rows)
+    return bus, devices, {n for n in unexpected if not _exchanges(bus.slaves[n])}, rows, answers
 
 
 def _exchanges(slave: Slave) -> bool:
@@ -238,21 +237,23 @@ def _changed_pdos(wanted: Config, bus: Bus, unknown: Collection[int]) -> dict[in
 
 
 def _refused_pdos(
-    wanted: Config, bus: Bus, changed: Collection[int], told: Told
+    wanted: Config, bus: Bus, changed: Collection[int], answers: Answers
 ) -> Iterator[Difference]:
-    """Why slaves would refuse their new PDOs, as far as they have told."""
+    """Why slaves would refuse their new PDOs, as far as they have answered."""
     for n in changed:
-        settings, slave, objects = wanted.settings_of(n), bus.slaves[n], told.objects.get(n, {})
-        for key, text in pdo_obstacles(settings, slave, told.eeproms.get(n), objects):
+        settings, slave, objects = wanted.settings_of(n), bus.slaves[n], answers.objects.get(n, {})
+        for key, text in pdo_obstacles(settings, slave, answers.eeproms.get(n), objects):
             text = f"{settings.table.where(key)}: {slave.label} {text}"
             yield Difference("other PDOs", (n,), (n,), text, strict=False)
 
 
-def _unknown_pdos(wanted: Config, bus: Bus, changed: Collection[int], told: Told) -> Iterator[str]:
-    """Warnings about PDOs of which nobody has told whether the slaves have them."""
+def _unknown_pdos(
+    wanted: Config, bus: Bus, changed: Collection[int], answers: Answers
+) -> Iterator[str]:
+    """Warnings about PDOs of which nobody has said whether the slaves have them."""
     for n in changed:
         slave = bus.slaves[n]
-        known = told.objects.get(n, {}) if slave.coe or n not in told.eeproms else None
+        known = answers.objects.get(n, {}) if slave.coe or n not in answers.eeproms else None
         new = new_pdos(wanted.settings_of(n), slave)
         if known is not None and (unknown := [index for index in new if index not in known]):
             yield (

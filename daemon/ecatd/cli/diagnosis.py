@@ -20,16 +20,16 @@ from ecatd.etg.diagnosis import (
     parse_message,
 )
 
-from .arguments import slave
+from .arguments import add_one_slave
 from .confirm import add_yes, confirm
-from .output import print_json, print_table
-from .progress import counted
+from .output import counted, print_json, print_table
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 COMMANDS = {"diagnosis": {"diagnosis": "Show the diagnosis history of a slave (object 0x10F3)."}}
 
+_KEYS = ("code", "text_id", "time_ns", "local_time", "parameters")
 _EPOCH = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC)
 """Distributed clocks count from here (ETG.1000.4)."""
 _FIRST_YEAR_NS = 365 * 86400 * 10**9
@@ -38,7 +38,7 @@ _FIRST_YEAR_NS = 365 * 86400 * 10**9
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    add_one_slave(command)
     command.add_argument(
         "--esi", metavar="PATH", help="take the texts from this ESI file, or a folder of them"
     )
@@ -117,11 +117,7 @@ def _when(item: DiagnosisMessage) -> str:
 
 def _document(item: DiagnosisMessage, texts: dict[int, str]) -> dict[str, Any]:
     return {
-        "code": item.code,
+        **{key: getattr(item, key) for key in _KEYS},
         "kind": item.kind_name,
-        "text_id": item.text_id,
-        "time_ns": item.time_ns,
-        "local_time": item.local_time,
-        "parameters": item.parameters,
         "text": item.text(texts),
     }

@@ -18,9 +18,8 @@ from ecatd.etg.dictionary import (
 from ecatd.operations.objects import ListObjects
 
 from . import addresses
-from .arguments import slave
-from .output import print_json, print_table
-from .progress import counted
+from .arguments import add_one_slave
+from .output import counted, print_json, print_table
 from .sdo import physical_text, value_text
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ COMMANDS = {"objects": {"sdos": "List the objects of a slave: types, access righ
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    add_one_slave(command)
     command.add_argument(
         "index",
         type=addresses.object_,
@@ -173,9 +172,9 @@ def _rows(
                 "bits": entry.bit_length,
                 "access": access_text(entry.access),
                 "pdo": mapping_text(entry.access),
-                "default": _told(entry, entry.default),
-                "minimum": _told(entry, entry.minimum),
-                "maximum": _told(entry, entry.maximum),
+                "default": _described_value(entry, entry.default),
+                "minimum": _described_value(entry, entry.minimum),
+                "maximum": _described_value(entry, entry.maximum),
             }
             if values and entry.access & Access.READ:
                 row |= _value(remote, position, item.index, subindex, entry)
@@ -183,7 +182,7 @@ def _rows(
         yield {"index": item.index, "name": item.name, "entries": entries}
 
 
-def _told(entry: DictionaryEntry, data: bytes | None) -> int | float | bool | str | None:
+def _described_value(entry: DictionaryEntry, data: bytes | None) -> int | float | bool | str | None:
     """A default or limit, which a slave sends in the size of the entry; None: it sends none."""
     if data is None:
         return None

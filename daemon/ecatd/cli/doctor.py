@@ -32,7 +32,7 @@ from ecatd.shm.statistics import Snapshot
 from .arguments import seconds
 from .bus_source import use_bus_of
 from .output import print_json, table_lines
-from .saving import save
+from .saving import add_out, save
 from .source import Source
 
 COMMANDS = {
@@ -77,9 +77,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "--fix", action="store_true", help="change what can be changed back, until the next boot"
     )
     changes.add_argument("--undo", action="store_true", help="change back what --fix has changed")
-    command.add_argument(
-        "-o", dest="out", type=Path, metavar="FILE", help="also write a report to send to others"
-    )
+    add_out(command, "also write a report to send to others")
 
 
 def doctor(options: argparse.Namespace) -> int:

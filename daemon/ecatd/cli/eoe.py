@@ -10,7 +10,7 @@ from ecatd.base.errors import UsageError
 from ecatd.etg.eoe import NONE, parse_address, parse_interface, parse_mac, parse_name
 from ecatd.operations.ethernet import ReadEthernet, ReadIp, WriteIp
 
-from .arguments import slave
+from .arguments import add_one_slave
 from .output import print_json, print_table
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
     if name == "eoe":
         return
-    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    add_one_slave(command)
     if name == "eoe-write":
         for option, metavar, parse, text in (
             ("address", "ADDRESS/SIZE", parse_interface, "IP address and size of the network"),

@@ -26,15 +26,15 @@ def describe(
         UsageError: The folder has no ESI files.
         ConfigError: A file is malformed; of a folder, if all are.
     """
-    told = Findings() if findings is None else findings
-    devices = devices_in([source], told)
+    noted = Findings() if findings is None else findings
+    devices = devices_in([source], noted)
     found: dict[tuple[int, int, int], EsiDevice | None] = {}
     for slave in slaves:
         identity = slave.vendor, slave.product, slave.revision
         if identity not in found:
-            found[identity] = _description(slave, devices, told)
+            found[identity] = _description(slave, devices, noted)
     if findings is None:
-        warn(told)
+        warn(noted)
     described = ((s.position, found[s.vendor, s.product, s.revision]) for s in slaves)
     return {position: device for position, device in described if device is not None}
 

@@ -13,11 +13,10 @@ from ecatd.base.errors import EcatError, NoAnswerError, StateError, UnreachableE
 from ecatd.description.bus import Slave
 from ecatd.operations.fields import FILE_MAX
 
-from .arguments import bounded, slave
+from .arguments import add_one_slave, bounded
 from .confirm import add_yes, confirm
-from .output import print_json
-from .progress import progress
-from .saving import add_force, check_target, read_bytes, save_bytes
+from .output import print_json, progress
+from .saving import add_force, add_out, check_target, read_bytes, save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.file_transfer import FileTransfer
@@ -39,17 +38,10 @@ _STEPS = {"to boot": "the slave goes to BOOT", "from boot": "the slave comes bac
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
-    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    add_one_slave(command)
     if name == "foe-read":
         command.add_argument("name", metavar="NAME", help="name of the file, as the slave knows it")
-        command.add_argument(
-            *("-o", "--out"),
-            dest="out",
-            metavar="FILE",
-            type=Path,
-            required=True,
-            help="where to save it; - prints it",
-        )
+        add_out(command, "where to save it; - prints it", "--out", required=True)
         add_force(command)
     else:
         command.add_argument("file", metavar="FILE", type=Path, help="the file")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import UsageError
@@ -15,7 +14,7 @@ from ecatd.etg.port_errors import PORT_ORDER, SlaveErrors, links_with_errors
 from ecatd.operations.bus import ReadStates, SlaveAlState
 
 from .output import print_json
-from .saving import save
+from .saving import add_out, save
 from .slave_tree import Node, errors_text, rows
 
 if TYPE_CHECKING:
@@ -31,13 +30,7 @@ _FORMATS = {".dot": "dot", ".gv": "dot", ".svg": "svg"}
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.add_argument(
-        "-o",
-        dest="out",
-        metavar="FILE",
-        type=Path,
-        help="write it to FILE.dot for Graphviz, or to FILE.svg",
-    )
+    add_out(command, "write it to FILE.dot for Graphviz, or to FILE.svg")
 
 
 def graph(remote: Remote, options: argparse.Namespace) -> None:

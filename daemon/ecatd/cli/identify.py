@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 from ecatd.base.errors import StateError
 from ecatd.operations.registers import WriteRegister
 
-from .arguments import seconds, slave
-from .output import print_json
-from .progress import progress
+from .arguments import add_one_slave, seconds
+from .output import print_json, progress
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -28,7 +27,7 @@ _OWN = b"\0"
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    add_one_slave(command)
     command.add_argument(
         "--seconds", type=seconds, default=10.0, metavar="S", help="how long (default: 10)"
     )

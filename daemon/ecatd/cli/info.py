@@ -16,12 +16,12 @@ from ecatd.operations.bus import ReadInfo
 from ecatd.shm import contract as shm
 from ecatd.shm.real_time import SETTINGS
 from ecatd.shm.statistics import Grant, Snapshot, to_map
-from ecatd.shm.statistics.problems import ring_line, word
+from ecatd.shm.statistics.problems import ring_text, word
 
+from .bus_warnings import check_cycle
 from .output import print_json, table_lines
-from .silent_bus import check_cycle
 from .source import Source
-from .stats_screen import clock_line, duration
+from .stats_screen import clock_text, duration
 
 COMMANDS = {
     "health": {"info": "Show the daemon, its bus, and the real-time settings that were granted."}
@@ -94,8 +94,8 @@ def info_lines(snapshot: Snapshot, running: Mapping[str, Any], silent: str) -> l
         rows.append(("wire time", "unknown without an answer"))
     rows += [
         ("slaves", _slaves(snapshot)),
-        ("ring", ring_line(snapshot).removeprefix("ring ")),
-        ("DC", clock_line(snapshot).removeprefix("DC ")),
+        ("ring", ring_text(snapshot)),
+        ("DC", clock_text(snapshot)),
         ("started", f"{_date(snapshot.instance)}, {duration(snapshot.seconds)} ago"),
         ("version", snapshot.version),
     ]

@@ -114,7 +114,7 @@ def generate(options: argparse.Namespace) -> int:
     if options.fmu and (options.force or options.templates):
         raise UsageError("--force and --templates are about libraries: leave them out with --fmu")
     bus, more = get_bus(options)
-    return _tell_report(options, _generate(bus, options), {"bus": bus.name, **more})
+    return _print_report(options, _generate(bus, options), {"bus": bus.name, **more})
 
 
 def _generate(bus: Bus, options: argparse.Namespace) -> Report | FmuReport:
@@ -140,7 +140,7 @@ def library(options: argparse.Namespace) -> int:
         raise UsageError("say where to put the library: give either DIR or --openmodelica")
     out = options.out or _openmodelica_folder()
     report = install_library(out, check=options.check, force=options.force)
-    return _tell_report(options, report, {})
+    return _print_report(options, report, {})
 
 
 def _openmodelica_folder() -> Path:
@@ -165,15 +165,15 @@ def _openmodelica_folder() -> Path:
     )
 
 
-def _tell_report(
+def _print_report(
     options: argparse.Namespace, report: Report | FmuReport, more: dict[str, Any]
 ) -> int:
     last = report.would() if options.check else report.summary()
-    _tell(options, {**more, **report.to_dict()}, *report.details(), last)
+    _print(options, {**more, **report.to_dict()}, *report.details(), last)
     return CHANGES if options.check and report.is_change else 0
 
 
-def _tell(options: argparse.Namespace, data: dict[str, Any], *lines: str) -> None:
+def _print(options: argparse.Namespace, data: dict[str, Any], *lines: str) -> None:
     if options.json:
         print_json(data)
     else:

@@ -18,7 +18,7 @@ from ecatd.base.lazy_command import LazyCommand
 from ecatd.base.plain_output import error_text, plain_output
 from ecatd.base.version import VERSION
 
-from .arguments import seconds
+from .arguments import connect, seconds
 from .commands import Command, find_commands
 
 _EPILOG = """\
@@ -146,9 +146,7 @@ def make_parser() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace) -> int:
     if alone := getattr(options, "alone", None):  # it connects to the bus itself, if at all
         return alone(options) or 0
-    from ecatd.client.remote import Remote  # loading Zenoh is slow
-
-    with Remote(options.bus, options.connect, options.timeout) as remote:
+    with connect(options) as remote:
         return options.run(remote, options) or 0
 
 

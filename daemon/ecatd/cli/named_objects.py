@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(slots=True)
-class Told:
-    """What slaves have told, by position.
+class Answers:
+    """What slaves have answered, by position.
 
     Attributes:
         objects: The objects that the configuration names, and those that a start would write for
@@ -58,11 +58,11 @@ def refresh_modules(remote: Remote, bus: Bus, states: Iterable[SlaveAlState]) ->
                 slave.outputs, slave.inputs = [], []
 
 
-def ask_slaves(remote: Remote, wanted: Config, bus: Bus, states: list[SlaveAlState]) -> Told:
+def ask_slaves(remote: Remote, wanted: Config, bus: Bus, states: list[SlaveAlState]) -> Answers:
     """Asks the slaves for what the configuration names."""
     silent = {row["position"] for row in states if not row["al_state"]}
     found = compare(wanted, bus.slaves, silent)
-    told = Told()
+    answers = Answers()
     for settings in wanted.moved(found.places).slave:
         n = settings.position
         if n >= len(bus.slaves) or n in silent | {*found.unexpected}:
@@ -71,12 +71,12 @@ def ask_slaves(remote: Remote, wanted: Config, bus: Bus, states: list[SlaveAlSta
         changed = bool(pdo_change(settings, slave))
         if changed or any(item.complete for item in settings.startup):
             with suppress(StateError):  # it cannot be read now
-                told.eeproms[n] = check_sii(remote.sii(n))
+                answers.eeproms[n] = check_sii(remote.sii(n))
         if slave.coe:
             needed = [CONFIGURED] if settings.module else []
-            needed += pdo_objects(settings, slave, told.eeproms.get(n)) if changed else []
-            told.objects[n] = _ask_needed(remote, n, needed) | _ask_objects(remote, settings)
-    return told
+            needed += pdo_objects(settings, slave, answers.eeproms.get(n)) if changed else []
+            answers.objects[n] = _ask_needed(remote, n, needed) | _ask_objects(remote, settings)
+    return answers
 
 
 def _ask_needed(

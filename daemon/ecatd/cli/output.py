@@ -1,13 +1,17 @@
-"""Prints tables for people, and JSON for programs."""
+"""Prints tables for people, JSON for programs, and on a terminal how far a command is."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeVar
 
-from ecatd.base.plain_output import json_text
+from ecatd.base.plain_output import json_text, write_controls
 from ecatd.base.quoting import printable
+
+T = TypeVar("T")
 
 SCHEMA = 1
 
@@ -17,20 +21,20 @@ _SHORTEST = 8  # names in tables are not cut shorter
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Prints a JSON document with `schema`, the version of its format."""
-    print(json_text(_plain({"schema": SCHEMA, **document}), indent=2))
+    print(json_text(_finite({"schema": SCHEMA, **document}), indent=2))
 
 
 def print_json_line(document: Mapping[str, Any]) -> None:
     """Prints a JSON document on one line, for programs that read a sequence of documents."""
-    print(json_text(_plain({"schema": SCHEMA, **document})), flush=True)
+    print(json_text(_finite({"schema": SCHEMA, **document})), flush=True)
 
 
-def _plain(value: Any) -> Any:
+def _finite(value: Any) -> Any:
     """Replaces infinity and NaN by None: JSON has neither, but objects of slaves can have them."""
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [_finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -78,3 +82,27 @@ def fitting(table: Callable[[int], list[str]]) -> list[str]:
 def print_table(head: Sequence[str], rows: Iterable[Sequence[Any]], right: str = "") -> None:
     """Prints a table; arguments as for `table_lines`."""
     print("\n".join(table_lines(head, rows, right)))
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """Yields a function that shows how far a command is. At the end, the line is cleared."""
+    shown = sys.stderr.isatty()
+
+    def show(text: str) -> None:
+        if shown:
+            write_controls(sys.stderr, f"\r\033[K{printable(text)}")
+            sys.stderr.flush()
+
+    try:
+        yield show
+    finally:
+        show("")
+
+
+def counted(items: Sequence[T], what: str) -> Iterator[T]:
+    """Yields items, and counts them: `12 of 400 objects`."""
+    with progress() as show:
+        for number, item in enumerate(items, 1):
+            show(f"{number} of {len(items)} {what}")
+            yield item

@@ -19,7 +19,7 @@ from ecatd.client.patterns import find_signals
 from .arguments import times
 from .output import print_json
 from .recordings import FORMATS, Cell, Column, Recording, check_format, open_recording
-from .saving import add_force, check_target
+from .saving import add_force, add_out, check_target
 from .signals import (
     add_for,
     add_patterns,
@@ -42,14 +42,7 @@ _PATIENCE, _PERIOD_MOST = 5.0, 3600.0
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
     add_patterns(command)
-    command.add_argument(
-        *("-o", "--out"),
-        dest="out",
-        metavar="FILE",
-        type=Path,
-        required=True,
-        help=f"a file that ends in {', '.join(FORMATS)}",
-    )
+    add_out(command, f"a file that ends in {', '.join(FORMATS)}", "--out", required=True)
     command.add_argument(
         "--raw",
         action="store_true",

@@ -18,7 +18,7 @@ from ecatd.etg.registers import (
 )
 from ecatd.operations.registers import ReadRegister, WriteRegister
 
-from .arguments import bounded, slave
+from .arguments import add_one_slave, bounded, hex_bytes
 from .confirm import add_yes, confirm
 from .output import print_json, print_table
 
@@ -41,7 +41,7 @@ _NUMBER_MOST = 8
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
-    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    add_one_slave(command)
     reading = name == "reg-read"
     command.add_argument(
         "register",
@@ -161,11 +161,8 @@ def _data(text: str, size: int) -> bytes:
     Raises:
         UsageError: It is neither a number of this size, nor bytes.
     """
-    if text.startswith("hex:"):
-        try:
-            return bytes.fromhex(text[4:])
-        except ValueError:
-            raise UsageError(f"'{text}' is no row of bytes: write it as 'hex:04 00'") from None
+    if (data := hex_bytes(text)) is not None:
+        return data
     try:
         return int(text, 0).to_bytes(size, "little")
     except ValueError:

@@ -20,7 +20,7 @@ from ecatd.client.identity import find_identity, read_identity
 from ecatd.config.gateway import USER_NAME, USER_NAME_RULE
 from ecatd.operations.bus import ReadInfo
 
-from .arguments import bounded
+from .arguments import bounded, connect
 from .authority import (
     AUTHORITY,
     AUTHORITY_KEY,
@@ -319,9 +319,7 @@ def _succeeds(*arguments: str | Path) -> bool:
 
 
 def _test(options: argparse.Namespace) -> _Done:
-    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
-
-    with Remote(options.bus, options.connect, options.timeout) as session:
+    with connect(options) as session:
         info = session.request(ReadInfo())
         found = session.rights() if session.user else None
     text = f"bus '{options.bus}' of {info['host']}: "

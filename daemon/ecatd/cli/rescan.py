@@ -13,10 +13,9 @@ from ecatd.etg.al import AlState
 from ecatd.operations.bus import Device, ReadStates, Rescan
 from ecatd.operations.registers import WriteRegister
 
-from .arguments import slave
+from .arguments import add_one_slave
 from .confirm import add_yes, confirm
-from .output import print_json, print_table
-from .progress import progress
+from .output import print_json, print_table, progress
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -38,7 +37,7 @@ _DIFFERENT = 7
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
     if name == "reboot":
-        command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+        add_one_slave(command)
         add_yes(command)
 
 

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ecatd.operations.zenoh_access import ASKING, READ, TELLING, rule
-from ecatd.operations.zenoh_keys import AS
+from ecatd.operations.zenoh_keys import AS, FROM_GATEWAY, FROM_READERS, READ, rule
 
 _HEAD = """\
 // A Zenoh router for ecatd, made by `ecatctl remote router`. Start it with: zenohd -c THIS_FILE
@@ -36,9 +35,9 @@ def router_config(
         authority: File with the certificates of those who sign those of machines and users.
     """
     rules = [
-        rule("ask", "ingress", ASKING, "*", READ),
-        rule("be-asked", "egress", ASKING, "*", READ),
-        rule("be-told", "egress", TELLING, "*", READ),
+        rule("ask", "ingress", FROM_READERS, "*", READ),
+        rule("be-asked", "egress", FROM_READERS, "*", READ),
+        rule("be-told", "egress", FROM_GATEWAY, "*", READ),
     ]
     subjects: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
@@ -50,7 +49,7 @@ def router_config(
     for number, name in enumerate(machines):
         who, buses = f"machine-{number}", f"{name}/$*"
         rules += [
-            rule(f"tell-{who}", "ingress", TELLING, buses, READ),
+            rule(f"tell-{who}", "ingress", FROM_GATEWAY, buses, READ),
             rule(f"obey-{who}", "ingress", ["reply", "declare_queryable"], buses, [f"{AS}/**"]),
             rule(f"change-{who}", "egress", ["query"], buses, [f"{AS}/**"]),
         ]

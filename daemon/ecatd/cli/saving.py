@@ -36,6 +36,15 @@ def add_force(command: argparse.ArgumentParser) -> None:
     command.add_argument("--force", action="store_true", help="replace FILE if it exists")
 
 
+def add_out(
+    command: argparse.ArgumentParser, text: str, *names: str, required: bool = False
+) -> None:
+    """Adds the option `-o FILE`, of which `text` is the help, with further names."""
+    command.add_argument(
+        *("-o", *names), dest="out", metavar="FILE", type=Path, required=required, help=text
+    )
+
+
 def save(path: Path, text: str, *, force: bool = True) -> None:
     """Writes a text file; arguments and errors as for `save_bytes`."""
     save_bytes(path, text.encode(), force=force)

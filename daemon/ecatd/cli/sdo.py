@@ -23,9 +23,9 @@ from ecatd.etg.datatypes import (
 from ecatd.operations.objects import DATA_MAX
 
 from . import addresses
-from .arguments import slave
+from .arguments import add_one_slave, hex_bytes
 from .output import print_json
-from .saving import add_force, check_target, read_bytes, save_bytes
+from .saving import add_force, add_out, check_target, read_bytes, save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote, SdoValue
@@ -44,7 +44,7 @@ _WITH_UNIT = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
     reading = name == "sdo-read"
-    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    add_one_slave(command)
     command.add_argument("object", type=addresses.object_, metavar="OBJECT", help=addresses.HELP)
     command.add_argument(
         "subindex",
@@ -65,9 +65,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     )
     command.add_argument("--complete", action="store_true", help="complete access")
     if reading:
-        command.add_argument(
-            "-o", dest="out", metavar="FILE", type=Path, help="save the bytes to this file"
-        )
+        add_out(command, "save the bytes to this file")
         add_force(command)
     command.add_argument("-v", "--verbose", action="store_true", help="print name and type, too")
 
@@ -140,11 +138,8 @@ def _data(remote: Remote, options: argparse.Namespace, chosen: DataType | None) 
         UsageError: The value is malformed, a file cannot be read, or a unit does not fit.
     """
     text: str = options.value
-    if text.startswith("hex:"):
-        try:
-            return bytes.fromhex(text[4:])
-        except ValueError:
-            raise UsageError(f"'{text}' is no row of bytes: write it as 'hex:04 00'") from None
+    if (data := hex_bytes(text)) is not None:
+        return data
     if text.startswith("@"):
         if text == "@":
             raise UsageError("'@' names no file: write it as @FILE")

@@ -23,12 +23,11 @@ from ecatd.description.bus import Slave
 from ecatd.etg.datatypes import STRINGS, decode, parse_type, type_alias
 from ecatd.etg.dictionary import Access, DictionaryEntry, access_text
 
-from .arguments import slave
+from .arguments import add_one_slave
 from .confirm import add_yes, confirm
 from .dictionary import add_esi, read_objects, read_value
-from .output import print_json, print_table
-from .progress import counted
-from .saving import add_force, check_target, save
+from .output import counted, print_json, print_table
+from .saving import add_force, add_out, check_target, save
 from .sdo import physical_text, value_text
 
 if TYPE_CHECKING:
@@ -64,11 +63,9 @@ _FILE: Rules = {
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
-    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    add_one_slave(command)
     if name == "sdo-dump":
-        command.add_argument(
-            "-o", dest="out", metavar="FILE", type=Path, help="the file (default: print it)"
-        )
+        add_out(command, "the file (default: print it)")
         add_force(command)
         add_esi(command)
         return
@@ -99,7 +96,7 @@ def sdo_dump(remote: Remote, options: argparse.Namespace) -> None:
         try:
             value = read_value(remote, found.position, index, subindex, entry)
         except SdoAbortError as error:
-            lines += _comment(lines, f"0x{index:04X}:{subindex:02X} {_plain(name)}: {error}")
+            lines += _comment(lines, f"0x{index:04X}:{subindex:02X} {_one_line(name)}: {error}")
             refused += 1
             continue
         restorable = index >= _FIRST_OWN and (index, subindex) not in outputs
@@ -126,13 +123,13 @@ def sdo_dump(remote: Remote, options: argparse.Namespace) -> None:
 
 
 def _head(found: Slave, values: int) -> Iterator[str]:
-    yield f"# Values of all objects of {_plain(found.label)}, written by ecatctl {VERSION}."
+    yield f"# Values of all objects of {_one_line(found.label)}, written by ecatctl {VERSION}."
     yield "# `ecatctl sdo-restore SLAVE FILE` writes the tables back whose values differ. Comments"
     yield "# are values that cannot be written, that belong to the communication, or that are"
     yield "# process data."
     yield ""
     yield "[slave]"
-    yield f"name = {toml_text('name', _plain(found.name))}"
+    yield f"name = {toml_text('name', _one_line(found.name))}"
     for key in ("vendor", "product", "revision"):
         yield f"{key} = {toml_text(key, getattr(found, key))}"
     yield f"values = {values}  # tables below; without this line, some may be missing"
@@ -149,9 +146,9 @@ def _table(
         physical = physical_text(value)
         yield f'type = "{alias}"'
         number = toml_text("", decode(value.data_type, value.data))
-        yield f"value = {number}" + (f"  # {_plain(physical)}" if physical else "")
+        yield f"value = {number}" + (f"  # {_one_line(physical)}" if physical else "")
     else:
-        text = f"  # {_plain(value_text(value))}" if value.data_type in STRINGS else ""
+        text = f"  # {_one_line(value_text(value))}" if value.data_type in STRINGS else ""
         yield f'hex = "{value.data.hex(" ")}"{text}'
     yield f"comment = {toml_text('', _names(name, entry))}"
 
@@ -165,7 +162,7 @@ def _line(index: int, subindex: int, name: str, entry: DictionaryEntry, value: S
     physical = f" = {physical_text(value)}" if physical_text(value) else ""
     return (
         f"0x{index:04X}:{subindex:02X} {_names(name, entry)} ({access_text(entry.access)}): "
-        f"{_plain(value_text(value))}{physical}"
+        f"{_one_line(value_text(value))}{physical}"
     )
 
 
@@ -178,10 +175,10 @@ def _comment(lines: Sequence[str], text: str) -> Iterator[str]:
 
 def _names(name: str, entry: DictionaryEntry) -> str:
     """The names of an object and its entry, for people."""
-    return _plain(", ".join(dict.fromkeys(filter(None, (name, entry.name)))))[:_COMMENT_MOST]
+    return _one_line(", ".join(dict.fromkeys(filter(None, (name, entry.name)))))[:_COMMENT_MOST]
 
 
-def _plain(text: str) -> str:
+def _one_line(text: str) -> str:
     """A text from a slave, on one line."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
@@ -243,11 +240,11 @@ def sdo_restore(remote: Remote, options: argparse.Namespace) -> int:
     bad = [row for row in rows if row.result not in (_DIFFERS, _WRITTEN)]
     written = sum(row.result == _WRITTEN for row in rows)
     if not options.json:
-        _tell(found, len(parameters), wanted, written, bad, dry_run=options.dry_run)
+        _report(found, len(parameters), wanted, written, bad, dry_run=options.dry_run)
     return StateError.exit_code if bad else 0
 
 
-def _tell(
+def _report(
     found: Slave,
     count: int,
     wanted: Sequence[_Row],

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import StateError, UsageError
 from ecatd.base.maps import plain
@@ -20,10 +21,9 @@ from ecatd.etg.scaling import formula_text, to_physical
 from ecatd.operations.bus import ReadStates, SetState, SlaveAlState
 
 from .arguments import add_slave
+from .bus_warnings import check_slaves, warn_outdated
 from .confirm import add_yes, confirm
-from .outdated import tell_outdated
 from .output import print_json, print_table
-from .silent_bus import check_slaves
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -36,6 +36,17 @@ COMMANDS = {
     },
 }
 
+_DESCRIBED = (
+    *("position", "identification", "name", "given_name", "vendor", "product", "address", "coe"),
+    *("problems", "domain", "output_bytes", "input_bytes", "dc_bits", "dc_delay_ns", "sync0_ns"),
+    *("sync1_ns", "sync_shift_ns", "watchdog_ms"),
+)
+_CURRENT = ("alias", "recovery", "recovery_text", "revision", "serial", "read_at")
+"""Keys of `slaves --json`: of the bus description, and of the AL states."""
+_SLAVE_HEAD = (
+    *("POS", "ALIAS", "IDENT", "STATE", "NAME", "VENDOR", "PRODUCT", "REVISION"),
+    *("DOMAIN", "OUT", "IN"),
+)
 _PROBLEMS_SHOWN = 10
 _START_S = 60.0
 """Seconds after the first EEPROM in which those of a start have been read."""
@@ -63,68 +74,30 @@ def slaves(remote: Remote, options: argparse.Namespace) -> int:
     health = remote.health()
     states = {row["position"]: row for row in health.rows}
     if options.json:
-        rows = [
-            {
-                "position": slave.position,
-                "alias": states[slave.position]["alias"],
-                "identification": slave.identification,
-                "state": al_state_text(states[slave.position]["al_state"]),
-                "recovery": states[slave.position]["recovery"],
-                "recovery_text": states[slave.position]["recovery_text"],
-                "name": slave.name,
-                "given_name": slave.given_name,
-                "vendor": slave.vendor,
-                "product": slave.product,
-                "revision": states[slave.position]["revision"],
-                "serial": states[slave.position]["serial"],
-                "read_at": states[slave.position]["read_at"],
-                "address": slave.address,
-                "coe": slave.coe,
-                "modules": [asdict(module) for module in slave.modules],
-                "problems": slave.problems,
-                "contradictions": plain(slave.contradictions),
-                "domain": slave.domain,
-                "domain_name": bus.domain_name(slave.domain),
-                "output_bytes": slave.output_bytes,
-                "input_bytes": slave.input_bytes,
-                "dc_bits": slave.dc_bits,
-                "dc_delay_ns": slave.dc_delay_ns,
-                "sync0_ns": slave.sync0_ns,
-                "sync1_ns": slave.sync1_ns,
-                "sync_shift_ns": slave.sync_shift_ns,
-                "watchdog_ms": slave.watchdog_ms,
-            }
-            for slave in bus.slaves
-        ]
-        print_json(
-            {
-                "bus": bus.name,
-                "fingerprint": f"{bus.fingerprint:016x}",
-                "slaves": rows,
-                "differences": health.differences,
-            }
-        )
+        rows = [_slave_document(bus, slave, states[slave.position]) for slave in bus.slaves]
+        known = {"bus": bus.name, "fingerprint": f"{bus.fingerprint:016x}"}
+        print_json({**known, "slaves": rows, "differences": health.differences})
     else:
         _print_slaves(bus, states)
         _print_differences(health.differences)
     return check_slaves(health)
 
 
+def _slave_document(bus: Bus, slave: Slave, state: Mapping[str, Any]) -> dict[str, Any]:
+    """What is known of a slave: as the description says, and as it is now."""
+    return {
+        **{key: getattr(slave, key) for key in _DESCRIBED},
+        **{key: state[key] for key in _CURRENT},
+        "state": al_state_text(state["al_state"]),
+        "modules": [asdict(module) for module in slave.modules],
+        "contradictions": plain(slave.contradictions),
+        "domain_name": bus.domain_name(slave.domain),
+    }
+
+
 def _print_slaves(bus: Bus, states: dict[int, SlaveAlState]) -> None:
     print_table(
-        (
-            "POS",
-            "ALIAS",
-            "IDENT",
-            "STATE",
-            "NAME",
-            "VENDOR",
-            "PRODUCT",
-            "REVISION",
-            "DOMAIN",
-            "OUT",
-            "IN",
-        ),
+        _SLAVE_HEAD,
         (
             (
                 slave.position,
@@ -189,7 +162,7 @@ def pdos(remote: Remote, options: argparse.Namespace) -> None:
     """Lists the process data of one slave or all."""
     bus, rows = remote.describe(), remote.request(ReadStates())["slaves"]
     chosen = bus.slaves if options.slave is None else [bus.find(options.slave)]
-    old = tell_outdated(bus, [rows[slave.position] for slave in chosen])
+    old = warn_outdated(bus, [rows[slave.position] for slave in chosen])
     if options.json:
         document = bus.to_dict()
         positions = {slave.position for slave in chosen}
@@ -274,7 +247,11 @@ def state(remote: Remote, options: argparse.Namespace) -> int:
         print_table(
             ("POS", "NAME", "STATE"),
             (
-                (row["position"], display_name(row.get("given_name", ""), row["name"]), _told(row))
+                (
+                    row["position"],
+                    display_name(row.get("given_name", ""), row["name"]),
+                    _state_text(row),
+                )
                 for row in shown
             ),
             ">",
@@ -307,7 +284,7 @@ def _ask(remote: Remote, options: argparse.Namespace, chosen: int | None) -> Non
         )
 
 
-def _told(row: SlaveAlState) -> str:
+def _state_text(row: SlaveAlState) -> str:
     """AL state of a slave, and what is known about its recovery."""
     known = (row["text"], row.get("recovery"), row.get("recovery_text"))
     return "; ".join(text for text in known if text)

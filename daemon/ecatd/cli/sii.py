@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ecatd.description.bus import Slave
@@ -12,10 +11,9 @@ from ecatd.etg.pdo import Pdo
 from ecatd.etg.sii import UNASSIGNED, Sii, SiiMailbox
 from ecatd.etg.sii_check import check_sii
 
-from .arguments import slave
-from .output import print_json
-from .progress import progress
-from .saving import add_force, check_target, save_bytes
+from .arguments import add_one_slave
+from .output import print_json, progress
+from .saving import add_force, add_out, check_target, save_bytes
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -25,15 +23,17 @@ COMMANDS = {"mailboxes": {"sii-read": "Show what is in the EEPROM of a slave, or
 _PROTOCOLS = ("AoE", "EoE", "CoE", "FoE", "SoE", "VoE")
 _COE = ("SDO", "SDO information", "PDO assignment", "PDO configuration", "upload at the start")
 _USAGES = ("not used", "mailbox out", "mailbox in", "outputs", "inputs")
+_AS_THEY_ARE = (
+    *("vendor", "product", "revision", "serial", "alias", "name", "order", "group"),
+    "complete_access",
+)
 _FMMUS = {1: "outputs", 2: "inputs", 3: "mailbox state"}
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
-    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
-    command.add_argument(
-        "-o", dest="out", metavar="FILE", type=Path, help="save the bytes to this file"
-    )
+    add_one_slave(command)
+    add_out(command, "save the bytes to this file")
     add_force(command)
 
 
@@ -68,25 +68,14 @@ def _names(bits: int, names: tuple[str, ...]) -> list[str]:
 
 def _document(sii: Sii) -> dict[str, Any]:
     return {
-        "vendor": sii.vendor,
-        "product": sii.product,
-        "revision": sii.revision,
-        "serial": sii.serial,
-        "alias": sii.alias,
-        "name": sii.name,
-        "order": sii.order,
-        "group": sii.group,
+        **{key: getattr(sii, key) for key in _AS_THEY_ARE},
         "mailbox_protocols": _names(sii.mailbox_protocols, _PROTOCOLS),
         "coe": _names(sii.coe, _COE),
-        "complete_access": sii.complete_access,
         "ebus_current_ma": sii.ebus_current,
         "fmmus": [_FMMUS.get(item, "not used") for item in sii.fmmus],
         "sync_managers": [
             {
-                "start": item.start,
-                "length": item.length,
-                "control": item.control,
-                "enable": item.enable,
+                **{key: getattr(item, key) for key in ("start", "length", "control", "enable")},
                 "usage": _usage(item.usage),
             }
             for item in sii.sync_managers
@@ -105,9 +94,7 @@ def _pdo_document(pdo: Pdo) -> dict[str, Any]:
         "sync_manager": None if pdo.sync_manager == UNASSIGNED else pdo.sync_manager,
         "entries": [
             {
-                "index": entry.index,
-                "subindex": entry.subindex,
-                "name": entry.name,
+                **{key: getattr(entry, key) for key in ("index", "subindex", "name")},
                 "bits": entry.bit_length,
             }
             for entry in pdo.entries

@@ -19,10 +19,9 @@ from ecatd.etg.sii_categories import FIRST_CATEGORY
 from ecatd.etg.sii_check import MAX_IMAGE, check_sii, sii_checksum
 from ecatd.operations.eeproms import SII_WORDS_MAX, ReadSii, WriteSii
 
-from .arguments import bounded, slave
+from .arguments import add_one_slave, bounded
 from .confirm import add_yes, confirm
-from .output import print_json
-from .progress import counted
+from .output import counted, print_json
 from .saving import check_target, read_bytes, save_bytes
 from .sii import read_image, sii_lines
 
@@ -44,7 +43,7 @@ _LATER = "the slave uses it from its next power-on"
 
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
-    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    add_one_slave(command)
     if name == "alias":
         command.add_argument(
             "alias", type=bounded(0, 0xFFFF), metavar="ALIAS", help="the alias, 0 for none"

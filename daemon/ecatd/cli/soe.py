@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 from ecatd.base.errors import StateError, UsageError
 from ecatd.etg.idns import ALL_IDNS, IdnValue, idn_text, parse_idn
 
-from .arguments import bounded, slave
-from .output import print_json, print_table
-from .progress import counted
+from .arguments import add_one_slave, bounded, hex_bytes
+from .output import counted, print_json, print_table
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -26,7 +25,7 @@ COMMANDS = {
 def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
     reading = name == "soe-read"
-    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    add_one_slave(command)
     command.add_argument(
         "idn",
         type=_idn,
@@ -90,12 +89,8 @@ def soe_write(remote: Remote, options: argparse.Namespace) -> None:
     """Writes the value of an IDN."""
     text: str = options.value
     known = remote.read_idn(options.slave, options.idn, options.drive)
-    if text.startswith("hex:"):
-        try:
-            data = bytes.fromhex(text[4:])
-        except ValueError:
-            raise UsageError(f"'{text}' is no row of bytes: write it as 'hex:04 00'") from None
-    else:
+    data = hex_bytes(text)
+    if data is None:
         data = known.attribute.encode(text.removesuffix(known.unit).strip() if known.unit else text)
     written = remote.write_idn(options.slave, options.idn, data, options.drive)
     if options.json:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from ecatd.base.errors import EcatError, UnreachableError
@@ -42,9 +41,9 @@ class Source:
         try:
             return read(self._options.bus)
         except UnreachableError as error:  # it is left over from a daemon that was killed
-            from ecatd.client.unserved import unserved
+            from ecatd.client.why_no_daemon import why_no_daemon
 
-            raise unserved(self._options.bus) from error
+            raise why_no_daemon(self._options.bus) from error
 
     def remote(self) -> Remote:
         """The session with the gateway; opens it on first use."""
@@ -72,10 +71,5 @@ class Source:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

@@ -34,13 +34,12 @@ from ecatd.etg.datatypes import STRINGS, bit_length, decode, parse_type, type_al
 from ecatd.etg.dictionary import Access, DictionaryEntry, DictionaryObject
 from ecatd.etg.pdo import Entry
 
-from .arguments import slave
+from .arguments import connect, slave
 from .bus_source import use_bus_of
 from .dictionary import objects_of, read_objects
 from .esi_devices import device_of
-from .output import print_json, print_table
-from .progress import counted
-from .saving import save
+from .output import counted, print_json, print_table
+from .saving import add_out, save
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -99,15 +98,11 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         metavar="PATH",
         help="capture: take the defaults from the ESI file of the slave, or a folder of them",
     )
-    command.add_argument(
-        "-o", dest="out", metavar="FILE", type=Path, help="capture: write the tables to this file"
-    )
+    add_out(command, "capture: write the tables to this file")
 
 
 def startup(options: argparse.Namespace) -> int:
     """Carries out one action; returns the exit status."""
-    from ecatd.client.remote import Remote  # Zenoh takes longest of all to load
-
     if options.action == "capture" and options.slave is None:
         raise UsageError("startup capture needs SLAVE: the position or name of the slave")
     if options.action == "capture" and options.config is not None:
@@ -121,7 +116,7 @@ def startup(options: argparse.Namespace) -> int:
         )
     if options.config is not None:
         use_bus_of(options, load_config(options.config))
-    with Remote(options.bus, options.connect, options.timeout) as remote:
+    with connect(options) as remote:
         return _RUN[options.action](remote, options)
 
 
@@ -165,8 +160,8 @@ def _verify(remote: Remote, options: argparse.Namespace) -> int:
             name = item.name or f"slave {item.position}"
             unknown[f"{name}, which is not on the bus"] += len(item.startup)
     if unknown:
-        told = "; ".join(f"{count} of {label}" for label, count in unknown.items())
-        print(f"ecatctl: parameters that could not be verified: {told}", file=sys.stderr)
+        listed = "; ".join(f"{count} of {label}" for label, count in unknown.items())
+        print(f"ecatctl: parameters that could not be verified: {listed}", file=sys.stderr)
     differs = any(item.outcome == _Outcome.DIFFERENT for item in found)
     return StateError.exit_code if differs or unknown else 0
 

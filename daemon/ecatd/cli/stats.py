@@ -1,4 +1,4 @@
-"""Command `stats`: shows counters and times of the cyclic exchange, once or repeatedly."""
+"""Commands `stats` and `metrics`: counters and times of the cyclic exchange."""
 
 from __future__ import annotations
 
@@ -6,24 +6,32 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
-from ecatd.base.errors import EcatError
+from ecatd.base.errors import EcatError, UsageError
+from ecatd.operations.health import Health
 from ecatd.shm.contract import TIMES
 from ecatd.shm.statistics import Snapshot
 from ecatd.shm.statistics.maps import histogram_to_map, interval_to_map, to_map
 
 from .arguments import add_watch
+from .bus_warnings import check_cycle
 from .output import print_json, print_json_line
-from .silent_bus import check_cycle
 from .source import Source
 from .stats_screen import histogram_lines, stats_lines
 from .terminal import Screen
 from .watch import check, clock, ticks
 
-COMMANDS = {"health": {"stats": "Show counters and timing of the cyclic exchange."}}
+COMMANDS = {
+    "health": {
+        "metrics": "Print the statistics for Prometheus, in the OpenMetrics format.",
+        "stats": "Show counters and timing of the cyclic exchange.",
+    },
+}
 
 
-def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
-    """Adds the arguments of the command."""
+def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
+    """Adds the arguments of a command."""
+    if name == "metrics":
+        return
     add_watch(command)
     command.add_argument(
         "--histogram", choices=TIMES, metavar="NAME", help=f"show one time: {', '.join(TIMES)}"
@@ -124,3 +132,22 @@ def _screen(
     if isinstance(now, EcatError):
         return [f"{clock()}  {now}", *notices, "Waiting for it to come back; Ctrl-C ends."]
     return [*_lines(now, interval, options.histogram), *notices]
+
+
+def metrics(options: argparse.Namespace) -> None:
+    """Prints the metrics; those of single slaves only if the gateway answers."""
+    if options.json:
+        raise UsageError(
+            "metrics have a format of their own; `ecatctl stats --json` gives the statistics as "
+            "JSON"
+        )
+    from ecatd.shm.statistics.open_metrics import write_metrics
+
+    with Source(options) as source:
+        snapshot = source.read()
+        slaves: Health | EcatError
+        try:
+            slaves = source.remote().health()
+        except EcatError as error:
+            slaves = error
+    print(write_metrics(snapshot, slaves), end="")

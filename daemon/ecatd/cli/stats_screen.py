@@ -8,7 +8,7 @@ from itertools import zip_longest
 from ecatd.shm import contract as shm
 from ecatd.shm.statistics import Domain, Histogram, Snapshot
 from ecatd.shm.statistics.maps import QUANTILES
-from ecatd.shm.statistics.problems import ring_line, word
+from ecatd.shm.statistics.problems import ring_text, word
 
 from .output import fitting, shortened, table_lines
 
@@ -63,9 +63,9 @@ def _head(snapshot: Snapshot) -> list[str]:
     if snapshot.links[0] not in (shm.Link.UNUSED, shm.Link.UP):
         lines.append(f"INTERFACE {word(snapshot.links[0])}")
     if snapshot.ring != shm.Ring.NONE:
-        lines.append(ring_line(snapshot))
+        lines.append(f"ring {ring_text(snapshot)}")
     if snapshot.clock.state != shm.DcState.OFF:
-        lines.append(clock_line(snapshot))
+        lines.append(f"DC {clock_text(snapshot)}")
     if snapshot.silence:
         lines.append(f"NO CYCLE for {snapshot.silence:.1f} s: the exchange stands still")
     return lines
@@ -87,13 +87,13 @@ def real_time_line(snapshot: Snapshot) -> str:
     return ", ".join(parts)
 
 
-def clock_line(snapshot: Snapshot) -> str:
-    """A line with the state of the distributed clocks."""
+def clock_text(snapshot: Snapshot) -> str:
+    """The state of the distributed clocks, as words behind `DC`."""
     clock = snapshot.clock
     if clock.state == shm.DcState.OFF:
         return "off: the cycle runs on the clock of this machine"
     return (
-        f"DC {word(clock.state)}, reference clock slave {clock.reference}, "
+        f"{word(clock.state)}, reference clock slave {clock.reference}, "
         f"offset {clock.offset_ns / 1000:.3f} µs, drift {clock.drift_ppb / 1000:+.3f} ppm"
     )
 

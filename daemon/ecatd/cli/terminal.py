@@ -17,7 +17,7 @@ _HOME, _CLEAR = "\033[H", "\033[2J"
 _REST_OF_LINE, _REST_OF_SCREEN = "\033[K", "\033[J"
 
 
-class Line(str):
+class StyledLine(str):
     """A line with a colour, which is only printed on terminals."""
 
     style: str
@@ -29,19 +29,19 @@ class Line(str):
         return made
 
 
-def heading(text: str) -> Line:
+def heading(text: str) -> StyledLine:
     """The head of a table."""
-    return Line(text, "1")
+    return StyledLine(text, "1")
 
 
-def alarm(text: str) -> Line:
+def alarm(text: str) -> StyledLine:
     """A line about something that is wrong."""
-    return Line(text, "31")
+    return StyledLine(text, "31")
 
 
 def _painted(line: str, width: int | None = None) -> str:
     text = printable(line if width is None else line[:width])
-    if isinstance(line, Line) and text and not os.environ.get("NO_COLOR"):
+    if isinstance(line, StyledLine) and text and not os.environ.get("NO_COLOR"):
         return f"\033[{line.style}m{text}\033[0m"
     return text
 

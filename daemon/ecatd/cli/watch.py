@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import EcatError, UsageError
 
+from .arguments import connect
 from .output import print_json, print_json_line
 from .terminal import Screen, check_stdout, show
 
@@ -53,12 +54,10 @@ def outlive(options: argparse.Namespace, follow: Callable[[Remote], Iterable[Non
         EcatError: The daemon has not answered yet. Later errors are shown, and each of them may
             mean that it is away: a user with a certificate is then told "not permitted".
     """
-    from ecatd.client.remote import Remote  # loading Zenoh is slow
-
     has_answered, said = False, ""
     while True:
         try:
-            with Remote(options.bus, options.connect, options.timeout) as remote:
+            with connect(options) as remote:
                 for _ in follow(remote):
                     has_answered, said = True, ""
             return

@@ -14,11 +14,10 @@ if TYPE_CHECKING:
 
     from .claims import Claim
     from .client import Client
-    from .group import SignalGroup
+    from .group import SignalGroup, Summaries
     from .info import DomainInfo, OutputInfo, Owner, SlaveInfo, Summary
     from .requests import Request
     from .signals import Signal
-    from .summaries import Summaries
 
 _HOME = {
     **dict.fromkeys(
@@ -30,7 +29,7 @@ _HOME = {
     **dict.fromkeys(("DomainInfo", "OutputInfo", "Owner", "SlaveInfo", "Summary"), ".info"),
     "Request": ".requests",
     "Signal": ".signals",
-    "Summaries": ".summaries",
+    "Summaries": ".group",
 }
 
 __all__ = [

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 from collections import defaultdict
 from collections.abc import AsyncIterator, Iterable, Sequence
-from types import TracebackType
 from typing import TYPE_CHECKING, Self, SupportsIndex, overload
 from weakref import WeakSet
 
@@ -17,12 +16,11 @@ from ecatd.shm.contract import Direction
 from .arguments import COUNT, INDEX, SUBINDEX, U32, refuse, seconds, whole
 from .claims import Claim, Claims
 from .connection import PADDING, Connection, text_of
-from .group import SignalGroup
+from .group import SignalGroup, Summaries
 from .info import DomainInfo, OutputInfo, Owner, SlaveInfo, Summary
 from .requests import Request, Requests
 from .signals import Signal, make
 from .structs import QUICK, WAITING, DomainStruct, SlaveStruct
-from .summaries import Summaries
 
 if TYPE_CHECKING:
     import numpy as np
@@ -96,12 +94,7 @@ class Client:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _renew(self) -> None:

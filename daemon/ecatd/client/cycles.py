@@ -97,7 +97,7 @@ class CycleWaiter:
         """Ends the thread and all waits; does not wait for the thread."""
         with self._changed:
             self._closed = True
-            self._tell_closed()
+            self._report_closed()
             self._changed.notify()
 
     def _add(self, waiter: _Waiter) -> None:
@@ -138,7 +138,7 @@ class CycleWaiter:
             if self._waiters and not self._closed:
                 return True
             self._thread = None
-            self._tell_closed()
+            self._report_closed()
             return False
 
     def _ended(self, connection: Connection) -> None:
@@ -164,7 +164,7 @@ class CycleWaiter:
                     waiter.tell(error)
             self._waiters = [w for w in self._waiters if instance not in (None, w.instance)]
 
-    def _tell_closed(self) -> None:
+    def _report_closed(self) -> None:
         for waiter in self._waiters:
             waiter.tell(StateError(f"the client of bus '{self._bus}' was closed"))
         self._waiters = []

@@ -1,16 +1,20 @@
-"""Many entries of the last sample at once."""
+"""Many entries at once: of the last sample, or minimum, mean and maximum, row after row."""
 
 from __future__ import annotations
 
+import ctypes
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from operator import itemgetter
 from typing import Any
 
 from ecatd.etg.scaling import to_physical_each
 
+from .arguments import U32, seconds, whole
 from .connection import Connection
+from .info import Summary
 from .signals import Signal, letter
+from .structs import SUMMARY, SummaryStruct
 
 
 class SignalGroup:
@@ -71,3 +75,32 @@ class SignalGroup:
     def values(self) -> tuple[float, ...]:
         """The physical values, each in the unit of its entry."""
         return to_physical_each(self.raw, self._scales, self._offsets)
+
+
+class Summaries:
+    """Summaries of the same entries, again and again; `Client.summaries` makes it.
+
+    A row begins with the cycle behind the last one, unless more than a cycle passes between two
+    calls of `take`. What takes longer is for another thread, such as `rows` for many entries.
+    """
+
+    def __init__(self, connection: Connection, signals: Iterable[Signal]) -> None:
+        self._connection = connection
+        numbers = [signal.number for signal in signals]
+        self._handles = (ctypes.c_int * len(numbers))(*numbers)
+        self._found = (SummaryStruct * len(numbers))()
+
+    def take(self, cycles: int, timeout: float = 1.0) -> bytes:
+        """Waits for some cycles, and reads the entries in each of them; see `Client.summarize`.
+
+        Returns:
+            A row, for `rows`.
+        """
+        cycles, timeout = whole("cycles", cycles, U32), seconds("timeout", timeout)
+        self._connection.summarize(self._handles, self._found, cycles, timeout)
+        return bytes(self._found)
+
+    @staticmethod
+    def rows(taken: bytes) -> list[Summary]:
+        """The summaries of a row, in the order of the entries. It needs no client."""
+        return [Summary._make(row) for row in struct.iter_unpack(SUMMARY, taken)]

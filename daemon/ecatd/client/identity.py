@@ -14,7 +14,6 @@ _BLOCK = re.compile("-----BEGIN ([A-Z ]+)-----.*?-----END \\1-----\n?", re.DOTAL
 _USER = re.compile("^ecatd user: (.+)$", re.MULTILINE)
 _MOST = 1 << 20
 """Bytes of a file that are read."""
-_ENCRYPTED = ("tls/", "quic/")
 USER_LINE = "ecatd user: {}\n"
 """First line of a file with an identity."""
 
@@ -49,11 +48,6 @@ class Identity(NamedTuple):
             for name, text in parts.items()
         }
         return {**found, "transport/link/tls/enable_mtls": True}
-
-
-def is_encrypted(endpoint: str | None) -> bool:
-    """Whether a connection to this Zenoh endpoint is encrypted, and knows users."""
-    return endpoint is not None and endpoint.startswith(_ENCRYPTED)
 
 
 def find_identity(path: Path | None) -> Identity | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 
 from ecatd.base.errors import NotPermittedError
@@ -20,10 +19,10 @@ if TYPE_CHECKING:
     from ecatd.etg.dictionary import DictionaryObject
     from ecatd.etg.idns import IdnValue
     from ecatd.etg.port_errors import SlaveErrors
+    from ecatd.operations.bus import Rights
     from ecatd.operations.health import Health
     from ecatd.operations.objects import Sdo
     from ecatd.operations.registers import Errors
-    from ecatd.operations.users import Rights
     from ecatd.shm.statistics import Snapshot
 
     from .file_transfer import FileTransfer
@@ -117,12 +116,7 @@ class Remote:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
@@ -138,7 +132,7 @@ class Remote:
         """
         if not self.user:
             raise NotPermittedError("this connection does not know users: it has no certificate")
-        from ecatd.operations.users import ReadRights
+        from ecatd.operations.bus import ReadRights
 
         return self.request(ReadRights(self.user))
 
@@ -365,7 +359,7 @@ class Remote:
         Raises:
             NoAnswerError: The daemon has ended, or the connection is broken.
         """
-        from .log_lines import log_lines
+        from .stream import log_lines
 
         return log_lines(self._session.zenoh, self._session.full_name)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import zenoh
 
@@ -23,14 +23,14 @@ from ecatd.base.errors import (
 from ecatd.base.paths import read_host, search_dirs, zenoh_socket
 from ecatd.linux.systemd_services import how_to_start
 from ecatd.operations.encoding import MAX_REPLY, pack, unpack
+from ecatd.operations.endpoints import LOCAL, Endpoint
 from ecatd.operations.operation import Operation, on_behalf
 from ecatd.operations.query import to_query
-from ecatd.operations.users import ReadRights
 from ecatd.operations.zenoh_keys import AS, bus_key, bus_of, full_name, session_config
 
 from .arguments import refuse, seconds, text
-from .identity import find_identity, is_encrypted, who
-from .unreached import why_unreached
+from .identity import find_identity, who
+from .why_no_connection import why_no_connection
 
 _GATEWAY_PATIENCE, _GATEWAY_PAUSE = 5.0, 0.05
 """Seconds for which a gateway is waited for that starts while the bus runs, and between tries."""
@@ -51,25 +51,25 @@ def _local_endpoint(bus: str) -> tuple[str, str]:
             if path.is_socket():
                 if not os.access(path, os.W_OK):
                     raise NotPermittedError(f"no right to use bus '{bus}': {_JOIN}")
-                return f"unixsock-stream/{path}", full_name(read_host(folder, bus), bus)
+                return f"{LOCAL}/{path}", full_name(read_host(folder, bus), bus)
         except PermissionError as error:
-            from .unserved import has_shared_memory
+            from .why_no_daemon import has_shared_memory
 
             if has_shared_memory(bus):  # else none of these serves it
                 raise NotPermittedError(f"no right to look into {folder}: {_JOIN}") from error
-    raise _unserved(bus)
+    raise _why_no_daemon(bus)
 
 
 def _is_coming(bus: str) -> bool:
-    from .unserved import awaits_gateway
+    from .why_no_daemon import awaits_gateway
 
     return awaits_gateway(bus)
 
 
-def _unserved(bus: str) -> EcatError:
-    from .unserved import unserved
+def _why_no_daemon(bus: str) -> EcatError:
+    from .why_no_daemon import why_no_daemon
 
-    return unserved(bus)
+    return why_no_daemon(bus)
 
 
 class Session:
@@ -99,8 +99,9 @@ class Session:
         self.bus = check_bus_name(bus) if connect is None else check_full_bus_name(bus)
         self.full_name = self.bus
         self.timeout = seconds("timeout", timeout)
-        self._identity = find_identity(identity) if is_encrypted(connect) else None
-        self._is_local = connect is None or connect.startswith("unixsock-stream/")
+        endpoint = Endpoint.of(connect or f"{LOCAL}/")
+        self._identity = find_identity(identity) if endpoint.is_encrypted else None
+        self._is_local = endpoint.protocol == LOCAL
         self._connect = connect
         zenoh.init_log_from_env_or("off")
         self.zenoh = self._opened()
@@ -138,8 +139,8 @@ class Session:
             return zenoh.open(config)
         except zenoh.ZError as error:
             if found:
-                raise _unserved(self.bus) from error
-            raise why_unreached(endpoint, self._identity, self.timeout) from error
+                raise _why_no_daemon(self.bus) from error
+            raise why_no_connection(endpoint, self._identity, self.timeout) from error
 
     def close(self) -> None:
         """Ends the session."""
@@ -165,12 +166,13 @@ class Session:
             if sample is None:
                 continue
             try:
-                answer = unpack(bytes(sample.payload), MAX_REPLY)
+                answer: Any = unpack(bytes(sample.payload), MAX_REPLY)
             except UsageError:
                 break  # an error reply of Zenoh itself: nobody answered
             if "error" in answer:
                 raise EcatError.from_reply(answer["error"])
-            return cast("A", answer)
+            found: A = answer
+            return found
         raise self._silence(key)
 
     def ask_all(self, *what: str) -> list[dict[str, dict[str, Any]]]:
@@ -218,7 +220,7 @@ class Session:
                 "machine cannot be reached now, or its gateway is just starting"
             )
         if not alive and self._is_local:
-            return _unserved(self.bus)
+            return _why_no_daemon(self.bus)
         if not alive:
             start = how_to_start(self.bus.rpartition("/")[2])
             return UnreachableError(f"no ecatd serves bus '{self.bus}' there; {start}")
@@ -243,6 +245,8 @@ class Session:
     @property
     def _is_known(self) -> bool:
         """Whether the daemon knows the user. Its gateway answers that without the bus server."""
+        from ecatd.operations.bus import ReadRights  # most sessions need none of these operations
+
         key = bus_key(self.full_name, *to_query(ReadRights(self.user)).key)
         return any(reply.ok for reply in self.zenoh.get(key, timeout=self.timeout))
 

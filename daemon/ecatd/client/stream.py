@@ -1,11 +1,10 @@
-"""A stream of values over Zenoh, as a client sees it."""
+"""What a daemon publishes over Zenoh, as a client sees it: streams of values, lines of the log."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Iterator
-from types import TracebackType
 from typing import Any, Self
 
 import zenoh
@@ -18,6 +17,8 @@ from ecatd.operations.zenoh_keys import bus_key, bus_of
 
 _ROWS = 100
 """Rows that may wait; older ones are dropped."""
+_LINES, _PAUSE = 1000, 0.05
+"""Lines of the log that may wait, and seconds between two looks for one."""
 
 
 class Stream:
@@ -81,11 +82,33 @@ class Stream:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
         self._token.undeclare()  # type: ignore[no-untyped-call]
+
+
+def log_lines(session: zenoh.Session, bus: str) -> Iterator[dict[str, Any]]:
+    """Returns an iterator over lines of the log from now on; see LogLine in docs/zenoh-keys.md.
+
+    Args:
+        session: The session.
+        bus: BUS or HOST/BUS.
+
+    Raises:
+        NoAnswerError: The daemon has ended, or the connection is broken.
+    """
+    ring = zenoh.handlers.RingChannel
+    alive = session.liveliness().declare_subscriber(bus_key(bus, "alive"), ring(1), history=True)
+    lines = session.declare_subscriber(bus_key(bus, "ro", "log", "lines"), ring(_LINES))
+    return _follow(lines, alive)
+
+
+def _follow(lines: Any, alive: Any) -> Iterator[dict[str, Any]]:
+    with lines, alive:
+        while True:
+            if (sample := lines.try_recv()) is not None:
+                yield unpack(bytes(sample.payload), MAX_REPLY)
+            elif (sign := alive.try_recv()) and sign.kind == zenoh.SampleKind.DELETE:
+                raise NoAnswerError("the daemon has ended, or the connection is broken")
+            else:
+                time.sleep(_PAUSE)

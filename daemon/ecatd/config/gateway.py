@@ -12,14 +12,10 @@ from ecatd.base.errors import LOOPBACK
 from ecatd.base.toml_file import Key, Table, accepts, any_of, integer, number, show
 from ecatd.description.limits import POSITION_MAX
 from ecatd.operations.catalog import RIGHT_NAMES
+from ecatd.operations.endpoints import ENCRYPTED, LOCAL, PLAIN, PROTOCOLS, Endpoint
 
 from .placed import Placed, each, read
 
-PLAIN, ENCRYPTED = ("tcp", "ws", "udp"), ("tls", "quic")
-PROTOCOLS = (*PLAIN, *ENCRYPTED)
-"""Protocols of Zenoh with host and port; only the encrypted ones know users."""
-
-_LOCAL = "unixsock-stream/"
 _SOCKET_PATH_MAX = 107  # of a Unix socket in Linux
 
 USER_NAME = re.compile("[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}")
@@ -47,7 +43,7 @@ _ENDPOINT = (
     f"`PROTOCOL/HOST:PORT` with one of the protocols {', '.join(PROTOCOLS)}, and a port from 1 to "
     "65535"
 )
-_LISTEN = accepts(f"{_ENDPOINT}; `{_LOCAL}/PATH`")(_endpoints)
+_LISTEN = accepts(f"{_ENDPOINT}; `{LOCAL}//PATH`")(_endpoints)
 _CONNECT = accepts(_ENDPOINT)(_endpoints)
 _ROUTER_NAMES = accepts("names of hosts")(lambda table, key: table.array(key, _router_name))
 
@@ -68,20 +64,20 @@ def _router_name(table: Table, key: Key) -> str:
 
 def _check_endpoint(table: Table, key: Key) -> None:
     endpoint = table.text(key)
-    if endpoint.startswith(f"{_LOCAL}/"):
-        _check_socket_path(table, key, endpoint.removeprefix(_LOCAL))
+    place = Endpoint.of(endpoint)
+    if endpoint.startswith(f"{LOCAL}//"):
+        _check_socket_path(table, key, endpoint.removeprefix(f"{LOCAL}/"))
         return
-    protocol, _, rest = endpoint.partition("/")
-    host, _, port = re.split("[?#]", rest, maxsplit=1)[0].rpartition(":")
-    if protocol not in PROTOCOLS or not host:
+    if place.protocol not in PROTOCOLS or not place.host:
         table.fail(
             key,
             f"{show(endpoint)} is no Zenoh endpoint: write PROTOCOL/HOST:PORT, such as "
             f'"{LOOPBACK}", with one of the protocols {", ".join(PROTOCOLS)}; or '
-            f'"{_LOCAL}/PATH"',
+            f'"{LOCAL}//PATH"',
         )
-    if not _is_port(port):
-        table.fail(key, f"{show(endpoint)}: {show(port)} is no port: write one from 1 to 65535")
+    if not _is_port(place.port):
+        port = show(place.port)
+        table.fail(key, f"{show(endpoint)}: {port} is no port: write one from 1 to 65535")
 
 
 def _is_port(text: str) -> bool:
@@ -230,19 +226,13 @@ def read_gateway(top: Table, key: Key) -> GatewayConfig:
     return config
 
 
-def host_of(endpoint: str) -> str:
-    """The host of an endpoint `PROTOCOL/HOST:PORT`."""
-    address = re.split("[?#]", endpoint.partition("/")[2], maxsplit=1)[0]
-    return address.rpartition(":")[0].strip("[]")
-
-
 def _check_certificates(table: Table, config: GatewayConfig) -> None:
     """Checks that what encrypted endpoints and users need is there."""
     for where, needed in (
         ("listen", ("certificate", "key")),
         ("connect", ("certificate", "key", "users_ca")),
     ):
-        encrypted = [item for item in getattr(config, where) if is_encrypted(item)]
+        encrypted = [item for item in getattr(config, where) if Endpoint.of(item).is_encrypted]
         for name in needed:
             if encrypted and not getattr(config, name):
                 keys = [f"gateway.{item}" for item in needed]
@@ -267,8 +257,8 @@ def _check_readers(table: Table, config: GatewayConfig) -> None:
     """Checks that somebody may use each endpoint."""
     elements = table.elements("listen")
     for at, endpoint in enumerate(config.listen):
-        protocol = endpoint.partition("/")[0]
-        if config.anonymous_reading or (protocol in PLAIN and _is_loopback(host_of(endpoint))):
+        protocol, host = Endpoint.of(endpoint).protocol, Endpoint.of(endpoint).host
+        if config.anonymous_reading or (protocol in PLAIN and _is_loopback(host)):
             continue
         if protocol in PLAIN:
             elements.fail(
@@ -296,9 +286,9 @@ def _check_routers(table: Table, config: GatewayConfig) -> None:
         )
     elements = table.elements("connect")
     for at, endpoint in enumerate(config.connect):
-        if endpoint.startswith(_LOCAL):
+        if Endpoint.of(endpoint).protocol == LOCAL:
             elements.fail(at, f"{show(endpoint)} is no router: write tls/HOST:PORT")
-        if not (is_encrypted(endpoint) or config.anonymous_reading):
+        if not (Endpoint.of(endpoint).is_encrypted or config.anonymous_reading):
             elements.fail(
                 at,
                 f"{show(endpoint)} has no encryption, so nobody could read there: use "
@@ -310,7 +300,7 @@ def _check_routers(table: Table, config: GatewayConfig) -> None:
             "router_names", "there is no router: name one in gateway.connect, or remove this"
         )
     # Who has the certificate of a router may speak for every user.
-    routers = {*map(host_of, config.connect), *config.router_names}
+    routers = {*(Endpoint.of(item).host for item in config.connect), *config.router_names}
     for at, user in enumerate(config.user):
         if user.name in routers:
             table.tables("user")[at].fail(
@@ -318,8 +308,3 @@ def _check_routers(table: Table, config: GatewayConfig) -> None:
                 f"{show(user.name)} is the name of a router (gateway.connect or "
                 "gateway.router_names): use another",
             )
-
-
-def is_encrypted(endpoint: str) -> bool:
-    """Whether an endpoint is encrypted, and knows users."""
-    return endpoint.partition("/")[0] in ENCRYPTED

@@ -35,6 +35,7 @@ from ecatd.base.process import (
 from ecatd.base.service_link import answer_pings, read_settings, tell
 from ecatd.config import GatewayConfig
 from ecatd.linux.systemd_services import other_version
+from ecatd.operations.endpoints import LOCAL, Endpoint
 from ecatd.shm.statistics import read
 
 if TYPE_CHECKING:
@@ -93,9 +94,9 @@ async def _feed_watchdog(gateway: Gateway) -> None:
 
 def _folders(bus: str, config: GatewayConfig) -> list[Path]:
     """Returns the folders of the gateway's Unix sockets, as far as they exist."""
-    addresses = [config.metrics, *config.listen]
-    paths = [Path(address.partition(":")[2]) for address in addresses if address[:5] == "unix:"]
-    paths += [Path(text[16:]) for text in addresses if text.startswith("unixsock-stream/")]
+    paths = [Path(config.metrics[5:])] if config.metrics.startswith("unix:") else []
+    listen = map(Endpoint.of, config.listen)
+    paths += [Path(item.address) for item in listen if item.protocol == LOCAL]
     folders = [gateway_dir(user_dir(), bus), *(path.parent for path in paths)]
     return [folder for folder in folders if folder.is_dir()]
 

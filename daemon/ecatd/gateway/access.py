@@ -23,12 +23,11 @@ from ecatd.base.batch import Batch, last_of
 from ecatd.base.errors import BusyError, NotPermittedError, StateError
 from ecatd.base.log import Log
 from ecatd.config import GatewayConfig, UserConfig
-from ecatd.config.gateway import ENCRYPTED, PLAIN, host_of, is_encrypted
 from ecatd.description.bus import Bus
+from ecatd.operations.bus import Rights
+from ecatd.operations.endpoints import ENCRYPTED, LOCAL, PLAIN, Endpoint
 from ecatd.operations.operation import Operation, right_of
-from ecatd.operations.users import Rights
-from ecatd.operations.zenoh_access import ASKING, READ, TELLING, rule
-from ecatd.operations.zenoh_keys import AS
+from ecatd.operations.zenoh_keys import AS, FROM_GATEWAY, FROM_READERS, READ, rule
 
 _BURST_S, _WAIT_S = 1.0, 2.0
 """The allowed changes of the first number of seconds may come at once; those of the second number
@@ -44,12 +43,12 @@ def access_control(bus: str, config: GatewayConfig) -> dict[str, Any]:
     """
     rules = [
         # Anybody may ask all buses at once, to find out which buses there are.
-        rule("ask", "ingress", ASKING, "*", READ),
-        rule("tell", "egress", TELLING, bus, READ),
+        rule("ask", "ingress", FROM_READERS, "*", READ),
+        rule("tell", "egress", FROM_GATEWAY, bus, READ),
         *_change("local", bus, "rw/**"),
     ]
     subjects: list[dict[str, Any]] = [
-        {"id": "local", "link_protocols": ["unixsock-stream"]},
+        {"id": "local", "link_protocols": [LOCAL]},
         {"id": "loopback", "interfaces": ["lo"], "link_protocols": [*PLAIN]},
     ]
     policies = [
@@ -76,7 +75,8 @@ def access_control(bus: str, config: GatewayConfig) -> dict[str, Any]:
 
 def router_names(config: GatewayConfig) -> list[str]:
     """The common names that routers may have in their certificates."""
-    hosts = (host_of(item) for item in config.connect if is_encrypted(item))
+    routers = map(Endpoint.of, config.connect)
+    hosts = (router.host for router in routers if router.is_encrypted)
     return list(dict.fromkeys((*hosts, *config.router_names)))
 
 
@@ -110,7 +110,7 @@ def certificates(config: GatewayConfig) -> dict[str, Any]:
 def without_encryption(config: GatewayConfig) -> GatewayConfig:
     """Returns the configuration without encrypted addresses, if certificates cannot be used."""
     listen, connect = (
-        [item for item in endpoints if not is_encrypted(item)]
+        [item for item in endpoints if not Endpoint.of(item).is_encrypted]
         for endpoints in (config.listen, config.connect)
     )
     return replace(config, listen=listen, connect=connect, certificate="", user=[])
@@ -174,9 +174,9 @@ class Refusals:
 
     def note(self, user: str, text: str) -> None:
         """Takes one of a user whom the configuration names."""
-        self._batches.setdefault(user, Batch(self._tell)).note(text)
+        self._batches.setdefault(user, Batch(self._log_refusals)).note(text)
 
-    def _tell(self, texts: list[str], left_out: int) -> None:
+    def _log_refusals(self, texts: list[str], left_out: int) -> None:
         self._log.notice(f"refused: {last_of(texts, left_out)}")
 
     def close(self) -> None:

@@ -22,16 +22,16 @@ from ecatd.config import Config, GatewayConfig, UserConfig, read_config
 from ecatd.config.certificates import contents, watch_certificates, wrong_certificates
 from ecatd.description.bus import Bus
 from ecatd.description.bus_reader import read_bus
-from ecatd.operations.bus import ReadConfig, ReadStates
+from ecatd.operations.bus import ReadConfig, ReadRights, ReadStates, Rights
 from ecatd.operations.description import Describe
 from ecatd.operations.encoding import MAX_MESSAGE, pack, unpack
+from ecatd.operations.endpoints import LOCAL, Endpoint
 from ecatd.operations.handlers import Handlers, handles
 from ecatd.operations.log import ReadLogLevels
 from ecatd.operations.operation import Operation, needs_right, on_behalf
 from ecatd.operations.query import from_query
 from ecatd.operations.statistics import Clocks, ReadClocks, ReadStats, Statistics
 from ecatd.operations.streams import OpenStream, Stream
-from ecatd.operations.users import ReadRights, Rights
 from ecatd.operations.zenoh_keys import AS, SCHEMA, bus_key, full_name, session_config
 from ecatd.shm.statistics import read, to_map
 from ecatd.shm.statistics.clocks import read_clocks
@@ -46,9 +46,9 @@ from .access import (
     unknown_slaves,
     without_encryption,
 )
-from .aside import aside
+from .admission import RELAYED, Admission
 from .bus_client import Answer, BusClient
-from .entrance import RELAYED, Entrance
+from .daemon_threads import in_daemon_thread
 from .listening import Listening
 from .metrics import MetricsServer
 from .publisher import Publisher, publish_stats
@@ -92,7 +92,7 @@ class Gateway:
         self._bus = BusClient(control_socket(runtime_dir, name), self._on_event, on_end)
         self._config = self._in_use = GatewayConfig()
         self._sessions: Sessions | None = None
-        self._entrance: Entrance | None = None
+        self._admission: Admission | None = None
         self._metrics: MetricsServer | None = None
         self._streams: Streams | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -194,13 +194,14 @@ class Gateway:
         remove_zenoh_socket(self._runtime_dir, self._name)
         write_host(self._runtime_dir, self._name, self._in_use.host)
         listen, connect = self._in_use.listen, self._in_use.connect
-        local = [item for item in listen if item.startswith("unixsock-stream/")]
-        self._entrance = entrance = Entrance(self._in_use, self._log)
-        others = [item for item in listen if item.partition("/")[0] not in RELAYED]
-        remote = [*entrance.endpoints, *(item for item in others if item not in local)]
+        protocols = {item: Endpoint.of(item).protocol for item in listen}
+        local = [item for item in listen if protocols[item] == LOCAL]
+        self._admission = admission = Admission(self._in_use, self._log)
+        others = [item for item in listen if protocols[item] not in (*RELAYED, LOCAL)]
+        remote = [*admission.endpoints, *others]
         old = os.umask(0o117)
         try:
-            here = [f"unixsock-stream/{self._socket}", *local]
+            here = [f"{LOCAL}/{self._socket}", *local]
             sessions = [zenoh.open(self._session_config(here, []))]
             deadline = time.monotonic() + _OPEN_PATIENCE.seconds
             while not self._socket.exists():
@@ -210,16 +211,16 @@ class Gateway:
                     )
                 await asyncio.sleep(_OPEN_PAUSE)
             if remote or connect:
-                limits = {"transport/unicast/max_sessions": entrance.sessions_max + len(connect)}
+                limits = {"transport/unicast/max_sessions": admission.sessions_max + len(connect)}
                 network = self._session_config(remote, connect, limits)
                 sessions.append(zenoh.open(network))
         except zenoh.ZError as error:
             raise UnreachableError(f"Zenoh does not open: {_reason(error)}") from error
         finally:
             os.umask(old)
-        if entrance.endpoints:
-            sessions[-1].info.declare_link_events_listener(entrance.on_link)
-            await asyncio.to_thread(entrance.start)
+        if admission.endpoints:
+            sessions[-1].info.declare_link_events_listener(admission.on_link)
+            await asyncio.to_thread(admission.start)
         return Sessions(sessions)
 
     def _session_config(
@@ -352,8 +353,7 @@ class Gateway:
     @handles(OpenStream)
     async def _open_stream(self, request: OpenStream) -> Stream:
         assert self._streams is not None, "asked before the session was opened"
-        found = await asyncio.to_thread(self._streams.open, request.pattern, float(request.hz))
-        return cast("Stream", found)
+        return await asyncio.to_thread(self._streams.open, request.pattern, float(request.hz))
 
     @handles(ReadStats)
     def _read_stats(self, request: ReadStats) -> Statistics:
@@ -406,14 +406,14 @@ class Gateway:
         It comes only if clients get answers: the gateway finds its bus as a new one does, over its
         socket.
         """
-        while not await aside(self._finds_itself):
+        while not await in_daemon_thread(self._finds_itself):
             await asyncio.sleep(_LOOK_AGAIN)
         return {}
 
     def _finds_itself(self) -> bool:
         try:
             settings = {
-                "connect/endpoints": [f"unixsock-stream/{self._socket}"],
+                "connect/endpoints": [f"{LOCAL}/{self._socket}"],
                 "connect/timeout_ms": int(_LOOK_PATIENCE * 1e3),
                 "connect/exit_on_failure": True,
             }
@@ -435,8 +435,8 @@ class Gateway:
         if self._streams is not None:
             self._streams.close()
         self._bus.close()
-        if self._entrance is not None:
-            self._entrance.close()
+        if self._admission is not None:
+            self._admission.close()
         sessions, self._sessions = self._sessions, None
         if sessions is not None:
             await asyncio.to_thread(sessions.close)

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from functools import partial
 
 from ecatd.base.log import Log
-from ecatd.config.gateway import PROTOCOLS
+from ecatd.operations.endpoints import PROTOCOLS, Endpoint
 
-from .aside import aside
+from .daemon_threads import in_daemon_thread
 
 _PERIOD = 2.0
 _DATAGRAMS = ("udp", "quic")
@@ -65,30 +65,22 @@ class Listening:
 async def _find_soon(endpoint: str) -> str:
     """Runs `find_problem`, for which it waits a little."""
     try:
-        return await asyncio.wait_for(aside(partial(find_problem, endpoint)), _PATIENCE)
+        return await asyncio.wait_for(in_daemon_thread(partial(find_problem, endpoint)), _PATIENCE)
     except TimeoutError:
         return "its name is not known yet"
 
 
 def find_problem(endpoint: str) -> str:
     """Returns why no process can listen on an endpoint now; empty if one can, or if unknown."""
-    protocol, _, rest = endpoint.partition("/")
-    address, _, options = rest.partition("#")
-    host, _, port = address.partition("?")[0].rpartition(":")
-    if protocol not in PROTOCOLS:
+    place = Endpoint.of(endpoint)
+    if place.protocol not in PROTOCOLS:
         return ""
-    interface = dict(option.partition("=")[::2] for option in options.split(";")).get("iface")
-    if interface and interface not in (name for _, name in socket.if_nameindex()):
-        return f"this machine has no interface '{interface}'"
-    kind = socket.SOCK_DGRAM if protocol in _DATAGRAMS else socket.SOCK_STREAM
+    if place.interface and place.interface not in (name for _, name in socket.if_nameindex()):
+        return f"this machine has no interface '{place.interface}'"
+    rest = endpoint.partition("/")[2]
     try:
-        family, kind, _, _, place = socket.getaddrinfo(
-            host.strip("[]"), port, type=kind, flags=socket.AI_PASSIVE
-        )[0]
-        with socket.socket(family, kind) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(place)
-            if kind == socket.SOCK_STREAM:
+        with bound_socket(place) as probe:
+            if probe.type == socket.SOCK_STREAM:
                 probe.listen(1)
     except socket.gaierror as error:
         return f"'{rest}' is no address here: {error.strerror}"
@@ -101,3 +93,26 @@ def find_problem(endpoint: str) -> str:
             return "this machine does not have the address"
         return os.strerror(error.errno or errno.EIO)
     return ""
+
+
+def bound_socket(endpoint: Endpoint) -> socket.socket:
+    """Makes a socket that is bound to the address of an endpoint, and to its interface.
+
+    Raises:
+        OSError: The address does not exist here, or is in use.
+        UnicodeError, OverflowError: It is no address.
+    """
+    kind = socket.SOCK_DGRAM if endpoint.protocol in _DATAGRAMS else socket.SOCK_STREAM
+    family, kind, _, _, address = socket.getaddrinfo(
+        endpoint.host, endpoint.port, type=kind, flags=socket.AI_PASSIVE
+    )[0]
+    made = socket.socket(family, kind)
+    try:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if endpoint.interface:
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, endpoint.interface.encode())
+        made.bind(address)
+    except BaseException:
+        made.close()
+        raise
+    return made

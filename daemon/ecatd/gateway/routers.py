@@ -6,7 +6,6 @@ It also reports routers whose certificates have names that the configuration doe
 from __future__ import annotations
 
 import asyncio
-import re
 import socket
 import ssl
 from functools import partial
@@ -17,10 +16,10 @@ import zenoh
 from ecatd.base.bus_name import HOST_NAME
 from ecatd.base.log import Log
 from ecatd.config import GatewayConfig
-from ecatd.config.gateway import host_of, is_encrypted
+from ecatd.operations.endpoints import Endpoint
 
 from .access import router_names
-from .aside import aside
+from .daemon_threads import in_daemon_thread
 
 _PERIOD = 1.0
 _PATIENCE = 5
@@ -37,11 +36,11 @@ async def watch_routers(session: zenoh.Session, config: GatewayConfig, log: Log)
         config: The configuration, which names the routers.
         log: The log for these reports.
     """
-    told, looks, endpoints = -1, 0, config.connect
+    reported, looks, endpoints = -1, 0, config.connect
     while endpoints:
         found = min(len(session.info.routers_zid()), len(endpoints))
         looks += 1
-        if found != told and (found or told > 0 or looks > _PATIENCE):
+        if found != reported and (found or reported > 0 or looks > _PATIENCE):
             where = ", ".join(endpoints)
             if found == len(endpoints):
                 log.info(f"connected to {where}")
@@ -52,14 +51,14 @@ async def watch_routers(session: zenoh.Session, config: GatewayConfig, log: Log)
                     f"{count} reached at {where} (gateway.connect); ecatd keeps trying, and the "
                     "bus can be reached in all other ways"
                 )
-            told = found
+            reported = found
         await asyncio.sleep(_PERIOD)
 
 
 async def _check_names(config: GatewayConfig, log: Log) -> None:
     """Warns of routers that cannot pass on anything, since their certificates have other names."""
-    for endpoint in filter(is_encrypted, config.connect):
-        name = await aside(partial(_name_of_router, endpoint, config))
+    for endpoint in filter(lambda item: item.is_encrypted, map(Endpoint.of, config.connect)):
+        name = await in_daemon_thread(partial(_name_of_router, endpoint, config))
         if name and name not in router_names(config):
             remedy = (
                 f'add router_names = ["{name}"] to [gateway], and reload'
@@ -72,20 +71,19 @@ async def _check_names(config: GatewayConfig, log: Log) -> None:
             )
 
 
-def _name_of_router(endpoint: str, config: GatewayConfig) -> str:
+def _name_of_router(endpoint: Endpoint, config: GatewayConfig) -> str:
     """The common name in the certificate of a router; empty if that cannot be found out.
 
     Args:
         endpoint: The address of the router, `tls/HOST:PORT`.
         config: The configuration with the certificates of this gateway.
     """
-    port = re.split("[?#]", endpoint, maxsplit=1)[0].rpartition(":")[2]
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False
     try:
         context.load_verify_locations(config.users_ca)
         context.load_cert_chain(config.certificate, config.key)
-        address = (host_of(endpoint), int(port))
+        address = (endpoint.host, int(endpoint.port))
         with (
             socket.create_connection(address, _CONNECT_S) as connection,
             context.wrap_socket(connection) as encrypted,

@@ -13,7 +13,6 @@ import hashlib
 import queue
 import threading
 import time
-from typing import Any
 
 import zenoh
 
@@ -21,6 +20,7 @@ from ecatd.base.errors import BusyError, EcatError, UsageError
 from ecatd.client import Client, Signal, Summaries
 from ecatd.client.patterns import find_signals
 from ecatd.operations.encoding import pack
+from ecatd.operations.streams import Stream, StreamSignal
 from ecatd.operations.zenoh_keys import SCHEMA, bus_key
 
 from .sessions import Sessions
@@ -54,17 +54,12 @@ class Streams:
         self._lock = threading.Lock()
         self._streams: dict[str, _Stream] = {}
 
-    def open(self, pattern: str, rate: float) -> dict[str, Any]:
+    def open(self, pattern: str, rate: float) -> Stream:
         """Opens a stream, or finds the one that is open already.
 
         Args:
             pattern: The pattern for the entries; see `find_signals`.
             rate: How often values are published, in Hz.
-
-        Returns:
-            A reply with `key`, under which the values are published; `rate`, in Hz; `cycles`, the
-            number of cycles that a row summarizes; and `signals`, in the order of the values: name,
-            slave, address and unit of each.
 
         Raises:
             UsageError: The rate is out of range, or there are too many entries.
@@ -112,7 +107,7 @@ class _Stream:
         self._publisher = session.publisher(key)
         self.asked = time.monotonic()
         self.ends = threading.Event()
-        self.description: dict[str, Any] = {
+        self.description: Stream = {
             "key": key,
             "rate": 1 / (self._cycles * self._client.cycle_time),
             "cycles": self._cycles,
@@ -167,7 +162,7 @@ class _Stream:
         return time.monotonic() - self.asked < _ABANDONED_S
 
 
-def _described(signal: Signal) -> dict[str, Any]:
+def _described(signal: Signal) -> StreamSignal:
     return {
         "name": signal.path,
         "slave": signal.slave,

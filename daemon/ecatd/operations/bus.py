@@ -1,4 +1,4 @@
-"""Operations about the bus as a whole: daemon, configuration, AL states, devices, events."""
+"""Operations about the bus as a whole: daemon, configuration, AL states, events, rights."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any, NotRequired
 
 from ecatd.etg.al import AlState
 
-from .fields import ClientName, Count, SlaveReference
+from .fields import ClientName, Count, SlaveReference, UserName
 from .operation import Cost, Map, Operation
 
 
@@ -232,3 +232,21 @@ class ReadWaiting(Operation[Waiting]):
 
     op = "read_waiting"
     key = "ro/waiting"
+
+
+class Rights(Map):
+    """What a user may do."""
+
+    user: str  #: Name of the user.
+    read: bool  #: Whether the user may read.
+    write: list[str]  #: The rights of the user, such as `sdo`.
+    #: Positions and names of the slaves that the user may change; empty: all.
+    slaves: list[int | str]
+
+
+class ReadRights(Operation[Rights]):
+    """Asks what a user of another machine may do."""
+
+    op = "rights"
+    key = "as/{user}/ro/rights"
+    user: UserName  #: Name of the user.

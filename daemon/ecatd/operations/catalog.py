@@ -23,12 +23,11 @@ from . import (
     registers,
     statistics,
     streams,
-    users,
 )
 from .operation import Operation, needs_right, right_of
 
 _MODULES = (
-    *(bus, description, statistics, log, frames, streams, users),
+    *(bus, description, statistics, log, frames, streams),
     *(objects, registers, eeproms, ethernet, idns, files),
 )
 

@@ -13,17 +13,11 @@ from typing import Any, NamedTuple
 
 
 class Fact(NamedTuple):
-    """Something that events say.
+    """Something that events say."""
 
-    Attributes:
-        type: Type of its value.
-        meaning: What it is.
-        subject: Whether an event is about it: a flood of events of a kind about the same thing is
-            gathered.
-    """
-
-    type: Any
-    meaning: str
+    type: Any  #: Type of its value.
+    meaning: str  #: What it is.
+    #: Whether an event is about it: a flood of events of a kind about the same thing is gathered.
     subject: bool = False
 
 
@@ -79,29 +73,21 @@ SEVERITIES = ("error", "warning", "notice", "info")
 
 
 class Kind(NamedTuple):
-    """A kind of event.
+    """A kind of event."""
 
-    Attributes:
-        name: Its name: `event` of the event, and `ECAT_EVENT` of its lines in the journal.
-        severity: One of `SEVERITIES`: the level of its lines in the log at worst; what is good news
-            has `info`.
-        subject: What has happened, without a full stop.
-        advice: Sentences in Markdown that say more, and what to do; `{bus}` and `{slave}` stand for
-            the names.
-        facts: Facts of each such event beside `text`; those with a `?` are not always there.
-        values: The values that a fact of this kind can have, by its name.
-        published: Whether it comes over Zenoh, and with `ecatctl events`.
-        logged: Whether lines of the log have its name.
-    """
-
-    name: str
+    name: str  #: Its name: `event` of the event, and `ECAT_EVENT` of its lines in the journal.
+    #: One of `SEVERITIES`: the level of its lines in the log at worst; what is good news has
+    #: `info`.
     severity: str
-    subject: str
+    subject: str  #: What has happened, without a full stop.
+    #: Sentences in Markdown that say more, and what to do; `{bus}` and `{slave}` stand for the
+    #: names.
     advice: str
+    #: Facts of each such event beside `text`; those with a `?` are not always there.
     facts: tuple[str, ...] = ()
-    values: Mapping[str, str] = {}
-    published: bool = True
-    logged: bool = True
+    values: Mapping[str, str] = {}  #: The values that a fact of this kind can have, by its name.
+    published: bool = True  #: Whether it comes over Zenoh, and with `ecatctl events`.
+    logged: bool = True  #: Whether lines of the log have its name.
 
 
 KINDS: Mapping[str, Kind] = {

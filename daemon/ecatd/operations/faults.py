@@ -13,29 +13,20 @@ EXCHANGE = (UNSENT, LOST, LATE, WORKING_COUNTER)
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that is wrong now.
+    """Something that is wrong now."""
 
-    Attributes:
-        kind: One of `EXCHANGE`; or what is wrong with an interface: `link`, `sending`, `mtu`,
-            `duplex`, `speed`, `bridge`, `vlan`, `ring`, `foreign_master`; or `clock`.
-        text: What is wrong, why, and what to do.
-        since: Unix time in seconds since which it is so.
-        domain: Number of the domain; None if it is not about one.
-        interface: Name of the interface; empty if it is not about one.
-        share: Share of the exchanges that it spoils, 0 to 1.
-        none_succeeds: Whether no exchange succeeds while it is so, whatever spoils the others.
-        slaves: Positions of the slaves that explain it.
-        blinds: Whether no frame can come back because of it, so that nothing is known of slaves.
-    """
-
+    #: One of `EXCHANGE`; or what is wrong with an interface: `link`, `sending`, `mtu`, `duplex`,
+    #: `speed`, `bridge`, `vlan`, `ring`, `foreign_master`; or `clock`.
     kind: str
-    text: str
-    since: float = 0.0
-    domain: int | None = None
-    interface: str = ""
-    share: float = 0.0
+    text: str  #: What is wrong, why, and what to do.
+    since: float = 0.0  #: Unix time in seconds since which it is so.
+    domain: int | None = None  #: Number of the domain; None if it is not about one.
+    interface: str = ""  #: Name of the interface; empty if it is not about one.
+    share: float = 0.0  #: Share of the exchanges that it spoils, 0 to 1.
+    #: Whether no exchange succeeds while it is so, whatever spoils the others.
     none_succeeds: bool = False
-    slaves: tuple[int, ...] = ()
+    slaves: tuple[int, ...] = ()  #: Positions of the slaves that explain it.
+    #: Whether no frame can come back because of it, so that nothing is known of slaves.
     blinds: bool = False
 
     @property

@@ -26,16 +26,11 @@ _SPECIAL = frozenset("/*$#?%")
 
 
 class Limits(NamedTuple):
-    """The least and the greatest value of a number.
+    """The least and the greatest value of a number."""
 
-    Attributes:
-        least: The least one.
-        greatest: The greatest one.
-        is_address: Whether keys have it in hexadecimal digits, as many as the greatest one has.
-    """
-
-    least: int
-    greatest: int
+    least: int  #: The least one.
+    greatest: int  #: The greatest one.
+    #: Whether keys have it in hexadecimal digits, as many as the greatest one has.
     is_address: bool = False
 
     def check(self, where: str, value: Any) -> None:
@@ -47,13 +42,9 @@ class Limits(NamedTuple):
 
 
 class Printable(NamedTuple):
-    """A text without control characters.
+    """A text without control characters."""
 
-    Attributes:
-        most: Its most characters.
-    """
-
-    most: int
+    most: int  #: Its most characters.
 
     def check(self, where: str, value: Any) -> None:
         """Raises UsageError for another text."""
@@ -62,13 +53,9 @@ class Printable(NamedTuple):
 
 
 class Verbatim(NamedTuple):
-    """A text that stands in a key as it is, since Zenoh's access control compares it.
+    """A text that stands in a key as it is, since Zenoh's access control compares it."""
 
-    Attributes:
-        most: Its most characters.
-    """
-
-    most: int
+    most: int  #: Its most characters.
 
     def check(self, where: str, value: Any) -> None:
         """Raises UsageError for a text that cannot stand in a key."""
@@ -97,14 +84,11 @@ UserName = Annotated[str, Verbatim(64)]
 
 
 class Field(NamedTuple):
-    """A field of an operation.
+    """A field of an operation."""
 
-    Attributes:
-        types: The names of the types that it may have, `None` among them if it may be None.
-        rule: What its values must keep beyond their type, or None.
-    """
-
+    #: The names of the types that it may have, `None` among them if it may be None.
     types: tuple[str, ...]
+    #: What its values must keep beyond their type, or None.
     rule: Limits | Printable | Verbatim | None
 
     @classmethod
@@ -125,15 +109,21 @@ class Field(NamedTuple):
         rule = self.rule
         return len(f"{rule.greatest:X}") if isinstance(rule, Limits) and rule.is_address else 0
 
-    def check(self, where: str, value: Any) -> None:
-        """Checks a value.
+    def checked(self, where: str, value: Any) -> Any:
+        """Checks a value, and returns it; a whole number becomes a float where it must be one.
 
         Raises:
             UsageError: It has another type, or does not keep the rule.
         """
         # Types are compared by name: bool is a subclass of int, but true is no slave number.
         found = "None" if value is None else type(value).__name__
-        if found not in self.types and not (found == "int" and "float" in self.types):
+        if found == "int" and "float" in self.types:
+            try:
+                return float(value)
+            except OverflowError:
+                raise UsageError(f"{where} is too large") from None
+        if found not in self.types:
             raise UsageError(f"{where} must be {' | '.join(self.types)}, not {found}")
         if self.rule is not None:
             self.rule.check(where, value)
+        return value

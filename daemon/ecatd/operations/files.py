@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from ecatd.base.errors import UsageError
 
-from .errors import Error
 from .fields import ClientName, FileSize, Password, SlaveReference, TransferNumber
-from .operation import Map, Operation
+from .operation import Error, Map, Operation
 from .registers import Data
 
 _FILE_NAME_MAX, _DIGEST_DIGITS, _NAME_SHOWN = 255, 64, 40

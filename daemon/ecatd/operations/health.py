@@ -25,33 +25,26 @@ _SILENT_S = 12.0
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The health of a bus.
+    """The health of a bus."""
 
-    Attributes:
-        rows: AL states of all slaves, as `ReadStates` is answered.
-        expected: Number of slaves that should be there: all but optional ones that are absent, and
-            those that were missing at the start, so that they are no part of the bus.
-        in_op: Number of those that are in OP.
-        missing: Number of those that were missing at the start.
-        absent: Number of optional slaves that are absent.
-        differences: A text for each slave that was missing at the start, and for devices that are
-            no slaves of the bus.
-        faults: What is wrong with interfaces, exchange and clocks, causes before consequences.
-        problems: A text for each fault, for each slave with a problem, for each group of optional
-            slaves of which only some are there, `differences`, and a main process that hangs.
-            What a fault of an interface or of a slave explains is no problem of its own.
-        is_down: Whether nothing can be done with the bus: no slave is in OP, or no exchange
-            succeeds although the slaves are there.
-    """
-
-    rows: list[SlaveAlState]
+    rows: list[SlaveAlState]  #: AL states of all slaves, as `ReadStates` is answered.
+    #: Number of slaves that should be there: all but optional ones that are absent, and those that
+    #: were missing at the start, so that they are no part of the bus.
     expected: int
-    in_op: int
-    missing: int
-    absent: int
+    in_op: int  #: Number of those that are in OP.
+    missing: int  #: Number of those that were missing at the start.
+    absent: int  #: Number of optional slaves that are absent.
+    #: A text for each slave that was missing at the start, and for devices that are no slaves of
+    #: the bus.
     differences: list[str]
+    #: What is wrong with interfaces, exchange and clocks, causes before consequences.
     faults: list[Fault]
+    #: A text for each fault, for each slave with a problem, for each group of optional slaves of
+    #: which only some are there, `differences`, and a main process that hangs. What a fault of an
+    #: interface or of a slave explains is no problem of its own.
     problems: list[str]
+    #: Whether nothing can be done with the bus: no slave is in OP, or no exchange succeeds although
+    #: the slaves are there.
     is_down: bool
 
     @property
@@ -87,7 +80,7 @@ def look_at(reply: Mapping[str, Any]) -> Health:
         # Nobody knows how these slaves are, and the fault of the interface is none of theirs.
         unwell = [row for row in unwell if row["al_state"]]
     problems = [fault.text for fault in causes]
-    problems += [_told(row, consequences) for row in unwell]
+    problems += [_problem_text(row, consequences) for row in unwell]
     problems += _incomplete(rows, {row["group"] for row in expected if row.get("group")})
     differences = [item["text"] for item in missing]
     differences += filter(None, [reply.get("others")])
@@ -150,7 +143,7 @@ def outdated(slaves: Sequence[Slave], rows: Iterable[SlaveAlState]) -> dict[int,
     return why
 
 
-def _told(row: Mapping[str, Any], consequences: Iterable[Fault] = ()) -> str:
+def _problem_text(row: Mapping[str, Any], consequences: Iterable[Fault] = ()) -> str:
     """Describes a slave with a problem, what is known about its recovery, and what follows."""
     known = (row["text"], row.get("recovery"), row.get("recovery_text"), _since(row.get("since")))
     spoilt = sorted(

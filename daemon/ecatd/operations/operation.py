@@ -21,7 +21,15 @@ from __future__ import annotations
 import re
 import sys
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, dataclass_transform
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    Generic,
+    NotRequired,
+    TypeVar,
+    dataclass_transform,
+)
 
 from ecatd.base.errors import UsageError
 
@@ -34,7 +42,10 @@ else:
     # a real TypedDict would compile all of them whenever a command starts.
     Map = dict
 
-__all__ = ["Cost", "Map", "Operation", "needs_right", "on_behalf", "right_of", "to_map", "whose"]
+__all__ = [
+    "Cost", "Error", "Failure", "Map", "Operation",
+    "needs_right", "on_behalf", "right_of", "to_map", "whose",
+]  # fmt: skip
 
 A = TypeVar("A", covariant=True)
 
@@ -109,7 +120,7 @@ class Operation(Generic[A]):
         if missing := [name for name in self.needed if name not in values]:
             raise UsageError(f"{self.op} needs {', '.join(missing)}")
         for name, value in values.items():
-            fields[name].check(f"'{name}' of {self.op}", value)
+            values[name] = fields[name].checked(f"'{name}' of {self.op}", value)
         self.__dict__.update(values)
         self._check()
 
@@ -125,6 +136,21 @@ class Operation(Generic[A]):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({to_map(self)})"
+
+
+class Error(Map):
+    """An error."""
+
+    name: str  #: One of [these](troubleshooting.md#errors-by-name).
+    message: str  #: What is wrong, where, and what to do.
+    code: NotRequired[int]  #: The code of an SDO abort.
+    text: NotRequired[str]  #: What the standard says about it.
+
+
+class Failure(Map):
+    """An error reply."""
+
+    error: Error  #: The error.
 
 
 def needs_right(kind: type[Operation[Any]]) -> bool:

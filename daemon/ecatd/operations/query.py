@@ -26,29 +26,21 @@ _BEGIN_OF_NUMBER = frozenset("-0123456789")
 
 
 class Query(NamedTuple):
-    """An operation as a query.
+    """An operation as a query."""
 
-    Attributes:
-        key: The parts of the key below the bus. Names of slaves are percent-encoded.
-        parameters: The text behind the `?` of a selector; may be empty.
-        payload: The other fields of an operation that needs a right, else None.
-    """
-
+    #: The parts of the key below the bus. Names of slaves are percent-encoded.
     key: tuple[str, ...]
-    parameters: str
+    parameters: str  #: The text behind the `?` of a selector; may be empty.
+    #: The other fields of an operation that needs a right, else None.
     payload: dict[str, Any] | None
 
 
 class _Template(NamedTuple):
-    """What stands where in the query of one kind of operation.
+    """What stands where in the query of one kind of operation."""
 
-    Attributes:
-        key: For each part of the key: its text, and the field that takes its place, or "".
-        others: The fields that are not in the key.
-    """
-
+    #: For each part of the key: its text, and the field that takes its place, or "".
     key: tuple[tuple[str, str], ...]
-    others: tuple[str, ...]
+    others: tuple[str, ...]  #: The fields that are not in the key.
 
 
 _templates: dict[str, _Template] = {}

@@ -48,6 +48,6 @@ def found_slaves(bus: Bus, devices: Iterable[Mapping[str, Any]]) -> list[Slave]:
     for place, device in enumerate(devices):
         at = device["position"]
         known = Slave(place, "", 0, 0, 0) if at is None else bus.slaves[at]
-        told = {name: device[name] for name in FACTS} if device["vendor"] is not None else {}
-        found.append(replace(known, position=place, given_name="", group="", **told))
+        known_facts = {name: device[name] for name in FACTS} if device["vendor"] is not None else {}
+        found.append(replace(known, position=place, given_name="", group="", **known_facts))
     return found

@@ -1,4 +1,4 @@
-"""The Zenoh keys, for gateway and clients.
+"""The Zenoh keys, and rules of access control for them, for gateway, clients and routers.
 
 Each key but `alive` has `ro` or `rw` after the name of the bus, so that access control can
 distinguish reading from writing. The keys for a user of another machine have `as/NAME` before `rw`.
@@ -10,6 +10,7 @@ Where several machines use one Zenoh router, the name of a bus begins with the n
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import zenoh
@@ -18,6 +19,14 @@ VERSION = "v1"
 SCHEMA = 1
 AS = "as"
 """The part of a key before the name of a user."""
+
+
+FROM_READERS = ("query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
+"""Kinds of messages that readers of a bus send to its gateway."""
+FROM_GATEWAY = ("put", "reply", "declare_queryable", "liveliness_token")
+"""Kinds of messages that the gateway sends to readers."""
+READ = ("ro/**", "alive")
+"""The keys below a bus for reading."""
 
 
 def bus_key(bus: str, *rest: str) -> str:
@@ -57,3 +66,24 @@ def session_config(mode: str, settings: dict[str, Any]) -> zenoh.Config:
     for path, value in (quiet | settings).items():
         config.insert_json5(path, json.dumps(value))
     return config
+
+
+def rule(
+    name: str, flow: str, messages: Sequence[str], bus: str, keys: Sequence[str]
+) -> dict[str, Any]:
+    """Returns a rule that allows messages in one direction for keys below a bus.
+
+    Args:
+        name: Name of the rule.
+        flow: `ingress` or `egress`, as seen by the process with the rule.
+        messages: Kinds of messages.
+        bus: Name of the bus; `*` for all buses, `HOST/$*` for all buses of a machine.
+        keys: Keys below the bus.
+    """
+    return {
+        "id": name,
+        "flows": [flow],
+        "messages": list(messages),
+        "key_exprs": [bus_key(bus, key) for key in keys],
+        "permission": "allow",
+    }

@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.operations.catalog import OPERATIONS
-from ecatd.operations.errors import Failure
 from ecatd.operations.events import FACTS, KINDS
 from ecatd.operations.fields import Limits
-from ecatd.operations.operation import Operation, needs_right
+from ecatd.operations.operation import Failure, Operation, needs_right
 from ecatd.operations.query import ALL
 
 from ..markdown import head, row

@@ -22,7 +22,6 @@ from ecatd.base.log import Log
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.al import AlState
 from ecatd.master.mailbox.foe import FileRead, FileTransfer, FileWrite
-from ecatd.operations.errors import Error
 from ecatd.operations.fields import FILE_MAX, TRANSFER_MAX
 from ecatd.operations.files import (
     FILE_PART,
@@ -34,7 +33,7 @@ from ecatd.operations.files import (
     Transfer,
 )
 from ecatd.operations.handlers import handles
-from ecatd.operations.operation import whose
+from ecatd.operations.operation import Error, whose
 from ecatd.operations.registers import Data
 
 from .changes import Changes, content

@@ -46,7 +46,7 @@ def _wire_problems(snapshot: Snapshot) -> Iterator[str]:
         elif link not in (shm.Link.UNUSED, shm.Link.UP):
             yield f"{name} is {word(link)}"
     if snapshot.ring == shm.Ring.OPEN:
-        yield ring_line(snapshot)
+        yield f"ring {ring_text(snapshot)}"
     if snapshot.clock.state == shm.DcState.LOCKING:
         yield "the cycle is not in step with the reference clock"
 
@@ -65,15 +65,15 @@ def _seen_from_here(snapshot: Snapshot) -> Iterator[str]:
         yield "slaves are not in OP"
 
 
-def ring_line(snapshot: Snapshot) -> str:
-    """A line with the state of cable redundancy."""
+def ring_text(snapshot: Snapshot) -> str:
+    """The state of cable redundancy, as words behind `ring`."""
     second = f"second interface {word(snapshot.links[1])}"
     if snapshot.ring == shm.Ring.NONE:
         return "none: one interface"
     if not snapshot.slaves_found:
-        return f"ring unknown while no frame comes back, {second}"
+        return f"unknown while no frame comes back, {second}"
     if snapshot.ring == shm.Ring.CLOSED:
-        return f"ring closed, {second}"
+        return f"closed, {second}"
     before = snapshot.ring_break
     if before == 0:
         place = "in front of slave 0"
@@ -81,7 +81,7 @@ def ring_line(snapshot: Snapshot) -> str:
         place = f"behind slave {before - 1}"
     else:
         place = f"between slaves {before - 1} and {before}"
-    return f"ring OPEN {place}, {second}"
+    return f"OPEN {place}, {second}"
 
 
 def word(member: shm.Link | shm.Ring | shm.BusState | shm.DcState) -> str:

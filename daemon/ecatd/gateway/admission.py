@@ -1,10 +1,10 @@
-"""The entrance: takes the connections of the network, and passes those on to Zenoh that may come.
+"""Admission: takes the connections of the network, and passes those on to Zenoh that may come.
 
 Zenoh takes a connection before it knows whose it is, keeps 1000 sessions whoever has them, and
-pauses for 0.1 s after each TLS handshake that fails. So a stranger could shut everybody out. The
-entrance listens at the TCP addresses of `gateway.listen` instead, and Zenoh at loopback addresses
+pauses for 0.1 s after each TLS handshake that fails. So a stranger could shut everybody out. This
+module listens at the TCP addresses of `gateway.listen` instead, and Zenoh at loopback addresses
 behind it. It reads no more than the first bytes, so TLS goes through it to Zenoh, which knows the
-user by the certificate and tells the entrance by an event of the link.
+user by the certificate and tells it here by an event of the link.
 
 Before a session is there, places are limited in all and for each address. Who needs one more takes
 that of the connection which has waited longest, so that silent connections keep nobody out, also
@@ -29,11 +29,13 @@ import zenoh
 from ecatd.base.batch import Batch, last_of
 from ecatd.base.log import Log
 from ecatd.config import GatewayConfig
+from ecatd.operations.endpoints import Endpoint
 
-from .aside import aside
+from .daemon_threads import in_daemon_thread
+from .listening import bound_socket
 
 RELAYED = ("tcp", "tls", "ws")
-"""Protocols whose addresses are those of the entrance. Zenoh itself has those of the others."""
+"""Protocols whose addresses are listened at here. Zenoh itself has those of the others."""
 
 _HANDSHAKE_S = 5.0
 """Seconds from the connection to the session."""
@@ -63,7 +65,7 @@ class _Stage(IntEnum):
     CLOSED = 4
 
 
-class Entrance:
+class Admission:
     """The addresses of a gateway, in a thread of its own. Call it from one thread.
 
     Args:
@@ -77,26 +79,26 @@ class Entrance:
         self._users = {user.name: user.sessions_max for user in config.user}
         self._inner = {
             endpoint: _inner(endpoint)
-            for endpoint in config.listen
-            if endpoint.partition("/")[0] in RELAYED
+            for endpoint in map(Endpoint.of, config.listen)
+            if endpoint.protocol in RELAYED
         }
         self._pending: dict[_Outer, None] = {}  # in the order in which they have come
         self._sessions: dict[_Outer, str] = {}  # with the name of the user; "" is a guest
         self._passed: dict[int, _Outer] = {}  # by the port that Zenoh sees
         self._listening: list[asyncio.Server] = []
-        self._refusals = Batch(self._tell)
+        self._refusals = Batch(self._log_refusals)
         self._tried = threading.Semaphore(0)
         self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._run, name="entrance", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="admission", daemon=True)
 
     @property
     def endpoints(self) -> list[str]:
-        """The endpoints at which Zenoh listens for the entrance."""
+        """The endpoints at which Zenoh listens behind these addresses."""
         return [item.endpoint for group in self._inner.values() for item in group]
 
     @property
     def sessions_max(self) -> int:
-        """Sessions that Zenoh must take, with those that the entrance is about to close."""
+        """Sessions that Zenoh must take, with those that are about to be closed."""
         return self._guests_max + sum(self._users.values()) + _PENDING_MAX
 
     def start(self) -> None:
@@ -113,7 +115,7 @@ class Entrance:
         port = event.link.dst.partition("?")[0].rpartition(":")[2]
         if port.isdigit():
             name = event.link.auth_identifier or ""
-            with suppress(RuntimeError):  # the entrance has been closed
+            with suppress(RuntimeError):  # it has been closed
                 self._loop.call_soon_threadsafe(self._identify, int(port), name)
 
     def close(self) -> None:
@@ -137,11 +139,12 @@ class Entrance:
             connection.abort()
         self._refusals.close()
 
-    async def _listen(self, endpoint: str, inner: Sequence[_Listener]) -> None:
-        fits = _FIRST_BYTES[endpoint.partition("/")[0]]
+    async def _listen(self, endpoint: Endpoint, inner: Sequence[_Listener]) -> None:
+        fits = _FIRST_BYTES[endpoint.protocol]
         while True:
             try:
-                listening = await aside(lambda: listening_socket(endpoint))
+                listening = await in_daemon_thread(lambda: bound_socket(endpoint))
+                listening.setblocking(False)
                 self._listening.append(
                     await self._loop.create_server(
                         lambda: _Outer(self, inner, fits), sock=listening, backlog=_BACKLOG
@@ -232,7 +235,7 @@ class Entrance:
         self._refusals.note(f"a session from {connection.address} is closed: {why}")
         connection.abort()
 
-    def _tell(self, texts: list[str], left_out: int) -> None:
+    def _log_refusals(self, texts: list[str], left_out: int) -> None:
         self._log.notice(last_of(texts, left_out))
 
 
@@ -262,13 +265,13 @@ class _Outer(asyncio.Protocol):
         address: Whence it comes.
         inner: Where Zenoh listens for it.
         stage: How far it is.
-        port: Its port behind the entrance, 0 if it is not there.
+        port: Its port on the side of Zenoh, 0 if it has none.
     """
 
     def __init__(
-        self, entrance: Entrance, inner: Sequence[_Listener], fits: Callable[[bytes], bool | None]
+        self, admission: Admission, inner: Sequence[_Listener], fits: Callable[[bytes], bool | None]
     ) -> None:
-        self._entrance = entrance
+        self._admission = admission
         self._fits = fits
         self._first = b""
         self._listener: _Listener | None = None
@@ -286,7 +289,7 @@ class _Outer(asyncio.Protocol):
         self.address = peer[0] if peer else ""  # it may have gone already
         loop = asyncio.get_running_loop()
         self._timer = loop.call_later(_HANDSHAKE_S, self.abort)
-        self._entrance.arrive(self)
+        self._admission.arrive(self)
 
     def data_received(self, data: bytes) -> None:
         if self.zenoh is not None:
@@ -299,7 +302,7 @@ class _Outer(asyncio.Protocol):
         elif fits and self.stage is _Stage.SILENT:
             self.stage = _Stage.WAITING
             self.transport.pause_reading()
-            self._entrance.admit(self.inner)
+            self._admission.admit(self.inner)
 
     def enter(self, listener: _Listener) -> None:
         """Connects to Zenoh."""
@@ -317,7 +320,7 @@ class _Outer(asyncio.Protocol):
         # The port is known before Zenoh is, whose event may come before this goes on.
         inside.bind((_LOOPBACK, 0))
         self.port = inside.getsockname()[1]
-        self._entrance.pass_on(self, self.port)
+        self._admission.pass_on(self, self.port)
         try:
             await loop.sock_connect(inside, (_LOOPBACK, listener.port))
         except OSError:
@@ -364,11 +367,11 @@ class _Outer(asyncio.Protocol):
         if (listener := self._listener) is not None:
             loop = asyncio.get_running_loop()
             loop.call_later(listener.pause_s, self._free, listener)
-        self._entrance.leave(self)
+        self._admission.leave(self)
 
     def _free(self, listener: _Listener) -> None:
         listener.under_way -= 1
-        self._entrance.admit(self.inner)
+        self._admission.admit(self.inner)
 
     def pause_writing(self) -> None:
         if self.zenoh is not None:
@@ -399,57 +402,23 @@ class _Inner(asyncio.Protocol):
             self._outer.transport.resume_reading()
 
 
-def _inner(endpoint: str) -> list[_Listener]:
+def _inner(endpoint: Endpoint) -> list[_Listener]:
     """Where Zenoh listens for an endpoint of the configuration."""
-    protocol, _, rest = endpoint.partition("/")
-    is_tls = protocol == "tls"
+    is_tls = endpoint.protocol == "tls"
+    # The interface is that of the address outside.
+    options = tuple(item for item in endpoint.options if not item.startswith("iface="))
     found = []
     for _ in range(_LISTENERS if is_tls else 1):
         with socket.socket() as probe:
             probe.bind((_LOOPBACK, 0))
             port = probe.getsockname()[1]
-        place = f"{protocol}/{_LOOPBACK}:{port}{_metadata(rest)}"
+        place = str(endpoint._replace(address=f"{_LOOPBACK}:{port}", options=options))
         found.append(
             _Listener(place, port, _UNDER_WAY_MAX, _AFTER_FAILURE_S)
             if is_tls
             else _Listener(place, port, _PENDING_MAX, 0.0)
         )
     return found
-
-
-def _metadata(rest: str) -> str:
-    """What follows the address of an endpoint, without the interface: that is the entrance's."""
-    address, _, options = rest.partition("#")
-    _, mark, metadata = address.partition("?")
-    kept = [item for item in options.split(";") if item and not item.startswith("iface=")]
-    return mark + metadata + ("#" + ";".join(kept) if kept else "")
-
-
-def listening_socket(endpoint: str) -> socket.socket:
-    """Makes a socket that is bound to the address of an endpoint `PROTOCOL/HOST:PORT`.
-
-    Raises:
-        OSError: The address does not exist here, or is in use.
-        UnicodeError, OverflowError: It is no address.
-    """
-    rest = endpoint.partition("/")[2]
-    address, _, options = rest.partition("#")
-    host, _, port = address.partition("?")[0].rpartition(":")
-    family, kind, _, _, place = socket.getaddrinfo(
-        host.strip("[]"), port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-    )[0]
-    made = socket.socket(family, kind)
-    try:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        interface = dict(item.partition("=")[::2] for item in options.split(";")).get("iface")
-        if interface:
-            made.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode())
-        made.bind(place)
-    except BaseException:
-        made.close()
-        raise
-    made.setblocking(False)
-    return made
 
 
 def _is_client_hello(data: bytes) -> bool | None:

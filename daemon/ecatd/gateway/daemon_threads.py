@@ -11,7 +11,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-async def aside(call: Callable[[], T]) -> T:
+async def in_daemon_thread(call: Callable[[], T]) -> T:
     """Runs a call in a thread that cannot delay the end of this process; raises what it raises."""
     answer: Future[T] = Future()
     answer.set_running_or_notify_cancel()  # who no longer waits leaves the call running

@@ -38,7 +38,7 @@ def awaits_gateway(bus: str) -> bool:
         return False
 
 
-def unserved(bus: str) -> EcatError:
+def why_no_daemon(bus: str) -> EcatError:
     """Why no gateway of this machine answers for a bus."""
     if has_shared_memory(bus):
         try:

@@ -13,6 +13,7 @@ from ecatd.base.errors import (
     UnreachableError,
     UsageError,
 )
+from ecatd.operations.endpoints import Endpoint
 
 from .identity import Identity
 
@@ -30,7 +31,7 @@ _REFUSED = {
 """What a daemon says about the certificate of a user (RFC 8446, section 6.2), in words."""
 
 
-def why_unreached(endpoint: str, identity: Identity | None, timeout: float) -> EcatError:
+def why_no_connection(endpoint: str, identity: Identity | None, timeout: float) -> EcatError:
     """Why Zenoh has made no connection: absent, silent, or not permitted.
 
     Args:
@@ -38,13 +39,13 @@ def why_unreached(endpoint: str, identity: Identity | None, timeout: float) -> E
         identity: The certificate of the user; None: none.
         timeout: Most seconds for each step of finding out.
     """
-    protocol, _, rest = endpoint.partition("/")
-    host, _, port = rest.partition("#")[0].partition("?")[0].rpartition(":")
+    place = Endpoint.of(endpoint)
+    protocol, host, port = place.protocol, place.host, place.port
     nobody = f"no ecatd answers at {endpoint}"
     if protocol not in _LOOKED_AT or not port.isdecimal():
         return UnreachableError(f"{nobody}; is it running, and does it listen there?")
     changed_by = "--timeout" if timeout < _PATIENCE_S else ""
-    patience, host = Patience(min(timeout, _PATIENCE_S), changed_by), host.strip("[]")
+    patience = Patience(min(timeout, _PATIENCE_S), changed_by)
     try:
         connection = socket.create_connection((host, int(port)), patience.seconds)
     except TimeoutError:
