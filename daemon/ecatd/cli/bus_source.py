@@ -23,13 +23,12 @@ from ecatd.description.bus import Bus
 from ecatd.operations.bus import ReadStates
 
 from .arguments import connect
-from .bus_warnings import warn_outdated
+from .bus_warnings import warn, warn_outdated
 
 Kind = Literal["scan", "rig", "esi"]
 
 _FILES = (".json", ".toml", ".py", ".xml")
 _PEEK = 4096
-_WARNED = 10
 _BOMS = (b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")
 
 
@@ -192,9 +191,5 @@ def _described(rig: str, options: argparse.Namespace) -> Bus:
         ) from None
     if "error" in answer:
         raise EcatError.from_reply(answer["error"])
-    warnings = answer.get("warnings", [])
-    for text in warnings[:_WARNED]:
-        print(f"ecatctl: warning: {text}", file=sys.stderr)
-    if len(warnings) > _WARNED:
-        print(f"ecatctl: warning: and {len(warnings) - _WARNED} more", file=sys.stderr)
+    warn(answer.get("warnings", []))
     return bus_file.parse(ended.stdout, f"the description of {rig}")

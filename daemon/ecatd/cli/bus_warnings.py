@@ -1,4 +1,4 @@
-"""What commands say on stderr of the bus that they show: no answer, no cycle, outdated facts.
+"""What commands say on stderr: of a bus no answer, no cycle, outdated facts; of files mistakes.
 
 They print what they know in any case, and with `--json` stdout has this document only. The exit
 status says that nothing answers.
@@ -7,7 +7,6 @@ status says that nothing answers.
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +16,14 @@ from ecatd.description.bus import Bus
 from ecatd.operations.bus import SlaveAlState
 from ecatd.operations.health import Health, outdated, required
 
+from .output import date_text, first_of
+
 if TYPE_CHECKING:
     from ecatd.shm.statistics import Snapshot
 
     from .source import Source
 
-_NAMED_MAX = 8
+_NAMED_MAX, _WARNED_MAX = 8, 10
 _NO_SLAVE = (
     "check cable and power of the first slave; `ecatctl info` shows whether the interface is up"
 )
@@ -99,9 +100,8 @@ def warn_outdated(
 
 
 def _labels(bus: Bus, positions: Sequence[int]) -> str:
-    labels = [bus.slaves[position].label for position in positions[:_NAMED_MAX]]
-    more = len(positions) - _NAMED_MAX
-    return ", ".join(labels) + (f" and {more} more" if more > 0 else "")
+    labels = [bus.slaves[position].label for position in positions]
+    return ", ".join(first_of(labels, _NAMED_MAX))
 
 
 def _of_when(moments: Sequence[float | None]) -> str:
@@ -109,5 +109,10 @@ def _of_when(moments: Sequence[float | None]) -> str:
     first = min((moment for moment in moments if moment), default=None)
     if first is None:  # it was missing from the start on
         return f"what is used of {whom} is from the file `description` of [expected]"
-    at = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(first))
-    return f"what is used of {whom} is what ecatd read at {at}"
+    return f"what is used of {whom} is what ecatd read at {date_text(first)}"
+
+
+def warn(texts: Sequence[str]) -> None:
+    """Writes the first warnings to stderr, and the number of further ones."""
+    for text in first_of(texts, _WARNED_MAX):
+        print(f"ecatctl: warning: {text}", file=sys.stderr)

@@ -12,7 +12,7 @@ from ecatd.base.errors import EcatError, NoAnswerError, NotPermittedError, Unrea
 from ecatd.operations.health import Health
 from ecatd.shm.statistics.problems import find_problems, is_exchanged
 
-from .output import print_json
+from .output import first_of, print_json
 from .source import Source
 
 COMMANDS = {"health": {"check": "Say in one line whether the bus is well, for monitoring systems."}}
@@ -52,8 +52,7 @@ def check(options: argparse.Namespace) -> int:
 
 def _line(bus: str, problems: list[str], slaves: Health | None) -> str:
     facts = [slaves.counts] if slaves else []
-    more = len(problems) - _SHOWN
-    facts += problems[:_SHOWN] + ([f"and {more} more (--json lists all)"] if more > 0 else [])
+    facts += first_of(problems, _SHOWN, " (--json lists all)")
     return f"bus {bus}, {'; '.join(facts)}"
 
 

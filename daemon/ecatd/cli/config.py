@@ -23,7 +23,7 @@ from ecatd.operations.bus import ReadStates
 
 from .arguments import connect
 from .bus_source import add_options, check_options, get_bus, use_bus_of
-from .bus_warnings import warn_outdated
+from .bus_warnings import warn, warn_outdated
 from .config_check import check, described
 from .named_objects import refresh_modules
 from .output import print_json, print_table, shortened
@@ -131,11 +131,9 @@ def _init(options: argparse.Namespace) -> int:
         from ecatd.vendor.esi import Findings
         from ecatd.vendor.esi.configure import add_esi
 
-        from .esi_devices import warn
-
         findings = Findings(strict=options.strict)
         devices = described(bus, options.esi, findings)
-        warn(findings)
+        warn(findings.texts)
         notes = add_esi(known, bus, devices)
         more |= {"described": sorted(devices), "warnings": findings.texts}
     text = write_config(known, bus, VERSION, notes)

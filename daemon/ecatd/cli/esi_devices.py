@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 
 from ecatd.base.errors import StateError
 from ecatd.description.bus import Slave
 from ecatd.vendor.esi import Described, EsiDevice, Findings, devices_in, read_device
 
-_WARNED = 10
+from .bus_warnings import warn
 
 
 def describe(
@@ -34,7 +33,7 @@ def describe(
         if identity not in found:
             found[identity] = _description(slave, devices, noted)
     if findings is None:
-        warn(noted)
+        warn(noted.texts)
     described = ((s.position, found[s.vendor, s.product, s.revision]) for s in slaves)
     return {position: device for position, device in described if device is not None}
 
@@ -74,11 +73,3 @@ def device_of(slave: Slave, source: str) -> EsiDevice:
             f"and at most revision 0x{slave.revision:08X}, as {slave.label}"
         )
     return devices[slave.position]
-
-
-def warn(findings: Findings) -> None:
-    """Writes the first findings to the standard error, and the number of further ones."""
-    for text in findings.texts[:_WARNED]:
-        print(f"ecatctl: warning: {text}", file=sys.stderr)
-    if len(findings) > _WARNED:
-        print(f"ecatctl: warning: and {len(findings) - _WARNED} more", file=sys.stderr)

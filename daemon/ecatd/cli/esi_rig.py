@@ -18,7 +18,7 @@ from ecatd.config.writer import value_text
 from ecatd.description.limits import POSITION_MAX
 from ecatd.vendor.esi import Described, Findings, devices_in, fitting, parse_code, parse_name
 
-from .esi_devices import warn
+from .bus_warnings import warn
 
 _ITEM = re.compile(
     r"(?:(\d{1,4})\s*\*\s*)?"  # how many
@@ -91,7 +91,7 @@ def rig(sources: Sequence[str], wanted: Sequence[Wanted], *, strict: bool = Fals
     try:
         return _rig(devices_in(sources, findings), wanted, findings)
     finally:
-        warn(findings)
+        warn(findings.texts)
 
 
 def _rig(devices: Sequence[Described], wanted: Sequence[Wanted], findings: Findings) -> str:

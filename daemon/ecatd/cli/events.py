@@ -14,7 +14,7 @@ from ecatd.operations.bus import Events, ReadEvents
 from ecatd.operations.events import PUBLISHED, SEVERITIES
 
 from .arguments import add_slave
-from .output import print_json, print_json_line
+from .output import moment_text, print_json, print_json_line
 from .terminal import check_stdout
 from .watch import outlive
 
@@ -155,8 +155,6 @@ def _print(bus: Bus, found: Iterable[dict[str, Any]], *, as_json: bool) -> None:
 
 
 def _line(bus: Bus, event: dict[str, Any]) -> str:
-    seconds, ns = divmod(event["time_ns"], 10**9)
-    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds))
     position = event.get("slave", -1)
     label = bus.slaves[position].label if 0 <= position < len(bus.slaves) else ""
     text = str(event.get("text", ""))
@@ -164,4 +162,4 @@ def _line(bus: Bus, event: dict[str, Any]) -> str:
     times = f"{event.get('times', 1)} times"
     if times != "1 times" and times not in text:
         what += f" ({times})"
-    return f"{when}.{ns // 10**6:03}  {event['event']:<16}  {what}".rstrip()
+    return f"{moment_text(event['time_ns'])}  {event['event']:<16}  {what}".rstrip()

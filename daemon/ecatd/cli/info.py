@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import textwrap
-import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,7 +18,7 @@ from ecatd.shm.statistics import Grant, Snapshot, to_map
 from ecatd.shm.statistics.problems import ring_text, word
 
 from .bus_warnings import check_cycle
-from .output import print_json, table_lines
+from .output import date_text, print_json, table_lines
 from .source import Source
 from .stats_screen import clock_text, duration
 
@@ -96,7 +95,7 @@ def info_lines(snapshot: Snapshot, running: Mapping[str, Any], silent: str) -> l
         ("slaves", _slaves(snapshot)),
         ("ring", ring_text(snapshot)),
         ("DC", clock_text(snapshot)),
-        ("started", f"{_date(snapshot.instance)}, {duration(snapshot.seconds)} ago"),
+        ("started", f"{date_text(snapshot.instance * 1e-9)}, {duration(snapshot.seconds)} ago"),
         ("version", snapshot.version),
     ]
     rows += [("recovery", text) for text in _recovery(running)]
@@ -137,10 +136,6 @@ def _links(snapshot: Snapshot, running: Mapping[str, Any]) -> list[tuple[str, st
     if len(names) != len(used):
         names = ["first", "second"]
     return [(name, word(link)) for name, link in zip(names, used, strict=False)]
-
-
-def _date(ns: int) -> str:
-    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(ns * 1e-9))
 
 
 def _refused(grant: Grant) -> bool:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from .output import print_json_line
+from .output import moment_text, print_json_line
 from .terminal import check_stdout
 from .watch import outlive
 
@@ -46,6 +45,5 @@ def log(options: argparse.Namespace) -> None:
 
 
 def _text(line: dict[str, Any]) -> str:
-    seconds, ns = divmod(line["time_ns"], 10**9)
-    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds))
-    return f"{when}.{ns // 10**6:03}  {line['level']:<7}  {line['part']:<10}  {line['text']}"
+    when = moment_text(line["time_ns"])
+    return f"{when}  {line['level']:<7}  {line['part']:<10}  {line['text']}"

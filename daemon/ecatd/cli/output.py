@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -36,6 +37,23 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def date_text(seconds: float) -> str:
+    """A Unix time as date and time of this machine."""
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds))
+
+
+def moment_text(ns: int) -> str:
+    """A Unix time in ns as date and time of this machine, with milliseconds."""
+    seconds, rest = divmod(ns, 10**9)
+    return f"{date_text(seconds)}.{rest // 10**6:03}"
+
+
+def first_of(texts: Sequence[str], most: int, hint: str = "") -> list[str]:
+    """The first texts; if there are more, the last one says how many."""
+    more = len(texts) - most
+    return [*texts[:most], *([f"and {more} more{hint}"] if more > 0 else [])]
 
 
 def shortened(text: str, length: int) -> str:

@@ -92,19 +92,21 @@ def sdo_dump(remote: Remote, options: argparse.Namespace) -> None:
     outputs = {(entry.index, entry.subindex) for _, entry, _ in found.entries(outputs=True)}
     lines: list[str] = [""]
     tables = refused = 0
+    is_table = False
     for index, subindex, name, entry in counted(rows, "values"):
         try:
             value = read_value(remote, found.position, index, subindex, entry)
         except SdoAbortError as error:
-            lines += _comment(lines, f"0x{index:04X}:{subindex:02X} {_one_line(name)}: {error}")
             refused += 1
-            continue
-        restorable = index >= _FIRST_OWN and (index, subindex) not in outputs
-        if restorable and entry.access & Access.WRITE:
-            tables += 1
-            lines += _table(index, subindex, name, entry, value)
+            block = [f"# 0x{index:04X}:{subindex:02X} {_one_line(name)}: {error}"]
+            was_table, is_table = is_table, False
         else:
-            lines += _comment(lines, _line(index, subindex, name, entry, value))
+            restorable = index >= _FIRST_OWN and (index, subindex) not in outputs
+            was_table, is_table = is_table, restorable and bool(entry.access & Access.WRITE)
+            tables += is_table
+            write = _table if is_table else _comment
+            block = [*write(index, subindex, name, entry, value)]
+        lines += [*([""] if is_table or was_table else []), *block]
     text = "\n".join([*_head(found, tables), *lines]) + "\n"
     if options.out is not None and str(options.out) != _STDOUT:
         save(options.out, text, force=options.force)
@@ -138,7 +140,6 @@ def _head(found: Slave, values: int) -> Iterator[str]:
 def _table(
     index: int, subindex: int, name: str, entry: DictionaryEntry, value: SdoValue
 ) -> Iterator[str]:
-    yield ""
     yield "[[startup]]"
     yield f'object = "0x{index:04X}:{subindex:02X}"'
     alias = type_alias(value.data_type)
@@ -158,19 +159,14 @@ def _is_finite(value: SdoValue) -> bool:
     return not isinstance(number, float) or math.isfinite(number)
 
 
-def _line(index: int, subindex: int, name: str, entry: DictionaryEntry, value: SdoValue) -> str:
+def _comment(
+    index: int, subindex: int, name: str, entry: DictionaryEntry, value: SdoValue
+) -> Iterator[str]:
     physical = f" = {physical_text(value)}" if physical_text(value) else ""
-    return (
-        f"0x{index:04X}:{subindex:02X} {_names(name, entry)} ({access_text(entry.access)}): "
+    yield (
+        f"# 0x{index:04X}:{subindex:02X} {_names(name, entry)} ({access_text(entry.access)}): "
         f"{_one_line(value_text(value))}{physical}"
     )
-
-
-def _comment(lines: Sequence[str], text: str) -> Iterator[str]:
-    """A comment, apart from the table before it."""
-    if lines[-1].startswith("comment = "):
-        yield ""
-    yield f"# {text}"
 
 
 def _names(name: str, entry: DictionaryEntry) -> str:

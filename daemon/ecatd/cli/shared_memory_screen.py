@@ -11,7 +11,7 @@ from typing import Any
 
 from ecatd.shm.contract import COUNTERS
 
-from .output import WIDTH, fitting, shortened, table_lines
+from .output import WIDTH, date_text, fitting, shortened, table_lines
 from .stats_screen import duration
 from .terminal import alarm, heading
 
@@ -76,7 +76,7 @@ def _title(document: Document) -> str:
 
 def _head(document: Document) -> list[str]:
     lease = f"{document['lease_us'] / 1000:g} to {document['lease_max_us'] / 1000:g} ms"
-    started = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(document["started"] % 2**40))
+    started = date_text(document["started"] % 2**40)
     return [
         _title(document),
         f"ecatd {document['version']}, pid {document['pid']}, started {started}",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
@@ -23,7 +22,7 @@ from ecatd.operations.bus import ReadStates, SetState, SlaveAlState
 from .arguments import add_slave
 from .bus_warnings import check_slaves, warn_outdated
 from .confirm import add_yes, confirm
-from .output import print_json, print_table
+from .output import date_text, first_of, print_json, print_table
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
@@ -122,10 +121,8 @@ def _print_slaves(bus: Bus, states: dict[int, SlaveAlState]) -> None:
         for item in slave.contradictions:
             chosen = f"; {witness_name(item.believed)} is believed" if item.believed else ""
             print(f"{slave.label}: {contradiction_text(item)}{chosen}")
-        for problem in slave.problems[:_PROBLEMS_SHOWN]:
+        for problem in first_of(slave.problems, _PROBLEMS_SHOWN, " (--json lists all)"):
             print(f"{slave.label}: EEPROM, {problem}")
-        if (more := len(slave.problems) - _PROBLEMS_SHOWN) > 0:
-            print(f"{slave.label}: EEPROM, and {more} more (--json lists all)")
     print(_of_when([row["read_at"] for row in states.values()]))
 
 
@@ -133,8 +130,7 @@ def _of_when(moments: list[float | None]) -> str:
     """Says of when the columns are."""
     first = min((moment for moment in moments if moment), default=0.0)
     later = [n for n, moment in enumerate(moments) if moment and moment - first > _START_S]
-    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(first))
-    text = f"STATE and ALIAS are current; ecatd read the rest at {when}"
+    text = f"STATE and ALIAS are current; ecatd read the rest at {date_text(first)}"
     return f"{text} (of slaves {positions_text(later)}: later)" if later else text
 
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ecatd.base.errors import NotPermittedError
-from ecatd.operations.operation import Operation
 
 from .arguments import octets, real
 from .session import Session
@@ -56,7 +54,7 @@ class SdoValue(NamedTuple):
     offset: float = 0.0
 
 
-class Remote:
+class Remote(Session):
     """The daemon of one bus, over Zenoh.
 
     Args:
@@ -71,58 +69,6 @@ class Remote:
         NotPermittedError: This user may not use it.
         UsageError: The file is no identity.
     """
-
-    def __init__(
-        self,
-        bus: str = "ecat0",
-        connect: str | None = None,
-        timeout: float = 10.0,
-        identity: Path | None = None,
-    ) -> None:
-        self._session = Session(bus, connect, timeout, identity)
-        self.bus = self._session.bus
-
-    def close(self) -> None:
-        """Ends the session."""
-        self._session.close()
-
-    def reconnect(self) -> None:
-        """Begins another session, after a restart of the gateway; raises as the constructor."""
-        self._session.open()
-
-    def request(self, operation: Operation[A]) -> A:
-        """Has the daemon carry an operation out; its answer.
-
-        `ecatd.operations` has all operations, and docs/zenoh-keys.md describes them. The other
-        methods are those that do more than this one.
-
-        Raises:
-            EcatError: The error that the daemon replied, as its own class.
-        """
-        return self._session.request(operation)
-
-    def alive(self) -> list[str]:
-        """The names of the buses in reach, in order: BUS or HOST/BUS."""
-        return self._session.alive()
-
-    def ask_all(self, *what: str) -> list[dict[str, dict[str, Any]]]:
-        """Asks all buses in reach at once; for each key the answers by the name of the bus.
-
-        Args:
-            what: Keys below `ro`: `info` or `state`.
-        """
-        return self._session.ask_all(*what)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    @property
-    def user(self) -> str:
-        """The user as whom this session asks; empty if the connection does not know users."""
-        return self._session.user
 
     def rights(self) -> Rights:
         """What the user of this session may do.
@@ -178,7 +124,7 @@ class Remote:
         from .stream import Stream
 
         opened = self.request(OpenStream(pattern, real("rate", rate)))
-        return Stream(self._session.zenoh, opened, self._session.timeout)
+        return Stream(self.zenoh, opened, self.timeout)
 
     def stats(self) -> Snapshot:
         """Statistics of the bus since the start of the exchange."""
@@ -361,7 +307,7 @@ class Remote:
         """
         from .stream import log_lines
 
-        return log_lines(self._session.zenoh, self._session.full_name)
+        return log_lines(self.zenoh, self.full_name)
 
 
 def _slave_errors(answer: Errors) -> list[SlaveErrors]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import zenoh
 
@@ -106,8 +106,8 @@ class Session:
         zenoh.init_log_from_env_or("off")
         self.zenoh = self._opened()
 
-    def open(self) -> None:
-        """Begins another session of Zenoh in place of the last one; raises as the constructor."""
+    def reconnect(self) -> None:
+        """Begins another session of Zenoh, after a restart of the gateway; raises as at first."""
         before, self.zenoh = self.zenoh, self._opened()
         before.close()  # type: ignore[no-untyped-call]
 
@@ -146,8 +146,17 @@ class Session:
         """Ends the session."""
         self.zenoh.close()  # type: ignore[no-untyped-call]
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def request(self, operation: Operation[A]) -> A:
         """Has the daemon carry an operation out; its answer.
+
+        `ecatd.operations` has all operations, and docs/zenoh-keys.md describes them. Methods of
+        `Remote` are those that do more than this one.
 
         Raises:
             EcatError: The error that the daemon replied, as its own class.
