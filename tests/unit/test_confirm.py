@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from ecatd.base.errors import UsageError
-from ecatd.cli.confirm import add_yes, confirm
+from ecatd.cli.arguments import add_yes, confirm
 
 ABOUT = "The EEPROM of slave 3 (EL1008) gets a new alias, 5."
 

@@ -1,4 +1,4 @@
-"""Types and options of arguments that several commands have: numbers, slaves, times, the bus.
+"""What arguments of several commands have in common: their types, the bus, a question before harm.
 
 The converters raise `argparse.ArgumentTypeError`.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,9 @@ from ecatd.base.errors import UsageError
 
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
+
+
+_YES = ("y", "yes")
 
 
 def number(text: str) -> int:
@@ -123,3 +127,28 @@ def connect(options: argparse.Namespace) -> Remote:
     from ecatd.client.remote import Remote  # loading Zenoh is slow
 
     return Remote(options.bus, options.connect, options.timeout)
+
+
+def add_yes(command: argparse.ArgumentParser) -> None:
+    """Adds the option `--yes`, for scripts."""
+    command.add_argument("--yes", action="store_true", help="do it without asking")
+
+
+def confirm(options: argparse.Namespace, about: str) -> None:
+    """Asks on a terminal whether to go on; without a terminal, `--yes` must be given.
+
+    Args:
+        options: Parsed arguments of a command with `add_yes`.
+        about: What the command is about to do, and to which slave: a sentence.
+
+    Raises:
+        UsageError: The user does not want it, or cannot be asked.
+    """
+    if options.yes:
+        return
+    can_be_asked = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+    if not can_be_asked:
+        raise UsageError(f"{about} Nothing was done, because nobody can be asked: add --yes.")
+    print(f"{about} Continue? [y/N] ", end="", file=sys.stderr, flush=True)
+    if sys.stdin.readline().strip().lower() not in _YES:
+        raise UsageError("nothing was done")

@@ -27,19 +27,12 @@ _HEAD = 4096
 
 
 class Command(NamedTuple):
-    """A command.
+    """A command."""
 
-    Attributes:
-        name: Its name.
-        group: One of `GROUPS`.
-        summary: What it does, for the help.
-        module: Name of the module of its screen.
-    """
-
-    name: str
-    group: str
-    summary: str
-    module: str
+    name: str  #: Its name.
+    group: str  #: One of `GROUPS`.
+    summary: str  #: What it does, for the help.
+    module: str  #: Name of the module of its screen.
 
 
 def find_commands() -> list[Command]:

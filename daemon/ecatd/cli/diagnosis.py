@@ -20,8 +20,7 @@ from ecatd.etg.diagnosis import (
     parse_message,
 )
 
-from .arguments import add_one_slave
-from .confirm import add_yes, confirm
+from .arguments import add_one_slave, add_yes, confirm
 from .output import counted, print_json, print_table
 
 if TYPE_CHECKING:

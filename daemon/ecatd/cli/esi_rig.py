@@ -33,31 +33,19 @@ _NAMED = 12  # devices in one message
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """Devices that are looked for.
+    """Devices that are looked for."""
 
-    Attributes:
-        source: What asks for them, for messages.
-        text: The item as it was typed.
-        count: Number of such devices in a row.
-        type: Type of the device, or None if the product code is given.
-        product: Product code, or None if the type is given.
-        revision: Revision, or None: then the files must have only one.
-        modules: Type or ident of the module in each slot; empty for an empty slot.
-        revision_min: In place of `revision`: the newest one counts, if it is not below this.
-        vendor: Vendor ID, or None for any.
-        place: Further keys of the slave in a rig file.
-    """
-
-    source: str
-    text: str
-    count: int
-    type: str | None
-    product: int | None
-    revision: int | None
-    modules: list[str | int]
+    source: str  #: What asks for them, for messages.
+    text: str  #: The item as it was typed.
+    count: int  #: Number of such devices in a row.
+    type: str | None  #: Type of the device, or None if the product code is given.
+    product: int | None  #: Product code, or None if the type is given.
+    revision: int | None  #: Revision, or None: then the files must have only one.
+    modules: list[str | int]  #: Type or ident of the module in each slot; empty for an empty slot.
+    #: In place of `revision`: the newest one counts, if it is not below this.
     revision_min: int | None = None
-    vendor: int | None = None
-    place: dict[str, int] = field(default_factory=dict)
+    vendor: int | None = None  #: Vendor ID, or None for any.
+    place: dict[str, int] = field(default_factory=dict)  #: Further keys of the slave in a rig file.
 
     @property
     def description(self) -> str:

@@ -13,8 +13,7 @@ from ecatd.base.errors import EcatError, NoAnswerError, StateError, UnreachableE
 from ecatd.description.bus import Slave
 from ecatd.operations.fields import FILE_MAX
 
-from .arguments import add_one_slave, bounded
-from .confirm import add_yes, confirm
+from .arguments import add_one_slave, add_yes, bounded, confirm
 from .output import print_json, progress
 from .saving import add_force, add_out, check_target, read_bytes, save_bytes
 

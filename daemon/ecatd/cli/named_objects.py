@@ -27,15 +27,12 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Answers:
-    """What slaves have answered, by position.
+    """What slaves have answered, by position."""
 
-    Attributes:
-        objects: The objects that the configuration names, and those that a start would write for
-            its PDOs and modules.
-        eeproms: What is in their EEPROMs, where the configuration depends on that.
-    """
-
+    #: The objects that the configuration names, and those that a start would write for its PDOs and
+    #: modules.
     objects: dict[int, Objects] = field(default_factory=dict)
+    #: What is in their EEPROMs, where the configuration depends on that.
     eeproms: dict[int, Sii] = field(default_factory=dict)
 
 

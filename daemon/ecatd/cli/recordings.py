@@ -39,17 +39,11 @@ _CELL, _GROUP, _COLUMN = 16, 512, 1024
 
 
 class Column(NamedTuple):
-    """A column.
+    """A column."""
 
-    Attributes:
-        name: SLAVE/ENTRY.
-        unit: Unit of its values, or empty.
-        kind: `float64`, `int64` or `uint64`.
-    """
-
-    name: str
-    unit: str
-    kind: str
+    name: str  #: SLAVE/ENTRY.
+    unit: str  #: Unit of its values, or empty.
+    kind: str  #: `float64`, `int64` or `uint64`.
 
     @property
     def title(self) -> str:
@@ -58,15 +52,10 @@ class Column(NamedTuple):
 
 
 class Recording(Protocol):
-    """A file that is being written.
+    """A file that is being written."""
 
-    Attributes:
-        rows: How many cycles are in the file for good. After `end`, these are all.
-        infinite: How many values are missing in the file since it cannot have infinity and NaN.
-    """
-
-    rows: int
-    infinite: int
+    rows: int  #: How many cycles are in the file for good. After `end`, these are all.
+    infinite: int  #: How many values are missing in the file since it cannot have infinity and NaN.
 
     def add(self, seconds: float, cycle: int, cells: Sequence[Cell], utc_ns: int) -> None:
         """Adds a cycle.

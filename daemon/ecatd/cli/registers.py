@@ -18,8 +18,7 @@ from ecatd.etg.registers import (
 )
 from ecatd.operations.registers import ReadRegister, WriteRegister
 
-from .arguments import add_one_slave, bounded, hex_bytes
-from .confirm import add_yes, confirm
+from .arguments import add_one_slave, add_yes, bounded, confirm, hex_bytes
 from .output import print_json, print_table
 
 if TYPE_CHECKING:

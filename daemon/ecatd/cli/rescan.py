@@ -13,8 +13,7 @@ from ecatd.etg.al import AlState
 from ecatd.operations.bus import Device, ReadStates, Rescan
 from ecatd.operations.registers import WriteRegister
 
-from .arguments import add_one_slave
-from .confirm import add_yes, confirm
+from .arguments import add_one_slave, add_yes, confirm
 from .output import print_json, print_table, progress
 
 if TYPE_CHECKING:

@@ -23,8 +23,7 @@ from ecatd.description.bus import Slave
 from ecatd.etg.datatypes import STRINGS, decode, parse_type, type_alias
 from ecatd.etg.dictionary import Access, DictionaryEntry, access_text
 
-from .arguments import add_one_slave
-from .confirm import add_yes, confirm
+from .arguments import add_one_slave, add_yes, confirm
 from .dictionary import add_esi, read_objects, read_value
 from .output import counted, print_json, print_table
 from .saving import add_force, add_out, check_target, save
@@ -184,17 +183,11 @@ def _one_line(text: str) -> str:
 
 @dataclass(slots=True)
 class _Row:
-    """One value of the file, and the result.
+    """One value of the file, and the result."""
 
-    Attributes:
-        parameter: The parameter in the file.
-        before: The value in the slave; None if it cannot be read.
-        result: `differs`, `written`, or why it was not written.
-    """
-
-    parameter: StartupConfig
-    before: bytes | None
-    result: str
+    parameter: StartupConfig  #: The parameter in the file.
+    before: bytes | None  #: The value in the slave; None if it cannot be read.
+    result: str  #: `differs`, `written`, or why it was not written.
 
     def to_json(self) -> dict[str, Any]:
         return {

@@ -14,7 +14,7 @@ from ecatd.admin.installation.service import install, upgrade
 from ecatd.base.errors import UsageError
 from ecatd.base.version import VERSION
 
-from .confirm import add_yes, confirm
+from .arguments import add_yes, confirm
 from .output import print_json
 
 COMMANDS = {"machine": {"service": "Install, upgrade or remove the service of systemd."}}

@@ -19,9 +19,8 @@ from ecatd.etg.pdo_layout import places
 from ecatd.etg.scaling import formula_text, to_physical
 from ecatd.operations.bus import ReadStates, SetState, SlaveAlState
 
-from .arguments import add_slave
+from .arguments import add_slave, add_yes, confirm
 from .bus_warnings import check_slaves, warn_outdated
-from .confirm import add_yes, confirm
 from .output import date_text, first_of, print_json, print_table
 
 if TYPE_CHECKING:

@@ -19,8 +19,7 @@ from ecatd.etg.sii_categories import FIRST_CATEGORY
 from ecatd.etg.sii_check import MAX_IMAGE, check_sii, sii_checksum
 from ecatd.operations.eeproms import SII_WORDS_MAX, ReadSii, WriteSii
 
-from .arguments import add_one_slave, bounded
-from .confirm import add_yes, confirm
+from .arguments import add_one_slave, add_yes, bounded, confirm
 from .output import counted, print_json
 from .saving import check_target, read_bytes, save_bytes
 from .sii import read_image, sii_lines

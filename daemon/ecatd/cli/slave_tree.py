@@ -10,30 +10,23 @@ from ecatd.etg.port_errors import LinkErrors
 
 @dataclass(slots=True)
 class Node:
-    """A slave in the tree.
+    """A slave in the tree."""
 
-    Attributes:
-        position: Its position.
-        name: Its name, or names.
-        state: Its AL state in a word; empty if it does not answer.
-        delay_ns: Propagation delay from the reference clock; None if it has no clock, or if clocks
-            are not used.
-        port: The port of the slave before it at which it is plugged in; None at the master, or if
-            it is not known where it is plugged in.
-        known: Whether its place is known: it answers, and a link leads to it.
-        errors: The errors on its link to the slave before it; None for none.
-        loose: Errors at ports of it that lead nowhere now: the number of the port, and the errors.
-        behind: The slaves that are plugged in at it, in the order of the frame.
-    """
-
-    position: int
-    name: str
-    state: str
+    position: int  #: Its position.
+    name: str  #: Its name, or names.
+    state: str  #: Its AL state in a word; empty if it does not answer.
+    #: Propagation delay from the reference clock; None if it has no clock, or if clocks are not
+    #: used.
     delay_ns: int | None
+    #: The port of the slave before it at which it is plugged in; None at the master, or if it is
+    #: not known where it is plugged in.
     port: int | None = None
-    known: bool = False
+    known: bool = False  #: Whether its place is known: it answers, and a link leads to it.
+    #: The errors on its link to the slave before it; None for none.
     errors: LinkErrors | None = None
+    #: Errors at ports of it that lead nowhere now: the number of the port, and the errors.
     loose: list[tuple[int, LinkErrors]] = field(default_factory=list)
+    #: The slaves that are plugged in at it, in the order of the frame.
     behind: list[Node] = field(default_factory=list)
 
     @property

@@ -11,7 +11,7 @@ from ecatd.base.errors import LeaseError, StateError, UsageError
 from ecatd.client.patterns import find_output
 from ecatd.etg.al import AlState, al_state_text
 
-from .confirm import add_yes, confirm
+from .arguments import add_yes, confirm
 from .output import print_json
 from .signals import add_for, ended_by_signals, is_physical, open_client
 
