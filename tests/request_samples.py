@@ -44,11 +44,13 @@ VALUES: dict[str, tuple[object, ...]] = {
     "write": (True, False),
 }
 """Values of each field of a request; it takes those of a type that it may have."""
+USUAL = (1, 0.5, True, b"x", "x", None)
+"""Values of fields that are not above."""
 
 
 def _samples(kind: type[Operation]) -> list[Operation]:
     fitting = {
-        name: [value for value in VALUES[name] if _type(value) in field.types]
+        name: [value for value in VALUES.get(name, USUAL) if _type(value) in field.types]
         for name, field in kind.fields.items()
     }
     found = []
