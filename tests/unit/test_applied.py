@@ -7,7 +7,7 @@ import pytest
 from conftest import names, names_at, without_notes
 from ecatd.base.errors import StateError
 from ecatd.config import load_config, read_config
-from ecatd.config.origins import find_origins
+from ecatd.config.origins import find_origins, texts
 from ecatd.config.profiles import load_profiles
 from ecatd.config.resolve import check_slaves, misfits
 from ecatd.description.bus import Bus, Slave
@@ -149,7 +149,7 @@ def test_a_mistake_is_named_with_its_place(tmp_path: Path, text: str, message: s
     file.write_text(HEAD + text)
     config = load_config(file)
     # Another process gets the configuration without the file.
-    handed_on = read_config(config.to_dict(), origins=find_origins(config))
+    handed_on = read_config(config.to_dict(), origins=texts(find_origins(config)))
     for read in (config, handed_on):
         said, *_ = misfits(read, made_bus(), load_profiles())
         said = without_notes(said)

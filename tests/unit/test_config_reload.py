@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from ecatd.config import Config, load_config, read_config
-from ecatd.config.origins import find_origins
+from ecatd.config.origins import Origin, find_origins
 from ecatd.config.reload import reload
 
 BEFORE = """
@@ -134,27 +134,27 @@ def test_keys_in_force_are_named_where_they_are_written(tmp_path: Path) -> None:
     lines = file.read_text().splitlines()
     for number, rule in enumerate(found.config.signal):
         where = origins[f"signal[{number}].entry"]
-        assert where.startswith(str(file))
         if rule.slave == 3:  # the file does not have it any more
-            assert where == f"{old['signal[1].entry']} (before it was changed)"
+            assert where == Origin(str(file), old["signal[1].entry"].line, changed=True)
+            assert str(where).endswith(f":{where.line} (before it was changed)")
         else:
-            line = int(where.rpartition(":")[2])
-            assert lines[line - 1] == f'entry = "{rule.entry}"'
+            assert (where.file, where.changed) == (str(file), False)
+            assert lines[where.line - 1] == f'entry = "{rule.entry}"'
     assert [rule.slave for rule in found.config.signal] == [0, 3, 4]
-    assert origins["slave[0].name"] == f"{file}:5"
+    assert origins["slave[0].name"] == Origin(str(file), 5)
 
 
 def test_what_waits_for_a_restart_has_its_earlier_place(tmp_path: Path) -> None:
     file = tmp_path / "w.toml"
     file.write_text("cycle_time_us = 2000\n[recovery]\nretry_s = 5\n[mailbox]\nshare = 0.5\n")
     before = load_config(file)
-    origins = {**find_origins(before), "bus": "command line"}
+    origins = {**find_origins(before), "bus": Origin()}
     for text in ("[recovery]\nretry_s = 7\n", "[recovery]\nretry_s = 8\n", ""):
         file.write_text(text)
         wanted = load_config(file)
         found = reload(before, wanted)
         origins = found.origins(origins, find_origins(wanted))
-        assert origins["cycle_time_us"] == f"{file}:1 (before it was changed)"
-        assert origins.get("recovery.retry_s") == (f"{file}:2" if text else None)
+        assert origins["cycle_time_us"] == Origin(str(file), 1, changed=True)
+        assert origins.get("recovery.retry_s") == (Origin(str(file), 2) if text else None)
         assert "mailbox.share" not in origins, "it has its default again"
         before = found.config

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from .config import Config
 from .differences import differences
-from .origins import COMMAND_LINE, flatten
+from .origins import Origin, Origins, flatten
 from .signals import SignalConfig
 
-_EARLIER = " (before it was changed)"
 _SIGNAL_KEY = re.compile(r"signal\[(\d+)\](.*)")
 
 
@@ -34,7 +32,7 @@ class Reload:
     later: list[str]
     signals: list[tuple[bool, int]]
 
-    def origins(self, before: Mapping[str, str], wanted: Mapping[str, str]) -> dict[str, str]:
+    def origins(self, before: Origins, wanted: Origins) -> dict[str, Origin]:
         """Where the keys in force are written.
 
         Args:
@@ -44,22 +42,16 @@ class Reload:
         values, new = flatten(self.config.to_dict()), flatten(self.wanted.to_dict())
         kept = {key for key, value in values.items() if new.get(key) != value}
         found = {key: place for key, place in wanted.items() if key not in kept}
-        found |= {key: _earlier(before[key]) for key in kept & before.keys()}
+        found |= {key: before[key].of_earlier_file() for key in kept & before.keys()}
         found = {key: place for key, place in found.items() if not _SIGNAL_KEY.fullmatch(key)}
         tables = {True: _by_number(wanted), False: _by_number(before)}
         for number, (is_new, place) in enumerate(self.signals):
             keys = tables[is_new].get(place, {})
             found |= {
-                f"signal[{number}]{key}": where if is_new else _earlier(where)
+                f"signal[{number}]{key}": where if is_new else where.of_earlier_file()
                 for key, where in keys.items()
             }
         return found
-
-
-def _earlier(place: str) -> str:
-    """A place in a file as it was when its values were read."""
-    in_file = place != COMMAND_LINE and not place.endswith(_EARLIER)
-    return f"{place}{_EARLIER}" if in_file else place
 
 
 def reload(before: Config, wanted: Config) -> Reload:
@@ -137,9 +129,9 @@ def _meaning(rule: SignalConfig) -> tuple[object, ...]:
     return rule.type, rule.unit, rule.scale, rule.offset
 
 
-def _by_number(origins: Mapping[str, str]) -> dict[int, dict[str, str]]:
+def _by_number(origins: Origins) -> dict[int, dict[str, Origin]]:
     """Where keys of `[[signal]]` tables are written, by the number of the table."""
-    found: dict[int, dict[str, str]] = {}
+    found: dict[int, dict[str, Origin]] = {}
     for key, where in origins.items():
         if match := _SIGNAL_KEY.fullmatch(key):
             found.setdefault(int(match[1]), {})[match[2]] = where

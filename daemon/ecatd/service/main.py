@@ -18,7 +18,7 @@ from ecatd.base.plain_output import plain_output
 from ecatd.base.process import open_standard_streams
 from ecatd.base.version import VERSION
 from ecatd.config import Config, load_config, read_config
-from ecatd.config.origins import COMMAND_LINE, find_origins
+from ecatd.config.origins import COMMAND_LINE, Origin, Origins, find_origins, texts
 from ecatd.config.profiles import load_profiles
 from ecatd.config.resolve import alike_slaves, load_description, missing_folders
 
@@ -88,7 +88,7 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _configuration(options: argparse.Namespace) -> tuple[Config, dict[str, str]]:
+def _configuration(options: argparse.Namespace) -> tuple[Config, Origins]:
     """The configuration of the file, with the changes of the command line, and its origins."""
     config = load_config(options.config) if options.config else Config()
     origins = find_origins(config) if options.config else {}
@@ -97,12 +97,12 @@ def _configuration(options: argparse.Namespace) -> tuple[Config, dict[str, str]]
         for key in ("bus", "interface", "cycle_time_us")
         if getattr(options, key) is not None
     }
-    origins |= dict.fromkeys(given, COMMAND_LINE)
+    origins |= dict.fromkeys(given, Origin())
     if options.verbose or options.quiet:
         given["log"] = {OTHERS: "debug" if options.verbose else "warning"}
-        origins[f"log.{OTHERS}"] = COMMAND_LINE
+        origins[f"log.{OTHERS}"] = Origin()
     if given:
-        config = read_config({**config.to_dict(), **given}, COMMAND_LINE, origins)
+        config = read_config({**config.to_dict(), **given}, COMMAND_LINE, texts(origins))
     if options.replay and not options.simulate:
         raise UsageError("--replay gives values to the slaves of a simulated rig: add --simulate")
     if not (config.interface or options.simulate or options.check_config):
@@ -113,7 +113,7 @@ def _configuration(options: argparse.Namespace) -> tuple[Config, dict[str, str]]
     return config, origins
 
 
-def _checked(options: argparse.Namespace) -> tuple[Config, dict[str, str]]:
+def _checked(options: argparse.Namespace) -> tuple[Config, Origins]:
     """Checks the configuration, and all files that a start would read for it."""
     config, origins = _configuration(options)
     _check_files(config)

@@ -31,6 +31,7 @@ from ecatd.base.paths import make_dir, remove_dir, user_dir
 from ecatd.base.process import leave_processor, offer_to_oom_killer
 from ecatd.base.service_link import HANG_S
 from ecatd.config import Config
+from ecatd.config.origins import Origins, texts
 from ecatd.config.reload import reload
 from ecatd.shm.files import make_folder
 from ecatd.shm.other_daemon import check_free
@@ -81,7 +82,7 @@ class Supervisor:
 
     Args:
         config: The configuration, which the children get, too.
-        origins: Where its values come from, by key (`model.config.origins`).
+        origins: Where its values come from, by key (`ecatd.config.origins`).
         rig: The rig to simulate, or None.
         log: The log for events.
         read: Reads the configuration and its origins anew, for SIGHUP.
@@ -93,10 +94,10 @@ class Supervisor:
     def __init__(
         self,
         config: Config,
-        origins: dict[str, str],
+        origins: Origins,
         rig: str | None,
         log: Log,
-        read: Callable[[], tuple[Config, dict[str, str]]],
+        read: Callable[[], tuple[Config, Origins]],
         *,
         describe: bool = False,
         gateway: bool = True,
@@ -206,7 +207,7 @@ class Supervisor:
         settings = self._settings = {
             "describe": self._describe,
             "config": self._config.to_dict(),
-            "origins": self._origins,
+            "origins": texts(self._origins),
             "interface": self._config.interface,
             "second_interface": self._config.second_interface,
             "runtime_dir": "" if self._describe else str(make_dir(self._config.bus, user_dir())),
@@ -425,7 +426,7 @@ class Supervisor:
         wanted, origins = self._read()
         found = reload(self._config, wanted)
         origins = found.origins(self._origins, origins)
-        new = {"log": wanted.log, "config": found.config.to_dict(), "origins": origins}
+        new = {"log": wanted.log, "config": found.config.to_dict(), "origins": texts(origins)}
         settings = {**self._settings, **new}
         if settings != self._settings and (why := await server.change(settings)):
             later = f" (the file also has {_keys(found.later)}, which is used after a restart only)"
