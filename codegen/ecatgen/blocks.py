@@ -118,7 +118,7 @@ def _block(slave: Slave, name: Code, instance: Code) -> Block:
         vendor=slave.vendor,
         product=slave.product,
         revision=slave.revision,
-        profiles=tuple(slave.profiles),
+        profiles=tuple(map(str, slave.profiles)),
         reads=inputs,
         writes=outputs,
         skipped=tuple(skipped),

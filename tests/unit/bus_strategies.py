@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 
-from ecatd.description.bus import Bus, Slave
+from ecatd.description.bus import Bus, ProfileName, Slave
 from ecatd.etg.datatypes import DataType, bit_length, is_real
 from ecatd.etg.pdo import Entry, Pdo, Value
 
@@ -52,7 +52,7 @@ _slaves = st.builds(
     product=st.sampled_from([0, 1, 0x00030924, 0x0BC03052]),
     revision=st.integers(0, 0xFFFF_FFFF),
     coe=st.booleans(),
-    profiles=st.lists(_names, max_size=2),
+    profiles=st.lists(st.builds(ProfileName, _names, _names), max_size=2),
     outputs=_pdos,
     inputs=_pdos,
     sync_shift_ns=st.integers(-(10**9), 10**9),

@@ -13,7 +13,7 @@ from ecatd.config.meanings import give_meanings
 from ecatd.config.profiles import Profiles, load_profiles
 from ecatd.config.profiles.file import DEVICE, ENTRY
 from ecatd.config.resolve import missing_folders
-from ecatd.description.bus import Bus, Slave
+from ecatd.description.bus import Bus, ProfileName, Slave
 from ecatd.description.units import is_unit, modelica_unit
 from ecatd.etg.datatypes import DataType
 from ecatd.etg.pdo import Entry, Pdo
@@ -151,7 +151,7 @@ def test_the_configuration_counts_key_by_key(
     ((_, known, _),) = bus.slaves[0].entries(outputs=True)
     found = (known.name, known.unit, known.scale, known.offset, known.minimum, known.maximum)
     assert (*found, [value.name for value in known.values]) == expected
-    assert bus.slaves[0].profiles == ["A"]
+    assert bus.slaves[0].profiles == [ProfileName("A")]
 
 
 def test_limits_are_for_outputs(tmp_path: Path) -> None:

@@ -21,11 +21,12 @@ from pathlib import Path
 from textwrap import TextWrapper
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
+from ecatd.base.dataclass_maps import required_fields
 from ecatd.base.log_levels import DEFAULTS, OTHERS, PARTS
 from ecatd.base.toml_file import Limits, Rule, Table
 from ecatd.config import Config
 from ecatd.config.config import LOG
-from ecatd.config.placed import required_in, rules_of
+from ecatd.config.placed import rules_of
 from ecatd.config.writer import value_text
 
 from .docstrings import attributes, paragraphs
@@ -127,7 +128,7 @@ def _levels() -> Iterator[str]:
 
 
 def _default(kind: Any, item: Field[Any]) -> str:
-    if item.name in required_in(kind):
+    if item.name in required_fields(kind):
         return "needed"
     factory: Any = item.default_factory
     return _code(item.name, item.default if factory is MISSING else factory())

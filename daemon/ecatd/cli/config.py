@@ -355,8 +355,8 @@ def _signals(bus: Bus, used: Config) -> list[dict[str, Any]]:
 
 
 def _profiles(slave: Slave) -> str:
-    """The profiles that give the entries of a slave their meanings, without their sources."""
-    return ", ".join(f"profile '{profile.partition(': ')[0]}'" for profile in slave.profiles)
+    """The profiles that give the entries of a slave their meanings."""
+    return ", ".join(f"profile '{profile.description}'" for profile in slave.profiles)
 
 
 def _shown(key: str, value: Any) -> str:

@@ -12,6 +12,7 @@ from ecatd.base.errors import ConfigError, StateError
 from ecatd.base.paths import profile_folders
 from ecatd.config import Config, SlaveConfig, StartupConfig, load_config
 from ecatd.config.expected_bus import Difference, compare
+from ecatd.config.expected_slave import DifferenceKind
 from ecatd.config.placed import Placed
 from ecatd.config.problems import Collected
 from ecatd.config.profiles import load_profiles
@@ -104,7 +105,7 @@ def check(options: argparse.Namespace) -> int:
         for item, text in object_problems(moved.settings_of(n), known, answers.eeproms.get(n))
     ]
     differences += [
-        Difference("other objects", (n,), (n,), text, strict=False)
+        Difference(DifferenceKind.OTHER_OBJECTS, (n,), (n,), text, strict=False)
         for n, item, text in refused
         if not _is_optional(item)
     ]
@@ -244,7 +245,7 @@ def _refused_pdos(
         settings, slave, objects = wanted.settings_of(n), bus.slaves[n], answers.objects.get(n, {})
         for key, text in pdo_obstacles(settings, slave, answers.eeproms.get(n), objects):
             text = f"{settings.table.where(key)}: {slave.label} {text}"
-            yield Difference("other PDOs", (n,), (n,), text, strict=False)
+            yield Difference(DifferenceKind.OTHER_PDOS, (n,), (n,), text, strict=False)
 
 
 def _unknown_pdos(
@@ -272,9 +273,13 @@ def _forbidden(wanted: Config, bus: Bus, devices: dict[int, EsiDevice]) -> list[
         device = devices.get(settings.position)
         if device is None:
             continue
-        problems = [("forbidden PDOs", text) for text in pdo_problems(settings, device)]
+        problems = [
+            (DifferenceKind.FORBIDDEN_PDOS, text) for text in pdo_problems(settings, device)
+        ]
         idents = [module.ident for module in settings.modules]
-        problems += [("forbidden modules", text) for text in module_problems(device, idents)]
+        problems += [
+            (DifferenceKind.FORBIDDEN_MODULES, text) for text in module_problems(device, idents)
+        ]
         place = (settings.position,)
         label, file = bus.slaves[settings.position].label, Path(device.path).name
         found += [

@@ -8,8 +8,8 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from ecatd.base.dataclass_maps import to_maps
 from ecatd.base.errors import StateError, UsageError
-from ecatd.base.maps import plain
 from ecatd.description.bus import Bus, Slave, display_name, positions_text
 from ecatd.description.witnesses import contradiction_text, witness_name
 from ecatd.etg.al import AL_ERROR_FLAG, AlState, al_state_text
@@ -88,7 +88,7 @@ def _slave_document(bus: Bus, slave: Slave, state: Mapping[str, Any]) -> dict[st
         **{key: state[key] for key in _CURRENT},
         "state": al_state_text(state["al_state"]),
         "modules": [asdict(module) for module in slave.modules],
-        "contradictions": plain(slave.contradictions),
+        "contradictions": to_maps(slave.contradictions),
         "domain_name": bus.domain_name(slave.domain),
     }
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from ecatd.config import Config
 from ecatd.config.expected_bus import Difference
+from ecatd.config.expected_slave import DifferenceKind
 from ecatd.config.resolve.believed import remaining
 from ecatd.description.bus import Bus
 from ecatd.description.witnesses import (
@@ -58,8 +59,9 @@ def contradictions(
                 notes.append(f"{text}. A start with this file believes {name}")
             else:
                 text += f": {_advice(item)}"
-                kind = "contradicting witnesses"
-                open_.append(Difference(kind, (n,), (n,), text, strict=False))
+                open_.append(
+                    Difference(DifferenceKind.CONTRADICTION, (n,), (n,), text, strict=False)
+                )
     return open_, notes
 
 

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from ecatd.description.bus import Slave
 
 from . import SlaveConfig
-from .expected_slave import difference
+from .expected_slave import DifferenceKind, difference
 
 _OTHER_NUMBER, _OTHER_DEVICE, _MISSING, _EXTRA, _MISSING_ANY, _ABSENT = 4, 8, 7, 6, 2, 1
 """Costs of differences. An exchanged device costs less than one that is missing and another one
@@ -101,7 +101,9 @@ class Alignment:
         if slave.position in self._taken:  # it is another slave
             return math.inf
         kind, _ = difference(wanted, slave)
-        return {"": 0, "other device": _OTHER_DEVICE}.get(kind, _OTHER_NUMBER) + other
+        return {DifferenceKind.NONE: 0, DifferenceKind.OTHER_DEVICE: _OTHER_DEVICE}.get(
+            kind, _OTHER_NUMBER
+        ) + other
 
     def _cost_extra(self, slave: Slave, *, at_end: bool) -> float:
         allowed = slave.position in self._taken or (at_end and self._unlisted)

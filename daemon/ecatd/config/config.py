@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, TypeVar
 
 from ecatd.base.bus_name import BUS_NAME_RULE, check_bus_name
+from ecatd.base.dataclass_maps import to_maps
 from ecatd.base.durations import Patience
 from ecatd.base.log_levels import DEFAULTS, LEVELS, OTHERS, PARTS
-from ecatd.base.maps import plain
 from ecatd.base.toml_file import Key, Limits, Rules, Table, accepts, integer, number, one_of, show
 
 from .clocks import DcConfig, DcSlaveConfig, read_clocks
@@ -320,4 +320,4 @@ class Config(Placed):
 
     def to_dict(self) -> dict[str, Any]:
         """The configuration as maps, from which `read_config` makes it again."""
-        return dict(plain(self))
+        return dict(to_maps(self))

@@ -14,7 +14,7 @@ from ecatd.description.limits import POSITION_MAX
 
 from . import STRICT, Config, Mark, SlaveConfig
 from .alignment import Alignment, Pair
-from .expected_slave import device, difference, has_mark, label
+from .expected_slave import DifferenceKind, device, difference, has_mark, label
 
 _TOLD = 4  # slaves in one message
 _SET_SELECTOR = (
@@ -28,15 +28,14 @@ class Difference:
     """One difference between the expected bus and the one that was found.
 
     Attributes:
-        kind: "missing", "extra", "other device", "other revision", "other serial number",
-            "other modules", "other identification", "other station alias" or "wrong place".
+        kind: What kind of difference it is.
         expected: Positions of the slaves in the configuration, none for an extra slave.
         found: Positions of the slaves that were found, none for missing ones.
         text: What is different, and what to do about it.
         strict: Whether the bus must not start with it.
     """
 
-    kind: str
+    kind: DifferenceKind
     expected: tuple[int, ...]
     found: tuple[int, ...]
     text: str
@@ -127,12 +126,12 @@ class _Comparer:
         missing += [n for n in self._unmarked if n.optional or n.position not in self._settled]
         self._found.absent += [item for item in missing if item.optional]
         for alike in self._rows([item for item in missing if not item.optional]):
-            self._add("missing", alike, (), self._missing(alike))
+            self._add(DifferenceKind.MISSING, alike, (), self._missing(alike))
         for number, (wanted, slave) in enumerate(pairs):
             if wanted is None and slave is not None:
                 beside = pairs[max(0, number - 1) : number + 2]
                 absent = [item for item, there in beside if item and item.optional and not there]
-                self._add("extra", [], (slave.position,), _extra(slave, absent))
+                self._add(DifferenceKind.EXTRA, [], (slave.position,), _extra(slave, absent))
         self._found.differences.sort(key=self._order)
         return self._found
 
@@ -203,7 +202,7 @@ class _Comparer:
         return max(before, default=-1) + 1, False
 
     def _add(
-        self, kind: str, wanted: Sequence[SlaveConfig], found: tuple[int, ...], text: str
+        self, kind: DifferenceKind, wanted: Sequence[SlaveConfig], found: tuple[int, ...], text: str
     ) -> None:
         policies = [self._config.policy_of(item) for item in wanted] or [
             self._config.expected.policy
@@ -257,7 +256,7 @@ class _Comparer:
             positions = tuple(slave.position for _, slave in groups if slave is not None)
             self._taken.update(positions)
             self._add(
-                "other device",
+                DifferenceKind.OTHER_DEVICE,
                 [wanted],
                 positions,
                 f"slaves {heads} have the same {mark.kind}, {mark.value}, so it is not clear which "
@@ -329,7 +328,7 @@ class _Comparer:
     def _add_exchanged(self, first: SlaveConfig, second: SlaveConfig) -> None:
         places = self._found.places
         self._add(
-            "wrong place",
+            DifferenceKind.WRONG_PLACE,
             [first, second],
             (places[second.position], places[first.position]),
             f"{label(first)} and {label(second)} have changed places: they should be slaves "
@@ -343,7 +342,7 @@ class _Comparer:
             heads = [item for item in self._config.slave if wanted in self._config.followers(item)]
             should = f"should stand behind {label(heads[0])} (group {wanted.group})"
         self._add(
-            "wrong place",
+            DifferenceKind.WRONG_PLACE,
             [wanted],
             (slave.position,),
             f"{label(wanted)} {should}, but is slave {slave.position}: move it, or correct its "
@@ -369,7 +368,12 @@ class _Comparer:
             group = [wanted, *self._config.followers(wanted)][: len(found)]
             self._settled.add(wanted.position)
             self._taken.update(found)
-            self._add(f"other {mark.kind}", group, tuple(found), _other_mark(wanted, mark, slave))
+            kind = (
+                DifferenceKind.OTHER_ALIAS
+                if wanted.alias is not None
+                else DifferenceKind.OTHER_IDENTIFICATION
+            )
+            self._add(kind, group, tuple(found), _other_mark(wanted, mark, slave))
             return True
         return False
 
@@ -429,7 +433,7 @@ def _is_wrong(pair: Pair) -> bool:
     wanted, slave = pair
     if wanted is None or slave is None:
         return True
-    return wanted.mark is None and difference(wanted, slave)[0] == "other device"
+    return wanted.mark is None and difference(wanted, slave)[0] == DifferenceKind.OTHER_DEVICE
 
 
 def _fits(wanted: SlaveConfig, slave: Slave) -> bool:

@@ -122,8 +122,8 @@ def raw_parameters(
 def unused_profiles(bus: Bus, profiles: Profiles) -> list[str]:
     """Warnings about profiles that fit no slave, if the configuration names their folder."""
     return [
-        f"{device.source}: '{device.description}' fits no slave of bus '{bus.name}': it is about "
-        f"{device.wanted}"
+        f"{device.source}: '{device.name.description}' fits no slave of bus '{bus.name}': it is "
+        f"about {device.wanted}"
         for device in profiles.devices[: profiles.named]
         if not any(device.fits(slave) for slave in bus.slaves)
     ]
@@ -140,7 +140,7 @@ def _apply_profiles(slave: Slave, devices: list[DeviceProfile]) -> None:
 
     slave.outputs = _changed(slave.outputs, lambda entry: meant(entry, output=True))
     slave.inputs = _changed(slave.inputs, lambda entry: meant(entry, output=False))
-    slave.profiles = [device.label for device in used]
+    slave.profiles = [device.name for device in used]
 
 
 def _profiled(

@@ -11,10 +11,11 @@ docstring. `ecatdev.configuration_page` makes the reference of all keys from the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from functools import cache
 from typing import Any, TypeVar, get_type_hints
 
+from ecatd.base.dataclass_maps import required_fields
 from ecatd.base.toml_file import Document, Key, Rules, Table
 
 P = TypeVar("P", bound="Placed")
@@ -43,20 +44,10 @@ def rules_of(kind: type[Any]) -> Rules:
     return {item.name: hints[item.name].__metadata__[0] for item in fields(kind) if item.compare}
 
 
-@cache
-def required_in(kind: type[Any]) -> list[str]:
-    """The keys of a table that have no default."""
-    return [
-        item.name
-        for item in fields(kind)
-        if item.default is MISSING and item.default_factory is MISSING
-    ]
-
-
 def read(kind: type[P], table: Table) -> P:
     """Reads a table. Keys without a default are required."""
     key: Any = kind  # mypy takes the hash of a type for that of its instances
-    return kind(**table.read(rules_of(key), required_in(key)), table=table)
+    return kind(**table.read(rules_of(key), required_fields(key)), table=table)
 
 
 def one(kind: type[P]) -> Callable[[Table, Key], P]:

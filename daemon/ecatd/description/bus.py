@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Any
 
+from ecatd.base.dataclass_maps import to_maps
 from ecatd.base.errors import StateError
-from ecatd.base.maps import plain
 from ecatd.base.quoting import printable
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.etg.pdo_layout import byte_length, places
@@ -45,6 +45,22 @@ class Module:
         return f"{self.name} (0x{self.ident:08X})" if self.name else f"0x{self.ident:08X}"
 
 
+@dataclass(frozen=True, slots=True)
+class ProfileName:
+    """A device profile that entries have their meanings from. Its text is for documentation.
+
+    Attributes:
+        description: The devices, in words.
+        source: The documents with the facts of the profile; may be empty.
+    """
+
+    description: str
+    source: str = ""
+
+    def __str__(self) -> str:
+        return ": ".join(filter(None, (self.description, self.source)))
+
+
 @dataclass(slots=True)
 class Slave:
     """One slave, as ecatd found it at the start. `ecatctl state` has what it is now.
@@ -62,7 +78,7 @@ class Slave:
         eoe: Whether it takes Ethernet frames (EoE).
         soe: Whether it answers SoE requests; without CoE, indices in its process data are IDNs.
         problems: The errors in its EEPROM, and how the master handles them.
-        profiles: Device profiles that its entries have their meanings from, each with its source.
+        profiles: Device profiles that its entries have their meanings from.
         given_name: Its name in this machine, from the configuration; empty for none.
         group: The optional slaves that come and go with it: the name of their group in the
             configuration, or `slave N` for a slave alone. Empty for a slave that must be there.
@@ -97,7 +113,7 @@ class Slave:
     eoe: bool = False
     soe: bool = False
     problems: list[str] = field(default_factory=list)
-    profiles: list[str] = field(default_factory=list)
+    profiles: list[ProfileName] = field(default_factory=list)
     given_name: str = ""
     group: str = ""
     identification: int = 0
@@ -273,4 +289,4 @@ class Bus:
 
     def to_dict(self) -> dict[str, Any]:
         """The description as maps and lists, with `schema` and `fingerprint` (16 hex digits)."""
-        return {"schema": SCHEMA, "fingerprint": f"{self.fingerprint:016x}", **plain(self)}
+        return {"schema": SCHEMA, "fingerprint": f"{self.fingerprint:016x}", **to_maps(self)}

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeVar
 
 from ecatd.base.bus_name import BUS_NAME, BUS_NAME_RULE
+from ecatd.base.dataclass_maps import required_fields
 from ecatd.base.errors import UsageError
 from ecatd.etg.datatypes import bit_length, is_real, type_name
 from ecatd.etg.pdo import Entry, Pdo, Value
 
-from .bus import SCHEMA, Bus, Domain, Module, Slave
+from .bus import SCHEMA, Bus, Domain, Module, ProfileName, Slave
 from .limits import (
     DOMAIN_NAME_BYTES,
     DOMAINS_MAX,
@@ -36,6 +37,7 @@ _VALUES_MAX = 4096
 _SHOWN = 40
 _SAFE_WORDS = ("hold", "actual", "quick_stop", "disable")
 
+_T = TypeVar("_T")
 Check = Callable[[Any], Any]
 
 
@@ -211,6 +213,7 @@ _ENTRY: dict[str, Check] = {
     "safe": _safe,
 }
 _MODULE: dict[str, Check] = {"ident": _integer(0, _U32), "name": _printable(SIGNAL_NAME_BYTES)}
+_PROFILE: dict[str, Check] = dict.fromkeys(("description", "source"), _text)
 _VALUE: dict[str, Check] = {"number": _integer(-_I64, _I64), "name": _text}
 _DOMAIN: dict[str, Check] = {
     "name": _printable(DOMAIN_NAME_BYTES),
@@ -262,7 +265,7 @@ class _Reader:
             **dict.fromkeys(("alias", "address", "identification"), _integer(0, _U16)),
             **dict.fromkeys(("coe", "eoe", "soe"), _truth),
             "problems": lambda value: _list(value, _PROBLEMS_MAX, lambda _, item: _text(item)),
-            "profiles": lambda value: _list(value, _PROFILES_MAX, lambda _, item: _text(item)),
+            "profiles": lambda value: _list(value, _PROFILES_MAX, self._profile),
             "given_name": _rule(is_slave_name, SLAVE_NAME_RULE),
             "group": _rule(_is_group, SLAVE_NAME_RULE),
             "modules": lambda value: _list(value, _MODULES_MAX, self._module),
@@ -305,8 +308,12 @@ class _Reader:
             _check_fingerprint(bus, values.get("fingerprint"))
         return bus
 
+    def _make(self, kind: Callable[..., _T], data: Any, checks: Mapping[str, Check]) -> _T:
+        """Makes a part of the description, which is a dataclass."""
+        return kind(**self._keys(data, checks, required_fields(kind)))
+
     def _keys(
-        self, data: Any, checks: Mapping[str, Check], needed: tuple[str, ...]
+        self, data: Any, checks: Mapping[str, Check], needed: Iterable[str]
     ) -> dict[str, Any]:
         """Checks a map, and returns the values of its known keys."""
         if type(data) is not dict:
@@ -328,18 +335,14 @@ class _Reader:
         return result
 
     def _domain(self, number: int, data: Any) -> Domain:
-        domain = Domain(**self._keys(data, _DOMAIN, ()))
+        domain = self._make(Domain, data, _DOMAIN)
         if domain.phase >= domain.divider:
             text = f"is {domain.phase}, but must be less than the divider, {domain.divider}"
             raise _at(_WrongError(text), "phase")
         return domain
 
     def _slave(self, number: int, data: Any) -> Slave:
-        slave = Slave(
-            **self._keys(
-                data, self._slave_keys, ("position", "name", "vendor", "product", "revision")
-            )
-        )
+        slave = self._make(Slave, data, self._slave_keys)
         if slave.position != number:
             text = f"is {slave.position}, but slaves follow each other without gaps: {number}"
             raise _at(_WrongError(text), "position")
@@ -349,7 +352,7 @@ class _Reader:
         return _list(value, _PDOS_MAX, self._pdo)
 
     def _pdo(self, number: int, data: Any) -> Pdo:
-        return Pdo(**self._keys(data, self._pdo_keys, ("index", "name", "sync_manager")))
+        return self._make(Pdo, data, self._pdo_keys)
 
     def _accounts(self, value: Any) -> list[Pdo]:
         accounts = self._pdos(value)
@@ -358,24 +361,22 @@ class _Reader:
         return accounts
 
     def _contradiction(self, number: int, data: Any) -> Contradiction:
-        found = self._keys(data, self._contradiction_keys, ("pdo", "accounts"))
-        return Contradiction(**found)
+        return self._make(Contradiction, data, self._contradiction_keys)
 
     def _module(self, number: int, data: Any) -> Module:
-        return Module(**self._keys(data, _MODULE, ("ident",)))
+        return self._make(Module, data, _MODULE)
+
+    def _profile(self, number: int, data: Any) -> ProfileName:
+        return self._make(ProfileName, data, _PROFILE)
 
     def _values(self, value: Any) -> list[Value]:
         return _list(value, _VALUES_MAX, self._value)
 
     def _value(self, number: int, data: Any) -> Value:
-        return Value(**self._keys(data, _VALUE, ("number", "name")))
+        return self._make(Value, data, _VALUE)
 
     def _entry(self, number: int, data: Any) -> Entry:
-        entry = Entry(
-            **self._keys(
-                data, self._entry_keys, ("index", "subindex", "name", "data_type", "bit_length")
-            )
-        )
+        entry = self._make(Entry, data, self._entry_keys)
         low, high = entry.minimum, entry.maximum
         if low is not None and high is not None and low > high:
             raise _at(_WrongError(f"is {low:g}, more than the maximum, {high:g}"), "minimum")

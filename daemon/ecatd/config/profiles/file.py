@@ -11,6 +11,7 @@ from typing import Any
 from ecatd.base.errors import ConfigError
 from ecatd.base.text_file import is_folder
 from ecatd.base.toml_file import Key, Rules, Table, array, integer, number, printable, read_toml
+from ecatd.description.bus import ProfileName
 from ecatd.description.limits import UNIT_BYTES
 from ecatd.description.units import QUANTITIES, is_unit
 
@@ -75,8 +76,7 @@ def _device(table: Table) -> DeviceProfile:
         )
     return DeviceProfile(
         source=table.document.source,
-        description=values["description"],
-        facts=values.get("source", ""),
+        name=ProfileName(values["description"], values.get("source", "")),
         vendor=values.get("vendor", -1),
         products=frozenset(values.get("product", ())),
         has=tuple(values.get("has", ())),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ecatd.description.bus import Slave
+from ecatd.description.bus import ProfileName, Slave
 from ecatd.etg.pdo import Entry, Value
 
 
@@ -47,8 +47,7 @@ class DeviceProfile:
 
     Attributes:
         source: The file. It does not count when profiles are compared.
-        description: The devices, in words.
-        facts: The documents with the facts of the profile, or empty.
+        name: What documentation calls it.
         vendor: Vendor ID, -1: any.
         products: Product codes, empty: any.
         has: Index and subindex of entries that a device must have in its process data.
@@ -56,17 +55,11 @@ class DeviceProfile:
     """
 
     source: str = field(compare=False)
-    description: str
-    facts: str
+    name: ProfileName
     vendor: int
     products: frozenset[int]
     has: tuple[tuple[int, int], ...]
     entries: tuple[EntryProfile, ...]
-
-    @property
-    def label(self) -> str:
-        """The profile as documentation names it: description, and source of the facts."""
-        return ": ".join(filter(None, (self.description, self.facts)))
 
     def meaning(self, entry: Entry) -> Meaning | None:
         """The meaning of an entry, or None if the profile does not describe it."""

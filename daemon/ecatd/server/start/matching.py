@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from ecatd.config import SlaveConfig
-from ecatd.config.expected_slave import identity_difference
+from ecatd.config.expected_slave import DifferenceKind, identity_difference
 from ecatd.description.bus import Slave
 
 
@@ -95,7 +95,9 @@ class Sought:
         if self.fits(found):
             return None
         kind, what = identity_difference(self.rule, found)
-        there = "another device (%s)" if kind == "other device" else "a device with %s,"
+        there = (
+            "another device (%s)" if kind == DifferenceKind.OTHER_DEVICE else "a device with %s,"
+        )
         remedy = "restart ecatd to use it"
         if self.listed:
             remedy = "correct its [[slave]] table and restart ecatd"

@@ -14,7 +14,7 @@ from typing import Any
 from ecatd.base.errors import StateError
 from ecatd.base.log import Log
 from ecatd.config.expected_bus import Comparison, Difference, compare
-from ecatd.config.expected_slave import device
+from ecatd.config.expected_slave import DifferenceKind, device
 from ecatd.description.bus import Slave
 from ecatd.master.wire_scan import scanning_wire
 from ecatd.master.worker import Worker
@@ -121,7 +121,9 @@ class ExpectationWatch:
 
     def _tell_one(self, item: Difference) -> None:
         tell = self._log.error if item.strict else self._log.warning
-        where = f" It is {self._before(item.found[0])}." if item.kind == "extra" else ""
+        where = (
+            f" It is {self._before(item.found[0])}." if item.kind == DifferenceKind.EXTRA else ""
+        )
         tell(
             f"bus not as expected: {item.text}.{where} The bus goes on; "
             f"{restart_text(strict=item.strict)}",
@@ -137,7 +139,7 @@ class ExpectationWatch:
         """Whether recovery has told why the devices of a difference are left alone."""
         if item.expected:
             places = {self._positions.get(n) for n in item.expected}
-            return item.kind.startswith("other") and places <= left_alone.keys()
+            return item.kind.is_other and places <= left_alone.keys()
         return any((wire[n].vendor, wire[n].product) in left_alone.values() for n in item.found)
 
     def _tell_added(self, found: Comparison, new: Sequence[Slave], *, whole: bool) -> None:
