@@ -15,7 +15,7 @@ bus description -> build -> ir -> render (templates) -> output (files)
   from the bus description to the folder
 - `static_library`: the library EtherCAT; `output`: writes both libraries into a folder;
   `differences`: the changes since an earlier run
-- `fmu`: the same bus as an FMU; `c_header`: its process image as structs for C
+- `fmu`: the same bus as an FMU; `c_structs`: its process image as structs for C
 """
 
 from .generate import generate

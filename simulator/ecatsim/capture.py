@@ -9,8 +9,8 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import EcatError, NoAnswerError, SdoAbortError, StateError
+from ecatd.base.timeouts import Timeout
 from ecatd.etg.al import AlState
 from ecatd.etg.dictionary import DictionaryObject
 from ecatd.etg.sii import USAGE_INPUTS, USAGE_OUTPUTS
@@ -31,7 +31,7 @@ Progress = Callable[[str], None]
 PORTS_IN_ORDER = (3, 1, 2)
 """The ports behind the processing unit, in the order in which a frame leaves through them."""
 
-_PATIENCE = Patience(5.0)
+_PATIENCE = Timeout(5.0)
 _CHIP, _DL_STATUS = 0x0000, 0x0110
 _WATCHDOG_DIVIDER, _WATCHDOG_PDI, _WATCHDOG_DATA = 0x0400, 0x0410, 0x0420
 _CHIP_SIZE = 10

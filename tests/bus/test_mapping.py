@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from test_simulator_topology import FIRST, run
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import EcatError
+from ecatd.base.timeouts import Timeout
 from ecatd.config import Config
 from ecatd.etg.al import AlState
 from ecatd.etg.pdo import Entry, Pdo
@@ -105,8 +105,8 @@ def master_that_scans(*trouble: str) -> Any:
     master = Master([FIRST])
     try:
         with Simulator() as simulator:
-            master.scan(Patience(60))
-            master.al_states.wait_for(AlState.PREOP, Patience(60))
+            master.scan(Timeout(60))
+            master.al_states.wait_for(AlState.PREOP, Timeout(60))
             found = mapping.identify_slaves(master)
             mapping.configure_slaves(master, found, Config())
     except EcatError as error:

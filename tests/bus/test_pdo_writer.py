@@ -10,8 +10,8 @@ import pytest
 from test_simulator_topology import FIRST, run
 
 from conftest import names
-from ecatd.base.durations import Patience
 from ecatd.base.errors import EcatError
+from ecatd.base.timeouts import Timeout
 from ecatd.config import Config, load_config
 from ecatd.etg.al import AlState
 from ecatd.master.master import Master
@@ -33,8 +33,8 @@ def master_that_writes(*tables: str) -> Any:
     """Configures the slave with its own PDOs, then with those of each table, then with its own."""
     master, found = Master([FIRST]), []
     try:
-        master.scan(Patience(5.0))
-        master.al_states.wait_for(AlState.PREOP, Patience(5.0))
+        master.scan(Timeout(5.0))
+        master.al_states.wait_for(AlState.PREOP, Timeout(5.0))
         scanned = mapping.identify_slaves(master)
         for table in ("", *tables, ""):
             with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:

@@ -16,9 +16,9 @@ import pytest
 from test_simulator_topology import FIRST, SECOND, run
 
 from conftest import SHM
-from ecatd.base.durations import Patience
 from ecatd.base.errors import NoAnswerError, StateError
 from ecatd.base.log import Log
+from ecatd.base.timeouts import Timeout
 from ecatd.config import read_config
 from ecatd.etg.al import AlState
 from ecatd.master import master as master_module
@@ -247,9 +247,9 @@ def master_on_a_ring() -> Any:
     with Simulator() as simulator:
         master = Master([FIRST, SECOND])
         try:
-            master.scan(Patience(60))
+            master.scan(Timeout(60))
             count = len(master.stations)
-            master.al_states.wait_for(AlState.PREOP, Patience(60))
+            master.al_states.wait_for(AlState.PREOP, Timeout(60))
             found = [count, looks(master)]
             for broken in (1, 4, 7):
                 simulator.faults.break_link(broken)

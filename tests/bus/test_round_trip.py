@@ -21,13 +21,13 @@ def rig():
 
 
 def master_measures():
-    from ecatd.base.durations import Patience
+    from ecatd.base.timeouts import Timeout
     from ecatd.master.master import Master
     from ecatd.server.start.round_trip import measure_round_trip
 
     master = Master([INTERFACE])
     try:
-        master.scan(Patience(60))
+        master.scan(Timeout(60))
         return [measure_round_trip(master) for _ in range(3)]
     finally:
         master.close()

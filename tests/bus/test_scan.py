@@ -10,7 +10,7 @@ import pytest
 from test_relay import IDENTITY, VENDORS, looks, read_vendor, wait_for_link
 from test_simulator_topology import FIRST, SECOND, run
 
-from ecatd.base.durations import Patience
+from ecatd.base.timeouts import Timeout
 from ecatd.etg.al import AlState
 from ecatd.master.frames import soem
 from ecatd.master.master import Master
@@ -30,8 +30,8 @@ def scan(simulator: Simulator, *interfaces: str) -> list[Any]:
     """Why SOEM's numbers were not taken, station addresses by slave, and what slaves answer."""
     master = Master(interfaces)
     try:
-        why = master.scan(Patience(60))
-        master.al_states.wait_for(AlState.PREOP, Patience(60))
+        why = master.scan(Timeout(60))
+        master.al_states.wait_for(AlState.PREOP, Timeout(60))
         registers = [simulator.registers(place, 0x0010, 2) for place in range(LAST + 1)]
         return [
             why,
@@ -124,8 +124,8 @@ def test_r12_more_slaves_than_soem_has_room_for(start_daemon: Callable[..., Daem
 def master_with_mailboxes() -> Any:
     master = Master([FIRST])
     try:
-        why = master.scan(Patience(60))
-        master.al_states.wait_for(AlState.PREOP, Patience(60))
+        why = master.scan(Timeout(60))
+        master.al_states.wait_for(AlState.PREOP, Timeout(60))
         return [why, [read_vendor(master, place) for place in range(0, 240, 8)]]
     finally:
         master.close()

@@ -15,8 +15,8 @@ import zenoh
 from following import following
 
 from conftest import PATIENCE, Daemon, names, naming, one_line_error, stop_process, wait_for
-from ecatd.base.durations import Patience
 from ecatd.base.errors import NoAnswerError, StateError, UnreachableError, UsageError
+from ecatd.base.timeouts import Timeout
 from ecatd.client.remote import Remote
 from ecatd.gateway.sessions import Sessions
 from ecatd.gateway.streams import Streams
@@ -167,11 +167,11 @@ def test_a_stream_ends_with_its_daemon(
         next(iter(stream))
         gateway = daemon.child_pid("ecatd.gateway")
         stop_process(gateway)
-        stream._patience = Patience(0.5)
+        stream._patience = Timeout(0.5)
         with pytest.raises(NoAnswerError, match=naming("0.5 s")):
             for _ in stream:
                 pass
-        stream._patience = Patience(PATIENCE)
+        stream._patience = Timeout(PATIENCE)
         os.kill(gateway, signal.SIGCONT)
         daemon.stop()
         with pytest.raises(UnreachableError, match="ended"):

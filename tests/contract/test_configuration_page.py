@@ -54,7 +54,7 @@ LITERAL = {
     "mailbox_timeout_ms": 1000 * Line().answer_s,
     "mailbox_tries": Line().tries,
     "mailbox_poll_ms": 1000 * SlaveConfig(0).poll_s,
-    "stop_timeout_s": SafeConfig(0).patience,
+    "stop_timeout_s": SafeConfig(0).stop_timeout,
 }
 """Keys that are None if they are missing, and what is used then."""
 

@@ -1,6 +1,6 @@
 """Each message about a time-out says what was waited for, how long, and what changes it.
 
-`Patience` is how long, with the key, option or argument that changes it. The sources are searched
+`Timeout` is how long, with the key, option or argument that changes it. The sources are searched
 for messages that are raised, or returned as errors, because a time has passed.
 """
 
@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from conftest import names
-from ecatd.base.durations import Patience
 from ecatd.base.errors import ConfigError
+from ecatd.base.timeouts import Timeout
 from ecatd.config import Config, load_config
 from ecatd.etg.al import AlState
 from ecatd.master.al_states import SlaveState, why_not_reached
@@ -28,7 +28,8 @@ SOURCES = [
 PASSED = re.compile(r"deadline|monotonic\(\)|ETIMEOUT|_until\b|waited >|now >")
 """In the condition of an `if`: a time has passed."""
 SAYS = re.compile(
-    r"patience|_LIMIT\b|_CARRIER|_REPEAT|FIRST_ANSWER|_ABANDONED|\.whole\b", re.IGNORECASE
+    r"patience|\bTimeout\(|_LIMIT\b|_CARRIER|_REPEAT|FIRST_ANSWER|_ABANDONED|\.whole\b",
+    re.IGNORECASE,
 )
 """In a message: how long."""
 OTHERS = {
@@ -87,16 +88,16 @@ def test_no_message_writes_a_time_by_itself() -> None:
 
 
 @pytest.mark.parametrize(
-    ("patience", "text"),
+    ("timeout", "text"),
     [
-        (Config().state_patience, "10 s (state_timeout_s above all tables)"),
-        (Config().dc.patience, "5 s (timeout_s in [dc])"),
+        (Config().state_timeout, "10 s (state_timeout_s above all tables)"),
+        (Config().dc.timeout, "5 s (timeout_s in [dc])"),
         (Line().patience(), "1 s (mailbox_timeout_ms in its [[slave]] table)"),
-        (Patience(0.5), "0.5 s (fixed)"),
+        (Timeout(0.5), "0.5 s (fixed)"),
     ],
 )
-def test_a_time_with_its_key(patience: Patience, text: str) -> None:
-    assert str(patience) == text
+def test_a_time_with_its_key(timeout: Timeout, text: str) -> None:
+    assert str(timeout) == text
 
 
 def keys() -> set[str]:
@@ -129,7 +130,7 @@ def test_a_key_can_be_written_as_the_message_says(tmp_path: Path) -> None:
 
 
 def test_a_state_that_is_not_reached() -> None:
-    patience = Config().state_patience
+    patience = Config().state_timeout
     late = SlaveState(0, AlState.PREOP, 0)
     names(why_not_reached(late, AlState.OP, patience), "OP within 10 s (state_timeout_s", "PREOP")
     refused = SlaveState(0, 0x12, 0x0036)

@@ -240,7 +240,7 @@ def test_every_key_is_taken(tmp_path: Path) -> None:
         SafeConfig(1, "quick_stop", stop_timeout_s=3.0),
         SafeConfig(2, 1.5, "0x7000:01"),
     ]
-    assert (config.outputs.wkc_limit, config.outputs.stop_patience) == (3, 3.0)
+    assert (config.outputs.wkc_limit, config.outputs.longest_stop) == (3, 3.0)
     assert config.signal == [
         SignalConfig(0, "0x60FF:00", "speed", "rpm", 0.5, 1.0, -100.0, 100.0),
         SignalConfig(0, "0x606C:00"),

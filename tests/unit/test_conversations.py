@@ -15,9 +15,9 @@ from wire_bench import FIRST_STATION, Wire, in_preop
 
 from conftest import PATIENCE, names, naming
 from ecatd.base.batch import Batch
-from ecatd.base.durations import Patience
 from ecatd.base.errors import BusyError, NoAnswerError, SdoAbortError, UsageError
 from ecatd.base.log import Log
+from ecatd.base.timeouts import Timeout
 from ecatd.config import Config
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.datatypes import DataType
@@ -300,7 +300,7 @@ def test_r24_too_many_requests_are_told_so_and_take_no_place_from_others() -> No
 
 
 def test_what_waited_for_too_long_is_not_carried_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ecatd.server.requests.conversations._PATIENCE", Patience(0.1))
+    monkeypatch.setattr("ecatd.server.requests.conversations._PATIENCE", Timeout(0.1))
     with bench() as made:
         made.patient()
         (device,) = made.devices

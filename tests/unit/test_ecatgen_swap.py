@@ -12,8 +12,8 @@ import killed_install
 import pytest
 
 from conftest import names, naming
-from ecatd.base.durations import Patience
 from ecatd.base.errors import StateError
+from ecatd.base.timeouts import Timeout
 from ecatgen.output import install, swap
 
 MINE = {"Mine.mo": "mine"}
@@ -113,7 +113,7 @@ def test_folders_with_a_similar_name_are_not_ours(tmp_path: Path) -> None:
 
 
 def test_a_run_that_does_not_end_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(swap, "_PATIENCE", Patience(0.0))
+    monkeypatch.setattr(swap, "_PATIENCE", Timeout(0.0))
     with swap.locked(tmp_path), pytest.raises(StateError, match=naming(tmp_path, "another run")):
         put(tmp_path, "1")
 

@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from conftest import names, naming
-from ecatd.base.durations import Patience
 from ecatd.base.errors import NoAnswerError, NotPermittedError, StateError, UsageError
+from ecatd.base.timeouts import Timeout
 from ecatsim import DataType, Device, Entry, Mailbox, Pdo, Rig, Simulation
 from ecatsim.control import Server, client, sockets
 from ecatsim.control.server import MAX_CONNECTIONS, MAX_REQUEST
@@ -164,7 +164,7 @@ def served(server, call):
 
 
 def test_a_late_answer_is_not_taken_for_that_of_the_next_request(server, monkeypatch):
-    monkeypatch.setattr(client, "_PATIENCE", Patience(0.01))
+    monkeypatch.setattr(client, "_PATIENCE", Timeout(0.01))
     simulator = client.Simulator("me")
     with pytest.raises(NoAnswerError):
         simulator.get(0, 0x1018, 1)

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import pytest
 
 from conftest import names, naming
-from ecatd.base.durations import Patience
 from ecatd.base.errors import NoAnswerError, StateError
+from ecatd.base.timeouts import Timeout
 from ecatd.master.mailbox import foe
 from ecatd.master.mailbox.foe import FileRead, FileTransfer, FileWrite
 from ecatd.master.mailbox.mailbox import HEADER_BYTES, Mailbox, Protocol
@@ -116,7 +116,7 @@ def test_a_file_without_end_is_given_up() -> None:
 def test_a_slave_that_is_busy_for_ever(file: FileTransfer, monkeypatch: pytest.MonkeyPatch) -> None:
     """Others get their turns meanwhile, and the transfer has an end."""
     monkeypatch.setattr(foe, "_TURN_S", 0.01)
-    monkeypatch.setattr(foe, "_PATIENCE", Patience(0.2))
+    monkeypatch.setattr(foe, "_PATIENCE", Timeout(0.2))
     wire, turns = Wire(lambda _: [b"\6\0\1\0\2\0soon"]), 0
     with pytest.raises(NoAnswerError, match=naming("0.2 s", "'1 of 2, soon'", "off")):
         while not file.ended:

@@ -37,7 +37,7 @@ from ecatd.vendor.esi.writer import bus_document
 from ecatdev import sample_buses
 from ecatgen import generate
 from ecatgen.build import build_library
-from ecatgen.c_header import c_header
+from ecatgen.c_structs import c_structs
 from ecatgen.fmu.build import build_fmu
 from ecatgen.fmu.generate import generate_fmu
 from ecatgen.fmu.render import render as render_fmu
@@ -162,7 +162,7 @@ def generated(bus: Bus) -> dict[str, str]:
     for fmi in (2, 3):
         fmu = build_fmu(bus, library, fmi, ["plant.c"])
         files |= {f"{fmi}/{path}": data.decode() for path, data in render_fmu(fmu).items()}
-    files["image.h"] = c_header(bus, "1")
+    files["image.h"] = c_structs(bus, "1")
     files["bus.xml"] = bus_document(bus, "1")
     return files
 
@@ -203,7 +203,7 @@ def test_hostile_texts_give_what_compilers_and_parsers_take(tmp_path: Path, comp
         wanted = set(file.relative_to(tmp_path).with_suffix("").parts) - {"package"}
         assert set(classes(parse(file.read_text("utf-8")))) == wanted
     resources = tmp_path / "EtherCAT" / "Resources"
-    (tmp_path / "image.h").write_text(c_header(bus, "1"))
+    (tmp_path / "image.h").write_text(c_structs(bus, "1"))
     for standard, file in (
         ("-std=c89", tmp_path / "Plant" / "Resources" / "Source" / "Plant.h"),
         ("-std=gnu11", tmp_path / "image.h"),

@@ -8,7 +8,7 @@ import pytest
 from conftest import names, naming
 from ecatd.base.errors import ConfigError
 from ecatd.config import SafeConfig, SignalConfig
-from ecatd.config.meanings import give_meanings, untold_types
+from ecatd.config.meanings import give_meanings, unknown_types
 from ecatd.config.profiles import Profiles
 from ecatd.config.resolve.safe import SafeOutputs, safe_outputs
 from ecatd.description.bus import Bus, Slave
@@ -111,7 +111,7 @@ def test_a_drive_is_stopped_and_only_what_moves_it_is_zero() -> None:
     made = bus(drive())
     safe = safe_outputs(made, [SafeConfig(0, "quick_stop")])
     (stop,) = safe.stops
-    assert (stop.controlword, stop.statusword, stop.value, stop.patience) == (
+    assert (stop.controlword, stop.statusword, stop.value, stop.timeout) == (
         0x6040,
         0x6041,
         0x0002,
@@ -135,7 +135,7 @@ def test_one_axis_of_a_drive_is_meant_by_its_controlword() -> None:
     safe = safe_outputs(
         made, [SafeConfig(0, "quick_stop"), SafeConfig(0, "disable", "0x6840:00", 0.5)]
     )
-    assert [(s.controlword, s.statusword, s.value, s.patience) for s in safe.stops] == [
+    assert [(s.controlword, s.statusword, s.value, s.timeout) for s in safe.stops] == [
         (0x6040, 0x6041, 0x0002, 2.0),
         (0x6840, 0x6841, 0x0007, 0.5),
     ]
@@ -335,11 +335,11 @@ def test_the_type_that_nobody_tells_is_told_and_can_be_configured() -> None:
     entries = [entry(0x7000, U16, 16), entry(0x7001, REAL32, 16), entry(0x7002, U16, 16)]
     text = entry(0x7003, DataType.VISIBLE_STRING, 32)
     slave = Slave(0, "S", 1, 2, 3, outputs=[Pdo(0x1600, "", 2, [*entries, text])])
-    unknown, odd = untold_types(slave, {(0x7000, 0)})
+    unknown, odd = unknown_types(slave, {(0x7000, 0)})
     names(unknown, "slave 0 (S)", "0x7000:00", "[[signal]]", "--esi")
     names(odd, "0x7001:00", "REAL32", "16 bits", "0x7003:00", "VISIBLE_STRING", "32 bits")
     assert "0x7002" not in unknown + odd
-    assert untold_types(slave, {(0x7000, 0)}, [(0x7000, 0), (0x7001, 0), (0x7003, 0)]) == []
+    assert unknown_types(slave, {(0x7000, 0)}, [(0x7000, 0), (0x7001, 0), (0x7003, 0)]) == []
     give_meanings(bus(slave), Profiles(), [SignalConfig(0, "0x7000:00", type="int16")])
     found = {e.index: e for _, e, _ in slave.entries(outputs=True)}
     assert (found[0x7000].data_type, found[0x7000].raw_range()) == (I16, (-math.inf, math.inf))

@@ -7,7 +7,7 @@ import pytest
 from conftest import names
 from ecatd.config import Config, PdoConfig, SlaveConfig
 from ecatd.config.pdos import PdoEntryConfig
-from ecatd.config.resolve.believed import Believed, Told, believe, remaining
+from ecatd.config.resolve.believed import Believed, Reported, believe, remaining
 from ecatd.config.startup import StartupConfig
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.conditions import Condition
@@ -99,7 +99,7 @@ def judge(
     managers = [SiiSyncManager(0x1000 + 0x100 * n, 0, 0, 1, n + 1) for n in range(4)]
     managers[3].length = length
     slave = Slave(1, "Odd", 1, 2, 3, coe=True)
-    told = Told([], coe, unreadable or {}, changeable or set(), silent=silent)
+    told = Reported([], coe, unreadable or {}, changeable or set(), silent=silent)
     content = Sii(inputs=sii, sync_managers=managers)
     return believe(slave, content, settings or SlaveConfig(1), told)
 

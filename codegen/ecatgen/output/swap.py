@@ -19,15 +19,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import StateError
+from ecatd.base.timeouts import Timeout
 
 from .failures import TEMPORARY
 from .folder import parents, read_folder
 from .plan import Plan
 
 _NEW, _OLD = "new", "old"
-_PATIENCE = Patience(30.0)
+_PATIENCE = Timeout(30.0)
 _LOOK = 0.05
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2

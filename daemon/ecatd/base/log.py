@@ -18,8 +18,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from .log_levels import DEFAULTS, PARTS, Levels, level_of
-from .plain_output import error_text, plain_text
 from .quoting import printable
+from .sanitized_output import error_text, sanitized
 
 _PRIORITIES = {"error": 3, "warning": 4, "notice": 5, "info": 6, "debug": 7}
 _PASSED_ON = _PRIORITIES["notice"]
@@ -117,15 +117,15 @@ class Log:
         """Reports something that the user should know; arguments as for `error`."""
         self._write("warning", text, event, slaves)
 
-    def notice(self, text: str, *, failed: bool = False, told: str = "") -> None:
+    def notice(self, text: str, *, failed: bool = False, redacted: str = "") -> None:
         """Reports a requested change, in the audit file too. It is written whatever the level is.
 
         Args:
             text: What has changed.
             failed: Whether that has failed, which is a warning.
-            told: What is passed on instead, if the text contains a value that may be a secret.
+            redacted: What is passed on instead, if the text contains a value that may be a secret.
         """
-        self._writer.write("warning" if failed else "notice", self._part, text, told=told)
+        self._writer.write("warning" if failed else "notice", self._part, text, redacted=redacted)
         self._writer.audit(text)
 
     def info(self, text: str, event: str = "", slaves: Iterable[int] = ()) -> None:
@@ -197,12 +197,12 @@ class _Writer:
         event: str = "",
         slaves: Iterable[int] = (),
         *,
-        told: str = "",
+        redacted: str = "",
     ) -> None:
         """Writes a message, whatever the level of its part is."""
-        text, told, slaves = plain_text(text), plain_text(told), [*slaves]
+        text, redacted, slaves = sanitized(text), sanitized(redacted), [*slaves]
         if self.take is not None and _PRIORITIES[level] <= _PASSED_ON:
-            self.take(level, part, told or text, event, slaves)
+            self.take(level, part, redacted or text, event, slaves)
         if self._journal is not None:
             try:
                 self._send(self._journal, level, part, text, event, slaves)

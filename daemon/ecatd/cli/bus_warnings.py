@@ -11,7 +11,7 @@ from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import EcatError, NoAnswerError, UnreachableError
-from ecatd.base.plain_output import error_text
+from ecatd.base.sanitized_output import error_text
 from ecatd.description.bus import Bus
 from ecatd.operations.bus import SlaveAlState
 from ecatd.operations.health import Health, outdated, required

@@ -184,7 +184,7 @@ def _exchanges(slave: Slave) -> bool:
 def _uncertain(row: SlaveAlState, settings: SlaveConfig, slave: Slave) -> str:
     """Why the process data of a slave are uncertain, what the next start does, and what to do."""
     text = row["recovery_text"]
-    if row["recovery"] == Condition.SILENT and settings.is_told and _exchanges(slave):
+    if row["recovery"] == Condition.SILENT and settings.writes_objects and _exchanges(slave):
         text += (
             "; a start with this file tells it its configuration, so it takes no part if it does "
             "not answer then either"

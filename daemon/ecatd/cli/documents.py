@@ -63,10 +63,10 @@ def _entries(bus: Bus, *, outputs: bool) -> int:
 
 def cstruct(options: argparse.Namespace) -> None:
     """Prints or saves a C header."""
-    from ecatgen.c_header import c_header
+    from ecatgen.c_structs import c_structs
 
     bus, more = get_bus(options)
-    _give(options, bus.name, c_header(bus, VERSION), more)
+    _give(options, bus.name, c_structs(bus, VERSION), more)
 
 
 def xml(options: argparse.Namespace) -> None:

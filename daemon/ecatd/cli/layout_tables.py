@@ -49,7 +49,7 @@ def _enumerators(name: str) -> list[tuple[str, ...]]:
     ]
 
 
-def _fields(struct: shm.Line) -> list[tuple[str, ...]]:
+def _fields(struct: shm.LayoutItem) -> list[tuple[str, ...]]:
     """Fields without a writer are written once, by the control side before clients connect."""
     _, whole = shm.parted(struct.comment)
     usual = whole or ("client" if struct.of in _OF_CLIENTS else "once")

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 from ecatd.base.bus_name import check_bus_name, check_full_bus_name
 from ecatd.base.errors import EcatError, StateError, UsageError
 from ecatd.base.lazy_command import LazyCommand
-from ecatd.base.plain_output import error_text, plain_output
+from ecatd.base.sanitized_output import error_text, sanitized_output
 from ecatd.base.version import VERSION
 
 from .arguments import connect, seconds
@@ -161,7 +161,7 @@ def main() -> int:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  it is open until the end
     if sys.stderr is None:  # closed: `2>&-`
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115, PTH123
-    with plain_output():
+    with sanitized_output():
         try:
             return _main()
         except KeyboardInterrupt:

@@ -6,8 +6,8 @@ import argparse
 import time
 from typing import TYPE_CHECKING, Any
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import EcatError, NoAnswerError, StateError
+from ecatd.base.timeouts import Timeout
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.al import AlState
 from ecatd.operations.bus import Device, ReadStates, Rescan
@@ -147,7 +147,7 @@ def reboot(remote: Remote, options: argparse.Namespace) -> None:
     )
     begin = time.monotonic()
     _reset(remote, found)
-    _wait(remote, found, begin, Patience(options.timeout, "--timeout"))
+    _wait(remote, found, begin, Timeout(options.timeout, "--timeout"))
     took = time.monotonic() - begin
     if options.json:
         print_json({"bus": remote.bus, "slave": found.position, "seconds": round(took, 3)})
@@ -171,7 +171,7 @@ def _reset(remote: Remote, found: Slave) -> None:
         )
 
 
-def _wait(remote: Remote, found: Slave, begin: float, patience: Patience) -> None:
+def _wait(remote: Remote, found: Slave, begin: float, patience: Timeout) -> None:
     with progress() as show:
         while True:
             try:

@@ -138,7 +138,7 @@ def _fields(struct: str, row: dict[str, Any], indent: str) -> list[str]:
     return lines
 
 
-def _word(field: layout.Line, value: Any) -> str:
+def _word(field: layout.LayoutItem, value: Any) -> str:
     """Formats a value; with its name if the comment of the field begins with an enumeration."""
     if isinstance(value, int):
         members = layout.ENUMS.get(field.comment.split(";")[0].split(" ")[0])

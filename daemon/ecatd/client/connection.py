@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import (
     EcatError,
     LeaseError,
@@ -23,6 +22,7 @@ from ecatd.base.errors import (
     UnreachableError,
     UsageError,
 )
+from ecatd.base.timeouts import Timeout
 from ecatd.shm.contract import Direction, Errno
 
 from .arguments import text
@@ -217,7 +217,7 @@ class Connection:
         if code == Errno.ETIMEOUT:
             raise NoAnswerError(
                 f"bus '{self.bus}': the {name} that was waited for did not come within "
-                f"{Patience(timeout, 'timeout')}"
+                f"{Timeout(timeout, 'timeout')}"
             )
         self.check_live(code)
 
@@ -233,7 +233,7 @@ class Connection:
             code = WAITING.ecat_summarize(address, signals, len(signals), cycles, timeout, found)
         if code == Errno.ETIMEOUT:
             raise NoAnswerError(
-                f"bus '{self.bus}': no cycle came within {Patience(timeout, 'timeout')}"
+                f"bus '{self.bus}': no cycle came within {Timeout(timeout, 'timeout')}"
             )
         self.check_live(code)
 

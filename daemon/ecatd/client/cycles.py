@@ -14,8 +14,8 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import EcatError, NoAnswerError, StateError, UnreachableError
+from ecatd.base.timeouts import Timeout
 
 from .connection import Connection
 
@@ -86,7 +86,7 @@ class CycleWaiter:
         except TimeoutError:
             raise NoAnswerError(
                 f"bus '{self._bus}': the cycle that was waited for did not come within "
-                f"{Patience(timeout, 'timeout')}"
+                f"{Timeout(timeout, 'timeout')}"
             ) from None
         finally:
             with self._changed:

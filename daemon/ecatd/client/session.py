@@ -10,7 +10,6 @@ from typing import Any, Self, TypeVar
 import zenoh
 
 from ecatd.base.bus_name import check_bus_name, check_full_bus_name
-from ecatd.base.durations import Patience
 from ecatd.base.errors import (
     JOIN,
     LOOPBACK,
@@ -21,6 +20,7 @@ from ecatd.base.errors import (
     UsageError,
 )
 from ecatd.base.paths import read_host, search_dirs, zenoh_socket
+from ecatd.base.timeouts import Timeout
 from ecatd.linux.systemd_services import how_to_start
 from ecatd.operations.encoding import MAX_REPLY, pack, unpack
 from ecatd.operations.endpoints import LOCAL, Endpoint
@@ -247,7 +247,7 @@ class Session:
                 f"group 'ecat', and to users with a certificate (`ecatctl remote`)"
             )
         return NoAnswerError(
-            f"{silent} within {Patience(self.timeout, '--timeout')}: a slave or the bus server is "
+            f"{silent} within {Timeout(self.timeout, '--timeout')}: a slave or the bus server is "
             f"busy or hangs" + self._doubt(key)
         )
 

@@ -9,8 +9,8 @@ from typing import Any, Self
 
 import zenoh
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import NoAnswerError, UnreachableError
+from ecatd.base.timeouts import Timeout
 from ecatd.operations.encoding import MAX_REPLY, unpack
 from ecatd.operations.streams import Stream as Opened
 from ecatd.operations.zenoh_keys import bus_key, bus_of
@@ -47,7 +47,7 @@ class Stream:
         self.signals = list(opened["signals"])
         self.rate = float(opened["rate"])
         self.cycles = int(opened["cycles"])
-        self._patience = Patience(patience_s + 1 / self.rate, "--timeout")
+        self._patience = Timeout(patience_s + 1 / self.rate, "--timeout")
         self._subscriber = session.declare_subscriber(
             opened["key"], zenoh.handlers.RingChannel(_ROWS)
         )

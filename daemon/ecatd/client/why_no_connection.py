@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import ssl
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import (
     EcatError,
     NoAnswerError,
@@ -13,6 +12,7 @@ from ecatd.base.errors import (
     UnreachableError,
     UsageError,
 )
+from ecatd.base.timeouts import Timeout
 from ecatd.operations.endpoints import Endpoint
 
 from .identity import Identity
@@ -45,7 +45,7 @@ def why_no_connection(endpoint: str, identity: Identity | None, timeout: float) 
     if protocol not in _LOOKED_AT or not port.isdecimal():
         return UnreachableError(f"{nobody}; is it running, and does it listen there?")
     changed_by = "--timeout" if timeout < _PATIENCE_S else ""
-    patience = Patience(min(timeout, _PATIENCE_S), changed_by)
+    patience = Timeout(min(timeout, _PATIENCE_S), changed_by)
     try:
         connection = socket.create_connection((host, int(port)), patience.seconds)
     except TimeoutError:
@@ -61,7 +61,7 @@ def why_no_connection(endpoint: str, identity: Identity | None, timeout: float) 
         return _silent(endpoint, patience)
 
 
-def _silent(endpoint: str, patience: Patience) -> EcatError:
+def _silent(endpoint: str, patience: Timeout) -> EcatError:
     return NoAnswerError(
         f"somebody listens at {endpoint}, but does not answer as ecatd does within {patience}: the "
         f"gateway is busy or hangs, or another program has this port"
@@ -73,7 +73,7 @@ def _shake_hands(
     host: str,
     endpoint: str,
     identity: Identity | None,
-    patience: Patience,
+    patience: Timeout,
 ) -> EcatError:
     """Tries the certificates of both sides."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)

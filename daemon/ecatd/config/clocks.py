@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from ecatd.base.durations import Patience
+from ecatd.base.timeouts import Timeout
 from ecatd.base.toml_file import Key, Table, accepts, number, zero_or
 from ecatd.description.limits import POSITION_MAX
 
@@ -68,9 +68,9 @@ class DcConfig(Placed):
     slave: Annotated[list[DcSlaveConfig], each(DcSlaveConfig)] = field(default_factory=list)
 
     @property
-    def patience(self) -> Patience:
+    def timeout(self) -> Timeout:
         """How long a start waits for the lock."""
-        return Patience(self.timeout_s, "timeout_s in [dc]")
+        return Timeout(self.timeout_s, "timeout_s in [dc]")
 
 
 def read_clocks(top: Table, key: Key) -> DcConfig:

@@ -8,8 +8,8 @@ from typing import Annotated, Any, TypeVar
 
 from ecatd.base.bus_name import BUS_NAME_RULE, check_bus_name
 from ecatd.base.dataclass_maps import to_maps
-from ecatd.base.durations import Patience
 from ecatd.base.log_levels import DEFAULTS, LEVELS, OTHERS, PARTS
+from ecatd.base.timeouts import Timeout
 from ecatd.base.toml_file import Key, Limits, Rules, Table, accepts, integer, number, one_of, show
 
 from .clocks import DcConfig, DcSlaveConfig, read_clocks
@@ -216,9 +216,9 @@ class Config(Placed):
     gateway: Annotated[GatewayConfig, read_gateway] = field(default_factory=GatewayConfig)
 
     @property
-    def state_patience(self) -> Patience:
+    def state_timeout(self) -> Timeout:
         """Time in which the slaves must reach a state."""
-        return Patience(self.state_timeout_s, "state_timeout_s above all tables")
+        return Timeout(self.state_timeout_s, "state_timeout_s above all tables")
 
     def settings_of(self, position: int) -> SlaveConfig:
         """The `[[slave]]` table of a slave; an empty one if it has none."""

@@ -16,7 +16,7 @@ from . import STRICT, Config, Mark, SlaveConfig
 from .alignment import Alignment, Pair
 from .expected_slave import DifferenceKind, device, difference, has_mark, label
 
-_TOLD = 4  # slaves in one message
+_NAMED = 4  # slaves in one message
 _SET_SELECTOR = (
     "set its selector, write identification_register if it has its identification in a register, "
     "or find it by position"
@@ -419,8 +419,8 @@ class _Comparer:
                 f"{label(wanted[0])} is missing: it should be slave {first}, {where}; check its "
                 "power and the cable to it, or remove its [[slave]] table"
             )
-        labels = ", ".join(label(item) for item in wanted[:_TOLD])
-        more = f" and {len(wanted) - _TOLD} more" if len(wanted) > _TOLD else ""
+        labels = ", ".join(label(item) for item in wanted[:_NAMED])
+        more = f" and {len(wanted) - _NAMED} more" if len(wanted) > _NAMED else ""
         return (
             f"{len(wanted)} slaves are missing: they should be slaves {first} to {last}, {where}: "
             f"{labels}{more}; check the cable to slave {first} and the power, or remove their "

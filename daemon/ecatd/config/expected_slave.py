@@ -54,8 +54,8 @@ def label(wanted: SlaveConfig) -> str:
 
 def has_mark(slave: Slave, mark: Mark) -> bool:
     """Whether a slave has a station alias, or an identification."""
-    told = slave.identification if mark.kind == "identification" else slave.alias
-    return told == mark.value
+    value = slave.identification if mark.kind == "identification" else slave.alias
+    return value == mark.value
 
 
 def device(vendor: int, product: int) -> str:

@@ -28,7 +28,7 @@ def give_meanings(
     bus: Bus,
     profiles: Profiles,
     rules: Sequence[SignalConfig] = (),
-    told: Collection[tuple[int, tuple[int, int]]] = (),
+    startup: Collection[tuple[int, tuple[int, int]]] = (),
     problems: Problems = AT_ONCE,
 ) -> Bus:
     """Gives the entries their names, units, scales, limits and named values, as far as known.
@@ -37,8 +37,8 @@ def give_meanings(
         bus: The scanned bus; its slaves are changed in place.
         profiles: Device profiles.
         rules: `[[signal]]` tables of the configuration, which take precedence.
-        told: Slave and address of the start-up parameters. A rule may be about one of them, even if
-            it is not in the process data.
+        startup: Slave and address of the start-up parameters. A rule may be about one of them, even
+            if it is not in the process data.
         problems: Takes the problems of rules.
 
     Returns:
@@ -51,7 +51,8 @@ def give_meanings(
         _apply_profiles(slave, profiles.of(slave))
     for rule in rules:
         with problems:
-            _apply_rule(bus.slaves[rule.slave], rule, told=(rule.slave, rule.address) in told)
+            written = (rule.slave, rule.address) in startup
+            _apply_rule(bus.slaves[rule.slave], rule, written=written)
     return bus
 
 
@@ -178,7 +179,7 @@ def _changed(pdos: list[Pdo], change: Callable[[Entry], Entry]) -> list[Pdo]:
     ]
 
 
-def _apply_rule(slave: Slave, rule: SignalConfig, *, told: bool) -> None:
+def _apply_rule(slave: Slave, rule: SignalConfig, *, written: bool) -> None:
     found = {True: False, False: False}
 
     def meant(entry: Entry, *, output: bool) -> Entry:
@@ -195,7 +196,7 @@ def _apply_rule(slave: Slave, rule: SignalConfig, *, told: bool) -> None:
             f"{rule.entry} of {slave.label} is an input: minimum and maximum are for outputs, "
             "since a measured value cannot be refused; leave them out",
         )
-    if not any(found.values()) and not told:
+    if not any(found.values()) and not written:
         rule.table.fail(
             "entry",
             f"{slave.label} has no {rule.entry} in its process data; "
@@ -239,7 +240,7 @@ def _typed(slave: Slave, entry: Entry, rule: SignalConfig) -> int:
     return kind
 
 
-def untold_types(
+def unknown_types(
     slave: Slave,
     guessed: Collection[tuple[int, int]],
     configured: Collection[tuple[int, int]] = (),

@@ -68,7 +68,7 @@ class SafeConfig(Placed):
         return parse_address(self.entry)
 
     @property
-    def patience(self) -> float:
+    def stop_timeout(self) -> float:
         """Seconds in which a drive must stop."""
         return STOP_TIMEOUT_S if self.stop_timeout_s is None else self.stop_timeout_s
 
@@ -93,9 +93,9 @@ class OutputsConfig(Placed):
     safe: Annotated[list[SafeConfig], _safe] = field(default_factory=list)
 
     @property
-    def stop_patience(self) -> float:
+    def longest_stop(self) -> float:
         """Longest time in seconds until all drives have stopped, or their time is over."""
-        return max((rule.patience for rule in self.safe if rule.value in STOPS), default=0.0)
+        return max((rule.stop_timeout for rule in self.safe if rule.value in STOPS), default=0.0)
 
 
 def _safe(table: Table, key: Key) -> list[SafeConfig]:

@@ -239,7 +239,7 @@ class SlaveConfig(Placed):
         return poll_ms / 1000
 
     @property
-    def is_told(self) -> bool:
+    def writes_objects(self) -> bool:
         """Whether anything is written to objects or IDNs of the slave before SAFEOP."""
         tables = self.module or self.mapped or self.startup or self.idn
         return self.pdos is not None or bool(tables)

@@ -4,8 +4,8 @@ It has no capabilities, may write only into the folders of its sockets, and the 
 on it. It gets its settings from the bus server.
 
 Usually it is a child of `ecatd`, which tells it when the bus is in OP and asks whether it works
-(see `ecatd.base.service_link`). With `--alone` it is a service of its own, which reports to the
-service manager.
+(see `ecatd.base.supervised_process`). With `--alone` it is a service of its own, which reports to
+the service manager.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from ecatd.base.process import (
     leave_signals_to_the_service,
     offer_to_oom_killer,
 )
-from ecatd.base.service_link import answer_pings, read_settings, tell
+from ecatd.base.supervised_process import answer_pings, read_settings, report
 from ecatd.config import GatewayConfig
 from ecatd.linux.systemd_services import other_version
 from ecatd.operations.endpoints import LOCAL, Endpoint
@@ -73,7 +73,7 @@ async def _serve(bus: str, log: Log, *, alone: bool) -> None:
         if alone:
             notify("READY=1", f"STATUS=serves bus '{bus}'")
         else:
-            tell("ready")
+            report("ready")
         work = _feed_watchdog(gateway) if alone else answer_pings(gateway.report)
         working = asyncio.create_task(work)
         working.add_done_callback(lambda _: stop.set())  # it ends when the service was killed

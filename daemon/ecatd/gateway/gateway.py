@@ -13,13 +13,12 @@ from typing import Any, cast
 
 import zenoh
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import EcatError, NotPermittedError, UnreachableError, UsageError
 from ecatd.base.log import Log
 from ecatd.base.log_levels import DEFAULTS
 from ecatd.base.paths import control_socket, remove_zenoh_socket, write_host, zenoh_socket
+from ecatd.base.timeouts import Timeout
 from ecatd.config import Config, GatewayConfig, UserConfig, read_config
-from ecatd.config.certificates import contents, watch_certificates, wrong_certificates
 from ecatd.description.bus import Bus
 from ecatd.description.bus_reader import read_bus
 from ecatd.operations.bus import ReadConfig, ReadRights, ReadStates, Rights
@@ -48,6 +47,7 @@ from .access import (
 )
 from .admission import RELAYED, Admission
 from .bus_client import Answer, BusClient
+from .certificates import contents, watch_certificates, wrong_certificates
 from .daemon_threads import in_daemon_thread
 from .listening import Listening
 from .metrics import MetricsServer
@@ -57,7 +57,7 @@ from .routers import watch_routers
 from .sessions import Sessions
 from .streams import Streams
 
-_OPEN_PATIENCE, _OPEN_PAUSE = Patience(5.0), 0.005
+_OPEN_PATIENCE, _OPEN_PAUSE = Timeout(5.0), 0.005
 """Seconds that Zenoh has to listen on the local socket, and seconds between two looks."""
 _LOOK_PATIENCE, _LOOK_AGAIN = 1.0, 0.1
 """Seconds for an answer when the gateway looks whether clients get one, and between two looks."""

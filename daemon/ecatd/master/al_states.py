@@ -8,9 +8,9 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from ecatd.base.coroutine_steps import Steps, finish
-from ecatd.base.durations import Patience
 from ecatd.base.errors import StateError
 from ecatd.base.log import Log
+from ecatd.base.timeouts import Timeout
 from ecatd.description.bus import positions_text
 from ecatd.etg.al import AL_ERROR_FLAG, AlState, al_state_text, al_status_text
 
@@ -154,7 +154,7 @@ class AlStates:
         return states
 
     def request(
-        self, state: AlState, patience: Patience, positions: Iterable[int] | None = None
+        self, state: AlState, patience: Timeout, positions: Iterable[int] | None = None
     ) -> Steps[list[SlaveState]]:
         """Acknowledges errors, requests an AL state, and waits until all slaves have reached it.
 
@@ -214,7 +214,7 @@ class AlStates:
     def wait_for(
         self,
         state: AlState,
-        patience: Patience,
+        patience: Timeout,
         positions: Iterable[int] | None = None,
         *,
         optional: Collection[int] = (),
@@ -236,7 +236,7 @@ class AlStates:
     def require(
         self,
         state: AlState,
-        patience: Patience,
+        patience: Timeout,
         positions: Iterable[int] | None = None,
         *,
         optional: Collection[int] = (),
@@ -263,7 +263,7 @@ class AlStates:
         )
 
 
-def why_not_reached(item: SlaveState, state: AlState, patience: Patience) -> str:
+def why_not_reached(item: SlaveState, state: AlState, patience: Timeout) -> str:
     """A state that a slave has refused, or has not reached in time, and what it says.
 
     Such as `OP within 10 s (state_timeout_s above all tables): SAFEOP`.

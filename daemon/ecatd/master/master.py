@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from ecatd.base.coroutine_steps import Steps, finish
-from ecatd.base.durations import Patience
 from ecatd.base.errors import StateError, UnreachableError
 from ecatd.base.log import Log
+from ecatd.base.timeouts import Timeout
 from ecatd.etg.al import AlState
 from ecatd.etg.sii_categories import Words
 from ecatd.etg.sii_parts import read_mailbox
@@ -33,7 +33,7 @@ from .mailbox.line import Line
 _AL_STATUS = 0x0130
 _SYNC_MANAGERS, _ACTIVATE = 0x0800, (0x0806, 0x080E)
 
-_REPEAT = Patience(0.5)
+_REPEAT = Timeout(0.5)
 """How long unanswered reads and writes are repeated."""
 
 _PAUSE = 0.001
@@ -123,7 +123,7 @@ class Master:
         """
         self.relay.set_socket(port, open_for_control(self._interfaces[port]))
 
-    def scan(self, patience: Patience, *, may_be_empty: bool = False) -> str:
+    def scan(self, patience: Timeout, *, may_be_empty: bool = False) -> str:
         """Finds the slaves, numbers them, sets their mailboxes up, and leaves them in INIT.
 
         SOEM scans first, and closes the interfaces before the relay opens them. If its result does

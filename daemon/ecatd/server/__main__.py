@@ -1,6 +1,6 @@
 """The process of the bus server: `python -m ecatd.server`, started by the service.
 
-Its settings (see `ecatd.base.service_link`) are:
+Its settings (see `ecatd.base.supervised_process`) are:
 
 - `config`: the configuration;
 - `origins`: where each key of the configuration is written, for messages;
@@ -41,7 +41,7 @@ from ecatd.base.process import (
     leave_signals_to_the_service,
     lower,
 )
-from ecatd.base.service_link import answer_pings, read_settings, tell, tell_starting
+from ecatd.base.supervised_process import answer_pings, read_settings, report, report_starting
 from ecatd.config import read_config
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         settings["interface"],
         log,
         control.publish,
-        lambda levels: tell("log", json.dumps(dict(levels))),
+        lambda levels: report("log", json.dumps(dict(levels))),
         Path(settings["memory_dir"]),
     )
     log.pass_on(LogLines(control.publish).note)
@@ -72,14 +72,14 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         loop.add_signal_handler(number, stop.set)
     starting = asyncio.create_task(server.start())
     stopping = asyncio.create_task(stop.wait())
-    telling = asyncio.create_task(tell_starting())
+    telling = asyncio.create_task(report_starting())
     try:
         await asyncio.wait((starting, stopping), return_when=asyncio.FIRST_COMPLETED)
         telling.cancel()
         if starting.done():
             starting.result()
             await control.open(server)
-            tell("ready", server.begin)
+            report("ready", server.begin)
             await _run_until(
                 stopping, server.monitor(), server.attend(), _answer_service(server, log)
             )
@@ -156,7 +156,7 @@ def main() -> int:
         if settings["describe"]:
             print(json.dumps({"error": error.to_reply()}))
         else:
-            tell("failed", str(error))
+            report("failed", str(error))
         return error.exit_code
     except Exception as error:
         log.error(f"defect in the bus server: {error!r}")

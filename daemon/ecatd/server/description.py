@@ -6,16 +6,16 @@ import signal
 import threading
 from contextlib import suppress
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import StateError
 from ecatd.base.log import Log
+from ecatd.base.timeouts import Timeout
 from ecatd.config import Config
 from ecatd.description.bus import Bus
 from ecatd.etg.al import AlState
 
 from .start.bring_up import BringUp
 
-_STOP_PATIENCE = Patience(1.0)
+_STOP_PATIENCE = Timeout(1.0)
 
 
 def describe(config: Config, interface: str, log: Log) -> Bus:

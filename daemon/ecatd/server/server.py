@@ -16,11 +16,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import StateError
 from ecatd.base.log import Log
 from ecatd.base.log_levels import Levels, level_of, level_of_each, levels_text, with_level
-from ecatd.base.service_link import HANG_S
+from ecatd.base.supervised_process import HANG_S
+from ecatd.base.timeouts import Timeout
 from ecatd.base.version import VERSION
 from ecatd.config import Config
 from ecatd.config.meanings import object_meaning
@@ -67,7 +67,7 @@ from .watch.fault_files import FaultFiles
 from .watch.monitor import Monitor
 
 _STOP_CYCLES = 3
-_STOP_PATIENCE = Patience(1.0)
+_STOP_PATIENCE = Timeout(1.0)
 _SAFE_TIMEOUT = 5.0
 """Most seconds to wait until safe outputs are sent. SAFEOP follows in any case, and in SAFEOP the
 slaves make their outputs safe themselves. Even a slow domain must not delay the stop so long that
@@ -259,7 +259,7 @@ class BusServer:
             await self._worker.run(_nothing)
             if not self._up.engine.attend(cycles):
                 raise StateError(
-                    f"the bus server stood still for {Patience(HANG_S)}, so the engine has made "
+                    f"the bus server stood still for {Timeout(HANG_S)}, so the engine has made "
                     f"the outputs safe: other programs took the processor, or this is a defect"
                 )
             await asyncio.sleep(_ATTEND_PERIOD)
@@ -424,7 +424,7 @@ class BusServer:
         while header.cycle < enough and time.monotonic() < deadline:
             await asyncio.sleep(cycle_s)
         # The engine itself ends each stop after its time, so this deadline is never reached.
-        deadline = time.monotonic() + self._config.outputs.stop_patience + _SAFE_TIMEOUT
+        deadline = time.monotonic() + self._config.outputs.longest_stop + _SAFE_TIMEOUT
         while engine.stopping and time.monotonic() < deadline:
             await asyncio.sleep(cycle_s)
 

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from ecatd.base.service_link import HANG_S
+from ecatd.base.supervised_process import HANG_S
 
 from .processes import Process
 
@@ -18,7 +18,7 @@ _KILL_PATIENCE = 5.0
 
 
 class Child:
-    """A child process. `ecatd.base.service_link` has the messages of both sides.
+    """A child process. `ecatd.base.supervised_process` has the messages of both sides.
 
     Args:
         name: What it is, for messages.

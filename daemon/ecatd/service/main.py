@@ -14,8 +14,8 @@ from ecatd.base.errors import EcatError, UsageError
 from ecatd.base.log import Log
 from ecatd.base.log_levels import OTHERS
 from ecatd.base.paths import profile_folders
-from ecatd.base.plain_output import plain_output
 from ecatd.base.process import open_standard_streams
+from ecatd.base.sanitized_output import sanitized_output
 from ecatd.base.version import VERSION
 from ecatd.config import Config, load_config, read_config
 from ecatd.config.origins import COMMAND_LINE, Origin, Origins, find_origins, texts
@@ -129,7 +129,7 @@ def main() -> int:
     """Runs the daemon until a signal ends it; returns the exit status. SIGHUP is ignored so far."""
     open_standard_streams()
     try:
-        with plain_output():
+        with sanitized_output():
             return _main()
     except KeyboardInterrupt:  # before the supervisor handles signals
         return 0

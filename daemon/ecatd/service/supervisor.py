@@ -23,13 +23,13 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import ConfigError, EcatError, StateError, UsageError
 from ecatd.base.log import Log
 from ecatd.base.notify import is_managed, notify
 from ecatd.base.paths import make_dir, remove_dir, user_dir
 from ecatd.base.process import leave_processor, offer_to_oom_killer
-from ecatd.base.service_link import HANG_S
+from ecatd.base.supervised_process import HANG_S
+from ecatd.base.timeouts import Timeout
 from ecatd.config import Config
 from ecatd.config.origins import Origins, texts
 from ecatd.config.reload import reload
@@ -347,10 +347,10 @@ class Supervisor:
             if server.report.get("cycle") != cycle or server.silent_s:
                 cycle, moved_at = server.report.get("cycle", -1), now
             elif now - moved_at > patience:
-                self._fail(f"the engine has stood still for {Patience(patience)}, in cycle {cycle}")
+                self._fail(f"the engine has stood still for {Timeout(patience)}, in cycle {cycle}")
             _feed(server.report.get("status") or begin)
-        text = f"{server} has not answered for {Patience(HANG_S)}"
-        end = time.monotonic() + self._config.outputs.stop_patience + _STOP_MARGIN
+        text = f"{server} has not answered for {Timeout(HANG_S)}"
+        end = time.monotonic() + self._config.outputs.longest_stop + _STOP_MARGIN
         self._log.error(
             f"{text}; ecatd gives its engine the time to stop the drives, and then kills it", "hung"
         )
@@ -402,8 +402,8 @@ class Supervisor:
                 return gateway
 
     async def _kill_gateway(self, gateway: Child) -> None:
-        hung = f"has not answered for {Patience(HANG_S)}"
-        what = hung if gateway.is_ready else f"is not ready after {Patience(_GATEWAY_START)}"
+        hung = f"has not answered for {Timeout(HANG_S)}"
+        what = hung if gateway.is_ready else f"is not ready after {Timeout(_GATEWAY_START)}"
         text = f"{gateway} {what}; ecatd kills it and starts it again, while the bus goes on"
         self._log.warning(text, "gateway")
         await gateway.kill()
@@ -451,8 +451,8 @@ class Supervisor:
     async def _end(self) -> None:
         """Ends the children, the last one first, and gives each time to clean up."""
         mailboxes = max((item.mailbox_timeout_ms or 0 for item in self._config.slave), default=0)
-        seconds = STOP_PATIENCE_S + self._config.outputs.stop_patience + mailboxes / 1e3
-        patience = Patience(seconds, "stop_timeout_s in [[outputs.safe]]")
+        seconds = STOP_PATIENCE_S + self._config.outputs.longest_stop + mailboxes / 1e3
+        patience = Timeout(seconds, "stop_timeout_s in [[outputs.safe]]")
         for child in reversed(self._children):
             self._log.debug(f"{child} is asked to end")
             if not await child.stop(patience.seconds):

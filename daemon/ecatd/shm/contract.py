@@ -24,7 +24,7 @@ LIBRARY.ecat_layout.restype = ctypes.c_char_p
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class LayoutItem:
     """One line of the definition.
 
     Attributes:
@@ -49,9 +49,9 @@ class Line:
     comment: str
 
 
-def _parse(text: str) -> Line:
+def _parse(text: str) -> LayoutItem:
     kind, of, name, type_, value, size, count, comment = text.split(" ", 7)
-    return Line(kind, of, name, type_, _int(value), _int(size), _int(count), comment)
+    return LayoutItem(kind, of, name, type_, _int(value), _int(size), _int(count), comment)
 
 
 def _int(word: str) -> int:
@@ -294,7 +294,7 @@ def size(name: str) -> int:
 
 
 @cache
-def fields_of(name: str) -> tuple[Line, ...]:
+def fields_of(name: str) -> tuple[LayoutItem, ...]:
     """Returns the fields of a struct."""
     return tuple(line for line in DEFINITION if line.kind == "field" and line.of == name)
 

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import asdict, dataclass
 
 from ecatd.base.errors import EcatError
-from ecatd.base.plain_output import json_text
+from ecatd.base.sanitized_output import json_text
 
 from ..rigs import library as rigs
 from ..simulation import Simulation

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.base.errors import EcatError
-from ecatd.base.plain_output import json_text
+from ecatd.base.sanitized_output import json_text
 from ecatd.etg.al import al_status_text
 
 from ..control.client import Simulator, running

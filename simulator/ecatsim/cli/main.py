@@ -13,7 +13,7 @@ import traceback
 from collections.abc import Sequence
 
 from ecatd.base.errors import EcatError, UsageError
-from ecatd.base.plain_output import error_text, plain_output
+from ecatd.base.sanitized_output import error_text, sanitized_output
 from ecatd.base.version import VERSION
 
 from ..files import python_file
@@ -59,7 +59,7 @@ def _split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit status."""
-    with plain_output():
+    with sanitized_output():
         return _main(arguments)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ecatd.base.plain_output import json_text
+from ecatd.base.sanitized_output import json_text
 
 from ..files.rig_writer import rig_text
 from ..pcap.report import document, lines, read_capture

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 
-from ecatd.base.plain_output import json_text
+from ecatd.base.sanitized_output import json_text
 
 from ..devices.library import LibraryDevice, library
 from ..rigs import library as rigs

@@ -10,7 +10,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import (
     EcatError,
     NoAnswerError,
@@ -18,6 +17,7 @@ from ecatd.base.errors import (
     UnreachableError,
     UsageError,
 )
+from ecatd.base.timeouts import Timeout
 
 from ..clocks import Clock
 from ..faults import FAULTS, Fault, FaultState
@@ -27,7 +27,7 @@ from . import sockets
 from .status import Status
 
 SCHEMA = 1
-_PATIENCE = Patience(10.0)
+_PATIENCE = Timeout(10.0)
 _CHUNK = 1 << 16
 
 

@@ -12,7 +12,7 @@ from ecatd.base.errors import StateError
 from ecatd.base.paths import DOCTOR_CHANGES
 
 from .actions import Action, remove, remove_empty, run
-from .files import read_record, remove_or_keep, take_away
+from .installed_files import read_record, remove_or_keep, take_away
 from .places import (
     ADMINISTRATION,
     CONFIGURATION,

@@ -16,7 +16,7 @@ from ecatd.base.errors import EcatError, StateError, UsageError
 from ecatd.config import load_config
 
 from .actions import Action, run, write
-from .files import LIST, put
+from .installed_files import LIST, put
 from .places import CONFIGURATION, LOCAL, PROGRAMS, Place, example, files, unit
 
 _BIN = PurePosixPath("/usr/local/bin")

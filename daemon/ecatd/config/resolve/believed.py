@@ -34,7 +34,7 @@ from .. import PdoConfig, SlaveConfig
 
 
 @dataclass(slots=True)
-class Told:
+class Reported:
     """What a slave says of its process data; without CoE and SoE, what its EEPROM says.
 
     Attributes:
@@ -87,16 +87,16 @@ def usual_witness(slave: Slave) -> str:
     return COE if slave.coe else SOE if slave.soe else SII
 
 
-def believe(slave: Slave, sii: Sii, settings: SlaveConfig, told: Told) -> Believed:
+def believe(slave: Slave, sii: Sii, settings: SlaveConfig, reported: Reported) -> Believed:
     """Compares the witnesses of a slave, PDO by PDO.
 
     Args:
         slave: The slave.
         sii: Its SII.
         settings: Its table in the configuration.
-        told: What it says of its process data.
+        reported: What it says of its process data.
     """
-    return _Judge(slave, sii, settings, told).judge()
+    return _Judge(slave, sii, settings, reported).judge()
 
 
 def remaining(
@@ -157,21 +157,21 @@ _OWN_WORDS = {COE: "its objects", SOE: "its telegrams", SII: "its objects"}
 
 
 class _Judge:
-    def __init__(self, slave: Slave, sii: Sii, settings: SlaveConfig, told: Told) -> None:
-        self._slave, self._sii, self._settings, self._told = slave, sii, settings, told
-        self._usual = SII if told.silent else usual_witness(slave)
+    def __init__(self, slave: Slave, sii: Sii, settings: SlaveConfig, reported: Reported) -> None:
+        self._slave, self._sii, self._settings, self._reported = slave, sii, settings, reported
+        self._usual = SII if reported.silent else usual_witness(slave)
         self._in_sii = {pdo.index: pdo for pdo in (*sii.outputs, *sii.inputs) if pdo.entries}
-        self._found = Believed(notes=list(told.notes))
-        self._unknown = list(told.impossible)
+        self._found = Believed(notes=list(reported.notes))
+        self._unknown = list(reported.impossible)
 
     def judge(self) -> Believed:
-        found, told = self._found, self._told
-        found.outputs = [*self._pdos(told.outputs)]
-        found.inputs = [*self._pdos(told.inputs)]
+        found, reported = self._found, self._reported
+        found.outputs = [*self._pdos(reported.outputs)]
+        found.inputs = [*self._pdos(reported.inputs)]
         undecided = [item for item in found.contradictions if not item.believed]
         if not self._unknown:
             pdos = (*found.outputs, *found.inputs)
-            guessed = any(pdo.index in told.unreadable and pdo.witness == SII for pdo in pdos)
+            guessed = any(pdo.index in reported.unreadable and pdo.witness == SII for pdo in pdos)
             lengths = (_length_problem(self._sii, p) for p in (found.outputs, found.inputs))
             if guessed:
                 self._unknown += filter(None, lengths)
@@ -180,7 +180,7 @@ class _Judge:
                 found.settled += (f"{text}{counts}" for text in lengths if text)
         if self._unknown:
             found.condition, found.why = Condition.UNREADABLE, "; ".join(self._unknown)
-            found.notes = list(told.notes)  # nobody is believed
+            found.notes = list(reported.notes)  # nobody is believed
         elif undecided:
             found.condition, found.why = Condition.CONTRADICTED, contradictions_text(undecided)
         return found
@@ -196,7 +196,7 @@ class _Judge:
 
     def _take(self, pdo: Pdo, before: int, *, last: bool) -> Pdo:
         """The PDO as the witness describes it who is believed."""
-        index, why = pdo.index, self._told.unreadable.get(pdo.index)
+        index, why = pdo.index, self._reported.unreadable.get(pdo.index)
         accounts = self._accounts(pdo)
         if not accounts:
             self._unknown.append(
@@ -207,7 +207,7 @@ class _Judge:
         chosen = self._settings.pdo_source
         believed = accounts.get(chosen or "") or next(iter(accounts.values()))
         said = list(accounts.values())
-        changeable = index in self._told.changeable
+        changeable = index in self._reported.changeable
         differing = [
             other
             for other in said[1:]
@@ -242,7 +242,7 @@ class _Judge:
     def _accounts(self, pdo: Pdo) -> dict[str, Pdo]:
         """The PDO as its witnesses describe it; the usual one first."""
         accounts: dict[str, Pdo] = {}
-        if pdo.index not in self._told.unreadable:
+        if pdo.index not in self._reported.unreadable:
             accounts[self._usual] = account(self._usual, pdo)
         known = self._in_sii.get(pdo.index)
         if known is not None and pdo.index not in self._settings.remapped:

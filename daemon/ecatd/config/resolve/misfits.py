@@ -11,7 +11,7 @@ from .. import Config
 from ..meanings import raw_parameters, without_meanings
 from ..problems import Collected
 from ..profiles import Profiles
-from .apply import apply
+from .resolved import resolve_config
 from .slaves import check_slaves
 from .watchdogs import check_watchdog
 
@@ -41,7 +41,7 @@ def misfits(
         if slave.position not in uncertain:
             raw_parameters(settings, slave, profiles, config.signal, problems)
     wire = [slave.position for slave in bus.slaves]
-    apply(config, bus, profiles, wire, uncertain, uncertain, problems)
+    resolve_config(config, bus, profiles, wire, uncertain, uncertain, problems)
     for slave in bus.slaves:
         wanted = config.settings_of(slave.position).watchdog_ms
         if wanted is not None and any(pdo.bit_length for pdo in slave.outputs):

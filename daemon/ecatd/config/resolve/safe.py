@@ -48,13 +48,13 @@ class Stop:
         slave: Position.
         controlword: Object index of its controlword.
         how: "quick_stop" or "disable".
-        patience: Seconds after which the controlword takes its safe value in any case.
+        timeout: Seconds after which the controlword takes its safe value in any case.
     """
 
     slave: int
     controlword: int
     how: str
-    patience: float
+    timeout: float
 
     @property
     def value(self) -> int:
@@ -262,7 +262,7 @@ class _SlaveOutputs:
                 self._set(bit, entry.bit_length, 0, hold=not moves)
                 self._note(rule, [entry])
         word = _CONTROLWORD + axis * _AXIS_OBJECTS
-        self.stops[word] = Stop(self._slave.position, word, str(rule.value), rule.patience)
+        self.stops[word] = Stop(self._slave.position, word, str(rule.value), rule.stop_timeout)
 
     def follow(self) -> None:
         """Finds the target positions without a value of their own; call it after all rules."""

@@ -85,12 +85,12 @@ def _check_without_coe(settings: SlaveConfig, slave: Slave) -> None:
         )
     pdos = settings.pdo if slave.soe else settings.mapped  # telegrams have other indices
     tables = (("startup", settings.startup), ("pdo", pdos), ("module", settings.module))
-    for key, told in tables:
-        if told:
-            told[0].table.fail(
+    for key, rows in tables:
+        if rows:
+            rows[0].table.fail(
                 None,
                 f"{slave.label} has no CoE, so it cannot take its [[slave.{key}]]: remove "
-                f"{'the table' if len(told) == 1 else f'the {len(told)} tables'}",
+                f"{'the table' if len(rows) == 1 else f'the {len(rows)} tables'}",
             )
 
 

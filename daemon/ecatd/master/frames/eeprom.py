@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
 from ecatd.base.coroutine_steps import Steps, finish
-from ecatd.base.durations import Patience
 from ecatd.base.errors import StateError
+from ecatd.base.timeouts import Timeout
 from ecatd.etg.sii_categories import Words
 
 from .datagrams import Datagrams, Place, Station
@@ -31,10 +31,10 @@ _NO_ACKNOWLEDGE, _NOT_ENABLED = 0x2000, 0x4000
 _BUSY = 0x8000
 
 _TRIES = 3
-_BUSY_LIMIT = Patience(0.5)
+_BUSY_LIMIT = Timeout(0.5)
 """Seconds after which a busy EEPROM counts as broken; a command takes less than a millisecond."""
 
-_SILENT_LIMIT = Patience(1.0)
+_SILENT_LIMIT = Timeout(1.0)
 """Seconds without an answer after which a slave counts as gone. A bad contact is shorter."""
 
 _PAUSE = 0.0002

@@ -9,10 +9,10 @@ import struct
 import time
 from collections.abc import Callable, Iterator, Sequence
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import NotPermittedError, StateError, UnreachableError
 from ecatd.base.log import Log
 from ecatd.base.process import CAP_NET_ADMIN, raised
+from ecatd.base.timeouts import Timeout
 from ecatd.linux.interface_state import LEAST_MTU
 
 from ..engine.engine import Index, open_socket
@@ -27,7 +27,7 @@ _FLAGS = struct.Struct("16sH14x")  # ifreq
 _MTU = struct.Struct("16si12x")  # ifreq
 _AL_STATUS = 0x0130
 
-_CARRIER = Patience(5.0)
+_CARRIER = Timeout(5.0)
 """Time that an interface has to get a carrier. Ethernet ports take one to three to negotiate."""
 
 _LOOK_AGAIN = 0.05

@@ -12,15 +12,15 @@ from __future__ import annotations
 import struct
 import time
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import StateError
+from ecatd.base.timeouts import Timeout
 
 from .datagrams import Datagrams, aprd, apwr, brd, bwr
 
 _FIRST_STATION = 0x1001
 _STATION_ADDRESS, _AL_CONTROL, _AL_STATUS = 0x0010, 0x0120, 0x0130
 _TRIES = 3
-FIRST_ANSWER = Patience(2.0)
+FIRST_ANSWER = Timeout(2.0)
 """Time that the first slave has to answer."""
 
 _RESET = (

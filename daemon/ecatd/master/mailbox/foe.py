@@ -13,8 +13,8 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import NoAnswerError, StateError
+from ecatd.base.timeouts import Timeout
 from ecatd.etg.foe_codes import foe_text
 
 from .mailbox import HEADER_BYTES, Mailbox, Protocol
@@ -26,7 +26,7 @@ FOE_LEAST = HEADER_BYTES + _HEADER.size + 1
 """Least number of bytes of a mailbox for FoE."""
 
 _GIVEN_UP = 0x8000  # error without further reason
-_PATIENCE = Patience(60.0)
+_PATIENCE = Timeout(60.0)
 """Seconds that a slave has for a packet. Some slaves erase their flash meanwhile."""
 _BUSY_PAUSE_S, _BUSY_LONGEST_S = 0.001, 0.05
 """Seconds after which a packet is sent to a busy slave again: the first time, and at most."""

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from ecatd.base.durations import Patience
 from ecatd.base.log import Log
+from ecatd.base.timeouts import Timeout
 
 _ANSWER_S = 1.0
 """Seconds that a slave has to take a message and answer it, unless `Line.answer_s` was changed.
@@ -57,17 +57,17 @@ class Line:
         self._turns: deque[Turn] = deque()
         self._lock = threading.Lock()
 
-    def patience(self, least_s: float = 0.0) -> Patience:
+    def patience(self, least_s: float = 0.0) -> Timeout:
         """Time that the slave has to take a message and answer it, `least_s` at least."""
-        return Patience(max(least_s, self.answer_s), _KEY)
+        return Timeout(max(least_s, self.answer_s), _KEY)
 
     @property
-    def whole(self) -> Patience:
+    def whole(self) -> Timeout:
         """Time after which a conversation begins nothing new, however promptly the slave answers.
 
         A slave may send an object byte by byte, or a description without end.
         """
-        return Patience(_WHOLE * max(self.answer_s, _ANSWER_S), _KEY)
+        return Timeout(_WHOLE * max(self.answer_s, _ANSWER_S), _KEY)
 
     def __len__(self) -> int:
         """Number of conversations in the queue, including the one that has its turn."""

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple, TypeVar
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import NoAnswerError, StateError
+from ecatd.base.timeouts import Timeout
 from ecatd.etg.eoe import EoeType, type_of
 
 from ..engine.framing import DATAGRAM_MAX
@@ -24,7 +24,7 @@ from .talks import Talk
 
 T = TypeVar("T")
 
-_TURN = Patience(12.0)
+_TURN = Timeout(12.0)
 """Most seconds that a conversation waits for the conversations before it."""
 
 _TAKE_S = 5.0
@@ -122,7 +122,7 @@ class Mailbox:
         self._is_free = False  # the half that the master writes is empty
         self._has_mail = False  # the half that the master reads is full
         self._deadline = 0.0
-        self._patience = Patience(0.0)
+        self._patience = Timeout(0.0)
         self._end = math.inf  # of the conversation
 
     def wait_for_turn(self, turn: Turn) -> Talk[None]:
@@ -396,7 +396,7 @@ class Mailbox:
     def _log(self, text: str) -> None:
         self._line.log.debug(f"slave with station address 0x{self._station:04X}: {text}")
 
-    def _begin(self, patience: Patience) -> None:
+    def _begin(self, patience: Timeout) -> None:
         self._patience, now = patience, time.monotonic()
         self._deadline = now + patience.seconds
         if now > self._end:

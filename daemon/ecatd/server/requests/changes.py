@@ -170,7 +170,7 @@ class Changes:
         self._write({"what": what, "by": by, "times": 1}, text, failed=failed)
 
     def _write(self, facts: dict[str, Any], text: str, *, failed: bool, told: str = "") -> None:
-        self._log.notice(text, failed=failed, told=told)
+        self._log.notice(text, failed=failed, redacted=told)
         self._publish(new_event("change", **facts, failed=failed, text=told or text))
 
     def close(self) -> None:

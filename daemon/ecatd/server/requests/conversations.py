@@ -11,8 +11,8 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from typing import TypeVar
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import BusyError, NoAnswerError, StateError
+from ecatd.base.timeouts import Timeout
 from ecatd.description.bus import Slave
 from ecatd.etg.al import AlState
 from ecatd.master.al_states import WHY_SILENT
@@ -31,7 +31,7 @@ from .places import Places
 
 T = TypeVar("T")
 
-_PATIENCE = Patience(10.0)
+_PATIENCE = Timeout(10.0)
 """Seconds after which a request that could not begin is given up."""
 
 _STATE = 0x0F

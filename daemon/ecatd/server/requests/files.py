@@ -16,9 +16,9 @@ from contextlib import suppress
 from enum import StrEnum
 from typing import Protocol, cast
 
-from ecatd.base.durations import Patience
 from ecatd.base.errors import BusyError, EcatError, StateError, UsageError
 from ecatd.base.log import Log
+from ecatd.base.timeouts import Timeout
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.al import AlState
 from ecatd.master.mailbox.foe import FileRead, FileTransfer, FileWrite
@@ -43,7 +43,7 @@ _PACKETS = 32
 """Packets before other requests to the slave get a turn."""
 _AGAIN_S = 0.1
 """Seconds after which a transfer tries again if other requests have filled the queue."""
-_ABANDONED = Patience(60.0)
+_ABANDONED = Timeout(60.0)
 """Seconds after which a file is dropped that does not arrive from its client, or that its client
 no longer asks for while it is read."""
 _NAME_SHOWN = 40

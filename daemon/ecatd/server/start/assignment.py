@@ -13,7 +13,7 @@ from typing import TypeVar
 from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.config import SlaveConfig
 from ecatd.config.pdos import INPUT_PDOS, OUTPUT_PDOS
-from ecatd.config.resolve.believed import Believed, Told, believe
+from ecatd.config.resolve.believed import Believed, Reported, believe
 from ecatd.config.resolve.pdos import ASSIGNMENT
 from ecatd.description.bus import Slave
 from ecatd.description.witnesses import clash
@@ -111,9 +111,9 @@ class Assignment:
         told = yield from self.told()
         return told.outputs, told.inputs
 
-    def told(self) -> Talk[Told]:
+    def told(self) -> Talk[Reported]:
         """Reads what the slave tells of its process data, as a part of a conversation."""
-        told = Told()
+        told = Reported()
         for usage, pdos in ((USAGE_OUTPUTS, told.outputs), (USAGE_INPUTS, told.inputs)):
             for number in self._sii.channels(usage):
                 list_ = ASSIGNMENT + number
@@ -140,7 +140,7 @@ class Assignment:
                         pdos.append(Pdo(index, "", number, []))
         return told
 
-    def _look_at_direction(self, where: str, index: int, usage: int, told: Told) -> None:
+    def _look_at_direction(self, where: str, index: int, usage: int, told: Reported) -> None:
         """Tells a PDO whose index is one of the other direction, unless the EEPROM says so, too."""
         ours, others = OUTPUT_PDOS, self._sii.inputs
         own, kind = self._sii.outputs, "inputs"

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ecatd.base.coroutine_steps import finish
-from ecatd.base.durations import Patience
 from ecatd.base.errors import StateError
 from ecatd.base.log import Log
+from ecatd.base.timeouts import Timeout
 from ecatd.config import Config
 from ecatd.config.profiles import Profiles
 from ecatd.config.resolve import alike_slaves
@@ -161,7 +161,7 @@ class BringUp:
             found.expectation,
             [self.config.settings_of(slave.position).poll_s for slave in self.bus.slaves],
             self.config.recovery,
-            self.config.state_patience,
+            self.config.state_timeout,
         )
 
     def describe(self) -> Bus:
@@ -173,7 +173,7 @@ class BringUp:
         self._describe(self._read_files(), {})
         return self.bus
 
-    def leave(self, state: AlState, patience: Patience) -> None:
+    def leave(self, state: AlState, patience: Timeout) -> None:
         """Writes the slaves' parameters for the way down to a state; see `configurations.leave`."""
         if self._found is not None:
             steps = leave(self._found.master, self._found.present, state, patience)
@@ -189,9 +189,9 @@ class BringUp:
 
     def _take_back(self, shared: SharedMemory, engine: Engine, master: Master) -> None:
         """Ends an exchange that no client has seen yet; slaves that have left PREOP go back."""
-        self.leave(AlState.PREOP, self.config.state_patience)
+        self.leave(AlState.PREOP, self.config.state_timeout)
         there = [item.position for item in master.al_states.read() if item.al_state > AlState.PREOP]
-        finish(master.al_states.request(AlState.PREOP, self.config.state_patience, there))
+        finish(master.al_states.request(AlState.PREOP, self.config.state_timeout, there))
         self.engine = self.limits = self.shared = self.clocks = self.master = self._found = None
         engine.close()
         master.close()

@@ -307,7 +307,7 @@ class Clocks:
             waited = time.monotonic() - begin
             if steady == _STEADY:
                 return waited
-            if waited > self._config.dc.patience.seconds:
+            if waited > self._config.dc.timeout.seconds:
                 raise StateError(self._why_not(shared, locked, differences))
             if cancelled():
                 raise StateError("stopped while distributed clocks were waited for")
@@ -315,7 +315,7 @@ class Clocks:
 
     def _why_not(self, shared: SharedMemory, locked: bool, differences: dict[int, int]) -> str:
         health, dc = shared.health, self._config.dc
-        text = f"distributed clocks are not in step within {dc.patience}: "
+        text = f"distributed clocks are not in step within {dc.timeout}: "
         if health.dc_time_ns == 0:
             return f"{text}the time of the reference clock, {self.reference.label}, cannot be read"
         text += (
@@ -397,7 +397,7 @@ class Clocks:
         # Only slaves with SYNC signals must wait: the others may come in step while they are in OP.
         waiting = {slave.position for slave in chosen if self.sync_signals.has(slave.position)}
         waiting -= set(failed)
-        patience = self._config.dc.patience
+        patience = self._config.dc.timeout
         deadline = time.monotonic() + patience.seconds
         while (late := self._out_of_step(waiting, shared)) and time.monotonic() < deadline:
             yield

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ecatd.base.coroutine_steps import Steps
-from ecatd.base.durations import Patience
 from ecatd.base.errors import EcatError
+from ecatd.base.timeouts import Timeout
 from ecatd.etg.al import AlState
 from ecatd.master.mailbox.talks import Talk, talk_all
 from ecatd.master.master import Master
@@ -81,7 +81,7 @@ def _missed(error: EcatError) -> Missed:
 
 
 def leave(
-    master: Master, items: Sequence[Scanned], state: AlState, patience: Patience
+    master: Master, items: Sequence[Scanned], state: AlState, patience: Timeout
 ) -> Steps[list[str]]:
     """Writes the start-up parameters of the transitions on the way down to a state.
 

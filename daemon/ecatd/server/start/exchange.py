@@ -7,7 +7,7 @@ import time
 from ecatd.base.coroutine_steps import Steps
 from ecatd.base.log import Log
 from ecatd.config import Config
-from ecatd.config.resolve import Applied
+from ecatd.config.resolve import ResolvedConfig
 from ecatd.description.bus import Bus
 from ecatd.master.engine.engine import Engine, RealTime
 from ecatd.master.engine.shared_memory import SharedMemory
@@ -41,7 +41,7 @@ def start_exchange(
         engine.add_domain(domain)
     if data.clocks is not None:
         engine.set_clock(data.clocks.engine_clock)
-    _guard(engine, shared, data.applied)
+    _guard(engine, shared, data.resolved)
     wanted = config.realtime
     grants = engine.start(
         RealTime(
@@ -79,28 +79,28 @@ def find_failing(shared: SharedMemory, bus: Bus) -> Steps[list[str]]:
     ]
 
 
-def _guard(engine: Engine, shared: SharedMemory, applied: Applied) -> None:
+def _guard(engine: Engine, shared: SharedMemory, resolved: ResolvedConfig) -> None:
     """Gives the engine the safe values, the stops of drives, and the copies."""
     numbers: dict[tuple[int, int, int, int], int] = {}
-    if applied.safe.stops or applied.safe.follows or applied.copies:
+    if resolved.safe.stops or resolved.safe.follows or resolved.copies:
         rows = enumerate(shared.signals[: shared.header.signal_count])
         numbers = {(row.slave, row.index, row.subindex, row.output): n for n, row in rows}
-    for position, (value, hold) in applied.safe.images.items():
+    for position, (value, hold) in resolved.safe.images.items():
         engine.set_safe(position, value, hold)
-    for stop in applied.safe.stops:
+    for stop in resolved.safe.stops:
         engine.set_stop(
             numbers[stop.slave, stop.controlword, 0, 1],
             numbers[stop.slave, stop.statusword, 0, 0],
             stop.value,
-            stop.patience,
+            stop.timeout,
         )
-    for follow in applied.safe.follows:
+    for follow in resolved.safe.follows:
         engine.set_follow(
             numbers[follow.slave, follow.actual, 0, 0],
             numbers[follow.slave, follow.target, 0, 1],
             -1 if follow.stop is None else numbers[follow.slave, follow.stop.controlword, 0, 1],
         )
-    for copy in applied.copies:
+    for copy in resolved.copies:
         engine.set_copy(
             None if copy.source is None else numbers[*copy.source, 0],
             numbers[*copy.target, 1],

@@ -8,7 +8,7 @@ from ecatd.config import Config
 from ecatd.config.expected_bus import compare
 from ecatd.config.meanings import raw_parameters, without_meanings
 from ecatd.config.profiles import Profiles
-from ecatd.config.resolve import apply, check_slaves
+from ecatd.config.resolve import check_slaves, resolve_config
 from ecatd.description.bus import Bus
 from ecatd.etg.pdo import Entry
 from ecatd.master.engine.engine import Engine
@@ -66,7 +66,7 @@ class Limits:
                 settings = here.settings_of(slave.position)
                 known = with_eeprom_pdos(slave, sii)
                 raw_parameters(settings, known, self._profiles, here.signal)
-        apply(here, wanted, self._profiles, self._wire, self._uncertain, self._idle)
+        resolve_config(here, wanted, self._profiles, self._wire, self._uncertain, self._idle)
         return wanted
 
     def use(self, wanted: Bus) -> list[str]:

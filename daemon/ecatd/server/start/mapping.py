@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from ecatd.base.coroutine_steps import Steps
 from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.config import Config, SlaveConfig
-from ecatd.config.resolve.believed import Believed, Told, believe
+from ecatd.config.resolve.believed import Believed, Reported, believe
 from ecatd.description.bus import Slave
 from ecatd.description.conditions import Condition
 from ecatd.etg.datatypes import type_by_size
@@ -196,7 +196,7 @@ def configure_slaves(
 def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
     item.refused = []
     try:
-        if item.settings.is_told or item.gets_ip:
+        if item.settings.writes_objects or item.gets_ip:
             talk = SlaveConfiguration(item.slave, item.sii, coe, item.settings).tell()
             item.refused = yield from talk
         if not item.speaks:
@@ -213,8 +213,8 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
     except (NoAnswerError, StateError, SdoAbortError) as error:
         item.silence = str(error)
         item.nonsense = not isinstance(error, NoAnswerError)
-        if not item.settings.is_told:  # else its PDOs may differ from those of its EEPROM
-            told = Told(_default(item.sii.outputs), _default(item.sii.inputs), silent=True)
+        if not item.settings.writes_objects:  # else its PDOs may differ from those of its EEPROM
+            told = Reported(_default(item.sii.outputs), _default(item.sii.inputs), silent=True)
             take_believed(item, believe(item.slave, item.sii, item.settings, told))
 
 
@@ -229,7 +229,7 @@ def take_pdos_from_sii(item: Scanned) -> None:
     slave, sii = item.slave, item.sii
     slave.outputs, slave.inputs = _default(sii.outputs), _default(sii.inputs)
     choose_from_sii(slave, sii, item.settings)
-    take_believed(item, believe(slave, sii, item.settings, Told(slave.outputs, slave.inputs)))
+    take_believed(item, believe(slave, sii, item.settings, Reported(slave.outputs, slave.inputs)))
     for pdo in (*slave.outputs, *slave.inputs):
         for entry in pdo.entries:
             if not entry.is_gap and not entry.data_type:

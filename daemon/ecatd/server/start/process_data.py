@@ -9,7 +9,7 @@ from ecatd.base.log import Log
 from ecatd.config import Config
 from ecatd.config.meanings import unused_profiles
 from ecatd.config.profiles import Profiles
-from ecatd.config.resolve import Applied, apply
+from ecatd.config.resolve import ResolvedConfig, resolve_config
 from ecatd.master.engine.layout import Image, lay_out
 
 from .clocks import Clocks
@@ -25,13 +25,13 @@ class ProcessData:
     """The process data that are exchanged with the slaves, and their timing.
 
     Attributes:
-        applied: The configuration, applied to this bus.
+        resolved: The configuration, resolved on this bus.
         image: The process image.
         wire: The time that the frames of a cycle take on the wire.
         clocks: The distributed clocks, if the configuration enables them.
     """
 
-    applied: Applied
+    resolved: ResolvedConfig
     image: Image
     wire: WireTime
     clocks: Clocks | None
@@ -45,13 +45,13 @@ def set_up_process_data(found: FoundBus, profiles: Profiles, log: Log) -> Proces
         StateError: A slave does not answer.
     """
     bus, config, master = found.bus, found.config, found.master
-    applied = apply(config, bus, profiles, master.wire, found.uncertain, found.idle)
+    resolved = resolve_config(config, bus, profiles, master.wire, found.uncertain, found.idle)
     for warning in unused_profiles(bus, profiles):
         log.warning(warning)
-    for copy in applied.copies:
+    for copy in resolved.copies:
         if copy.missing:
             log.warning(copy.missing)
-    for sentence in applied.safe.unguarded:
+    for sentence in resolved.safe.unguarded:
         log.warning(sentence)
     image = lay_out(bus, without_lrw(master, found.present))
     wire = wire_time(
@@ -68,10 +68,10 @@ def set_up_process_data(found: FoundBus, profiles: Profiles, log: Log) -> Proces
         log.warning(warning)
     _warn_of_unused_clocks(config, log)
     clocks = None
-    if applied.clocks is not None:
-        clocks = Clocks(bus, config, applied.clocks, master)
+    if resolved.clocks is not None:
+        clocks = Clocks(bus, config, resolved.clocks, master)
         clocks.measure()
-    return ProcessData(applied, image, wire, clocks)
+    return ProcessData(resolved, image, wire, clocks)
 
 
 def _warn_of_unused_clocks(config: Config, log: Log) -> None:

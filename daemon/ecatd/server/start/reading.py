@@ -10,7 +10,7 @@ from ecatd.base.errors import StateError, UnreachableError
 from ecatd.base.log import Log
 from ecatd.base.paths import profile_folders
 from ecatd.config import Config
-from ecatd.config.meanings import raw_parameters, untold_types
+from ecatd.config.meanings import raw_parameters, unknown_types
 from ecatd.config.profiles import Profiles, load_profiles
 from ecatd.config.resolve import check_slaves, load_description
 from ecatd.description.bus import Bus, Slave
@@ -59,7 +59,7 @@ def scan(found: FoundBus, interface: str, files: Files, log: Log) -> None:
     master, config = found.master, found.config
     empty = may_be_empty(config, files.description)
     try:
-        why = master.scan(config.state_patience, may_be_empty=empty)
+        why = master.scan(config.state_timeout, may_be_empty=empty)
     except UnreachableError as error:
         if files.description is None and waits_for_slaves(config):
             raise UnreachableError(
@@ -70,7 +70,7 @@ def scan(found: FoundBus, interface: str, files: Files, log: Log) -> None:
     count = len(master.stations)
     text = f"{count} slave{'s' * (count != 1)} found on {interface}"
     log.info(f"{text} (numbered by ecatd: {why})" if why else text)
-    for item in finish(master.al_states.request(AlState.PREOP, config.state_patience)):
+    for item in finish(master.al_states.request(AlState.PREOP, config.state_timeout)):
         if not item.al_state:  # it has lost its power or its cable
             raise StateError(f"slave {item.position} does not answer any more")
         found.stuck[item.position] = item.describe()
@@ -120,9 +120,9 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
     for item in found.scanned:
         configured = {address for at, address in said if at == item.slave.position}
         if not item.condition:
-            for text in untold_types(item.slave, item.guessed, configured):
+            for text in unknown_types(item.slave, item.guessed, configured):
                 log.info(text)
-    patience = found.config.state_patience
+    patience = found.config.state_timeout
     with_sync = {item.slave for item in found.config.dc.slave}
     dispensable = {
         item.slave.position

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ecatd.base.durations import Patience
+from ecatd.base.timeouts import Timeout
 from ecatd.config import RecoveryConfig
 from ecatd.description.bus import Bus
 from ecatd.master.engine.engine import Engine
@@ -40,7 +40,7 @@ class RunningBus:
         expectation: The expected bus, and the differences at the start.
         polls: Seconds between two looks at the mailbox of each slave, by position; 0 for no looks.
         recovery: The configuration of recovery.
-        state_patience: Time that slaves have to reach a state.
+        state_timeout: Time that slaves have to reach a state.
     """
 
     bus: Bus
@@ -59,7 +59,7 @@ class RunningBus:
     expectation: Expectation
     polls: list[float]
     recovery: RecoveryConfig
-    state_patience: Patience
+    state_timeout: Timeout
 
     @property
     def optional(self) -> set[int]:

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 
 from ecatd.base.coroutine_steps import Steps
-from ecatd.base.durations import Patience
 from ecatd.base.errors import ConfigError, StateError
+from ecatd.base.timeouts import Timeout
 from ecatd.config import Config
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.conditions import REMEDIES
@@ -77,7 +77,7 @@ def count_links(master: Master) -> list[int]:
 def wait_for_outputs(
     shared: SharedMemory,
     bus: Bus,
-    patience: Patience,
+    patience: Timeout,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Steps[None]:
     """Waits until outputs have been sent a few times: slaves need valid outputs before OP.
@@ -132,7 +132,7 @@ class SetUp:
         self._clocks = clocks
         self._uncertain = uncertain
         self._config = config
-        self._patience = config.state_patience
+        self._patience = config.state_timeout
         self._unconfigured: set[int] = set()  # slaves that need their configuration before SAFEOP
         self._new = {n for n, item in enumerate(scanned) if not item.known}
 
@@ -324,7 +324,9 @@ class SetUp:
     def _configure_again(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
         """Writes the configuration of slaves in PREOP again: they lose it when they restart."""
         items = [self._scanned[position] for position in sorted(positions)]
-        items = [item for item in items if item.gets_ip or (item.speaks and item.settings.is_told)]
+        items = [
+            item for item in items if item.gets_ip or (item.speaks and item.settings.writes_objects)
+        ]
         _, missed = yield from write_configurations(self._master, items, SlaveConfiguration.tell)
         self._unconfigured -= set(positions) - missed.keys()
         return missed

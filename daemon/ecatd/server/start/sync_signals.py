@@ -12,8 +12,8 @@ from collections.abc import Container
 from dataclasses import dataclass
 
 from ecatd.base.coroutine_steps import Steps
-from ecatd.base.durations import Patience
 from ecatd.base.errors import ConfigError, StateError
+from ecatd.base.timeouts import Timeout
 from ecatd.base.toml_file import Table
 from ecatd.config import Config, DcSlaveConfig
 from ecatd.config.resolve.clocks import LEAD_NS, whole_period
@@ -149,7 +149,7 @@ class SyncSignals:
         period, phase = self._bus.cycle_time_us * 1000, round(self._config.dc.phase_us * 1000)
 
         def zero() -> int:
-            patience = Patience(1 + 10 * period * 1e-9, "cycle_time_us above all tables")
+            patience = Timeout(1 + 10 * period * 1e-9, "cycle_time_us above all tables")
             before, deadline = shared.header.cycle, time.monotonic() + patience.seconds
             while shared.header.cycle == before:
                 if time.monotonic() > deadline:
@@ -203,7 +203,7 @@ class SyncSignals:
         self._master.registers.exchange([slave.write(SYNC_CONTROL, bytes(2)) for slave in slaves])
 
 
-def _patience(slave: Slave) -> Patience:
+def _patience(slave: Slave) -> Timeout:
     """Returns the time within which the first pulse must come."""
     seconds = (_TRIES * LEAD_NS + 2 * whole_period(slave)) * 1e-9 + 1.0
-    return Patience(seconds, "sync0_us in its [[dc.slave]] table")
+    return Timeout(seconds, "sync0_us in its [[dc.slave]] table")

@@ -14,7 +14,7 @@ from dataclasses import replace
 from ecatd.base.errors import StateError
 from ecatd.config import SlaveConfig
 from ecatd.config.idns import DRIVES
-from ecatd.config.resolve.believed import Believed, Told, believe
+from ecatd.config.resolve.believed import Believed, Reported, believe
 from ecatd.description.bus import Slave
 from ecatd.description.units import modelica_unit
 from ecatd.description.witnesses import other_idns
@@ -82,8 +82,8 @@ class Telegrams:
                 told.changeable.add(pdo.index)
         return believe(self._slave, self._sii, self._settings, told)
 
-    def _told(self) -> Talk[Told]:
-        told = Told()
+    def _told(self) -> Talk[Reported]:
+        told = Reported()
         for drive in range(DRIVES):
             try:
                 lists = yield from self._lists(drive)
@@ -96,13 +96,13 @@ class Telegrams:
             told.inputs += yield from self._telegram(drive, at, AT_LIST, STATUS, USAGE_INPUTS)
         return told if told.outputs or told.inputs else self._of_sii()
 
-    def _of_sii(self) -> Told:
+    def _of_sii(self) -> Reported:
         """What the EEPROM says; the drive does not say more."""
         outputs, inputs = (
             [replace(pdo) for pdo in pdos if pdo.sync_manager != UNASSIGNED]
             for pdos in (self._sii.outputs, self._sii.inputs)
         )
-        return Told(outputs, inputs, silent=True)
+        return Reported(outputs, inputs, silent=True)
 
     def _lists(self, drive: int) -> Talk[tuple[list[int], list[int]] | None]:
         """Reads the IDNs in MDT and AT; None if the drive has standard telegrams.

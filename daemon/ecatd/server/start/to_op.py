@@ -78,7 +78,7 @@ class ToOp:
         self._repeat(lambda: self._bring_to(AlState.SAFEOP))
         self._repeat(self._tell_before_op)
         # Slaves need valid outputs before OP.
-        patience = self._found.config.state_patience
+        patience = self._found.config.state_timeout
         finish(wait_for_outputs(self._shared, self._found.bus, patience, self._cancelled))
         self._repeat(lambda: self._bring_to(AlState.OP))
 
@@ -140,7 +140,7 @@ class ToOp:
         found = self._found
         out = {*found.idle, *found.absent, *found.missing}
         used = [n for n in range(len(found.bus.slaves)) if n not in out] if out else None
-        patience = found.config.state_patience
+        patience = found.config.state_timeout
         try:
             found.master.al_states.wait_for(state, patience, used, optional=found.uncertain)
         except NotReachedError as error:

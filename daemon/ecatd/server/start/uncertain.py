@@ -18,8 +18,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from ecatd.base.coroutine_steps import Steps, finish
-from ecatd.base.durations import Patience
 from ecatd.base.errors import StateError
+from ecatd.base.timeouts import Timeout
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.conditions import REMEDIES, Condition
 from ecatd.etg.al import AlState
@@ -79,7 +79,7 @@ def settle(
     synchronised: Collection[int],
     dispensable: Collection[int],
     left_out: Mapping[int, str],
-    patience: Patience,
+    patience: Timeout,
     tell: Callable[[str], None],
 ) -> dict[int, Uncertain]:
     """Tries uncertain slaves in SAFEOP, and decides which of them are used. All must be in PREOP.
@@ -173,7 +173,7 @@ def _describe(item: Scanned, *, used: bool, why: str) -> Uncertain:
         if item.nonsense:
             cause = "its mailbox answered with nonsense at the start"
         nothing = "its EEPROM describes no process data"
-        if item.settings.is_told:  # its configuration changes the process data of its EEPROM
+        if item.settings.writes_objects:  # its configuration changes the process data of its EEPROM
             nothing = "it cannot be told its configuration"
         return Uncertain(Condition.SILENT, cause, (*silence,), used=used, why=why or nothing)
     why = why or "no process data are known of it"
@@ -197,7 +197,7 @@ def _name(slave: Slave) -> str:
     return slave.label if slave.name else f"{slave.label} ({identity})"
 
 
-def _try(master: Master, items: Sequence[Scanned], patience: Patience) -> Steps[dict[int, str]]:
+def _try(master: Master, items: Sequence[Scanned], patience: Timeout) -> Steps[dict[int, str]]:
     """Brings slaves to SAFEOP with their process data, and back to PREOP.
 
     Returns:

@@ -84,7 +84,7 @@ class OutputWatch:
     ) -> None:
         self._bus = bus
         self._shared = shared
-        self._patience = {rule.slave: rule.patience for rule in config.safe}
+        self._patience = {rule.slave: rule.stop_timeout for rule in config.safe}
         self._log = log
         self._tell = tell
         self._clients: dict[int, _Client] = {}

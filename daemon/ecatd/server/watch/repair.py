@@ -57,7 +57,7 @@ class Repair:
         self._tell = tell
         self._look = look
         self._retry_s = running.recovery.retry_s
-        self._state_patience = running.state_patience
+        self._state_patience = running.state_timeout
         self._recovery = Recovery(
             len(running.bus.slaves),
             running.recovery.slaves,

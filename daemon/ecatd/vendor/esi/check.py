@@ -17,7 +17,7 @@ _MAPS = 0x08  # bit of the CoE details: a master can map other entries
 
 
 def described_pdos(device: EsiDevice, slave: Slave) -> dict[int, tuple[Pdo, bool]]:
-    """Returns the PDOs of a slave as its ESI file describes them, for `applied.remaining`.
+    """Returns the PDOs of a slave as its ESI file describes them, for `believed.remaining`.
 
     PDOs without entries, and those that a start-up command of the file maps, are left out.
 

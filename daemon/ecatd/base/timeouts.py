@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
-class Patience(NamedTuple):
+class Timeout(NamedTuple):
     """How long something is waited for, and what changes that.
 
-    In a message: `f"no answer within {patience}"` becomes "no answer within 5 s (timeout_s in
+    In a message: `f"no answer within {timeout}"` becomes "no answer within 5 s (timeout_s in
     [dc])", or "no answer within 2 s (fixed)" if nothing changes it.
 
     Attributes:

@@ -9,8 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from ecatd.base.log import Log
-
-from . import GatewayConfig
+from ecatd.config import GatewayConfig
 
 _APART = ("KEY_VALUES_MISMATCH", "KEY_TYPE_MISMATCH")  # reasons of OpenSSL
 _PERIOD_S = 2.0

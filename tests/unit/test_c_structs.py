@@ -16,7 +16,7 @@ from ecatd.etg.datatypes import is_real, is_signed
 from ecatd.etg.pdo import Entry
 from ecatd.master.engine.layout import lay_out
 from ecatdev import sample_buses
-from ecatgen.c_header import c_header
+from ecatgen.c_structs import c_structs
 
 _STRUCT = re.compile(r"struct (\w+_image\w*) \{")
 _END = re.compile(r"  \} (\w+);")
@@ -57,7 +57,7 @@ def test_members_have_the_values_of_the_image(
 ) -> None:
     bus = make()
     lay_out(bus, set())
-    text = c_header(bus, "1")
+    text = c_structs(bus, "1")
     rows = list(members(text))
     wanted = expected(bus)
     assert [(bit, address) for _, _, bit, address in rows] == [(b, e.address) for b, e in wanted]
@@ -98,7 +98,7 @@ def test_any_bus_has_a_header_that_compiles(bus: Bus, tmp_path: Path, compiler: 
     except StateError:
         return
     source = tmp_path / "bus.c"
-    source.write_text(c_header(bus, "1"))
+    source.write_text(c_structs(bus, "1"))
     for language in (("c", "-std=c11"), ("c++", "-std=c++11")):
         command = [compiler, "-x", *language, "-Wall", "-Werror", "-fsyntax-only", source]
         subprocess.run(command, check=True)

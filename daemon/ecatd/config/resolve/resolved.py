@@ -25,7 +25,7 @@ _R = TypeVar("_R", bound="_Rule")
 
 
 @dataclass(slots=True)
-class Applied:
+class ResolvedConfig:
     """What the configuration says about a bus, in addition to its description.
 
     Attributes:
@@ -39,7 +39,7 @@ class Applied:
     clocks: ClockPlan | None
 
 
-def apply(
+def resolve_config(
     config: Config,
     bus: Bus,
     profiles: Profiles,
@@ -47,7 +47,7 @@ def apply(
     uncertain: Collection[int] = (),
     idle: Collection[int] = (),
     problems: Problems = AT_ONCE,
-) -> Applied:
+) -> ResolvedConfig:
     """Gives values their meanings, outputs their safe values, and slaves their domains and clocks.
 
     Args:
@@ -63,14 +63,14 @@ def apply(
     Raises:
         ConfigError: The configuration does not fit this bus.
     """
-    told = {(item.position, one.address) for item in config.slave for one in item.startup}
+    startup = {(item.position, one.address) for item in config.slave for one in item.startup}
     signals = _fitting(config.signal, bus, uncertain)
-    give_meanings(bus, profiles, signals, told, problems)
+    give_meanings(bus, profiles, signals, startup, problems)
     rules = _fitting(config.outputs.safe, bus, uncertain)
     safe = safe_outputs(bus, rules, signals, problems)
     copies = find_copies(bus, config.copy, safe.stops, uncertain, problems)
     assign_domains(bus, config.domain, idle, problems)
-    return Applied(safe, copies, plan_clocks(bus, config, wire, problems))
+    return ResolvedConfig(safe, copies, plan_clocks(bus, config, wire, problems))
 
 
 class _Rule(Protocol):

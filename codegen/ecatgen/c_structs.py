@@ -20,7 +20,7 @@ _WIDEST = 64
 """Bits of the widest bit-field."""
 
 
-def c_header(bus: Bus, version: str) -> str:
+def c_structs(bus: Bus, version: str) -> str:
     """Returns the header as text, for C11 and C++11 on machines with little-endian numbers.
 
     Args:

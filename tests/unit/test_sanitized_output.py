@@ -12,8 +12,8 @@ import pytest
 
 from conftest import names
 from ecatd.base.log import Log
-from ecatd.base.plain_output import json_text, plain_output
 from ecatd.base.quoting import printable, toml_string, xml_text
+from ecatd.base.sanitized_output import json_text, sanitized_output
 from ecatd.cli.output import print_json_line, table_lines
 from ecatd.cli.terminal import Screen, alarm, show
 from ecatd.description import bus_file
@@ -27,7 +27,7 @@ def test_all_prints_of_a_command_are_plain(monkeypatch: pytest.MonkeyPatch) -> N
     out, err = io.StringIO(), io.StringIO()
     monkeypatch.setattr(sys, "stdout", out)
     monkeypatch.setattr(sys, "stderr", err)
-    with plain_output():
+    with sanitized_output():
         print(HOSTILE, "µ│✓\t漢\u3000字", file=sys.stdout)
         sys.stderr.writelines([HOSTILE, "\n"])
         print("\n".join(table_lines(["name"], [[HOSTILE + "\n"]])))
@@ -43,7 +43,7 @@ def test_all_prints_of_a_command_are_plain(monkeypatch: pytest.MonkeyPatch) -> N
 def test_json_has_the_texts_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
     out = io.StringIO()
     monkeypatch.setattr(sys, "stdout", out)
-    with plain_output():
+    with sanitized_output():
         print_json_line({"name": HOSTILE, "other": 'Größe "\\'})
     (line,) = out.getvalue().splitlines()
     assert line.isprintable()
@@ -54,11 +54,11 @@ def test_json_has_the_texts_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_our_own_sequences_reach_a_terminal_and_those_of_others_do_not() -> None:
     program = (
-        "from ecatd.base.plain_output import plain_output\n"
+        "from ecatd.base.sanitized_output import sanitized_output\n"
         "from ecatd.cli.terminal import Screen, alarm, show\n"
         "from ecatd.cli.output import progress\n"
         f"text = {HOSTILE[:5]!r} + 'x'\n"
-        "with plain_output(), progress() as tell:\n"
+        "with sanitized_output(), progress() as tell:\n"
         "    show([alarm(text)]); Screen().draw([text]); tell(text)\n"
     )
     ours, theirs = pty.openpty()

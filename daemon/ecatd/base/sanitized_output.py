@@ -19,7 +19,7 @@ from .quoting import printable
 _SEPARATORS = re.compile(r"([\n\t])")
 
 
-def plain_text(text: str) -> str:
+def sanitized(text: str) -> str:
     """The text with `?` for every character that has no glyph, but for ends of lines and tabs."""
     if text.isprintable():
         return text
@@ -45,14 +45,14 @@ def _escaped(text: str) -> str:
     return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text)
 
 
-class _PlainStream:
-    """A text stream that writes plain text to another one; all else is that of the other one."""
+class _SanitizedStream:
+    """A text stream that sanitizes what it writes to another one; all else is that of the other."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream
 
     def write(self, text: str) -> int:
-        return self.stream.write(plain_text(text))
+        return self.stream.write(sanitized(text))
 
     def writelines(self, lines: Iterable[str]) -> None:
         for line in lines:
@@ -64,14 +64,14 @@ class _PlainStream:
 
 def write_controls(stream: TextIO, text: str) -> None:
     """Writes a text with control sequences, which must be our own."""
-    (stream.stream if isinstance(stream, _PlainStream) else stream).write(text)
+    (stream.stream if isinstance(stream, _SanitizedStream) else stream).write(text)
 
 
 @contextmanager
-def plain_output() -> Iterator[None]:
-    """Has `sys.stdout` and `sys.stderr` write plain text, for the time of a command."""
+def sanitized_output() -> Iterator[None]:
+    """Has `sys.stdout` and `sys.stderr` write sanitized text, for the time of a command."""
     streams = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = (cast("TextIO", stream and _PlainStream(stream)) for stream in streams)
+    sys.stdout, sys.stderr = (cast("TextIO", item and _SanitizedStream(item)) for item in streams)
     try:
         yield
     finally:

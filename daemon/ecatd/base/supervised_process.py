@@ -48,17 +48,17 @@ def read_settings() -> dict[str, Any]:
     return settings
 
 
-def tell(word: str, text: str = "") -> None:
+def report(word: str, text: str = "") -> None:
     """Writes a line to the service; does nothing if the service has been killed."""
     with contextlib.suppress(BrokenPipeError):
         os.write(sys.stdout.fileno(), f"{word} {text}\n".encode())
 
 
-async def tell_starting() -> None:
+async def report_starting() -> None:
     """Tells the service regularly that the start goes on, until it is cancelled."""
     while True:
         await asyncio.sleep(_STARTING_S)
-        tell("starting")
+        report("starting")
 
 
 async def answer_pings(
@@ -79,11 +79,11 @@ async def answer_pings(
     while line := await reader.readline():
         message = json.loads(line)
         if "ping" in message:
-            tell("alive", json.dumps(await alive()))
+            report("alive", json.dumps(await alive()))
         elif change is not None:
             try:
                 await change(message)
             except EcatError as error:
-                tell("changed", str(error))
+                report("changed", str(error))
             else:
-                tell("changed")
+                report("changed")
