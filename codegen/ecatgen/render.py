@@ -17,7 +17,7 @@ from jinja2 import (
 )
 
 from ecatd.base.errors import ConfigError
-from ecatd.base.text_file import read_text
+from ecatd.base.files import read_text
 
 from . import text
 from .environment import CheckedEnvironment

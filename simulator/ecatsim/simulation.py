@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from ecatd.base.atomic_write import open_new
 from ecatd.base.errors import StateError, UsageError
+from ecatd.base.files import open_new
 
 from .esc import Segment
 from .faults import Faults

@@ -20,8 +20,7 @@ from ecatd.base.version import VERSION
 from ecatd.client import Client
 from ecatd.shm import contract as shm
 from ecatd.shm import raw
-from ecatd.shm.claims import read_claims
-from ecatd.shm.contents import contents
+from ecatd.shm.contents import contents, read_claims
 from ecatd.shm.statistics import read
 from ecatd.shm.statistics.clocks import read_clocks
 from handle import Handle

@@ -12,7 +12,7 @@ from ecatd.config import Config, SafeConfig, SlaveConfig, read_config
 from ecatd.config.placed import rules_of
 from ecatd.master.mailbox.line import Line
 from ecatdev.configuration_page import page, sections
-from ecatdev.docstrings import attributes, paragraphs
+from ecatdev.page_parts import attributes, paragraphs
 
 PAGE = Path(__file__).parents[2] / "docs" / "configuration-keys.md"
 COMMAND = (

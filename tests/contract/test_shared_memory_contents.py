@@ -25,8 +25,7 @@ from ecatd.master.engine.layout import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.shm import contract as shm
 from ecatd.shm import raw
-from ecatd.shm.claims import read_claims
-from ecatd.shm.contents import contents
+from ecatd.shm.contents import contents, read_claims
 from ecatd.shm.statistics import read
 from ecatd.shm.statistics.clocks import read_clocks
 

@@ -17,8 +17,7 @@ from ecatd.operations.encoding import pack, unpack
 from ecatd.operations.operation import Failure
 from ecatd.operations.registers import Data
 from ecatd.operations.zenoh_keys import bus_key, session_config
-from ecatdev.zenoh_keys.page import page
-from ecatdev.zenoh_keys.publications import PUBLICATIONS
+from ecatdev.zenoh_keys.page import PUBLICATIONS, page
 from ecatdev.zenoh_keys.types import answer_of, problems
 
 ROOT = Path(__file__).parents[2]

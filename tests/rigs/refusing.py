@@ -1,7 +1,7 @@
 """Slaves that refuse another PDO assignment: at once, for one direction, or half way."""
 
 from ecatd.base.errors import SdoAbortError
-from ecatd.etg.abort_codes import READ_ONLY
+from ecatd.etg.error_codes import READ_ONLY
 from ecatsim.devices.generic_drive import CiA402Drive
 from ecatsim.rig import Rig
 from ecatsim.slave.objects import Value

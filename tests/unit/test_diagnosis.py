@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ecatd.base.errors import StateError
 from ecatd.etg.datatypes import DataType
 from ecatd.etg.diagnosis import FIRST, Kind, order, parse_message
-from ecatd.etg.emergency_codes import emergency_text, error_class
+from ecatd.etg.error_codes import emergency_text, error_class
 
 
 def message(

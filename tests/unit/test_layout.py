@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from conftest import naming
 from ecatd.base.errors import ConfigError, StateError
 from ecatd.config import DomainConfig
-from ecatd.config.resolve.domains import assign_domains
+from ecatd.config.resolve.resolved import assign_domains
 from ecatd.description.bus import Bus, Domain, Slave
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.master.engine.framing import DOMAIN_DATAGRAM_MAX

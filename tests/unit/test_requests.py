@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from conftest import naming
 from ecatd.base.errors import ConfigError, EcatError, SdoAbortError, UsageError
-from ecatd.etg.abort_codes import abort_error
+from ecatd.etg.error_codes import abort_error
 from ecatd.gateway.gateway import Gateway
 from ecatd.master.ethernet.traffic import EthernetTraffic
 from ecatd.operations.bus import ReadRights

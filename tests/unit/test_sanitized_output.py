@@ -12,8 +12,13 @@ import pytest
 
 from conftest import names
 from ecatd.base.log import Log
-from ecatd.base.quoting import printable, toml_string, xml_text
-from ecatd.base.sanitized_output import json_text, sanitized_output
+from ecatd.base.sanitized_output import (
+    json_text,
+    printable,
+    sanitized_output,
+    toml_string,
+    xml_text,
+)
 from ecatd.cli.output import print_json_line, table_lines
 from ecatd.cli.terminal import Screen, alarm, show
 from ecatd.description import bus_file

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from conftest import names
-from ecatd.base.atomic_write import open_new
 from ecatd.base.errors import NotPermittedError, StateError, UsageError
+from ecatd.base.files import open_new
 from ecatd.cli.saving import check_target, save_bytes
 
 OTHER = 12345

@@ -29,8 +29,7 @@ from ecatd.config.config import LOG
 from ecatd.config.placed import rules_of
 from ecatd.config.writer import value_text
 
-from .docstrings import attributes, paragraphs
-from .markdown import head, row
+from .page_parts import attributes, head, paragraphs, row
 
 _INTRO = """\
 # Configuration keys

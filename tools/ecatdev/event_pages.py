@@ -15,7 +15,7 @@ from pathlib import Path
 from ecatd.base.log import message_id
 from ecatd.operations.events import KINDS, Kind
 
-from .markdown import head, row
+from .page_parts import head, row
 
 _ROOT = Path(__file__).parents[2]
 CATALOG = _ROOT / "systemd" / "ecatd.catalog"

@@ -10,8 +10,8 @@ import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
-from ecatd.base.atomic_write import write_whole
 from ecatd.base.errors import StateError
+from ecatd.base.files import write_whole
 
 from ..output.failures import TEMPORARY, failures_in_words
 

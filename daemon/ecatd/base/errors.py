@@ -101,7 +101,7 @@ class NoAnswerError(EcatError):
 class SdoAbortError(EcatError):
     """A slave refused an SDO request.
 
-    `ecatd.etg.abort_codes.abort_error` makes one with the text of its code.
+    `ecatd.etg.error_codes.abort_error` makes one with the text of its code.
 
     Attributes:
         code: The 32-bit abort code (ETG.1000.6, table "SDO abort codes").

@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from .atomic_write import write_whole
+from .files import write_whole
 from .paths import search_dirs
 
 _MODE = 0o640

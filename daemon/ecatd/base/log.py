@@ -18,8 +18,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from .log_levels import DEFAULTS, PARTS, Levels, level_of
-from .quoting import printable
-from .sanitized_output import error_text, sanitized
+from .sanitized_output import error_text, printable, sanitized
 
 _PRIORITIES = {"error": 3, "warning": 4, "notice": 5, "info": 6, "debug": 7}
 _PASSED_ON = _PRIORITIES["notice"]

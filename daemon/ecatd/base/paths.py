@@ -16,9 +16,9 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
-from .atomic_write import write_whole
 from .errors import NotPermittedError, StateError, UsageError
-from .real_user import is_root, real_user
+from .files import write_whole
+from .namespaces import is_root, real_user
 
 SYSTEM = Path("/run/ecatd")
 MACHINE = Path("/etc/ecatd")

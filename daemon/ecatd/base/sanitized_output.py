@@ -1,8 +1,9 @@
-"""What commands print: no text from elsewhere can control the terminal.
+"""Texts from elsewhere in what people and programs read: terminals, JSON, TOML, XML.
 
 Names of slaves, files and answers may have escape sequences in them, which set titles, hide lines,
 or have some terminals type. So `sys.stdout` and `sys.stderr` of all commands let lines and tabs
-through, and only `write_controls` writes sequences, which are our own.
+through, and only `write_controls` writes sequences, which are our own. Generated code has filters
+of its own (`ecatgen.text`).
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ import re
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from html import escape
 from typing import Any, TextIO, cast
-
-from .quoting import printable
+from unicodedata import category
 
 _SEPARATORS = re.compile(r"([\n\t])")
 
@@ -76,3 +77,24 @@ def sanitized_output() -> Iterator[None]:
         yield
     finally:
         sys.stdout, sys.stderr = streams
+
+
+def printable(text: str) -> str:
+    """The text with `?` for what controls a terminal, ends a line, or has no glyph.
+
+    The spaces of other scripts become usual ones.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else " " if category(c) == "Zs" else "?" for c in text)
+
+
+def toml_string(text: str) -> str:
+    """A string of TOML with its quotes; it has the same text, but `?` for a lone surrogate."""
+    quoted = text.encode("utf-8", "replace").decode().replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in quoted) + '"'
+
+
+def xml_text(text: str) -> str:
+    """Text of an element or attribute of XML."""
+    return escape(printable(text))

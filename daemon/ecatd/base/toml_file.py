@@ -22,7 +22,7 @@ from typing import Any, Generic, NoReturn, TypeVar
 from . import toml_places
 from .addresses import parse_address
 from .errors import ConfigError, UsageError
-from .text_file import read_text
+from .files import read_text
 from .toml_places import Key as Key
 from .toml_places import Place
 

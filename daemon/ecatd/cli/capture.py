@@ -10,8 +10,8 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from ecatd.base.atomic_write import open_new
 from ecatd.base.errors import EcatError, StateError, UsageError
+from ecatd.base.files import open_new
 from ecatd.base.pcapng import Frame, header, packet, read_records
 from ecatd.operations.frames import RINGS, ReadFrames
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import SdoAbortError, StateError
 from ecatd.description.bus import Slave
-from ecatd.etg.abort_codes import NO_OBJECT
 from ecatd.etg.diagnosis import (
     ACKNOWLEDGED,
     HISTORY,
@@ -19,6 +18,7 @@ from ecatd.etg.diagnosis import (
     order,
     parse_message,
 )
+from ecatd.etg.error_codes import NO_OBJECT
 
 from .arguments import add_one_slave, add_yes, confirm
 from .output import counted, print_json, print_table

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ecatd.base.errors import ConfigError, UsageError
-from ecatd.base.quoting import toml_string
-from ecatd.base.text_file import read_text
+from ecatd.base.files import read_text
+from ecatd.base.sanitized_output import toml_string
 from ecatd.config import load_config
 from ecatd.config.writer import value_text
 from ecatd.description.limits import POSITION_MAX

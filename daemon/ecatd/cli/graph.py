@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import UsageError
-from ecatd.base.quoting import printable
+from ecatd.base.sanitized_output import printable
 from ecatd.description.bus import Bus
 from ecatd.etg.al import al_state_text
 from ecatd.etg.port_errors import PORT_ORDER, SlaveErrors, links_with_errors

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ecatd.base.quoting import xml_text
+from ecatd.base.sanitized_output import xml_text
 
 from .slave_tree import Node, rows
 

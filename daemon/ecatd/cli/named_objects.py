@@ -14,8 +14,8 @@ from ecatd.config.resolve.objects import Objects, object_indices
 from ecatd.config.resolve.pdos import pdo_change, pdo_objects
 from ecatd.description.bus import Bus, Module
 from ecatd.description.modules import CONFIGURED, DETECTED, module_differences
-from ecatd.etg.abort_codes import NO_OBJECT
 from ecatd.etg.dictionary import DictionaryObject
+from ecatd.etg.error_codes import NO_OBJECT
 from ecatd.etg.sii import Sii
 from ecatd.etg.sii_check import check_sii
 from ecatd.operations.bus import SlaveAlState

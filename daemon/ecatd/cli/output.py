@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from ecatd.base.quoting import printable
-from ecatd.base.sanitized_output import json_text, write_controls
+from ecatd.base.sanitized_output import json_text, printable, write_controls
 
 T = TypeVar("T")
 

@@ -12,8 +12,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ecatd.base.atomic_write import open_new
 from ecatd.base.errors import NotPermittedError, StateError, UsageError
+from ecatd.base.files import open_new
 from ecatd.client.patterns import find_signals
 
 from .arguments import times

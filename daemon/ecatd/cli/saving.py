@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ecatd.base.atomic_write import check_new, write_whole
 from ecatd.base.errors import NotPermittedError, StateError, UsageError
+from ecatd.base.files import check_new, write_whole
 
 
 def read_bytes(path: Path, most: int) -> bytes:

@@ -9,8 +9,7 @@ from typing import Any
 from ecatd.base.errors import StateError, UnreachableError, UsageError
 from ecatd.description.bus import Bus, Slave
 from ecatd.shm import contract as layout
-from ecatd.shm.claims import read_claims
-from ecatd.shm.contents import contents
+from ecatd.shm.contents import contents, read_claims
 from ecatd.shm.raw import NAMES, plain, read_raw
 
 from .arguments import add_slave, add_watch

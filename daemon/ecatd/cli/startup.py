@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError, UsageError
 from ecatd.base.paths import profile_folders
-from ecatd.base.quoting import printable
+from ecatd.base.sanitized_output import printable
 from ecatd.config import (
     TRANSITIONS,
     TRANSITIONS_DOWN,
@@ -29,9 +29,9 @@ from ecatd.config.profiles import load_profiles
 from ecatd.config.writer import value_text
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.physical import physical_text
-from ecatd.etg.abort_codes import WRITE_ONLY
 from ecatd.etg.datatypes import STRINGS, bit_length, decode, parse_type, type_alias
 from ecatd.etg.dictionary import Access, DictionaryEntry, DictionaryObject
+from ecatd.etg.error_codes import WRITE_ONLY
 from ecatd.etg.pdo import Entry
 
 from .arguments import connect, slave

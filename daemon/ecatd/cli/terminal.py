@@ -9,8 +9,7 @@ from collections.abc import Iterable
 from typing import Self
 
 from ecatd.base.errors import StateError
-from ecatd.base.quoting import printable
-from ecatd.base.sanitized_output import write_controls
+from ecatd.base.sanitized_output import printable, write_controls
 
 _HIDE, _SHOW = "\033[?25l", "\033[?25h"
 _HOME, _CLEAR = "\033[H", "\033[2J"

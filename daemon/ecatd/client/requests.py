@@ -7,7 +7,7 @@ from collections.abc import Generator
 from contextlib import suppress
 
 from ecatd.base.errors import EcatError, StateError
-from ecatd.etg.abort_codes import abort_error
+from ecatd.etg.error_codes import abort_error
 from ecatd.shm import contract as shm
 from ecatd.shm.contract import Errno
 

@@ -17,7 +17,7 @@ from .copies import ABSENT, CopyConfig, read_copies
 from .domains import DomainConfig, read_domains
 from .eoe import EoeConfig, read_eoe
 from .gateway import GatewayConfig, read_gateway
-from .interface import read_interface
+from .key_rules import read_interface
 from .outputs import OutputsConfig, SafeConfig
 from .placed import Placed, one
 from .signals import SignalConfig, read_signals

@@ -8,9 +8,9 @@ from typing import Annotated
 from ecatd.base.addresses import parse_address
 from ecatd.base.toml_file import Key, Table, number
 
+from .key_rules import slave_reference
 from .placed import Placed, read
 from .signals import read_entry, read_scale
-from .slave_reference import slave_reference
 
 ABSENT = -1
 

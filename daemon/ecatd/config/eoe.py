@@ -18,7 +18,7 @@ from ecatd.etg.eoe import (
     parse_name,
 )
 
-from .interface import read_interface
+from .key_rules import read_interface
 from .placed import Placed, read
 
 

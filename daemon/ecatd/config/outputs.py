@@ -8,9 +8,9 @@ from typing import Annotated
 from ecatd.base.addresses import parse_address
 from ecatd.base.toml_file import Key, Table, accepts, integer, number, one_of, show
 
+from .key_rules import slave_reference
 from .placed import Placed, read
 from .signals import ADDRESS, read_entry
-from .slave_reference import slave_reference
 
 STOPS = ("quick_stop", "disable")
 """Safe values that stop a drive before its controlword becomes 0."""

@@ -7,17 +7,21 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 from ecatd.base.addresses import parse_address
+from ecatd.base.errors import UsageError
 from ecatd.base.toml_file import Key, Table, accepts, one_of, printable, show
 from ecatd.description.limits import SIGNAL_NAME_BYTES, UNIT_BYTES
+from ecatd.description.object_types import ObjectType
 from ecatd.description.physical import nearest_raw
 from ecatd.etg.datatypes import (
     STRINGS,
     DataType,
     bit_length,
+    decode,
     encode,
     is_real,
     parse_type,
     plain_number,
+    type_alias,
 )
 from ecatd.etg.pdo import Entry
 
@@ -217,4 +221,54 @@ def read_parameter(row: Table, key: Key) -> StartupConfig:
     if parameter.value is not None and (kind := parse_type(parameter.type or "")) not in STRINGS:
         # However it is written, an equal value is equal text, and is written anew as a number.
         parameter.value = plain_number(kind, parameter.value)
+    return parameter
+
+
+def startup_parameter(
+    known: ObjectType,
+    address: tuple[int, int],
+    data: bytes,
+    *,
+    complete: bool,
+    transition: str,
+    comment: str,
+) -> StartupConfig:
+    """Makes a start-up parameter of the bytes that are written.
+
+    It has a type and a value if they give the same bytes again, else hexadecimal bytes.
+
+    Args:
+        known: What is known about the object.
+        address: Index and subindex.
+        data: The bytes.
+        complete: Whether the whole object is written at once.
+        transition: When it is written, one of `TRANSITIONS`.
+        comment: Why it is written; what cannot be printed is left out.
+
+    Raises:
+        UsageError: The configuration cannot have such a parameter; the message says why.
+    """
+    if not 0 < len(data) <= DATA_MAX:
+        raise UsageError(f"it has {len(data)} bytes of data: 1 to {DATA_MAX} can be written")
+    if complete and address[1] > 1:
+        raise UsageError("complete access begins at subindex 00 or 01")
+    if address[1] > 0xFE:
+        raise UsageError("a subindex is at most 0xFE")
+    words = " ".join("".join(c if c.isprintable() else " " for c in comment).split())
+    parameter = StartupConfig(
+        f"0x{address[0]:04X}:{address[1]:02X}",
+        complete=complete,
+        transition=transition,
+        comment=words.encode()[:COMMENT_BYTES].decode("utf-8", "ignore"),
+    )
+    kind = known.of(data).data_type
+    parameter.type = None if complete or kind in STRINGS else type_alias(kind)
+    if parameter.type is not None:
+        parameter.value = str(decode(kind, data))
+        try:
+            if parameter.data == data:
+                return parameter
+        except UsageError:
+            pass
+    parameter.type, parameter.value, parameter.hex = None, None, data.hex(" ").upper()
     return parameter

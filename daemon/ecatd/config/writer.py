@@ -10,7 +10,7 @@ from textwrap import wrap
 from typing import Any
 
 from ecatd.base.log_levels import DEFAULTS
-from ecatd.base.quoting import printable, toml_string
+from ecatd.base.sanitized_output import printable, toml_string
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.limits import SIGNAL_NAME_BYTES, SLAVE_NAME_BYTES
 from ecatd.description.modules import module_differences

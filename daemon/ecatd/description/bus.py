@@ -16,7 +16,7 @@ from typing import Any
 
 from ecatd.base.dataclass_maps import to_maps
 from ecatd.base.errors import StateError
-from ecatd.base.quoting import printable
+from ecatd.base.sanitized_output import printable
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.etg.pdo_layout import byte_length, places
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.base.errors import UsageError
-from ecatd.base.text_file import read_text
+from ecatd.base.files import read_text
 from ecatd.etg.pdo import Entry, Pdo
 
 from .bus import SCHEMA, Bus, Domain, Slave

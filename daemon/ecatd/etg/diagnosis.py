@@ -11,7 +11,7 @@ from enum import IntEnum
 from ecatd.base.errors import StateError
 
 from .datatypes import DataType, bit_length, decode
-from .emergency_codes import error_code_text
+from .error_codes import error_code_text
 
 HISTORY = 0x10F3
 MOST, NEWEST, ACKNOWLEDGED, FLAGS, FIRST = 1, 2, 3, 5, 6

@@ -6,7 +6,7 @@ from collections import Counter
 
 from ecatd.base.log import Log
 from ecatd.description.bus import Slave
-from ecatd.etg.emergency_codes import emergency_text
+from ecatd.etg.error_codes import emergency_text
 
 Emergency = tuple[Slave, int, int]
 """A slave, an error code, and the content of the error register."""

@@ -33,8 +33,7 @@ from ecatd.base.timeouts import Timeout
 from ecatd.config import Config
 from ecatd.config.origins import Origins, texts
 from ecatd.config.reload import reload
-from ecatd.shm.files import make_folder
-from ecatd.shm.other_daemon import check_free
+from ecatd.shm.files import check_free, make_folder
 
 from .child import Child
 from .failed_starts import FailedStarts, not_started

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from ecatd.base.errors import EcatError, NotPermittedError
-from ecatd.base.pid_namespace import is_ours
+from ecatd.base.namespaces import is_ours
 from ecatd.etg.al import AL_ERROR_FLAG, AlState, al_state_text
 from ecatd.etg.datatypes import DataType, is_signed, type_name
 from ecatd.etg.scaling import to_physical
@@ -358,3 +358,27 @@ def _decode(image: bytes, row: Any) -> int | float:
     if is_signed(row.type) and raw >> bits - 1:
         raw -= 1 << bits
     return raw
+
+
+def read_claims(bus: str) -> dict[str, Any]:
+    """The clients of a bus on this machine, and all outputs with who decides them; asks nobody.
+
+    Returns:
+        A map, as `ecatctl claims --json` prints it (docs/command-line.md).
+
+    Raises:
+        EcatError: No daemon serves the bus, this user may not read it, or the shared memory is of
+            another version or damaged beyond use.
+    """
+    with opened(bus) as shared:
+        contents = Contents(shared)
+        return {
+            **contents.summary(),
+            "slots": contents.slots(),
+            "slaves": [
+                {"position": slave["position"], "name": slave["name"]}
+                for slave in contents.slaves()
+            ],
+            "outputs": contents.signals(outputs=True),
+            "problems": contents.problems,
+        }

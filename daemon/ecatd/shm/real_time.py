@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
+from ecatd.base.namespaces import is_root
 from ecatd.base.notify import is_managed
-from ecatd.base.real_user import is_root
 from ecatd.linux.systemd_services import service
 
 from .contract import Setting

@@ -7,8 +7,8 @@ import os
 import tempfile
 from pathlib import Path
 
-from ecatd.base.atomic_write import check_owners
 from ecatd.base.errors import UsageError
+from ecatd.base.files import check_owners
 
 
 def check(output: Path, force: bool) -> None:

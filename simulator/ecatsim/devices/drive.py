@@ -7,7 +7,7 @@ rated current.
 from __future__ import annotations
 
 from ecatd.etg import abort_codes
-from ecatd.etg.abort_codes import abort_error
+from ecatd.etg.error_codes import abort_error
 
 from ..plants.motor import Control, Motor
 from ..slave.device import Device

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 from ecatd.base.toml_file import REQUIRED, Key, Table
 from ecatd.etg import unit_codes
-from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.datatypes import (
     STRINGS,
     DataType,
@@ -16,6 +15,7 @@ from ecatd.etg.datatypes import (
     type_name,
     value_range,
 )
+from ecatd.etg.error_codes import abort_error
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.etg.wire_text import encode_text
 

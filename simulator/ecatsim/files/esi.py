@@ -8,10 +8,10 @@ from functools import lru_cache
 from pathlib import Path
 
 from ecatd.base.errors import ConfigError, UsageError
-from ecatd.base.text_file import is_folder
+from ecatd.base.files import is_folder
 from ecatd.etg import abort_codes
-from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.datatypes import STRINGS, DataType
+from ecatd.etg.error_codes import abort_error
 from ecatd.etg.sii import SiiProblem
 from ecatd.etg.sii_check import check_sii, is_description
 from ecatd.vendor.esi import (

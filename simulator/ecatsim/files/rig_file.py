@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.base.errors import ConfigError
-from ecatd.base.text_file import is_folder
+from ecatd.base.files import is_folder
 from ecatd.base.toml_file import Key, Table, read_toml, show
 
 from .. import faults

@@ -8,10 +8,10 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
 
-from ecatd.base.quoting import printable, toml_string
-from ecatd.etg.abort_codes import WRITE_ONLY, abort_text
+from ecatd.base.sanitized_output import printable, toml_string
 from ecatd.etg.datatypes import STRINGS, DataType, bit_length, is_real, is_signed, value_range
 from ecatd.etg.dictionary import DictionaryEntry, DictionaryObject
+from ecatd.etg.error_codes import WRITE_ONLY, abort_text
 from ecatd.etg.pdo import Entry, Pdo
 
 from ..capture import CapturedSlave, Upload, topology

@@ -6,7 +6,7 @@ import base64
 import binascii
 import struct
 
-from ecatd.base.text_file import check_regular
+from ecatd.base.files import check_regular
 from ecatd.base.toml_file import Table
 from ecatd.etg.intel_hex import image_bytes
 from ecatd.etg.sii_check import MAX_IMAGE, sii_checksum

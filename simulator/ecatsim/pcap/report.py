@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.base.pcap_reader import PcapReader
-from ecatd.base.quoting import printable
-from ecatd.etg.abort_codes import abort_text
+from ecatd.base.sanitized_output import printable
 from ecatd.etg.al import AlState, al_state_text, al_status_text
+from ecatd.etg.error_codes import abort_text
 
 from .mailboxes import Sdo
 from .segment import LRD, LWR, Area, Segment, Slave, StateChange

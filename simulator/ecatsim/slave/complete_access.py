@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from ecatd.base.errors import SdoAbortError
 from ecatd.etg import abort_codes
-from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.datatypes import STRINGS
+from ecatd.etg.error_codes import abort_error
 
 from .objects import Access, DictionaryObject, ObjectCode, Variable
 

@@ -7,9 +7,9 @@ import time
 from collections.abc import Sequence
 
 from ecatd.etg import abort_codes
-from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.datatypes import DataType
 from ecatd.etg.diagnosis import ACKNOWLEDGED, FIRST, FLAGS, HISTORY, MOST, NEWEST, Kind
+from ecatd.etg.error_codes import abort_error
 
 from .objects import Access, Dictionary, Value, Variable
 

@@ -10,10 +10,10 @@ from typing import Any
 
 from ecatd.base.errors import ConfigError
 from ecatd.etg import abort_codes
-from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.datatypes import STRINGS, DataType, bit_length, is_real, is_signed
 from ecatd.etg.dictionary import Access as Access
 from ecatd.etg.dictionary import ObjectCode as ObjectCode
+from ecatd.etg.error_codes import abort_error
 from ecatd.etg.wire_text import decode_text, encode_text
 
 Value = int | float | str | bytes

@@ -12,8 +12,8 @@ from functools import partial
 
 from ecatd.base.errors import UsageError
 from ecatd.etg import abort_codes, unit_codes
-from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.datatypes import DataType
+from ecatd.etg.error_codes import abort_error
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.etg.pdo_layout import byte_length
 from ecatd.etg.sii_check import is_description

@@ -9,8 +9,8 @@ from enum import IntEnum
 
 from ecatd.base.errors import SdoAbortError
 from ecatd.etg import abort_codes
-from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.al import AlState
+from ecatd.etg.error_codes import abort_error
 
 from . import complete_access
 from .objects import Access, Dictionary, DictionaryObject, Variable

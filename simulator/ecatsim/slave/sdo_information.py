@@ -6,7 +6,7 @@ import struct
 
 from ecatd.base.errors import SdoAbortError
 from ecatd.etg import abort_codes
-from ecatd.etg.abort_codes import abort_error
+from ecatd.etg.error_codes import abort_error
 from ecatd.etg.wire_text import encode_text
 
 from .objects import Access, Dictionary, Value, Variable

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from enum import IntEnum
 
 from ecatd.etg import abort_codes
-from ecatd.etg.abort_codes import abort_error
 from ecatd.etg.datatypes import DataType
+from ecatd.etg.error_codes import abort_error
 
 from .objects import Access, Dictionary, Value, Variable
 from .sii import DcMode

@@ -13,16 +13,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from ecatd.operations.bus import Event
 from ecatd.operations.catalog import OPERATIONS
+from ecatd.operations.description import BusDescription
 from ecatd.operations.events import FACTS, KINDS
 from ecatd.operations.fields import Limits
+from ecatd.operations.log import LogLine
 from ecatd.operations.operation import Failure, Operation, needs_right
 from ecatd.operations.query import ALL
+from ecatd.operations.statistics import Statistics
+from ecatd.operations.streams import PdoValue, StreamRow
 
-from ..markdown import head, row
-from .event_maps import EVENTS
-from .publications import PUBLICATIONS
-from .types import answer_of, attributes, keys_of, maps_in, name_of, summary
+from ..page_parts import head, row
+from .types import EVENTS, answer_of, attributes, keys_of, maps_in, name_of, summary
 
 _INTRO = """\
 # Zenoh keys and maps
@@ -47,6 +50,19 @@ from it. It is made from the sources, and tests compare the answers of a real da
   keys that are not on this page.
 """
 
+PUBLICATIONS: dict[str, tuple[type, str]] = {
+    "ro/event": (Event, "each event at once"),
+    "ro/log/lines": (LogLine, "each line of the log of the bus server from level notice up"),
+    "ro/pdo/{slave}/{address}": (
+        PdoValue,
+        "a value when it has changed, at most `gateway.publish_hz` times a second, and in any case "
+        "every second; `address` is `0xINDEX:SUB`, both in hexadecimal",
+    ),
+    "ro/slaves": (BusDescription, "after a reload that has changed it"),
+    "ro/stats": (Statistics, "every second while somebody subscribes, without `buckets`"),
+    "ro/stream/{id}": (StreamRow, "a row of a stream"),
+}
+"""What is published under which key, and when."""
 _WITH_RIGHT = """\
 A user of another machine needs a right for each of them, in `gateway.user.write`. Reading frames
 and files changes nothing, but needs a right as well.\

@@ -8,11 +8,12 @@ from types import NoneType, UnionType
 from typing import Any, NamedTuple, NotRequired, Union, cast, get_args, get_origin, get_type_hints
 
 from ecatd.operations.bus import Event
+from ecatd.operations.events import FACTS, KINDS, Kind
 from ecatd.operations.operation import Operation
+from ecatd.operations.statistics import Distribution, DomainStatistics, Statistics
+from ecatd.shm import contract as shm
 
-from .. import docstrings
-from . import counters as _  # noqa: F401  it completes maps
-from .event_maps import EVENTS
+from .. import page_parts
 
 _NAMES: dict[Any, str] = {
     int: "int",
@@ -65,12 +66,12 @@ def answer_of(kind: type[Operation[Any]]) -> type:
 
 def summary(kind: type) -> str:
     """Returns what a docstring says in front of its attributes, in one line."""
-    return _in_msgpack(" ".join(docstrings.paragraphs(kind)))
+    return _in_msgpack(" ".join(page_parts.paragraphs(kind)))
 
 
 def attributes(kind: type) -> dict[str, str]:
     """Returns what a docstring says about each attribute."""
-    return {name: _in_msgpack(text) for name, text in docstrings.attributes(kind).items()}
+    return {name: _in_msgpack(text) for name, text in page_parts.attributes(kind).items()}
 
 
 def _in_msgpack(text: str) -> str:
@@ -151,3 +152,33 @@ def _problems_of_map(value: dict[str, Any], kind: type, where: str) -> Iterator[
             yield f"{where}: '{key.name}' of {kind.__name__} is missing"
     for name in value.keys() - {key.name for key in known} - {"schema"}:
         yield f"{where}: '{name}' is no key of {kind.__name__}"
+
+
+def _facts_of(kind: Kind) -> type:
+    """The keys of events of a kind, as a map."""
+    types = {
+        name.rstrip("?"): NotRequired[FACTS[name.rstrip("?")].type]
+        if name.endswith("?")
+        else FACTS[name].type
+        for name in kind.facts
+    }
+    return type(kind.name, (dict,), {"__annotations__": types, "__doc__": f"{kind.subject}."})
+
+
+EVENTS = {name: _facts_of(KINDS[name]) for name in KINDS if KINDS[name].published}
+"""The facts of each kind of event, beside those that all have."""
+
+
+def _add(kind: Any, name: str, of: type, meaning: str) -> None:
+    """Adds a key that the shared memory defines to a map."""
+    kind.__annotations__[name] = of
+    about = f"{meaning[0].upper()}{meaning[1:]}."
+    kind.__doc__ = f"{kind.__doc__.rstrip()}\n        {name}: {about}\n"
+
+
+for _counter in shm.COUNTERS:
+    _add(Statistics, _counter.name, int, _counter.meaning)
+for _counter in shm.DOMAIN_COUNTERS:
+    _add(DomainStatistics, _counter.name, int, _counter.meaning)
+for _name, _meaning in shm.TIMES.items():
+    _add(Statistics, _name, Distribution, _meaning)

@@ -10,9 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from ecatd.base.errors import JOIN, EcatError
+from ecatd.base.namespaces import is_root
 from ecatd.base.paths import control_socket, search_dirs
 from ecatd.base.process import CAP_NET_ADMIN
-from ecatd.base.real_user import is_root
 from ecatd.shm.real_time import SETTINGS
 from ecatd.shm.statistics import read as read_statistics
 

@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from ecatd.base.atomic_write import write_whole
 from ecatd.base.errors import NotPermittedError, StateError
+from ecatd.base.files import write_whole
 from ecatd.base.paths import DOCTOR_CHANGES, user_dir
 from ecatd.linux import ethtool
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from ecatd.base.atomic_write import write_whole
 from ecatd.base.errors import NotPermittedError, StateError
+from ecatd.base.files import write_whole
 
 
 @dataclass(frozen=True, slots=True)

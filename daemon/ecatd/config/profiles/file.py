@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.base.errors import ConfigError
-from ecatd.base.text_file import is_folder
+from ecatd.base.files import is_folder
 from ecatd.base.toml_file import Key, Rules, Table, array, integer, number, printable, read_toml
 from ecatd.description.bus import ProfileName
 from ecatd.description.limits import UNIT_BYTES

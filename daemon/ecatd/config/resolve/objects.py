@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from ecatd.description.modules import CONFIGURED, no_slots_text
-from ecatd.etg.abort_codes import NO_OBJECT, abort_error
 from ecatd.etg.datatypes import STRINGS, bit_length, decode, parse_type, type_name
 from ecatd.etg.dictionary import Access, DictionaryEntry, DictionaryObject, ObjectCode, access_text
+from ecatd.etg.error_codes import NO_OBJECT, abort_error
 from ecatd.etg.sii import Sii
 
 from .. import SlaveConfig, StartupConfig

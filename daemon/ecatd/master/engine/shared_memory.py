@@ -26,8 +26,7 @@ from ecatd.base.paths import give_to_group
 from ecatd.base.version import VERSION
 from ecatd.description.bus import Bus
 from ecatd.shm import contract as shm
-from ecatd.shm.files import MEMORY, may_own
-from ecatd.shm.other_daemon import already_served
+from ecatd.shm.files import MEMORY, already_served, may_own
 
 from .engine import Grant, publish_layout
 from .layout import Image

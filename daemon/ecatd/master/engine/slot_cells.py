@@ -16,7 +16,7 @@ from typing import Any
 
 from ecatd.base import file_locks
 from ecatd.base.errors import UsageError
-from ecatd.base.pid_namespace import said_pid
+from ecatd.base.namespaces import said_pid
 from ecatd.etg.al import AlState
 from ecatd.operations.bus import SetState
 from ecatd.operations.objects import SdoRead, SdoWrite

@@ -13,7 +13,7 @@ from contextlib import suppress
 from typing import TypeVar
 
 from ecatd.base.errors import EcatError, NoAnswerError, SdoAbortError, StateError
-from ecatd.etg.abort_codes import abort_error
+from ecatd.etg.error_codes import abort_error
 
 from .line import Line
 from .mailbox import HEADER_BYTES, Mailbox, Protocol

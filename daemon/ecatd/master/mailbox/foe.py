@@ -15,7 +15,7 @@ from collections.abc import Iterator
 
 from ecatd.base.errors import NoAnswerError, StateError
 from ecatd.base.timeouts import Timeout
-from ecatd.etg.foe_codes import foe_text
+from ecatd.etg.error_codes import foe_text
 
 from .mailbox import HEADER_BYTES, Mailbox, Protocol
 from .talks import Talk

@@ -9,7 +9,7 @@ import struct
 from typing import NamedTuple
 
 from ecatd.base.errors import StateError
-from ecatd.etg.abort_codes import abort_error
+from ecatd.etg.error_codes import abort_error
 from ecatd.etg.wire_text import decode_text
 
 from .coe import OBJECT_MAX, TRIES_OF_LINE, Coe

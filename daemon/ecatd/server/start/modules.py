@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from ecatd.base.errors import SdoAbortError
 from ecatd.description.bus import Module, Slave
 from ecatd.description.modules import CONFIGURED, DETECTED, no_slots_text, other_modules
-from ecatd.etg.abort_codes import abort_error
+from ecatd.etg.error_codes import abort_error
 from ecatd.etg.sii import Sii
 from ecatd.master.mailbox.coe import Coe
 from ecatd.master.mailbox.talks import Talk

@@ -6,7 +6,7 @@ import struct
 
 from ecatd.base.errors import SdoAbortError, StateError
 from ecatd.description.bus import Slave
-from ecatd.etg.abort_codes import abort_error
+from ecatd.etg.error_codes import abort_error
 from ecatd.master.mailbox.coe import Coe
 from ecatd.master.mailbox.talks import Talk
 

@@ -14,7 +14,7 @@ from ecatd.base.batch import Batch
 from ecatd.base.coroutine_steps import Steps
 from ecatd.base.log import Log
 from ecatd.description.bus import Slave
-from ecatd.etg.emergency_codes import emergency_text
+from ecatd.etg.error_codes import emergency_text
 from ecatd.master.emergencies import Emergency, tell_emergencies
 from ecatd.master.mailbox.mailbox import MAILBOX_IN, has_mail
 from ecatd.master.mailbox.talks import talk_all

@@ -17,7 +17,7 @@ from typing import Any
 
 from ecatd.base.batch import Batch
 from ecatd.base.log import Log
-from ecatd.base.pid_namespace import said_pid
+from ecatd.base.namespaces import said_pid
 from ecatd.config import OutputsConfig
 from ecatd.description.bus import Bus, Slave, positions_text
 from ecatd.etg.pdo import Entry

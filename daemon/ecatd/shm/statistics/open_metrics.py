@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 
 from ecatd.base.errors import EcatError
-from ecatd.base.quoting import printable
+from ecatd.base.sanitized_output import printable
 from ecatd.description.bus import display_name
 from ecatd.etg.al import AlState
 from ecatd.operations.faults import EXCHANGE

@@ -11,7 +11,6 @@ from ecatd.base.errors import UsageError
 from ecatd.config import Config, DcSlaveConfig, DomainConfig, Mark
 from ecatd.config.clocks import SYNC_MAX_US
 from ecatd.config.idns import startup_idn
-from ecatd.config.init_commands import startup_parameter
 from ecatd.config.slave_settings import (
     ALIAS,
     IDENTIFICATION_REGISTERS,
@@ -20,7 +19,7 @@ from ecatd.config.slave_settings import (
     WATCHDOG_MIN_MS,
     SlaveConfig,
 )
-from ecatd.config.startup import TRANSITIONS
+from ecatd.config.startup import TRANSITIONS, startup_parameter
 from ecatd.config.writer import Notes, unique_name
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.limits import DOMAINS_MAX
@@ -28,8 +27,7 @@ from ecatd.description.object_types import ObjectTypes
 from ecatd.etg.idns import idn_text
 
 from ..esi.device import IdnCommand
-from .modules import find_modules, is_about_modules
-from .network import CoeCommand, EniNetwork, EniSlave, EniTask
+from .network import CoeCommand, EniNetwork, EniSlave, EniTask, find_modules, is_about_modules
 from .process_data import find_process_data, is_about_pdos
 from .registers import Memory, Sync, whose
 from .report import Report

@@ -10,11 +10,10 @@ from ecatd.base.errors import UsageError
 from ecatd.config import Config, DcSlaveConfig, SignalConfig
 from ecatd.config.clocks import SYNC_MAX_US
 from ecatd.config.idns import startup_idn
-from ecatd.config.init_commands import startup_parameter
 from ecatd.config.pdos import INPUT_PDOS, OUTPUT_PDOS, PdoConfig, PdoEntryConfig
 from ecatd.config.resolve.believed import remaining, usual_witness
 from ecatd.config.slave_settings import ALIAS, IDENTIFICATION_REGISTERS, ON_REQUEST, SlaveConfig
-from ecatd.config.startup import TRANSITIONS
+from ecatd.config.startup import TRANSITIONS, startup_parameter
 from ecatd.config.writer import Notes
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.limits import UNIT_BYTES

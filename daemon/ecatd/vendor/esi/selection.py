@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from ecatd.base.errors import ConfigError, UsageError
-from ecatd.base.text_file import is_folder
+from ecatd.base.files import is_folder
 
 from .device import EsiChoice, EsiDevice
 from .findings import Findings

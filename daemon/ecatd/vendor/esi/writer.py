@@ -6,7 +6,7 @@ import re
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from ecatd.base.quoting import printable
+from ecatd.base.sanitized_output import printable
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.datatypes import STRINGS, DataType
 from ecatd.etg.pdo import Entry, Pdo

@@ -16,7 +16,7 @@ from typing import NoReturn
 from xml.parsers import expat
 
 from ecatd.base.errors import ConfigError
-from ecatd.base.text_file import check_regular
+from ecatd.base.files import check_regular
 
 from .findings import Findings, MalformedError
 from .xml_references import References, as_written

@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from html.entities import html5
 
-from ecatd.base.quoting import printable
+from ecatd.base.sanitized_output import printable
 
 _BEGIN, _END = "\ufdd0", "\ufdd1"
 """Around what follows the `&`. They are no characters (Unicode, chapter 23.7), and the text of a

@@ -1,8 +1,9 @@
-"""Which user runs this process, also within a namespace that this user has made."""
+"""Users and processes in namespaces: who has made one, and which process a container means."""
 
 from __future__ import annotations
 
 import os
+from functools import cache
 from pathlib import Path
 
 
@@ -29,3 +30,30 @@ def real_user() -> int:
 def is_root() -> bool:
     """Whether this process is root, and not only in a namespace of an ordinary user."""
     return real_user() == 0
+
+
+UNKNOWN = 0
+"""The client could not find out which its PID namespace is."""
+
+
+@cache
+def _ours() -> int:
+    try:
+        return Path("/proc/self/ns/pid").stat().st_ino
+    except OSError:
+        return UNKNOWN
+
+
+def is_ours(namespace: int) -> bool:
+    """Whether this process is in a PID namespace, given by its inode; also if nobody knows."""
+    return namespace == _ours() or UNKNOWN in (namespace, _ours())
+
+
+def said_pid(pid: int, namespace: int) -> str:
+    """A process number for a message: `pid 17`, or `pid 1 in another PID namespace`.
+
+    Args:
+        pid: The number that a client says.
+        namespace: The inode of the PID namespace that it says.
+    """
+    return f"pid {pid}" + ("" if is_ours(namespace) else " in another PID namespace")

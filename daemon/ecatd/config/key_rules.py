@@ -1,6 +1,8 @@
-"""Reads which slave is meant, in tables that are about a slave."""
+"""Rules for keys of several tables: which slave is meant, and the name of an interface."""
 
 from __future__ import annotations
+
+import re
 
 from ecatd.base.toml_file import Key, Table, accepts, show
 from ecatd.description.limits import POSITION_MAX
@@ -30,3 +32,18 @@ def known_names(table: Table) -> str:
     """The first names that there are, for messages."""
     names = sorted(table.document.names)
     return f" (there are {', '.join(names[:8])}{', …' * (len(names) > 8)})" if names else ""
+
+
+_BYTES = 15  # IFNAMSIZ of Linux without the zero at its end
+_NAME = re.compile(r"(?!(all|default|\.\.?)$)[^\s/:%]*")
+
+
+@accepts(f"at most {_BYTES} characters")
+def read_interface(table: Table, key: Key) -> str:
+    """Reads the name of a network interface; empty for none."""
+    name = table.text(key)
+    if len(name.encode("utf-8", "replace")) > _BYTES:
+        table.fail(key, f"an interface name has at most {_BYTES} characters")
+    if not _NAME.fullmatch(name) or not name.isprintable():
+        table.fail(key, f"{show(name)} is no name of a network interface: `ip link` lists them")
+    return name

@@ -1,10 +1,13 @@
-"""Checks the folders to which the configuration wants files written."""
+"""The files that the configuration names: the description of the complete bus, and folders."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from ecatd.base.text_file import is_folder
+from ecatd.base.errors import UsageError
+from ecatd.base.files import is_folder
+from ecatd.description.bus import Bus
+from ecatd.description.bus_file import load
 
 from .. import Config
 
@@ -34,3 +37,21 @@ def missing_audit_folder(config: Config) -> list[str]:
         f"{config.table.where('audit_file')}: there is no folder {folder}, so changes are only in "
         "the log: make it for the user of ecatd, or correct the path"
     ]
+
+
+def load_description(config: Config) -> Bus | None:
+    """Reads the file `description` of `[expected]`; None if there is none.
+
+    Raises:
+        ConfigError: It cannot be read.
+    """
+    if not config.expected.description:
+        return None
+    try:
+        return load(Path(config.expected.description))
+    except UsageError as error:
+        config.expected.table.fail(
+            "description",
+            f"{error}: write it with `ecatctl scan -o` while all slaves are there and ecatd runs "
+            "without this key",
+        )

@@ -1,9 +1,21 @@
-"""What docstrings and comments of classes say, for pages that are made from the sources."""
+"""Parts of pages that are made from the sources: tables in Markdown, and what docstrings say."""
 
 from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Iterator
+
+
+def head(*names: str) -> Iterator[str]:
+    """Yields the two lines at the top of a table."""
+    yield row(*names)
+    yield "|" + "---|" * len(names)
+
+
+def row(*cells: str) -> str:
+    """Returns a line of a table; empty cells have one space."""
+    return f"| {' | '.join(cells)} |".replace("|  |", "| |").replace("|  |", "| |")
 
 
 def paragraphs(kind: type) -> list[str]:

@@ -1,4 +1,6 @@
-"""Writes files that somebody names, and harms neither those of others nor what cannot come again.
+"""Reads and writes files that somebody names, and harms neither others nor what cannot come again.
+
+`read_text` refuses all but regular text files, since reading a pipe may never end.
 
 `write_whole` replaces a file atomically: readers see the old content or the new one, never a part
 of it. `open_new` is for files that grow, and for what nobody can make a second time. Both refuse
@@ -15,6 +17,8 @@ import stat
 import tempfile
 from contextlib import suppress
 from pathlib import Path
+
+from .errors import ConfigError
 
 _LINKS_MOST = 40
 _STREAMS = (Path("/dev/stdout"), Path("/dev/stderr"))
@@ -154,3 +158,48 @@ def _mode(path: Path) -> int:
     mask = os.umask(0)
     os.umask(mask)
     return 0o666 & ~mask
+
+
+_SIZE_MAX = 1 << 26
+
+
+def read_text(file: Path) -> str:
+    """Reads a text file in UTF-8, with or without a byte order mark.
+
+    Raises:
+        ConfigError: The file cannot be read, is not UTF-8 text, or has more than 64 MiB.
+    """
+    try:
+        size = check_regular(file)
+        if size > _SIZE_MAX:
+            raise ConfigError(f"{file}: has {size} bytes, but at most {_SIZE_MAX} are read")
+        return file.read_text("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise ConfigError(f"{file}:{line}: is not UTF-8 text: {error.reason}") from error
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ConfigError(f"{file}: cannot be read: {reason}") from error
+
+
+def check_regular(file: Path) -> int:
+    """Refuses pipes and devices, since reading from them may never end.
+
+    Returns:
+        The size in bytes.
+
+    Raises:
+        OSError: The file is neither a regular file nor a folder, or does not exist.
+    """
+    info = file.stat()
+    if not stat.S_ISREG(info.st_mode) and not stat.S_ISDIR(info.st_mode):
+        raise OSError(errno.EINVAL, "it is not a regular file")
+    return info.st_size
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is a folder; False also where this process may not look."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
