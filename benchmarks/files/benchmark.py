@@ -89,7 +89,7 @@ def _by_daemon(bench: Bench, size: int) -> dict[str, float]:
     return {
         "read": read,
         "write": write,
-        "cycles": after.cycle - before.cycle,
+        "cycles": after.cycle_number - before.cycle_number,
         "missed": after.counters["missed"] - before.counters["missed"],
     }
 

@@ -75,7 +75,7 @@ def test_everything_is_read(shared: SharedMemory) -> None:
 
     found = read(name_of(shared))
     assert (found.bus, found.state) == (name_of(shared), shm.BusState.RUNNING)
-    assert (found.cycle_time_ns, found.cycle, found.cycle_end_ns) == (500_000, 34, 99)
+    assert (found.cycle_time_ns, found.cycle_number, found.cycle_end_ns) == (500_000, 34, 99)
     assert (found.start_ns, found.instance) == (7, shared.header.instance)
     assert (found.slaves_expected, found.slaves_found, found.al_status) == (2, 2, 8)
     assert (found.ring, found.ring_break) == (shm.Ring.OPEN, 1)
@@ -89,7 +89,7 @@ def test_everything_is_read(shared: SharedMemory) -> None:
         assert (name, histogram.count) == ([*shm.TIMES][number], 5)
         assert histogram.mean_ns == histogram.quantile(0.5) == 1000 * number + 1000
     (domain,) = found.domains
-    assert (domain.wkc, domain.wkc_expected, domain.cycle) == (2, 3, 33)
+    assert (domain.wkc, domain.wkc_expected, domain.cycle_number) == (2, 3, 33)
     assert domain.wkc_state == shm.WkcState.INCOMPLETE
     assert domain.counters == {item.name: n + 1 for n, item in enumerate(shm.DOMAIN_COUNTERS)}
     assert (domain.divider, domain.output_bytes, domain.input_bytes) == (1, 2, 30)

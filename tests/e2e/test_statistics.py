@@ -131,7 +131,7 @@ def test_the_same_comes_over_zenoh(rates: Daemon) -> None:
     document = rates.ctl_json("stats", "--histogram", "cycle", *connect)
     assert sum(count for _low, _high, count in document["buckets"]) == document["count"]
     with Remote(rates.bus, connect[1]) as remote:
-        assert 0 < remote.stats().cycle <= read(rates.bus).cycle
+        assert 0 < remote.stats().cycle_number <= read(rates.bus).cycle_number
     assert "8 found, 8 expected" in rates.ctl("info", *connect).stdout
 
 

@@ -106,7 +106,7 @@ class Soak:
         elapsed = (now.cycle_end_ns - self.origin.cycle_end_ns) / now.cycle_time_ns
         # The end of a cycle may be away from its deadline, on a busy machine.
         late = (since.times["wakeup"].max_ns + since.times["cycle"].max_ns) / now.cycle_time_ns
-        cycles = now.cycle - self.origin.cycle
+        cycles = now.cycle_number - self.origin.cycle_number
         assert abs(elapsed - cycles) < GRID_CYCLES + late, (elapsed, cycles, late)
 
     def heal(self) -> None:
@@ -339,7 +339,7 @@ class Soak:
         now = read(self.daemon.bus)
         print(f"disturbances: {dict(sorted(self.done.items()))}")
         print(
-            f"{now.cycle} cycles,",
+            f"{now.cycle_number} cycles,",
             ", ".join(f"{name} {count}" for name, count in now.counters.items()),
             flush=True,
         )

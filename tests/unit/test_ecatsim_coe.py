@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from conftest import naming
 from ecatd.base.errors import SdoAbortError, UsageError
-from ecatd.etg import abort_codes, unit_codes
+from ecatd.etg import error_codes, unit_codes
 from ecatd.etg.datatypes import DataType
 from ecatsim.slave.coe import CoeServer
 from ecatsim.slave.mailbox import MailboxServer, Protocol
@@ -157,37 +157,37 @@ def test_download():
 
 def test_abort_codes():
     client = Client()
-    assert code(client.upload, 0x3000, 0) == abort_codes.NO_OBJECT
-    assert code(client.upload, 0x2010, 9) == abort_codes.NO_SUBINDEX
-    assert code(client.upload, 0x2003, 0) == abort_codes.WRITE_ONLY
-    assert code(client.download, 0x2001, 0, b"x") == abort_codes.READ_ONLY
-    assert code(client.download, 0x2000, 0, b"abcd") == abort_codes.LENGTH_TOO_HIGH
-    assert code(client.download, 0x2000, 0, b"a") == abort_codes.LENGTH_TOO_LOW
-    assert code(client.download, 0x2005, 0, b"\2") == abort_codes.VALUE_RANGE
-    assert code(client.download, 0x2007, 0, b"\6") == abort_codes.VALUE_TOO_HIGH
-    assert code(client.download, 0x2007, 0, b"\xfa") == abort_codes.VALUE_TOO_LOW
-    assert code(client.download, 0x2002, 0, bytes(301)) == abort_codes.LENGTH_TOO_HIGH
-    assert code(client.sdo, b"\xe0" + bytes(7)) == abort_codes.INVALID_COMMAND
-    assert code(client.sdo, b"\x60" + bytes(7)) == abort_codes.INVALID_COMMAND
+    assert code(client.upload, 0x3000, 0) == error_codes.NO_OBJECT
+    assert code(client.upload, 0x2010, 9) == error_codes.NO_SUBINDEX
+    assert code(client.upload, 0x2003, 0) == error_codes.WRITE_ONLY
+    assert code(client.download, 0x2001, 0, b"x") == error_codes.READ_ONLY
+    assert code(client.download, 0x2000, 0, b"abcd") == error_codes.LENGTH_TOO_HIGH
+    assert code(client.download, 0x2000, 0, b"a") == error_codes.LENGTH_TOO_LOW
+    assert code(client.download, 0x2005, 0, b"\2") == error_codes.VALUE_RANGE
+    assert code(client.download, 0x2007, 0, b"\6") == error_codes.VALUE_TOO_HIGH
+    assert code(client.download, 0x2007, 0, b"\xfa") == error_codes.VALUE_TOO_LOW
+    assert code(client.download, 0x2002, 0, bytes(301)) == error_codes.LENGTH_TOO_HIGH
+    assert code(client.sdo, b"\xe0" + bytes(7)) == error_codes.INVALID_COMMAND
+    assert code(client.sdo, b"\x60" + bytes(7)) == error_codes.INVALID_COMMAND
     assert client.upload(0x2000, 0) == b"\xfe\xff", "nothing has changed"
 
 
 def test_state_decides_what_may_be_written():
     Client(PREOP).download(0x2004, 0, b"\7")
-    assert code(Client(OP).download, 0x2004, 0, b"\7") == abort_codes.DEVICE_STATE
+    assert code(Client(OP).download, 0x2004, 0, b"\7") == error_codes.DEVICE_STATE
 
 
 def test_wrong_toggle_ends_the_transfer():
     client = Client()
     client.sdo(struct.pack("<BHBI", 0x40, 0x2002, 0, 0))
-    assert code(client.sdo, struct.pack("<B7x", 0x70)) == abort_codes.TOGGLE
-    assert code(client.sdo, struct.pack("<B7x", 0x60)) == abort_codes.INVALID_COMMAND
+    assert code(client.sdo, struct.pack("<B7x", 0x70)) == error_codes.TOGGLE
+    assert code(client.sdo, struct.pack("<B7x", 0x60)) == error_codes.INVALID_COMMAND
 
 
 def test_too_short_segmented_download_changes_nothing():
     client = Client()
     client.sdo(struct.pack("<BHBI", 0x21, 0x2002, 0, 30))
-    assert code(client.sdo, b"\x01" + bytes(20)) == abort_codes.LENGTH_TOO_LOW
+    assert code(client.sdo, b"\x01" + bytes(20)) == error_codes.LENGTH_TOO_LOW
     assert client.upload(0x2002, 0) == LONG
 
 
@@ -195,7 +195,7 @@ def test_master_aborts_a_transfer():
     client = Client()
     client.sdo(struct.pack("<BHBI", 0x40, 0x2002, 0, 0))
     assert client.server.handle(struct.pack("<HBHBI", 2 << 12, 0x80, 0x2002, 0, 0)) == []
-    assert code(client.sdo, struct.pack("<B7x", 0x60)) == abort_codes.INVALID_COMMAND
+    assert code(client.sdo, struct.pack("<B7x", 0x60)) == error_codes.INVALID_COMMAND
 
 
 def test_complete_access():
@@ -211,10 +211,10 @@ def test_complete_access():
 
 def test_complete_access_is_refused_where_it_is_impossible():
     client = Client()
-    assert code(client.upload, 0x2000, 0, True) == abort_codes.NO_COMPLETE_ACCESS
-    assert code(client.upload, 0x2010, 2, True) == abort_codes.NO_COMPLETE_ACCESS
+    assert code(client.upload, 0x2000, 0, True) == error_codes.NO_COMPLETE_ACCESS
+    assert code(client.upload, 0x2010, 2, True) == error_codes.NO_COMPLETE_ACCESS
     client = Client(complete_access=False)
-    assert code(client.upload, 0x2010, 0, True) == abort_codes.NO_COMPLETE_ACCESS
+    assert code(client.upload, 0x2010, 0, True) == error_codes.NO_COMPLETE_ACCESS
 
 
 def test_object_lists():
@@ -223,7 +223,7 @@ def test_object_lists():
     assert (kind, lengths) == (0, [10, 0, 0, 0, 0])
     kind, *indices = struct.unpack("<11H", client.information(1, struct.pack("<H", 1)))
     assert indices == [*range(0x2000, 0x2008), 0x2010, 0x2020]
-    assert code(client.information, 1, struct.pack("<H", 9)) == abort_codes.UNSUPPORTED_ACCESS
+    assert code(client.information, 1, struct.pack("<H", 9)) == error_codes.UNSUPPORTED_ACCESS
 
 
 def test_object_and_entry_descriptions():
@@ -234,9 +234,9 @@ def test_object_and_entry_descriptions():
     body = client.information(5, struct.pack("<HBB", 0x2020, 2, 0))
     assert struct.unpack_from("<HBBHHH", body) == (0x2020, 2, 0, 0x31, 2, 0x3F)
     assert body[10:] == b"Two bits"
-    assert code(client.information, 3, struct.pack("<H", 0x9999)) == abort_codes.NO_OBJECT
-    assert code(client.information, 5, struct.pack("<HB", 0x2020, 9)) == abort_codes.NO_SUBINDEX
-    assert code(client.information, 9, b"") == abort_codes.UNSUPPORTED_ACCESS
+    assert code(client.information, 3, struct.pack("<H", 0x9999)) == error_codes.NO_OBJECT
+    assert code(client.information, 5, struct.pack("<HB", 0x2020, 9)) == error_codes.NO_SUBINDEX
+    assert code(client.information, 9, b"") == error_codes.UNSUPPORTED_ACCESS
 
 
 # --- what the optional parts of a description say ------------------------------------------
@@ -335,30 +335,30 @@ def test_expedited_download_that_does_not_say_its_length():
 def test_reading_in_a_state_in_which_it_is_not_allowed():
     client = Client(OP)
     client.objects[0x2000, 0].access = Access(0x01)
-    assert code(client.upload, 0x2000, 0) == abort_codes.DEVICE_STATE
-    assert code(Client(4).download, 0x2004, 0, b"\7") == abort_codes.DEVICE_STATE
+    assert code(client.upload, 0x2000, 0) == error_codes.DEVICE_STATE
+    assert code(Client(4).download, 0x2004, 0, b"\7") == error_codes.DEVICE_STATE
 
 
 def test_another_request_ends_a_transfer():
     client = Client()
     client.sdo(struct.pack("<BHBI", 0x21, 0x2002, 0, 30) + bytes(12))
     assert client.upload(0x2000, 0) == b"\xfe\xff"
-    assert code(client.sdo, b"\x01" + bytes(18)) == abort_codes.INVALID_COMMAND
+    assert code(client.sdo, b"\x01" + bytes(18)) == error_codes.INVALID_COMMAND
     assert client.upload(0x2002, 0) == LONG
 
 
 def test_segmented_download_with_too_much_data():
     client = Client()
     client.sdo(struct.pack("<BHBI", 0x21, 0x2002, 0, 20))
-    assert code(client.sdo, b"\x00" + bytes(21)) == abort_codes.LENGTH_TOO_HIGH
-    assert code(client.sdo, b"\x11" + bytes(20)) == abort_codes.INVALID_COMMAND
+    assert code(client.sdo, b"\x00" + bytes(21)) == error_codes.LENGTH_TOO_HIGH
+    assert code(client.sdo, b"\x11" + bytes(20)) == error_codes.INVALID_COMMAND
 
 
 def test_master_aborts_a_download():
     client = Client()
     client.sdo(struct.pack("<BHBI", 0x21, 0x2002, 0, 20))
     assert client.server.handle(struct.pack("<HBHBI", 2 << 12, 0x80, 0x2002, 0, 0)) == []
-    assert code(client.sdo, b"\x01" + bytes(20)) == abort_codes.INVALID_COMMAND
+    assert code(client.sdo, b"\x01" + bytes(20)) == error_codes.INVALID_COMMAND
 
 
 def test_long_complete_access_is_segmented():
@@ -369,27 +369,27 @@ def test_long_complete_access_is_segmented():
     client.download(0x3000, 1, struct.pack("<100H", *range(100, 200)), True)
     assert client.objects[0x3000, 100].value == 199
     whole = struct.pack("<101H", *range(101))
-    assert code(client.download, 0x3000, 1, whole, True) == abort_codes.LENGTH_TOO_HIGH
+    assert code(client.download, 0x3000, 1, whole, True) == error_codes.LENGTH_TOO_HIGH
 
 
 def test_refused_complete_access_changes_nothing():
     client = Client()
     client.objects[0x2010, 3].maximum = 5
     data = struct.pack("<HHH", 7, 8, 9)
-    assert code(client.download, 0x2010, 1, data, True) == abort_codes.VALUE_TOO_HIGH
+    assert code(client.download, 0x2010, 1, data, True) == error_codes.VALUE_TOO_HIGH
     assert [client.objects[0x2010, i].value for i in (1, 2, 3)] == [1, 2, 3]
 
 
 def test_complete_access_to_a_read_only_object():
     client = Client()
     client.objects.array(0x3000, "Fixed", DataType.UNSIGNED8, [1, 2])
-    assert code(client.download, 0x3000, 1, b"\3\4", True) == abort_codes.READ_ONLY
+    assert code(client.download, 0x3000, 1, b"\3\4", True) == error_codes.READ_ONLY
 
 
 def test_limits_of_real_numbers():
     client = Client()
     client.objects[0x2006, 0].maximum = 2.5
-    assert code(client.download, 0x2006, 0, struct.pack("<f", 3)) == abort_codes.VALUE_TOO_HIGH
+    assert code(client.download, 0x2006, 0, struct.pack("<f", 3)) == error_codes.VALUE_TOO_HIGH
     client.download(0x2006, 0, struct.pack("<f", 2.5))
 
 

@@ -8,7 +8,7 @@ from esi_sample import SAMPLE
 
 from conftest import names, naming
 from ecatd.base.errors import ConfigError, SdoAbortError
-from ecatd.etg import abort_codes
+from ecatd.etg import error_codes
 from ecatd.etg.datatypes import DataType
 from ecatd.etg.sii import SiiDc
 from ecatd.etg.sii_check import check_sii
@@ -146,7 +146,7 @@ def test_refused_assignment(tmp_path: Path, indices: tuple[int, ...]) -> None:
     device = axis(tmp_path)
     with pytest.raises(SdoAbortError) as error:
         assign(device, *indices)
-    assert error.value.code == abort_codes.VALUE_RANGE
+    assert error.value.code == error_codes.VALUE_RANGE
 
 
 def test_only_mappings_that_are_not_fixed_may_change(tmp_path: Path) -> None:

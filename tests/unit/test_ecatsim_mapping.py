@@ -6,7 +6,7 @@ import pytest
 from slave_bench import ACK, ERROR, PREOP, SAFEOP, Bench
 
 from ecatd.base.errors import SdoAbortError
-from ecatd.etg import abort_codes
+from ecatd.etg import error_codes
 from ecatd.etg.datatypes import DataType
 from ecatd.etg.pdo import Entry, Pdo
 from ecatsim import Access, Device, Mailbox
@@ -118,20 +118,20 @@ def test_refused_complete_access_changes_nothing():
     bench = Bench(Variable()).preop()
     before = bench.upload(0x1600, 0, complete=True)
     wrong = struct.pack("<H2I", 2, *mapped((0x7011, 0, 8), (0x2000, 0, 16)))
-    assert code(bench.download, 0x1600, 0, wrong, True) == abort_codes.NOT_MAPPABLE
+    assert code(bench.download, 0x1600, 0, wrong, True) == error_codes.NOT_MAPPABLE
     assert bench.upload(0x1600, 0, complete=True) == before
 
 
 @pytest.mark.parametrize(
     ("entry", "expected"),
     [
-        ((0x2000, 0, 16), abort_codes.NOT_MAPPABLE),  # a parameter
-        ((0x6010, 0, 32), abort_codes.NOT_MAPPABLE),  # an input
-        ((0x7011, 0, 16), abort_codes.NOT_MAPPABLE),  # another length
+        ((0x2000, 0, 16), error_codes.NOT_MAPPABLE),  # a parameter
+        ((0x6010, 0, 32), error_codes.NOT_MAPPABLE),  # an input
+        ((0x7011, 0, 16), error_codes.NOT_MAPPABLE),  # another length
         ((0, 0, 0), None),  # means an empty entry
-        ((0, 1, 8), abort_codes.NOT_MAPPABLE),
-        ((0x5000, 0, 8), abort_codes.NO_OBJECT),
-        ((0x7000, 9, 8), abort_codes.NO_SUBINDEX),
+        ((0, 1, 8), error_codes.NOT_MAPPABLE),
+        ((0x5000, 0, 8), error_codes.NO_OBJECT),
+        ((0x7000, 9, 8), error_codes.NO_SUBINDEX),
     ],
 )
 def test_what_cannot_be_mapped(entry, expected):
@@ -140,7 +140,7 @@ def test_what_cannot_be_mapped(entry, expected):
     (value,) = mapped(entry)
     if expected is None:
         bench.download(0x1600, 1, struct.pack("<I", value))
-        assert code(bench.download, 0x1600, 0, b"\1") == abort_codes.NOT_MAPPABLE
+        assert code(bench.download, 0x1600, 0, b"\1") == error_codes.NOT_MAPPABLE
     else:
         assert code(bench.download, 0x1600, 1, struct.pack("<I", value)) == expected
 
@@ -148,7 +148,7 @@ def test_what_cannot_be_mapped(entry, expected):
 def test_mapping_that_is_too_long():
     bench = Bench(Variable()).preop()
     words = mapped(*[(0x7010, 0, 32)] * 5)
-    assert code(set_list, bench, 0x1600, words) == abort_codes.PDO_LENGTH
+    assert code(set_list, bench, 0x1600, words) == error_codes.PDO_LENGTH
     assert bench.upload(0x1600, 0) == b"\0"
     set_list(bench, 0x1600, words[:4])
 
@@ -156,7 +156,7 @@ def test_mapping_that_is_too_long():
 def test_assignment_that_is_too_long():
     bench = Bench(Variable()).preop()
     set_list(bench, 0x1600, mapped(*[(0x7010, 0, 32)] * 4))
-    assert code(set_list, bench, 0x1C12, [0x1600, 0x1601], "<H") == abort_codes.PDO_LENGTH
+    assert code(set_list, bench, 0x1C12, [0x1600, 0x1601], "<H") == error_codes.PDO_LENGTH
 
 
 @pytest.mark.parametrize(("index", "al_code"), [(0x1600, 0x25), (0x1A00, 0x24)])
@@ -175,21 +175,21 @@ def test_mapping_that_grew_after_the_assignment(index, al_code):
 def test_entries_are_written_while_entry_0_is_0():
     bench = Bench(Variable()).preop()
     (value,) = mapped((0x7011, 0, 8))
-    assert code(bench.download, 0x1600, 1, struct.pack("<I", value)) == abort_codes.COUNT_NOT_ZERO
-    assert code(bench.download, 0x1C12, 1, b"\x01\x16") == abort_codes.COUNT_NOT_ZERO
-    assert code(bench.download, 0x1600, 0, b"\xff") == abort_codes.VALUE_TOO_HIGH
+    assert code(bench.download, 0x1600, 1, struct.pack("<I", value)) == error_codes.COUNT_NOT_ZERO
+    assert code(bench.download, 0x1C12, 1, b"\x01\x16") == error_codes.COUNT_NOT_ZERO
+    assert code(bench.download, 0x1600, 0, b"\xff") == error_codes.VALUE_TOO_HIGH
 
 
 @pytest.mark.parametrize("pdos", [[0x1600, 0x1600], [0x1602], [0x1A00]])
 def test_wrong_assignments(pdos):
     bench = Bench(Variable()).preop()
-    assert code(set_list, bench, 0x1C12, pdos, "<H") == abort_codes.VALUE_RANGE
+    assert code(set_list, bench, 0x1C12, pdos, "<H") == error_codes.VALUE_RANGE
 
 
 def test_mapping_and_assignment_are_fixed_outside_preop():
     bench = Bench(Variable()).safeop()
     for index in (0x1600, 0x1A00, 0x1C12, 0x1C13):
-        assert code(bench.download, index, 0, b"\0") == abort_codes.DEVICE_STATE
+        assert code(bench.download, index, 0, b"\0") == error_codes.DEVICE_STATE
     bench.request(PREOP)
     bench.download(0x1600, 0, b"\0")
 
@@ -197,10 +197,10 @@ def test_mapping_and_assignment_are_fixed_outside_preop():
 def test_only_what_is_variable_can_be_written():
     bench = Bench(Half()).preop()
     bench.download(0x1601, 0, b"\0")
-    assert code(bench.download, 0x1600, 0, b"\0") == abort_codes.READ_ONLY
-    assert code(bench.download, 0x1C12, 0, b"\0") == abort_codes.READ_ONLY
+    assert code(bench.download, 0x1600, 0, b"\0") == error_codes.READ_ONLY
+    assert code(bench.download, 0x1C12, 0, b"\0") == error_codes.READ_ONLY
     whole = struct.pack("<HH", 1, 0x1600)
-    assert code(bench.download, 0x1C12, 0, whole, True) == abort_codes.READ_ONLY
+    assert code(bench.download, 0x1C12, 0, whole, True) == error_codes.READ_ONLY
 
 
 def test_reset_brings_the_default_mapping_back():

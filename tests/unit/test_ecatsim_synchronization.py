@@ -6,7 +6,7 @@ import pytest
 from slave_bench import ACK, ERROR, OP, PREOP, SAFEOP, Bench
 
 from ecatd.base.errors import SdoAbortError
-from ecatd.etg import abort_codes
+from ecatd.etg import error_codes
 from ecatd.etg.pdo import Entry, Pdo
 from ecatsim import DcMode, Device, Mailbox
 from ecatsim.esc import Event
@@ -161,7 +161,7 @@ def test_what_the_master_writes_into_them():
     for kind in (3, 7):
         with pytest.raises(SdoAbortError) as caught:
             bench.download(0x1C32, 1, struct.pack("<H", kind))
-        assert caught.value.code == abort_codes.VALUE_RANGE
+        assert caught.value.code == error_codes.VALUE_RANGE
     bench.download(0x1C32, 1, struct.pack("<H", 2))
     assert bench.request(SAFEOP) == (PREOP | ERROR, 0x30), "SYNC0 is not on"
     activate(bench, RUN | SYNC0, MILLISECOND)

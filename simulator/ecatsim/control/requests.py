@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar
 
 from ecatd.base.addresses import INDEX_MOST, address_text, parse_address, parse_number
 from ecatd.base.errors import SdoAbortError, StateError, UsageError
-from ecatd.etg import abort_codes
+from ecatd.etg import error_codes
 from ecatd.etg.datatypes import STRINGS, is_real, is_signed
 from ecatd.etg.sii_check import is_description
 
@@ -244,7 +244,7 @@ def _entry(simulation: Simulation, position: int, text: str) -> Variable:
         objects = device.dictionary
         return objects.beside(index, subindex) or objects.entry(index, subindex)
     except SdoAbortError as error:
-        what = "object" if error.code == abort_codes.NO_OBJECT else "entry"
+        what = "object" if error.code == error_codes.NO_OBJECT else "entry"
         raise StateError(
             f"slave {position} ({device.order or device.name}) has no {what} "
             f"{address_text(index, subindex)}"

@@ -6,7 +6,7 @@ rated current.
 
 from __future__ import annotations
 
-from ecatd.etg import abort_codes
+from ecatd.etg import error_codes
 from ecatd.etg.error_codes import abort_error
 
 from ..plants.motor import Control, Motor
@@ -271,4 +271,4 @@ class _OneOf:
 
     def __call__(self, value: Value) -> None:
         if value not in self._allowed:
-            raise abort_error(abort_codes.VALUE_RANGE)
+            raise abort_error(error_codes.VALUE_RANGE)

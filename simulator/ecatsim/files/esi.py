@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ecatd.base.errors import ConfigError, UsageError
 from ecatd.base.files import is_folder
-from ecatd.etg import abort_codes
+from ecatd.etg import error_codes
 from ecatd.etg.datatypes import STRINGS, DataType
 from ecatd.etg.error_codes import abort_error
 from ecatd.etg.sii import SiiProblem
@@ -387,6 +387,6 @@ def _with_rules(
         excluded = any(pdo.is_excluded(assigned) for pdo in assigned)
         lacking = mandatory - {pdo.index for pdo in assigned}
         if excluded or (assigned and not all(known[i].is_excluded(assigned) for i in lacking)):
-            raise abort_error(abort_codes.VALUE_RANGE)
+            raise abort_error(error_codes.VALUE_RANGE)
 
     return write_count

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ecatd.base.errors import SdoAbortError
-from ecatd.etg import abort_codes
+from ecatd.etg import error_codes
 from ecatd.etg.datatypes import STRINGS
 from ecatd.etg.error_codes import abort_error
 
@@ -22,7 +22,7 @@ def check(item: DictionaryObject, subindex: int) -> None:
     """
     strings = any(entry.type in STRINGS for entry in item.entries.values())
     if item.code == ObjectCode.VAR or strings or subindex > 1:
-        raise abort_error(abort_codes.NO_COMPLETE_ACCESS)
+        raise abort_error(error_codes.NO_COMPLETE_ACCESS)
 
 
 def size(item: DictionaryObject, subindex: int) -> int:
@@ -59,7 +59,7 @@ def write(
             value = image >> bit & ((1 << entry.bits) - 1)
             parts.append((entry, value.to_bytes((entry.bits + 7) // 8, "little")))
     if not any(entry.access & Access.WRITE for entry in item.entries.values()):
-        raise abort_error(abort_codes.READ_ONLY)
+        raise abort_error(error_codes.READ_ONLY)
     if parts and parts[0][0].subindex == 0:
         count = parts.pop(0)
         parts = [(count[0], b"\0"), *parts, count]

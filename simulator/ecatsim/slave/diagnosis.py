@@ -6,7 +6,7 @@ import struct
 import time
 from collections.abc import Sequence
 
-from ecatd.etg import abort_codes
+from ecatd.etg import error_codes
 from ecatd.etg.datatypes import DataType
 from ecatd.etg.diagnosis import ACKNOWLEDGED, FIRST, FLAGS, HISTORY, MOST, NEWEST, Kind
 from ecatd.etg.error_codes import abort_error
@@ -74,5 +74,5 @@ class DiagnosisHistory:
                 self._objects[HISTORY, FIRST + n].value = b""
             self._objects[HISTORY, NEWEST].value = 0
         elif not FIRST <= int(value) < FIRST + self._most:
-            raise abort_error(abort_codes.VALUE_RANGE)
+            raise abort_error(error_codes.VALUE_RANGE)
         self._objects[HISTORY, _NEW].value = 0

@@ -9,7 +9,7 @@ from math import copysign
 from typing import Any
 
 from ecatd.base.errors import ConfigError
-from ecatd.etg import abort_codes
+from ecatd.etg import error_codes
 from ecatd.etg.datatypes import STRINGS, DataType, bit_length, is_real, is_signed
 from ecatd.etg.dictionary import Access as Access
 from ecatd.etg.dictionary import ObjectCode as ObjectCode
@@ -102,15 +102,15 @@ class Variable:
         """
         if self.type in STRINGS:
             if len(data) > self.bits // 8:
-                raise abort_error(abort_codes.LENGTH_TOO_HIGH)
+                raise abort_error(error_codes.LENGTH_TOO_HIGH)
             if self.type == DataType.VISIBLE_STRING:
                 return decode_text(data)
             return data
         size = (self.bits + 7) // 8
         if len(data) > size:
-            raise abort_error(abort_codes.LENGTH_TOO_HIGH)
+            raise abort_error(error_codes.LENGTH_TOO_HIGH)
         if len(data) < size:
-            raise abort_error(abort_codes.LENGTH_TOO_LOW)
+            raise abort_error(error_codes.LENGTH_TOO_LOW)
         if is_real(self.type):
             number: float = struct.unpack("<f" if size == 4 else "<d", data)[0]
             return number
@@ -124,12 +124,12 @@ class Variable:
         """
         value = self.decode(data)
         if isinstance(value, int) and value >= 1 << self.bits and not is_signed(self.type):
-            raise abort_error(abort_codes.VALUE_RANGE)
+            raise abort_error(error_codes.VALUE_RANGE)
         if isinstance(value, int | float):
             if self.maximum is not None and value > self.maximum:
-                raise abort_error(abort_codes.VALUE_TOO_HIGH)
+                raise abort_error(error_codes.VALUE_TOO_HIGH)
             if self.minimum is not None and value < self.minimum:
-                raise abort_error(abort_codes.VALUE_TOO_LOW)
+                raise abort_error(error_codes.VALUE_TOO_LOW)
         if self.on_write:
             self.on_write(value)
         self.value = value
@@ -229,7 +229,7 @@ class Dictionary:
             SdoAbortError: There is no such object.
         """
         if index not in self._objects:
-            raise abort_error(abort_codes.NO_OBJECT)
+            raise abort_error(error_codes.NO_OBJECT)
         return self._objects[index]
 
     def entry(self, index: int, subindex: int) -> Variable:
@@ -240,7 +240,7 @@ class Dictionary:
         """
         entries = self.object(index).entries
         if subindex not in entries:
-            raise abort_error(abort_codes.NO_SUBINDEX)
+            raise abort_error(error_codes.NO_SUBINDEX)
         return entries[subindex]
 
     def remove(self, index: int) -> None:

@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 
 from ecatd.base.errors import UsageError
-from ecatd.etg import abort_codes, unit_codes
+from ecatd.etg import error_codes, unit_codes
 from ecatd.etg.datatypes import DataType
 from ecatd.etg.error_codes import abort_error
 from ecatd.etg.pdo import Entry, Pdo
@@ -172,30 +172,30 @@ class ProcessDataObjects:
         index, subindex, bits = value >> 16, value >> 8 & 0xFF, value & 0xFF
         if index == 0:
             if bits == 0 or subindex:
-                raise abort_error(abort_codes.NOT_MAPPABLE)
+                raise abort_error(error_codes.NOT_MAPPABLE)
             return
         objects = self._objects
         variable = objects.beside(index, subindex) or objects.entry(index, subindex)
         if not variable.access & self._right or bits != variable.bits:
-            raise abort_error(abort_codes.NOT_MAPPABLE)
+            raise abort_error(error_codes.NOT_MAPPABLE)
 
     def _check_mapping(self, values: Sequence[int]) -> None:
         self._check_length(sum(value & 0xFF for value in values))
 
     def _check_assigned(self, value: int) -> None:
         if value not in self._defaults:
-            raise abort_error(abort_codes.VALUE_RANGE)
+            raise abort_error(error_codes.VALUE_RANGE)
 
     def _check_assignment(self, channel: int, values: Sequence[int]) -> None:
         if len(set(values)) < len(values):
-            raise abort_error(abort_codes.VALUE_RANGE)
+            raise abort_error(error_codes.VALUE_RANGE)
         pdos = [pdo for pdo in self.pdos if pdo.sync_manager != channel]
         pdos += [replace(self._pdo(index), sync_manager=channel) for index in values]
         self._check_length(8 * byte_length(pdos))
 
     def _check_length(self, bits: int) -> None:
         if bits > 8 * self.room:
-            raise abort_error(abort_codes.PDO_LENGTH)
+            raise abort_error(error_codes.PDO_LENGTH)
 
 
 def mapping_value(entry: Entry) -> int:
@@ -262,7 +262,7 @@ def follow_list_procedure(
     def write_count(count: Value) -> None:
         assert isinstance(count, int)
         if count >= len(entries):
-            raise abort_error(abort_codes.VALUE_TOO_HIGH)
+            raise abort_error(error_codes.VALUE_TOO_HIGH)
         values = [int(entries[i].value) for i in range(1, count + 1)]
         for value in values:
             check_one(value)
@@ -271,7 +271,7 @@ def follow_list_procedure(
     def write_entry(value: Value) -> None:
         assert isinstance(value, int)
         if entries[0].value != 0:
-            raise abort_error(abort_codes.COUNT_NOT_ZERO)
+            raise abort_error(error_codes.COUNT_NOT_ZERO)
         if value != 0:
             check_one(value)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from ecatd.base.errors import SdoAbortError
-from ecatd.etg import abort_codes
+from ecatd.etg import error_codes
 from ecatd.etg.al import AlState
 from ecatd.etg.error_codes import abort_error
 
@@ -106,7 +106,7 @@ class SdoServer:
             self._transfer = None
             if kind == _Command.ABORT:
                 return b""
-            raise abort_error(abort_codes.INVALID_COMMAND)
+            raise abort_error(error_codes.INVALID_COMMAND)
         except SdoAbortError as error:
             self._transfer = None
             return ABORT + struct.pack("<HBI", index, subindex, error.code)
@@ -168,10 +168,10 @@ class SdoServer:
             part = part[: _MIN_SEGMENT - (command >> 1 & 7)]
         transfer.data += part
         if len(transfer.data) > transfer.size:
-            raise abort_error(abort_codes.LENGTH_TOO_HIGH)
+            raise abort_error(error_codes.LENGTH_TOO_HIGH)
         if command & 0x01:
             if len(transfer.data) < transfer.size:
-                raise abort_error(abort_codes.LENGTH_TOO_LOW)
+                raise abort_error(error_codes.LENGTH_TOO_LOW)
             self._write(transfer.index, transfer.subindex, transfer.complete, transfer.data)
             self._transfer = None
         bits = 0x20 | transfer.toggle << 4
@@ -181,9 +181,9 @@ class SdoServer:
     def _expect(self, *, upload: bool, toggle: int) -> _Transfer:
         transfer = self._transfer
         if transfer is None or transfer.upload != upload:
-            raise abort_error(abort_codes.INVALID_COMMAND)
+            raise abort_error(error_codes.INVALID_COMMAND)
         if transfer.toggle != toggle:
-            raise abort_error(abort_codes.TOGGLE)
+            raise abort_error(error_codes.TOGGLE)
         return transfer
 
     # --- access to the dictionary --------------------------------------------------------------
@@ -194,9 +194,9 @@ class SdoServer:
             return complete_access.read(item, subindex, self._is_readable)
         entry = self._dictionary.entry(index, subindex)
         if not entry.access & Access.READ:
-            raise abort_error(abort_codes.WRITE_ONLY)
+            raise abort_error(error_codes.WRITE_ONLY)
         if not self._is_readable(entry):
-            raise abort_error(abort_codes.DEVICE_STATE)
+            raise abort_error(error_codes.DEVICE_STATE)
         return entry.encode()
 
     def _write(self, index: int, subindex: int, complete: bool, data: bytes) -> None:
@@ -217,12 +217,12 @@ class SdoServer:
             self._check_writable(entry)
             room = (entry.bits + 7) // 8
         if size > room:
-            raise abort_error(abort_codes.LENGTH_TOO_HIGH)
+            raise abort_error(error_codes.LENGTH_TOO_HIGH)
 
     def _whole_object(self, index: int, subindex: int) -> DictionaryObject:
         item = self._dictionary.object(index)
         if not self._complete_access:
-            raise abort_error(abort_codes.NO_COMPLETE_ACCESS)
+            raise abort_error(error_codes.NO_COMPLETE_ACCESS)
         complete_access.check(item, subindex)
         return item
 
@@ -237,6 +237,6 @@ class SdoServer:
 
     def _check_writable(self, entry: Variable) -> None:
         if not entry.access & Access.WRITE:
-            raise abort_error(abort_codes.READ_ONLY)
+            raise abort_error(error_codes.READ_ONLY)
         if not entry.access & self._read_bit() << 3:
-            raise abort_error(abort_codes.DEVICE_STATE)
+            raise abort_error(error_codes.DEVICE_STATE)

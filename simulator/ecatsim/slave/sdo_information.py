@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 
 from ecatd.base.errors import SdoAbortError
-from ecatd.etg import abort_codes
+from ecatd.etg import error_codes
 from ecatd.etg.error_codes import abort_error
 from ecatd.etg.wire_text import encode_text
 
@@ -41,7 +41,7 @@ class InformationServer:
             elif opcode == _GET_ENTRY:
                 body = self._entry_description(*struct.unpack_from("<HBB", data))
             else:
-                raise abort_error(abort_codes.UNSUPPORTED_ACCESS)
+                raise abort_error(error_codes.UNSUPPORTED_ACCESS)
             opcode += 1
         except SdoAbortError as error:
             opcode, body = _ERROR, struct.pack("<I", error.code)
@@ -66,7 +66,7 @@ class InformationServer:
             ),
         ]
         if kind > len(lists):
-            raise abort_error(abort_codes.UNSUPPORTED_ACCESS)
+            raise abort_error(error_codes.UNSUPPORTED_ACCESS)
         numbers = [len(item) for item in lists] if kind == 0 else lists[kind - 1]
         return struct.pack(f"<H{len(numbers)}H", kind, *numbers)
 

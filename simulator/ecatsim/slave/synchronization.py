@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from enum import IntEnum
 
-from ecatd.etg import abort_codes
+from ecatd.etg import error_codes
 from ecatd.etg.datatypes import DataType
 from ecatd.etg.error_codes import abort_error
 
@@ -137,4 +137,4 @@ class Synchronization:
         allowed |= {SyncType.SYNC0} if supported & 0x04 else set()
         allowed |= {SyncType.SYNC1} if supported & 0x08 else set()
         if value not in allowed:
-            raise abort_error(abort_codes.VALUE_RANGE)
+            raise abort_error(error_codes.VALUE_RANGE)

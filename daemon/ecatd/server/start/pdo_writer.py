@@ -23,7 +23,7 @@ from ecatd.config.resolve.pdos import (
     no_channel_text,
 )
 from ecatd.description.bus import Slave
-from ecatd.etg import abort_codes
+from ecatd.etg import error_codes
 from ecatd.etg.pdo import Pdo
 from ecatd.etg.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
 from ecatd.master.mailbox.coe import Coe
@@ -38,7 +38,7 @@ from ecatd.master.mailbox.talks import Talk
 from .assignment import INFORMATION, Assignment
 from .refused import RefusedError, write
 
-_MISSING = (abort_codes.NO_OBJECT, abort_codes.NO_SUBINDEX)
+_MISSING = (error_codes.NO_OBJECT, error_codes.NO_SUBINDEX)
 _OFFERED_MOST = 24
 """Most objects that a message names."""
 

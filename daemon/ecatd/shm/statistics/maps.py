@@ -8,16 +8,30 @@ and screens work with both sources.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from enum import IntEnum
+from functools import cache
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from ecatd.base.errors import EcatError
 
 from .. import contract as shm
-from .snapshot import Clock, Domain, Grant, Histogram, Snapshot
+from .snapshot import Clock, Count, Domain, Grant, Histogram, Snapshot
 
 QUANTILES = {"p50": 0.5, "p90": 0.9, "p99": 0.99, "p999": 0.999, "p9999": 0.9999}
-_LIMIT = 1 << 64
+_SIMPLE = ("bus", "version", "state", "instance", "cycle_time_ns", "cycle_number", "cycle_end_ns")
+"""What is in the map of a snapshot as it is, under the keys of `_key`."""
+_SLAVES = {"expected": "slaves_expected", "found": "slaves_found", "al_status": "al_status"}
+_RING = {"state": "ring", "break": "ring_break"}
+"""Parts of the map, whose keys stand for attributes of a snapshot."""
+_IN_MICROSECONDS = {
+    "cycle_time_ns": "cycle_time_us",
+    "cycle_end_ns": "cycle_end_us",
+    "read_ns": "read_us",
+    "offset_ns": "offset",
+}
+"""Times that maps have in µs, and their keys there."""
 
 
 def to_map(snapshot: Snapshot, *, buckets: bool = False) -> dict[str, Any]:
@@ -27,30 +41,12 @@ def to_map(snapshot: Snapshot, *, buckets: bool = False) -> dict[str, Any]:
         snapshot: Statistics since the start.
         buckets: Whether to include the buckets of the histograms, which `from_map` needs.
     """
-    clock = snapshot.clock
     return {
-        "bus": snapshot.bus,
-        "version": snapshot.version,
-        "state": _name(snapshot.state),
-        "instance": snapshot.instance,
-        "cycle_time_us": snapshot.cycle_time_ns / 1000,
-        "cycle_number": snapshot.cycle,
-        "cycle_end_us": snapshot.cycle_end_ns / 1000,
-        "read_us": snapshot.read_ns / 1000,
-        "slaves": {
-            "expected": snapshot.slaves_expected,
-            "found": snapshot.slaves_found,
-            "al_status": snapshot.al_status,
-        },
+        **_encode(snapshot, (*_SIMPLE, "read_ns")),
+        "slaves": {key: getattr(snapshot, name) for key, name in _SLAVES.items()},
         "ring": {"state": _name(snapshot.ring), "break": snapshot.ring_break},
         "links": [_name(link) for link in snapshot.links],
-        "dc": {
-            "state": _name(clock.state),
-            "reference": clock.reference,
-            "time_ns": clock.time_ns,
-            "offset": clock.offset_ns / 1000,
-            "drift_ppb": clock.drift_ppb,
-        },
+        "dc": _encode(snapshot.clock),
         "realtime": _real_time(snapshot.grants),
         **interval_to_map(snapshot, buckets=buckets),
     }
@@ -62,7 +58,7 @@ def interval_to_map(snapshot: Snapshot, *, buckets: bool = False) -> dict[str, A
         "seconds": round(snapshot.seconds, 9),
         **snapshot.counters,
         "delay_cycles": list(snapshot.delay_cycles),
-        "domains": [_domain(domain) for domain in snapshot.domains],
+        "domains": [{**_encode(domain), **domain.counters} for domain in snapshot.domains],
         **{
             name: histogram_to_map(histogram, buckets=buckets)
             for name, histogram in snapshot.times.items()
@@ -98,20 +94,19 @@ def _name(member: Any) -> str:
     return str(member.name).lower()
 
 
-def _domain(domain: Domain) -> dict[str, Any]:
-    return {
-        "number": domain.number,
-        "name": domain.name,
-        "divider": domain.divider,
-        "phase": domain.phase,
-        "output_bytes": domain.output_bytes,
-        "input_bytes": domain.input_bytes,
-        "wkc_expected": domain.wkc_expected,
-        "wkc": domain.wkc,
-        "wkc_state": _name(domain.wkc_state),
-        "cycle_number": domain.cycle,
-        **domain.counters,
-    }
+def _encode(part: Any, names: Iterable[str] = ()) -> dict[str, Any]:
+    """A part of a snapshot as a map: all of it without counters, or some of its attributes."""
+    made = {}
+    for name in names or (item.name for item in fields(part) if item.name != "counters"):
+        value = getattr(part, name)
+        if name in _IN_MICROSECONDS:
+            value /= 1000
+        made[_key(name)] = _name(value) if isinstance(value, IntEnum) else value
+    return made
+
+
+def _key(name: str) -> str:
+    return _IN_MICROSECONDS.get(name, name)
 
 
 def _real_time(grants: tuple[Grant, ...]) -> dict[str, Any]:
@@ -123,14 +118,7 @@ def _real_time(grants: tuple[Grant, ...]) -> dict[str, Any]:
         "cpu": affinity.value if affinity.granted else -1,
         "memory_locked": grants[shm.Setting.MEMORY].granted,
         "settings": [
-            {
-                "setting": _name(grant.setting),
-                "wanted": grant.wanted,
-                "granted": grant.granted,
-                "value": grant.value,
-                "error": grant.error,
-                "reason": os.strerror(grant.error) if grant.error else "",
-            }
+            {**_encode(grant), "reason": os.strerror(grant.error) if grant.error else ""}
             for grant in grants
         ],
     }
@@ -152,53 +140,59 @@ def from_map(data: Mapping[str, Any]) -> Snapshot:
 
 
 def _snapshot(data: Mapping[str, Any]) -> Snapshot:
-    dc, slaves, ring = data["dc"], data["slaves"], data["ring"]
-    first, second = (_member(shm.Link, name) for name in data["links"])
-    read_ns = _ns(data["read_us"])
+    first, second = (_value(shm.Link, name) for name in data["links"])
+    read_ns = _attribute(Snapshot, "read_ns", data)
     return Snapshot(
-        bus=str(data["bus"]),
-        version=str(data["version"]),
-        state=_member(shm.BusState, data["state"]),
-        instance=_count(data["instance"]),
-        cycle_time_ns=_ns(data["cycle_time_us"]),
-        cycle=_count(data["cycle_number"]),
-        cycle_end_ns=_ns(data["cycle_end_us"]),
+        **{name: _attribute(Snapshot, name, data) for name in _SIMPLE},
         start_ns=read_ns - round(float(data["seconds"]) * 1e9),
         read_ns=read_ns,
-        slaves_expected=_count(slaves["expected"]),
-        slaves_found=_count(slaves["found"]),
-        al_status=_count(slaves["al_status"]),
-        ring=_member(shm.Ring, ring["state"]),
-        ring_break=_count(ring["break"]),
+        **{
+            name: _value(_types(Snapshot)[name], data[part][key])
+            for part, names in (("slaves", _SLAVES), ("ring", _RING))
+            for key, name in names.items()
+        },
         links=(first, second),
-        clock=Clock(
-            _member(shm.DcState, dc["state"]),
-            _word(dc["reference"]),
-            _count(dc["time_ns"]),
-            round(float(dc["offset"]) * 1000),
-            int(dc["drift_ppb"]),
-        ),
+        clock=_decode(Clock, data["dc"]),
         counters=_counters(data, shm.COUNTERS),
         delay_cycles=tuple(_count(data["delay_cycles"][number]) for number in range(4)),
         times={name: _histogram(data[name]) for name in shm.TIMES},
         domains=tuple(
-            Domain(
-                **{
-                    name: _count(row[name])
-                    for name in (
-                        *("number", "divider", "phase", "output_bytes", "input_bytes"),
-                        *("wkc_expected", "wkc"),
-                    )
-                },
-                name=str(row["name"]),
-                wkc_state=_member(shm.WkcState, row["wkc_state"]),
-                cycle=_count(row["cycle_number"]),
-                counters=_counters(row, shm.DOMAIN_COUNTERS),
-            )
+            _decode(Domain, row, counters=_counters(row, shm.DOMAIN_COUNTERS))
             for row in data["domains"]
         ),
         grants=_grants(data["realtime"]["settings"]),
     )
+
+
+@cache
+def _types(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind, include_extras=True)
+
+
+def _decode(kind: Any, data: Mapping[str, Any], **others: Any) -> Any:
+    """Makes a part of a snapshot, the reverse of `_encode`; `others` are attributes of it."""
+    names = _types(kind).keys() - others.keys()
+    return kind(**{name: _attribute(kind, name, data) for name in names}, **others)
+
+
+def _attribute(kind: Any, name: str, data: Mapping[str, Any]) -> Any:
+    value = data[_key(name)]
+    value = round(float(value) * 1000) if name in _IN_MICROSECONDS else value
+    return _value(_types(kind)[name], value)
+
+
+def _value(kind: Any, value: Any) -> Any:
+    """A value of a type of `snapshot`.
+
+    Raises:
+        ValueError: It is a number out of the range of the type; or another error.
+    """
+    if get_origin(kind) is Annotated:
+        number, (_, allowed) = int(value), get_args(kind)
+        if number not in allowed:
+            raise ValueError(f"{number} is not from {allowed[0]} to {allowed[-1]}")
+        return number
+    return kind.named(value) if issubclass(kind, IntEnum) else kind(value)
 
 
 def _counters(data: Mapping[str, Any], known: tuple[shm.Counter, ...]) -> dict[str, int]:
@@ -215,36 +209,12 @@ def _histogram(data: dict[str, Any]) -> Histogram:
 
 
 def _grants(rows: list[dict[str, Any]]) -> tuple[Grant, ...]:
-    made = {
-        kind: Grant(
-            kind,
-            bool(row["wanted"]),
-            bool(row["granted"]),
-            _word(row["value"]),
-            _word(row["error"]),
-        )
-        for row in rows
-        for kind in (_member(shm.Setting, row["setting"]),)
-    }
+    made = {grant.setting: grant for grant in (_decode(Grant, row) for row in rows)}
     return tuple(made[kind] for kind in shm.Setting)
 
 
-def _member(kind: Any, name: str) -> Any:
-    return kind.named(name)
-
-
 def _count(value: Any) -> int:
-    number = int(value)
-    if not 0 <= number < _LIMIT:
-        raise ValueError(f"{number} is not a counter")
-    return number
-
-
-def _word(value: Any) -> int:
-    number = int(value)
-    if not -(1 << 31) <= number < 1 << 31:
-        raise ValueError(f"{number} is not a value of a setting")
-    return number
+    return int(_value(Count, value))
 
 
 def _ns(us: Any) -> int:

@@ -34,7 +34,7 @@ def snapshot(shared: Reader) -> Snapshot:
     """Reads all statistics from open shared memory; raises as `read`."""
     for _ in range(_TRIES):
         found = _read(shared)
-        if shared.header().cycle == found.cycle:
+        if shared.header().cycle == found.cycle_number:
             break
     return found
 
@@ -53,7 +53,7 @@ def _read(shared: Reader) -> Snapshot:
         state=shm.BusState(head.state),
         instance=head.instance,
         cycle_time_ns=head.cycle_time_ns,
-        cycle=head.cycle,
+        cycle_number=head.cycle,
         cycle_end_ns=head.cycle_end_ns,
         start_ns=health.start_ns,
         read_ns=read_ns,
@@ -62,10 +62,7 @@ def _read(shared: Reader) -> Snapshot:
         al_status=health.al_status,
         ring=shm.Ring(health.ring),
         ring_break=health.ring_break,
-        links=(
-            shm.Link(health.link_first),
-            shm.Link(health.link_second),
-        ),
+        links=(shm.Link(health.link_first), shm.Link(health.link_second)),
         clock=Clock(
             shm.DcState(health.dc_state),
             health.dc_reference,
@@ -101,7 +98,7 @@ def _domains(shared: Reader, head: Any) -> tuple[Domain, ...]:
                 wkc_expected=table.wkc_expected,
                 wkc=page.wkc,
                 wkc_state=shm.WkcState(page.wkc_state),
-                cycle=page.cycle,
+                cycle_number=page.cycle,
                 counters={item.name: getattr(status, item.name) for item in shm.DOMAIN_COUNTERS},
             )
         )

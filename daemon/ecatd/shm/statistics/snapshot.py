@@ -8,12 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 from ecatd.base.errors import StateError, UsageError
 
 from .. import contract as shm
 
 _BUCKETS = len(shm.struct("ecat_shm_histogram")().buckets)
+Count = Annotated[int, range(1 << 64)]
+Signed32 = Annotated[int, range(-1 << 31, 1 << 31)]
+Signed64 = Annotated[int, range(-1 << 63, 1 << 63)]
+"""Numbers with the range of their fields in the shared memory, which `maps` checks."""
+
 _OVERDUE_NS = 500_000_000
 """A shorter silence does not count: a process may get no processor for a moment."""
 
@@ -107,20 +113,20 @@ class Domain:
         wkc_expected: Working counter when all slaves take part.
         wkc: Working counter of its last exchange.
         wkc_state: Whether none, some or all slaves took part in it.
-        cycle: Number of the cycle of its last exchange.
+        cycle_number: Number of the cycle of its last exchange.
         counters: Its counters, `shm.DOMAIN_COUNTERS`, by name.
     """
 
-    number: int
+    number: Count
     name: str
-    divider: int
-    phase: int
-    output_bytes: int
-    input_bytes: int
-    wkc_expected: int
-    wkc: int
+    divider: Count
+    phase: Count
+    output_bytes: Count
+    input_bytes: Count
+    wkc_expected: Count
+    wkc: Count
     wkc_state: shm.WkcState
-    cycle: int
+    cycle_number: Count
     counters: dict[str, int]
 
     def __sub__(self, earlier: Domain) -> Domain:
@@ -142,8 +148,8 @@ class Grant:
     setting: shm.Setting
     wanted: bool
     granted: bool
-    value: int
-    error: int
+    value: Signed32
+    error: Signed32
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,10 +165,10 @@ class Clock:
     """
 
     state: shm.DcState
-    reference: int
-    time_ns: int
-    offset_ns: int
-    drift_ppb: int
+    reference: Signed32
+    time_ns: Count
+    offset_ns: Signed64
+    drift_ppb: Signed64
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +184,7 @@ class Snapshot:
         state: What the daemon is doing.
         instance: CLOCK_REALTIME in ns at the start of the daemon; a restart changes it.
         cycle_time_ns: Base cycle.
-        cycle: Number of the last finished cycle.
+        cycle_number: Number of the last finished cycle.
         cycle_end_ns: CLOCK_MONOTONIC at its end.
         start_ns: CLOCK_MONOTONIC at the first cycle, or at the start of the interval.
         read_ns: CLOCK_MONOTONIC when the statistics were read.
@@ -200,17 +206,17 @@ class Snapshot:
     bus: str
     version: str
     state: shm.BusState
-    instance: int
-    cycle_time_ns: int
-    cycle: int
-    cycle_end_ns: int
+    instance: Count
+    cycle_time_ns: Count
+    cycle_number: Count
+    cycle_end_ns: Count
     start_ns: int
-    read_ns: int
-    slaves_expected: int
-    slaves_found: int
-    al_status: int
+    read_ns: Count
+    slaves_expected: Count
+    slaves_found: Count
+    al_status: Count
     ring: shm.Ring
-    ring_break: int
+    ring_break: Count
     links: tuple[shm.Link, shm.Link]
     clock: Clock
     counters: dict[str, int]
