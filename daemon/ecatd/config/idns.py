@@ -18,7 +18,7 @@ from ecatd.etg.idns import (
 )
 
 from .placed import Placed, read
-from .startup import COMMENT_BYTES, DATA_MAX, TRANSITIONS
+from .startup import COMMENT_BYTES, DATA_MAX, TRANSITIONS, check_length, comment_of
 
 DRIVES = 8
 """Most drives in one slave (ETG.1000.6)."""
@@ -138,17 +138,15 @@ def startup_idn(
     Raises:
         UsageError: The configuration cannot have such a parameter; the message says why.
     """
-    if not 0 < len(data) <= DATA_MAX:
-        raise UsageError(f"it has {len(data)} bytes of data: 1 to {DATA_MAX} can be written")
+    check_length(data)
     if drive >= DRIVES:
         raise UsageError(f"it is for drive {drive}: a slave has drives 0 to {DRIVES - 1}")
-    words = " ".join("".join(c if c.isprintable() else " " for c in comment).split())
     parameter = IdnConfig(
         idn_text(number),
         hex=data.hex(" ").upper(),
         drive=drive,
         transition=transition,
-        comment=words.encode()[:COMMENT_BYTES].decode("utf-8", "ignore"),
+        comment=comment_of(comment),
     )
     if number in TELEGRAM_LISTS:
         try:

@@ -152,20 +152,11 @@ def _profiled(
         meaning = device.meaning(entry)
         if meaning is None or entry.bit_length > _BITS_MAX:
             continue
-        known = replace(
-            entry,
-            name=meaning.name or entry.name,
-            unit=meaning.unit,
-            scale=meaning.scale,
-            offset=meaning.offset,
-            minimum=meaning.minimum if output else None,
-            maximum=meaning.maximum if output else None,
-            display_unit=meaning.display_unit,
-            quantity=meaning.quantity,
-            values=list(meaning.values),
-            note=meaning.note,
-            connector=meaning.connector,
-        )
+        known = replace(_raw(entry), **meaning)
+        known.name = known.name or entry.name
+        known.values = list(known.values)
+        if not output:
+            known.minimum = known.maximum = None
         _check_limits(known, f"{device.source}: {entry.address} of {slave.label}")
         return device, known
     return None, entry

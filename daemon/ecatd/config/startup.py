@@ -224,6 +224,22 @@ def read_parameter(row: Table, key: Key) -> StartupConfig:
     return parameter
 
 
+def check_length(data: bytes) -> None:
+    """Refuses data that no start-up parameter can have.
+
+    Raises:
+        UsageError: It is empty, or too long.
+    """
+    if not 0 < len(data) <= DATA_MAX:
+        raise UsageError(f"it has {len(data)} bytes of data: 1 to {DATA_MAX} can be written")
+
+
+def comment_of(text: str) -> str:
+    """A comment of a command as that of a parameter, without what cannot be printed."""
+    words = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    return words.encode()[:COMMENT_BYTES].decode("utf-8", "ignore")
+
+
 def startup_parameter(
     known: ObjectType,
     address: tuple[int, int],
@@ -248,18 +264,16 @@ def startup_parameter(
     Raises:
         UsageError: The configuration cannot have such a parameter; the message says why.
     """
-    if not 0 < len(data) <= DATA_MAX:
-        raise UsageError(f"it has {len(data)} bytes of data: 1 to {DATA_MAX} can be written")
+    check_length(data)
     if complete and address[1] > 1:
         raise UsageError("complete access begins at subindex 00 or 01")
     if address[1] > 0xFE:
         raise UsageError("a subindex is at most 0xFE")
-    words = " ".join("".join(c if c.isprintable() else " " for c in comment).split())
     parameter = StartupConfig(
         f"0x{address[0]:04X}:{address[1]:02X}",
         complete=complete,
         transition=transition,
-        comment=words.encode()[:COMMENT_BYTES].decode("utf-8", "ignore"),
+        comment=comment_of(comment),
     )
     kind = known.of(data).data_type
     parameter.type = None if complete or kind in STRINGS else type_alias(kind)

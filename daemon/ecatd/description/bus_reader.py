@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, TypeVar
+from dataclasses import fields
+from functools import partial
+from typing import Any, get_args, get_origin, get_type_hints
 
 from ecatd.base.bus_name import BUS_NAME, BUS_NAME_RULE
 from ecatd.base.dataclass_maps import required_fields
@@ -28,16 +30,9 @@ from .witnesses import WITNESSES, Contradiction
 
 _U8, _U16, _U32, _I64 = 0xFF, 0xFFFF, 0xFFFF_FFFF, (1 << 63) - 1
 _TEXT_MAX = 4096
-_PDOS_MAX = 4096
-_ENTRIES_MAX = 65536
-_PROFILES_MAX = 256
-_PROBLEMS_MAX = 256
-_MODULES_MAX = 255
-_VALUES_MAX = 4096
 _SHOWN = 40
 _SAFE_WORDS = ("hold", "actual", "quick_stop", "disable")
 
-_T = TypeVar("_T")
 Check = Callable[[Any], Any]
 
 
@@ -195,31 +190,62 @@ def _dc_bits(value: Any) -> int:
 
 # --- maps and lists ------------------------------------------------------------------------------
 
-_ENTRY: dict[str, Check] = {
-    "index": _integer(0, _U16),
-    "subindex": _integer(0, _U8),
-    "name": _text,
-    "data_type": _integer(0, _U16),
-    "bit_length": _integer(0, _U8),
-    "unit": _printable(UNIT_BYTES),
-    "scale": _scale,
-    "offset": _number,
-    "minimum": _limit,
-    "maximum": _limit,
-    "display_unit": _rule(is_unit, "be a unit in the notation of Modelica, such as 'rad/s'"),
-    "quantity": _rule(_is_quantity, "be the name of a quantity, such as 'AngularVelocity'"),
-    "note": _text,
-    "connector": _truth,
-    "safe": _safe,
+_RULES: dict[type, dict[str, Check]] = {
+    Bus: {
+        "name": _bus_name,
+        "cycle_time_us": _integer(1, 1_000_000),
+        **dict.fromkeys(("schema", "version", "warnings", "fingerprint"), _anything),
+    },
+    Domain: {
+        "name": _printable(DOMAIN_NAME_BYTES),
+        "divider": _integer(1, _U16),
+        "phase": _integer(0, _U16 - 1),
+    },
+    Slave: {
+        "position": _integer(0, POSITION_MAX),
+        **dict.fromkeys(("vendor", "product", "revision", "serial"), _integer(0, _U32)),
+        **dict.fromkeys(("alias", "address", "identification"), _integer(0, _U16)),
+        "given_name": _rule(is_slave_name, SLAVE_NAME_RULE),
+        "group": _rule(_is_group, SLAVE_NAME_RULE),
+        "domain": _integer(0, DOMAINS_MAX - 1),
+        **dict.fromkeys(("output_offset", "input_offset"), _integer(0, _U32)),
+        "dc_bits": _dc_bits,
+        **dict.fromkeys(("dc_delay_ns", "sync0_ns", "sync1_ns"), _integer(0, _I64)),
+        "sync_shift_ns": _integer(-_I64, _I64),
+        "watchdog_ms": _limit,
+    },
+    Module: {"ident": _integer(0, _U32), "name": _printable(SIGNAL_NAME_BYTES)},
+    Contradiction: {"pdo": _integer(0, _U16), "believed": _witness},
+    Pdo: {"index": _integer(0, _U16), "sync_manager": _integer(0, _U8), "witness": _witness},
+    Entry: {
+        "index": _integer(0, _U16),
+        "subindex": _integer(0, _U8),
+        "data_type": _integer(0, _U16),
+        "bit_length": _integer(0, _U8),
+        "unit": _printable(UNIT_BYTES),
+        "scale": _scale,
+        "offset": _number,
+        "minimum": _limit,
+        "maximum": _limit,
+        "display_unit": _rule(is_unit, "be a unit in the notation of Modelica, such as 'rad/s'"),
+        "quantity": _rule(_is_quantity, "be the name of a quantity, such as 'AngularVelocity'"),
+        "safe": _safe,
+    },
+    Value: {"number": _integer(-_I64, _I64)},
 }
-_MODULE: dict[str, Check] = {"ident": _integer(0, _U32), "name": _printable(SIGNAL_NAME_BYTES)}
-_PROFILE: dict[str, Check] = dict.fromkeys(("description", "source"), _text)
-_VALUE: dict[str, Check] = {"number": _integer(-_I64, _I64), "name": _text}
-_DOMAIN: dict[str, Check] = {
-    "name": _printable(DOMAIN_NAME_BYTES),
-    "divider": _integer(1, _U16),
-    "phase": _integer(0, _U16 - 1),
+"""Rules for the keys of parts. Other texts, truth values and lists follow from the types."""
+_ITEMS_MAX: dict[type, int] = {
+    Slave: POSITION_MAX + 1,
+    Domain: DOMAINS_MAX,
+    str: 256,
+    ProfileName: 256,
+    Module: 255,
+    Contradiction: 4096,
+    Pdo: 4096,
+    Entry: 65536,
+    Value: 4096,
 }
+"""Most items of a list, by their type."""
 
 
 def _list(value: Any, most: int, read: Callable[[int, Any], Any]) -> list[Any]:
@@ -245,46 +271,12 @@ class _Reader:
 
     def __init__(self, *, strict: bool) -> None:
         self._strict = strict
-        self._entry_keys = _ENTRY | {"values": self._values}
-        self._pdo_keys: dict[str, Check] = {
-            "index": _integer(0, _U16),
-            "name": _text,
-            "sync_manager": _integer(0, _U8),
-            "entries": lambda value: _list(value, _ENTRIES_MAX, self._entry),
-            "witness": _witness,
-        }
-        self._contradiction_keys: dict[str, Check] = {
-            "pdo": _integer(0, _U16),
-            "accounts": self._accounts,
-            "believed": _witness,
-        }
-        self._slave_keys: dict[str, Check] = {
-            "position": _integer(0, POSITION_MAX),
-            "name": _text,
-            **dict.fromkeys(("vendor", "product", "revision", "serial"), _integer(0, _U32)),
-            **dict.fromkeys(("alias", "address", "identification"), _integer(0, _U16)),
-            **dict.fromkeys(("coe", "eoe", "soe"), _truth),
-            "problems": lambda value: _list(value, _PROBLEMS_MAX, lambda _, item: _text(item)),
-            "profiles": lambda value: _list(value, _PROFILES_MAX, self._profile),
-            "given_name": _rule(is_slave_name, SLAVE_NAME_RULE),
-            "group": _rule(_is_group, SLAVE_NAME_RULE),
-            "modules": lambda value: _list(value, _MODULES_MAX, self._module),
-            "outputs": self._pdos,
-            "inputs": self._pdos,
-            "contradictions": lambda value: _list(value, _PDOS_MAX, self._contradiction),
-            "domain": _integer(0, DOMAINS_MAX - 1),
-            **dict.fromkeys(("output_offset", "input_offset"), _integer(0, _U32)),
-            "dc_bits": _dc_bits,
-            **dict.fromkeys(("dc_delay_ns", "sync0_ns", "sync1_ns"), _integer(0, _I64)),
-            "sync_shift_ns": _integer(-_I64, _I64),
-            "watchdog_ms": _limit,
-        }
-        self._bus_keys: dict[str, Check] = {
-            "name": _bus_name,
-            "cycle_time_us": _integer(1, 1_000_000),
-            "slaves": lambda value: _list(value, POSITION_MAX + 1, self._slave),
-            "domains": lambda value: _list(value, DOMAINS_MAX, self._domain),
-            **dict.fromkeys(("schema", "version", "warnings", "fingerprint"), _anything),
+        self._checks: dict[type, dict[str, Check]] = {}
+        self._afterwards: dict[type, Callable[[int, Any], None]] = {
+            Domain: _check_domain,
+            Slave: _check_slave,
+            Contradiction: _check_contradiction,
+            Entry: self._check_entry,
         }
 
     def bus(self, data: Any) -> Bus:
@@ -295,22 +287,42 @@ class _Reader:
                 f"has schema {_shown(data.get('schema'))}, but this version reads schema "
                 f"{SCHEMA}: scan the bus again with 'ecatctl scan -o bus.json'"
             )
-        values = self._keys(data, self._bus_keys, ("name", "cycle_time_us"))
-        bus = Bus(
-            values["name"], values["cycle_time_us"], values["slaves"], values.get("domains", [])
-        )
+        bus: Bus = self._part(Bus, 0, data)
         domains = max(1, len(bus.domains))
         for slave in bus.slaves:
             if slave.domain >= domains and bus.domains:
                 text = f"is {slave.domain}, but there are {domains} domains, 0 to {domains - 1}"
                 raise _at(_WrongError(text), "slaves", slave.position, "domain")
         if self._strict:
-            _check_fingerprint(bus, values.get("fingerprint"))
+            _check_fingerprint(bus, data.get("fingerprint"))
         return bus
 
-    def _make(self, kind: Callable[..., _T], data: Any, checks: Mapping[str, Check]) -> _T:
-        """Makes a part of the description, which is a dataclass."""
-        return kind(**self._keys(data, checks, required_fields(kind)))
+    def _part(self, kind: type[Any], number: int, data: Any) -> Any:
+        """Makes a part of the description, which is a dataclass, or a text of a list."""
+        if kind is str:
+            return _text(data)
+        if kind not in self._checks:
+            self._checks[kind] = self._checks_of(kind)
+        part: Any = kind  # mypy takes the hash of a type for that of its instances
+        values = self._keys(data, self._checks[kind], required_fields(part))
+        made = kind(
+            **{item.name: values[item.name] for item in fields(kind) if item.name in values}
+        )
+        if kind in self._afterwards:
+            self._afterwards[kind](number, made)
+        return made
+
+    def _checks_of(self, kind: type[Any]) -> dict[str, Check]:
+        given, types = _RULES.get(kind, {}), get_type_hints(kind)
+        others = {name: self._by_type(types[name]) for name in types.keys() - given.keys()}
+        in_order = {name: given.get(name) or others[name] for name in types}
+        return in_order | given
+
+    def _by_type(self, kind: Any) -> Check:
+        if get_origin(kind) is list:
+            (item,) = get_args(kind)
+            return lambda value: _list(value, _ITEMS_MAX[item], partial(self._part, item))
+        return _truth if kind is bool else _text
 
     def _keys(
         self, data: Any, checks: Mapping[str, Check], needed: Iterable[str]
@@ -334,49 +346,7 @@ class _Reader:
                 raise _WrongError(f"has no key '{key}'")
         return result
 
-    def _domain(self, number: int, data: Any) -> Domain:
-        domain = self._make(Domain, data, _DOMAIN)
-        if domain.phase >= domain.divider:
-            text = f"is {domain.phase}, but must be less than the divider, {domain.divider}"
-            raise _at(_WrongError(text), "phase")
-        return domain
-
-    def _slave(self, number: int, data: Any) -> Slave:
-        slave = self._make(Slave, data, self._slave_keys)
-        if slave.position != number:
-            text = f"is {slave.position}, but slaves follow each other without gaps: {number}"
-            raise _at(_WrongError(text), "position")
-        return slave
-
-    def _pdos(self, value: Any) -> list[Pdo]:
-        return _list(value, _PDOS_MAX, self._pdo)
-
-    def _pdo(self, number: int, data: Any) -> Pdo:
-        return self._make(Pdo, data, self._pdo_keys)
-
-    def _accounts(self, value: Any) -> list[Pdo]:
-        accounts = self._pdos(value)
-        if not accounts or not all(pdo.witness for pdo in accounts):
-            raise _WrongError("must be accounts of the PDO, each with its witness")
-        return accounts
-
-    def _contradiction(self, number: int, data: Any) -> Contradiction:
-        return self._make(Contradiction, data, self._contradiction_keys)
-
-    def _module(self, number: int, data: Any) -> Module:
-        return self._make(Module, data, _MODULE)
-
-    def _profile(self, number: int, data: Any) -> ProfileName:
-        return self._make(ProfileName, data, _PROFILE)
-
-    def _values(self, value: Any) -> list[Value]:
-        return _list(value, _VALUES_MAX, self._value)
-
-    def _value(self, number: int, data: Any) -> Value:
-        return self._make(Value, data, _VALUE)
-
-    def _entry(self, number: int, data: Any) -> Entry:
-        entry = self._make(Entry, data, self._entry_keys)
+    def _check_entry(self, _number: int, entry: Entry) -> None:
         low, high = entry.minimum, entry.maximum
         if low is not None and high is not None and low > high:
             raise _at(_WrongError(f"is {low:g}, more than the maximum, {high:g}"), "minimum")
@@ -385,7 +355,24 @@ class _Reader:
             if entry.bit_length != bits:
                 text = f"is {entry.bit_length}, but {type_name(entry.data_type)} has {bits} bits"
                 raise _at(_WrongError(text), "bit_length")
-        return entry
+
+
+def _check_domain(_number: int, domain: Domain) -> None:
+    if domain.phase >= domain.divider:
+        text = f"is {domain.phase}, but must be less than the divider, {domain.divider}"
+        raise _at(_WrongError(text), "phase")
+
+
+def _check_slave(number: int, slave: Slave) -> None:
+    if slave.position != number:
+        text = f"is {slave.position}, but slaves follow each other without gaps: {number}"
+        raise _at(_WrongError(text), "position")
+
+
+def _check_contradiction(_number: int, item: Contradiction) -> None:
+    if not item.accounts or not all(pdo.witness for pdo in item.accounts):
+        text = "must be accounts of the PDO, each with its witness"
+        raise _at(_WrongError(text), "accounts")
 
 
 def _check_fingerprint(bus: Bus, given: Any) -> None:

@@ -3,8 +3,8 @@
 `client_c/include/ecat/ecat_shm.def` defines the layout, and says which side writes each field.
 `libecat` returns this definition as text. This module makes constants and ctypes classes from it,
 and `cli/layout_tables.py` makes the tables of the documentation. Statistics, metrics and screens
-take the counters and times from here. The enumerations are repeated here
-so that a type checker knows their members; a test compares them with the definition.
+take the counters and times from here. The names of enumerators are repeated here so that a type
+checker knows them; a test compares them with the definition.
 """
 
 from __future__ import annotations
@@ -105,138 +105,108 @@ class _Open(IntEnum):
         return cls[name.upper()]
 
 
+def _values(enumeration: str) -> tuple[int, ...]:
+    """The values of an enumeration, in its order."""
+    return tuple(
+        item.value for item in DEFINITION if item.kind == "value" and item.of == enumeration
+    )
+
+
 class BusState(_Open):
     """`ecat_bus_state`: what the daemon is doing."""
 
-    STARTING = 1
-    RUNNING = 2
-    STOPPING = 3
-    STOPPED = 4
+    STARTING, RUNNING, STOPPING, STOPPED = _values("ecat_bus_state")
 
 
 class WkcState(_Open):
     """`ecat_wkc_state`: how many slaves took part in a domain's exchange."""
 
-    ZERO = 0
-    INCOMPLETE = 1
-    COMPLETE = 2
+    ZERO, INCOMPLETE, COMPLETE = _values("ecat_wkc_state")
 
 
 class Ring(_Open):
     """`ecat_ring`: whether the ring is closed, as the second interface sees it."""
 
-    NONE = 0
-    CLOSED = 1
-    OPEN = 2
+    NONE, CLOSED, OPEN = _values("ecat_ring")
 
 
 class Link(_Open):
     """`ecat_link`: state of a network interface."""
 
-    UNUSED = 0
-    UP = 1
-    NO_CARRIER = 2
-    DOWN = 3
-    GONE = 4
+    UNUSED, UP, NO_CARRIER, DOWN, GONE = _values("ecat_link")
 
 
 class DcState(_Open):
     """`ecat_dc_state`: whether the cycle follows the reference clock."""
 
-    OFF = 0
-    LOCKING = 1
-    LOCKED = 2
+    OFF, LOCKING, LOCKED = _values("ecat_dc_state")
 
 
 class Setting(_Open):
     """`ecat_setting`: the real-time settings."""
 
-    SCHEDULING = 0
-    AFFINITY = 1
-    MEMORY = 2
-    TIMER_SLACK = 3
-    DMA_LATENCY = 4
-    BUSY_RECEIVE = 5
+    SCHEDULING, AFFINITY, MEMORY, TIMER_SLACK, DMA_LATENCY, BUSY_RECEIVE = _values("ecat_setting")
 
 
 class Outputs(_Open):
     """`ecat_outputs`: the source of the value of an output."""
 
-    SAFE = 0
-    CLAIMED = 1
-    ACTIVE = 2
-    STOPPING = 3
-    COPIED = 4
+    SAFE, CLAIMED, ACTIVE, STOPPING, COPIED = _values("ecat_outputs")
 
 
 class Reason(_Open):
     """`ecat_reason`: why an output is, or was last, at its safe value."""
 
-    START = 0
-    RELEASED = 1
-    LAPSED = 2
-    GONE = 3
-    STOPPING = 4
-    WKC = 5
-    SOURCE = 6
-    DIED = 7
+    START, RELEASED, LAPSED, GONE, STOPPING, WKC, SOURCE, DIED = _values("ecat_reason")
 
 
 class Request(_Open):
     """`ecat_request_op`: the kinds of requests of a client to the worker."""
 
-    UPLOAD = 1
-    DOWNLOAD = 2
-    STATE = 3
+    UPLOAD, DOWNLOAD, STATE = _values("ecat_request_op")
 
 
 class SlotState(_Open):
     """`ecat_slot_state`: state of a client slot."""
 
-    FREE = 0
-    ACTIVE = 1
-    LAPSED = 2
+    FREE, ACTIVE, LAPSED = _values("ecat_slot_state")
 
 
 class Errno(_Open):
     """`ecat_errno`: return values of failed calls of the C client."""
 
-    OK = 0
-    EARG = -1
-    EDOWN = -2
-    ELAYOUT = -3
-    EPERM = -4
-    EBUS = -5
-    ESIGNAL = -6
-    EOWNED = -7
-    ECLAIM = -8
-    ELEASE = -9
-    ERANGE = -10
-    ETIMEOUT = -11
-    ESTALE = -12
-    EFULL = -13
-    EABORT = -14
-    EBUSY = -15
-    ESYS = -16
-    ESTATE = -17
+    (
+        OK,
+        EARG,
+        EDOWN,
+        ELAYOUT,
+        EPERM,
+        EBUS,
+        ESIGNAL,
+        EOWNED,
+        ECLAIM,
+        ELEASE,
+        ERANGE,
+        ETIMEOUT,
+        ESTALE,
+        EFULL,
+        EABORT,
+        EBUSY,
+        ESYS,
+        ESTATE,
+    ) = _values("ecat_errno")
 
 
 class Direction(_Open):
     """`ecat_direction`: selects the input or the output where one address has both."""
 
-    INPUT = 0
-    OUTPUT = 1
-    ANY = 2
+    INPUT, OUTPUT, ANY = _values("ecat_direction")
 
 
 class Validity(_Open):
     """`ecat_validity`: whether the value of an entry in the last sample can be trusted."""
 
-    VALID = 0
-    NEVER = 1
-    STALE = 2
-    INCOMPLETE = 3
-    NOT_OPERATIONAL = 4
+    VALID, NEVER, STALE, INCOMPLETE, NOT_OPERATIONAL = _values("ecat_validity")
 
 
 ENUMS: dict[str, type[IntEnum]] = {

@@ -18,7 +18,7 @@ from pathlib import Path, PurePosixPath
 from ecatd.base.errors import StateError
 from ecatd.base.version import VERSION
 
-from .actions import Action, copy, link, remove, remove_empty, write
+from .actions import Action, copy, link, remove_empty, write
 from .places import LOCAL, Place
 
 LIST = LOCAL["share"] / "ecatd/installed.json"
@@ -118,11 +118,11 @@ def put(place: Place, wanted: Mapping[PurePosixPath, bytes | Path]) -> Iterator[
             why = "yours: a link or a folder"
             if isinstance(content, Path):
                 why = f"another program, which is not {content}"
-            actions.append(place.action("keep", file, why))
+            actions.append(place.keep(file, why))
             continue
         listed[str(path)] = new
         if there == new:
-            actions.append(place.action("keep", file, "up to date"))
+            actions.append(place.keep(file, "up to date"))
         elif isinstance(content, Path):
             effect = partial(link, file, content)
             actions.append(place.action("link", file, f"to {content}", effect))
@@ -181,7 +181,7 @@ def take_away(place: Place, known: Iterable[PurePosixPath], *, purge: bool) -> I
     actions = list(_take_away(place, paths, record, "", purge=purge))
     if record.files:
         file = place.at(LIST)
-        actions.append(place.action("remove", file, "", partial(remove, file)))
+        actions.append(place.remove(file))
     yield from actions
     gone = {action.file for action in actions if action.verb in ("remove", "restore")}
     gone -= {place.at(action.what) for action in actions if action.verb == "restore"}
@@ -207,25 +207,18 @@ def _take_away(
             is_free = not there
         elif there == listed:
             is_free = True
-            yield place.action("remove", file, why, partial(remove, file))
+            yield place.remove(file, why)
         elif is_free := purge and _is_file(there) and _is_file(listed):
-            yield place.action("remove", file, "you have changed it", partial(remove, file))
+            yield place.remove(file, "you have changed it")
         else:
             what = "changed since it was installed: remove it yourself"
-            yield place.action("keep", file, what)
+            yield place.keep(file, what)
         earlier = _copies(file, _BEFORE)
         if is_free and earlier:
             own = earlier.pop()
             what = f"from {place.seen(own)}, your own file"
             yield Action("restore", path, what, partial(own.replace, file), own)
         for own in earlier:
-            yield place.action("keep", own, "your own file from before the installation")
+            yield place.keep(own, "your own file from before the installation")
         for old in _copies(file, _OLD):
-            yield remove_or_keep(place, old, f"{path} as you had changed it", purge=purge)
-
-
-def remove_or_keep(place: Place, file: Path, what: str, *, purge: bool) -> Action:
-    """The action on a file or folder that only a purge removes."""
-    if purge:
-        return place.action("remove", file, what, partial(remove, file))
-    return place.action("keep", file, what)
+            yield place.remove_or_keep(old, f"{path} as you had changed it", purge=purge)

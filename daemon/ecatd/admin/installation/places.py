@@ -6,6 +6,7 @@ import re
 import sysconfig
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path, PurePosixPath
@@ -13,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from ecatd.base.bus_name import BUS_NAME
 from ecatd.linux.systemd_services import service
 
-from .actions import Action
+from .actions import Action, remove
 
 PROGRAMS = ("ecatd", "ecatctl", "ecatsim")
 PACKAGED = Path("/usr/lib/ecatd/bin")
@@ -93,6 +94,18 @@ class Place:
     ) -> Action:
         """An action on a file."""
         return Action(verb, self.seen(file), why, effect, file)
+
+    def keep(self, file: Path, why: str) -> Action:
+        """The action that leaves a file alone."""
+        return self.action("keep", file, why)
+
+    def remove(self, file: Path, why: str = "") -> Action:
+        """The action that removes a file, a link, or a folder with its content."""
+        return self.action("remove", file, why, partial(remove, file))
+
+    def remove_or_keep(self, file: Path, what: str, *, purge: bool) -> Action:
+        """The action on a file or folder that only a purge removes."""
+        return self.remove(file, what) if purge else self.keep(file, what)
 
     @property
     def is_packaged(self) -> bool:

@@ -11,8 +11,8 @@ from pathlib import Path
 from ecatd.base.errors import StateError
 from ecatd.base.paths import DOCTOR_CHANGES
 
-from .actions import Action, remove, remove_empty, run
-from .installed_files import read_record, remove_or_keep, take_away
+from .actions import Action, remove_empty, run
+from .installed_files import read_record, take_away
 from .places import (
     ADMINISTRATION,
     CONFIGURATION,
@@ -61,7 +61,7 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Action]:
         yield run("systemctl", "stop", "ecatd.service", "ecatd@*.service", why=stop, may_fail=True)
     for link in place.autostart_links():
         why = f"{link.name} no longer starts with the machine"
-        yield place.action("remove", link, why, partial(remove, link))
+        yield place.remove(link, why)
     yield from take_away(place, files(LOCAL, place.programs / "ecatd"), purge=purge)
     for folder in map(place.at, (SOCKETS, MEMORY)):
         if folder.is_dir():
@@ -92,25 +92,25 @@ def _remove_settings(place: Place, *, purge: bool) -> Iterator[Action]:
             if item.name.endswith(".d"):
                 yield from _remove_left(place, item, "your settings of the unit", purge=purge)
             elif place.is_masked(item.name):
-                yield remove_or_keep(place, item, "the unit is masked", purge=purge)
+                yield place.remove_or_keep(item, "the unit is masked", purge=purge)
             else:
-                yield place.action("keep", item, "a unit of yours: remove it yourself")
+                yield place.keep(item, "a unit of yours: remove it yourself")
 
 
 def _remove_left(place: Place, item: Path, what: str, *, purge: bool) -> Iterator[Action]:
     """Removes a file or folder of the administrator or the service, and names each file in it."""
     if item.is_symlink() or item.is_file():
-        yield remove_or_keep(place, item, what, purge=purge)
+        yield place.remove_or_keep(item, what, purge=purge)
     elif item.is_dir() and not place.holds(item):
-        yield place.action("keep", item, f"its folder leads out of {place.root}")
+        yield place.keep(item, f"its folder leads out of {place.root}")
     elif item.is_dir():
         inside = sorted(path for path in item.rglob("*") if path.is_symlink() or not path.is_dir())
         if purge:
             for file in inside:
-                yield place.action("remove", file, what, partial(remove, file))
+                yield place.remove(file, what)
             why = "" if os.access(item, os.R_OK | os.X_OK) else "use sudo to see the files in it"
-            yield place.action("remove", item, why, partial(remove, item))
+            yield place.remove(item, why)
         else:
             names = ", ".join(str(file.relative_to(item)) for file in inside[:_NAMES_MAX])
             more = f" and {len(inside) - _NAMES_MAX} more" if len(inside) > _NAMES_MAX else ""
-            yield place.action("keep", item, f"{what}: {names or 'it is empty'}{more}")
+            yield place.keep(item, f"{what}: {names or 'it is empty'}{more}")

@@ -134,14 +134,14 @@ def _bring_up_to_date(place: Place) -> Iterator[Action]:
 def _configure(place: Place, bus: str, interface: str | None) -> Iterator[Action]:
     file = place.at(CONFIGURATION / f"{bus}.toml")
     if file.is_symlink() and not file.exists():
-        yield place.action("keep", file, f"a link to {file.readlink()}, which does not exist")
+        yield place.keep(file, f"a link to {file.readlink()}, which does not exist")
     elif file.exists():
         why = "your configuration"
         try:
             load_config(file)
         except EcatError as error:
             why = f"it has a mistake: {error}"
-        yield place.action("keep", file, why)
+        yield place.keep(file, why)
     elif interface is None:
         why = f"--interface IF writes it; {unit(bus)} does not start without it"
         yield place.action("skip", file, why)

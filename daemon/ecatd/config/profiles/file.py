@@ -17,7 +17,7 @@ from ecatd.description.units import QUANTITIES, is_unit
 
 from .. import Config
 from ..signals import MEANING, check_limits
-from .profile import DeviceProfile, EntryProfile, Meaning, Profiles
+from .profile import DeviceProfile, EntryProfile, Profiles
 
 _OURS = Path(__file__).parent
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
@@ -91,10 +91,9 @@ def _entry(table: Table) -> EntryProfile:
     subindices = values.pop("subindex", frozenset({0}))
     step, count = values.pop("step", 1), values.pop("count", 1)
     values.setdefault("quantity", QUANTITIES.get(values.get("unit", ""), ""))
-    values["values"] = tuple(values.get("values", ()))
     if {"raw", "physical"} & values.keys():
         values |= _line(table, values.pop("raw", []), values.pop("physical", []))
-    return EntryProfile(index, subindices, step, count, Meaning(**values))
+    return EntryProfile(index, subindices, step, count, values)
 
 
 def _subindices(table: Table, key: Key) -> frozenset[int]:

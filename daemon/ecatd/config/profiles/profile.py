@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from ecatd.description.bus import ProfileName, Slave
-from ecatd.etg.pdo import Entry, Value
+from ecatd.etg.pdo import Entry
 
-
-@dataclass(frozen=True, slots=True)
-class Meaning:
-    """The meaning that a profile gives to an entry; attributes as in `model.pdo.Entry`."""
-
-    name: str = ""
-    unit: str = ""
-    scale: float = 1.0
-    offset: float = 0.0
-    minimum: float | None = None
-    maximum: float | None = None
-    display_unit: str = ""
-    quantity: str = ""
-    values: tuple[Value, ...] = ()
-    note: str = ""
-    connector: bool = True
+Meaning = Mapping[str, Any]
+"""What a profile says of an entry: values of attributes of `Entry`."""
 
 
 @dataclass(frozen=True, slots=True)
