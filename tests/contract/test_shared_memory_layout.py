@@ -135,3 +135,10 @@ def test_the_page_of_the_layout_is_up_to_date() -> None:
     text = (INCLUDE.parents[1] / "docs" / "shared-memory.md").read_text()
     tables = text.split("<!-- layout -->\n\n")[1].split("\n\n<!-- /layout -->")[0]
     assert tables.splitlines() == layout_lines(), "put the output of `ecatctl shm --layout` there"
+
+
+def test_fields_have_their_enumerations() -> None:
+    kinds = {field.name: shm.enumeration(field) for field in shm.fields_of("ecat_shm_health")}
+    found = {name: kind for name, kind in kinds.items() if kind is not None}
+    links = {"link_first": shm.Link, "link_second": shm.Link}
+    assert found == {"ring": shm.Ring, **links, "dc_state": shm.DcState}

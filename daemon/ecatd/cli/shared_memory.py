@@ -140,7 +140,7 @@ def _fields(struct: str, row: dict[str, Any], indent: str) -> list[str]:
 def _word(field: layout.LayoutItem, value: Any) -> str:
     """Formats a value; with its name if the comment of the field begins with an enumeration."""
     if isinstance(value, int):
-        members = layout.ENUMS.get(field.comment.split(";")[0].split(" ")[0])
+        members = layout.enumeration(field)
         if members is not None:
             return f"{value} {members(value).name}"
         return f"0x{value:X}" if field.name in _HEXADECIMAL else str(value)

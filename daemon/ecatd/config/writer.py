@@ -21,6 +21,7 @@ from ecatd.etg.pdo import Entry
 from .config import Config
 from .copies import ABSENT
 from .pdos import INPUT_PDOS, OUTPUT_PDOS
+from .placed import Placed
 from .slave_settings import ModuleConfig, SlaveConfig
 
 _WIDTH = 100
@@ -34,18 +35,6 @@ _COPY_EXAMPLE = [
     '# from_slave = "switches"',
     '# from_entry = "0x6000:01"',
 ]
-_TABLES = (
-    "log",
-    "dc",
-    "mailbox",
-    "recovery",
-    "health",
-    "realtime",
-    "outputs",
-    "capture",
-    "eoe",
-    "gateway",
-)
 
 
 @dataclass(slots=True)
@@ -103,7 +92,7 @@ def write_config(config: Config, bus: Bus, version: str, notes: Notes | None = N
         row = replace(domain, slaves=[])
         slaves = ", ".join(value_text("", names.get(n, n)) for n in domain.slaves)
         lines += ["", "[[domain]]", *_scalars(row, without=("slaves",)), f"slaves = [{slaves}]"]
-    for name in _TABLES:
+    for name in _tables():
         lines += ["", f"[{name}]", *_table(config, name, names, notes)]
     for signal in config.signal:
         lines += ["", "[[signal]]", *_rule(signal, names)]
@@ -250,6 +239,14 @@ def _modules(settings: SlaveConfig, slave: Slave) -> Iterator[ModuleConfig]:
     for slot, module in enumerate(slave.modules, 1):
         if module.ident:
             yield ModuleConfig(slot, module.ident, printable(module.name))
+
+
+def _tables() -> Iterator[str]:
+    """The tables of the configuration that stand behind those of slaves and domains."""
+    for item in fields(Config):
+        made = None if item.default_factory is MISSING else item.default_factory()
+        if isinstance(made, Placed | dict) and item.name != "expected":
+            yield item.name
 
 
 def _table(config: Config, name: str, names: dict[int, str], notes: Notes) -> Iterator[str]:

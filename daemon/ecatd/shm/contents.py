@@ -8,6 +8,7 @@ from __future__ import annotations
 import struct as binary
 import time
 from collections.abc import Callable
+from enum import IntEnum
 from typing import Any, TypeVar
 
 from ecatd.base.errors import EcatError, NotPermittedError
@@ -21,6 +22,7 @@ from .checks import domain_faults, output_faults, signal_faults, slave_faults
 from .reader import Page, Reader, SlotReader, opened, version
 
 _T = TypeVar("_T")
+_EXCHANGE = ("wkc", "wkc_state", "cycle")  # of `ecat_shm_page`
 _SILENCE_NS = 80_000_000  # after which a cycle that does not end stands still (`shared_memory.c`)
 _REALS = {(DataType.REAL32, 32): "<f", (DataType.REAL64, 64): "<d"}
 
@@ -99,9 +101,7 @@ class Contents:
             "bus": self._shared.bus,
             "file": str(self._shared.path),
             "alive": self.alive,
-            "state": _word(shm.BusState(head.state)),
-            "version": shm.printable(head.version),
-            "pid": head.pid,
+            **_take(head, "state", "version", "pid"),
             "started": head.instance * 1e-9,
             "cycle_time_us": head.cycle_time_ns / 1000,
             "lease_us": head.lease_ns / 1000,
@@ -129,15 +129,9 @@ class Contents:
             made.append(
                 {
                     "number": number,
-                    "name": shm.printable(row.name),
-                    "divider": row.divider,
-                    "phase": row.phase,
-                    "output_bytes": row.output_bytes,
+                    **_take(row, "name", "divider", "phase", "output_bytes", "wkc_expected"),
                     "input_bytes": max(0, row.image_bytes - row.output_bytes),
-                    "wkc_expected": row.wkc_expected,
-                    "wkc": page.head.wkc if page else None,
-                    "wkc_state": _word(shm.WkcState(page.head.wkc_state)) if page else None,
-                    "cycle": page.head.cycle if page else None,
+                    **(_take(page.head, *_EXCHANGE) if page else dict.fromkeys(_EXCHANGE)),
                     "age_us": self._age(page.head.time_ns) if page and exchanged else None,
                 }
             )
@@ -154,10 +148,8 @@ class Contents:
             made.append(
                 {
                     "position": position,
-                    "name": shm.printable(row.name),
-                    **{k: getattr(row, k) for k in ("vendor", "product", "revision", "serial")},
-                    **{k: getattr(row, k) for k in ("alias", "address", "domain")},
-                    **{k: getattr(row, k) for k in ("output_bytes", "input_bytes", "dc_bits")},
+                    **_take(row, "name", "vendor", "product", "revision", "serial", "alias"),
+                    **_take(row, "address", "domain", "output_bytes", "input_bytes", "dc_bits"),
                     "state": al_state_text(status.al_state) if status else None,
                     "al_code": status.al_code if status else None,
                 }
@@ -183,19 +175,13 @@ class Contents:
         raw = None if page is None else _decode(page.image, row)
         return {
             "number": number,
-            "slave": row.slave,
             "address": f"0x{row.index:04X}:{row.subindex:02X}",
-            "name": shm.printable(row.name),
-            "pdo": row.pdo,
-            "pdo_name": shm.printable(row.pdo_name),
+            **_take(row, "slave", "name", "pdo", "pdo_name"),
             "output": bool(row.output),
             "type": type_name(row.type),
-            "domain": row.domain,
-            "bit_offset": row.bit_offset,
-            "bit_length": row.bit_length,
+            **_take(row, "domain", "bit_offset", "bit_length", "unit"),
             "raw": raw,
             "value": None if raw is None else to_physical(raw, row.scale, row.offset),
-            "unit": shm.printable(row.unit),
             "scaled": (row.scale, row.offset) != (1.0, 0.0),
             "validity": "damaged" if page is None else self._validity(row, page),
             **(self._owner(number) if row.output else {}),
@@ -241,10 +227,8 @@ class Contents:
             self._fault("outputs", number, fault)
         return {
             "owner": row.owner if row.owner >= 0 and not fault else None,
-            "state": _word(shm.Outputs(row.state)),
-            "reason": _word(shm.Reason(row.reason)),
+            **_take(row, "state", "reason", "since_cycle"),
             "source": self._source(row) if row.state == shm.Outputs.COPIED else None,
-            "since_cycle": row.since_cycle,
             "since_us": self._age(row.since_ns) if row.since_ns else None,
         }
 
@@ -279,8 +263,7 @@ class Contents:
         seconds = (self.now_ns - since) * 1e-9 if 0 < since <= self.now_ns else None
         return {
             "slot": number,
-            "state": _word(shm.SlotState(row.state)),
-            "reason": _word(shm.Reason(row.reason)),
+            **_take(row, "state", "reason", "lapses", "refused", "commit_cycle"),
             "pid": client.pid if client else None,
             "pid_is_ours": is_ours(client.pid_namespace) if client else None,
             "program": shm.printable(client.program) if client else None,
@@ -289,9 +272,6 @@ class Contents:
             "since": None if seconds is None else time.time() - seconds,
             "heartbeat_us": self._age(row.beat_ns),
             "lease_us": row.lease_ns / 1000,
-            "lapses": row.lapses,
-            "refused": row.refused,
-            "commit_cycle": row.commit_cycle,
             "outputs": sum(output.owner == number for output in self._output_rows),
         }
 
@@ -303,8 +283,7 @@ class Contents:
                 "setting": _word(shm.Setting(number)),
                 "wanted": bool(row.wanted),
                 "granted": bool(row.granted),
-                "value": row.value,
-                "error": row.error,
+                **_take(row, "value", "error"),
             }
             for number, row in enumerate(self._table("settings"))
         ]
@@ -312,11 +291,9 @@ class Contents:
     def _health(self) -> dict[str, Any] | None:
         for row in self._table("health"):
             return {
-                **{item.name: getattr(row, item.name) for item in shm.COUNTERS},
-                "slaves_found": row.slaves_found,
-                "al_status": row.al_status,
-                "ring": _word(shm.Ring(row.ring)),
-                "links": [_word(shm.Link(link)) for link in (row.link_first, row.link_second)],
+                **_take(row, *(item.name for item in shm.COUNTERS)),
+                **_take(row, "slaves_found", "al_status", "ring"),
+                "links": [*_take(row, "link_first", "link_second").values()],
                 "dc": _word(shm.DcState(row.dc_state)),
             }
         return None
@@ -341,6 +318,12 @@ class Contents:
 
 def _at(rows: list[_T], number: int) -> _T | None:
     return rows[number] if number < len(rows) else None
+
+
+def _take(row: Any, *names: str) -> dict[str, Any]:
+    """Fields of a struct by their names; members of enumerations as words."""
+    values = shm.values(row, *names)
+    return {key: _word(item) if isinstance(item, IntEnum) else item for key, item in values.items()}
 
 
 def _word(member: Any) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
@@ -228,6 +229,12 @@ ENUMS: dict[str, type[IntEnum]] = {
 """The enumerations by their name in C."""
 
 
+def enumeration(field: LayoutItem) -> type[IntEnum] | None:
+    """The enumeration of a field, with whose name its comment begins; None for other fields."""
+    word = re.match(r"\w*", field.comment)
+    return ENUMS.get(word[0] if word else "")
+
+
 _SCALARS: dict[str, Any] = {
     "uint8_t": ctypes.c_uint8,
     "uint16_t": ctypes.c_uint16,
@@ -350,6 +357,28 @@ def printable(raw: bytes) -> str:
     """Decodes text from shared memory; replaces characters that cannot be printed."""
     text = raw.decode("utf-8", "replace")
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+def values(row: Any, *names: str) -> dict[str, Any]:
+    """Fields of a struct by their names: texts, members of enumerations, and numbers."""
+    kinds = _kinds(type(row).__name__)
+    return {name: kinds.get(name, _same)(getattr(row, name)) for name in names}
+
+
+@cache
+def _kinds(name: str) -> dict[str, Callable[[Any], Any]]:
+    """What makes values of the fields of a struct that are no numbers."""
+    made: dict[str, Callable[[Any], Any]] = {}
+    for field in fields_of(name):
+        if field.type == "char":
+            made[field.name] = printable
+        elif kind := enumeration(field):
+            made[field.name] = kind
+    return made
+
+
+def _same(value: Any) -> Any:
+    return value
 
 
 class Table(NamedTuple):

@@ -49,19 +49,11 @@ def _read(shared: Reader) -> Snapshot:
         raise shared.damaged("cycle time")
     return Snapshot(
         bus=shared.bus,
-        version=shm.printable(head.version),
-        state=shm.BusState(head.state),
-        instance=head.instance,
-        cycle_time_ns=head.cycle_time_ns,
+        **shm.values(head, "version", "state", "instance", "cycle_time_ns", "cycle_end_ns"),
         cycle_number=head.cycle,
-        cycle_end_ns=head.cycle_end_ns,
-        start_ns=health.start_ns,
         read_ns=read_ns,
         slaves_expected=head.slave_count,
-        slaves_found=health.slaves_found,
-        al_status=health.al_status,
-        ring=shm.Ring(health.ring),
-        ring_break=health.ring_break,
+        **shm.values(health, "start_ns", "slaves_found", "al_status", "ring", "ring_break"),
         links=(shm.Link(health.link_first), shm.Link(health.link_second)),
         clock=Clock(
             shm.DcState(health.dc_state),
@@ -70,7 +62,7 @@ def _read(shared: Reader) -> Snapshot:
             health.dc_offset_ns,
             health.dc_drift_ppb,
         ),
-        counters={item.name: getattr(health, item.name) for item in shm.COUNTERS},
+        counters=shm.values(health, *(item.name for item in shm.COUNTERS)),
         delay_cycles=tuple(health.delay_cycles),
         times={name: _histogram(getattr(health, name)) for name in shm.TIMES},
         domains=domains,
@@ -90,16 +82,11 @@ def _domains(shared: Reader, head: Any) -> tuple[Domain, ...]:
         made.append(
             Domain(
                 number=number,
-                name=shm.printable(table.name),
-                divider=table.divider,
-                phase=table.phase,
-                output_bytes=table.output_bytes,
+                **shm.values(table, "name", "divider", "phase", "output_bytes", "wkc_expected"),
                 input_bytes=max(0, table.image_bytes - table.output_bytes),
-                wkc_expected=table.wkc_expected,
-                wkc=page.wkc,
-                wkc_state=shm.WkcState(page.wkc_state),
+                **shm.values(page, "wkc", "wkc_state"),
                 cycle_number=page.cycle,
-                counters={item.name: getattr(status, item.name) for item in shm.DOMAIN_COUNTERS},
+                counters=shm.values(status, *(item.name for item in shm.DOMAIN_COUNTERS)),
             )
         )
     return tuple(made)
