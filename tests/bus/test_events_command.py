@@ -97,8 +97,7 @@ def test_events_are_followed(bus: Daemon) -> None:
 
 def test_those_that_are_too_old_are_counted() -> None:
     sent: list[dict[str, object]] = []
-    history = EventHistory(sent.append)
-    history.instance = 7
+    history = EventHistory(sent.append, 7)
     assert history.since(0) == {"instance": 7, "events": [], "next": 1, "left_out": 0}
     for number in range(1200):
         history.publish({"event": "x", "slave": number})
@@ -112,7 +111,7 @@ def test_those_that_are_too_old_are_counted() -> None:
 
 def test_a_flood_is_one_event_with_a_count() -> None:
     sent: list[dict[str, Any]] = []
-    history = EventHistory(sent.append)
+    history = EventHistory(sent.append, 0)
 
     async def flood() -> None:
         for number in range(5000):

@@ -30,6 +30,7 @@ from ecatd.operations.registers import ReadRegister
 from ecatd.server.requests.changes import Changes
 from ecatd.server.requests.registers import Registers
 from ecatd.server.start.bring_up import BringUp
+from ecatd.server.start.running_bus import RunningBus
 from ecatd.shm import statistics as stats
 from ecatsim.control import Simulator
 
@@ -77,7 +78,7 @@ def test_r24_requests_of_many_clients_cost_no_cyclic_frame(
 
 
 @contextlib.contextmanager
-def bus(**settings: Any) -> Iterator[BringUp]:
+def bus(**settings: Any) -> Iterator[RunningBus]:
     """A bus in OP, in this process."""
     config = read_config(
         {
@@ -87,14 +88,11 @@ def bus(**settings: Any) -> Iterator[BringUp]:
             **settings,
         }
     )
-    up = BringUp(config, FIRST, Log("test"), lambda: False, SHM)
+    running = BringUp(config, FIRST, Log("test")).run(SHM)
     try:
-        up.run()
-        yield up
+        yield running
     finally:
-        for part in (up.engine, up.shared, up.master):
-            if part is not None:
-                part.close()
+        running.close()
 
 
 def read_vendor(master: Master, slave: int) -> int:
@@ -104,15 +102,13 @@ def read_vendor(master: Master, slave: int) -> int:
     return int.from_bytes(converse(master.registers, [talk])[0], "little")
 
 
-def counters(up: BringUp) -> dict[str, int]:
-    assert up.shared is not None
+def counters(up: RunningBus) -> dict[str, int]:
     return {name: int(getattr(up.shared.health, name)) for name in MAILBOX}
 
 
 def master_with_losses() -> Any:
     with Simulator() as simulator, bus() as up:
         master = up.master
-        assert master is not None
         for way_back in (False, True):
             simulator.faults.drop(
                 every=1, count=0, probability=0.05, all_frames=True, way_back=way_back, seed=7
@@ -152,7 +148,6 @@ def test_lost_frames_are_answered_later_or_reported() -> None:
 
 def master_with_share(share: float) -> Any:
     with bus(mailbox={"share": share}) as up:
-        assert up.master is not None
         before, begin = counters(up), time.monotonic()
         for _ in range(150):
             read_vendor(up.master, 0)
@@ -169,9 +164,7 @@ def test_r24_the_share_is_respected(share: float) -> None:
 
 def master_beside_long_exchanges(share: float) -> Any:
     with Simulator() as simulator, bus(mailbox={"share": share}, cycle_time_us=10_000) as up:
-        assert up.master is not None
         simulator.faults.delay(6000, every=1, count=0)
-        assert up.shared is not None
         cycle = up.shared.health.cycle
         before, busy_ns, begin = counters(up), cycle.sum_ns, time.monotonic()
         for _ in range(150):
@@ -190,8 +183,7 @@ def test_the_share_is_one_of_the_free_time() -> None:
 def master_with_a_slave_that_is_gone() -> Any:
     master_module._REPEAT_S = 3600  # the slave is asked without end
 
-    async def ask(up: BringUp) -> Any:
-        assert up.master is not None
+    async def ask(up: RunningBus) -> Any:
         worker = Worker()
         registers = Registers(up.bus, up.master, worker, Changes(Log("test")))
         try:
@@ -228,7 +220,6 @@ def master_again_and_again() -> Any:
     found = []
     for _ in range(3):
         with bus() as up:
-            assert up.master is not None
             found.append(read_vendor(up.master, 0))
             during = left_over()
         found.append(left_over())

@@ -36,6 +36,8 @@ _SYNC_MANAGERS, _ACTIVATE = 0x0800, (0x0806, 0x080E)
 _REPEAT = Timeout(0.5)
 """How long unanswered reads and writes are repeated."""
 
+_LOOKS = 3  # a frame may get lost
+
 _PAUSE = 0.001
 """Seconds between two repetitions."""
 
@@ -67,6 +69,8 @@ class Master:
         log: The log for details.
 
     Attributes:
+        interfaces: Names of the interfaces.
+        run: As above.
         relay: The relay that carries all frames of the master; set by `scan`.
         registers: Access to the registers of many slaves at once; set by `scan`.
         al_states: AL states of the slaves; set by `scan`.
@@ -94,9 +98,9 @@ class Master:
         frame_ring: FrameRing | None = None,
         log: Log | None = None,
     ) -> None:
-        self._interfaces = list(interfaces)
+        self.interfaces = list(interfaces)
         self._cancelled = cancelled
-        self._run = run
+        self.run = run
         self._share = share
         self._priority = priority
         self._frame_ring = frame_ring
@@ -121,7 +125,7 @@ class Master:
             UnreachableError: The interface is not there.
             NotPermittedError: The process may not use raw sockets any more.
         """
-        self.relay.set_socket(port, open_for_control(self._interfaces[port]))
+        self.relay.set_socket(port, open_for_control(self.interfaces[port]))
 
     def scan(self, patience: Timeout, *, may_be_empty: bool = False) -> str:
         """Finds the slaves, numbers them, sets their mailboxes up, and leaves them in INIT.
@@ -143,21 +147,21 @@ class Master:
                 read, a slave does not reach INIT, or the interfaces of a ring are exchanged.
         """
         try:
-            wait_for_carriers(self._interfaces, self._cancelled)
+            wait_for_carriers(self.interfaces, self._cancelled)
         except UnreachableError:
             if not may_be_empty:
                 raise
-        self._names = soem.scan(self._interfaces)
+        self._names = soem.scan(self.interfaces)
         self._open_relay()
         count = count_slaves(self.registers)
         if count == 0 and not may_be_empty:
-            raise UnreachableError(_why_none(self._interfaces))
+            raise UnreachableError(_why_none(self.interfaces))
         if count > shm.MAX_SLAVES:
             raise StateError(
-                f"there are {count} slaves on '{self._interfaces[0]}', but a bus can have "
+                f"there are {count} slaves on '{self.interfaces[0]}', but a bus can have "
                 f"{shm.MAX_SLAVES} at most"
             )
-        _check_direction(self._interfaces)
+        _check_direction(self.interfaces)
         why = self._why_not_as_soem(count)
         if why:
             number_slaves(self.registers, count)
@@ -194,7 +198,7 @@ class Master:
         self.al_states = self._states()
 
     def _states(self) -> AlStates:
-        return AlStates(self.registers, self.stations, self._label, self._cancelled, self._log)
+        return AlStates(self.registers, self.stations, self.label, self._cancelled, self._log)
 
     def _why_not_as_soem(self, count: int) -> str:
         """Says why SOEM's numbers do not match the slaves on the wire; empty if they match."""
@@ -208,13 +212,13 @@ class Master:
         return ""
 
     def _open_relay(self) -> None:
-        sockets = [open_for_control(name) for name in self._interfaces]
+        sockets = [open_for_control(name) for name in self.interfaces]
         self.relay = Relay(sockets, self._share, self._priority)
         if self._frame_ring is not None:
             self._frame_ring.of_relay(self.relay.handle)
         self._opened.callback(self.relay.close)
         self.registers = Datagrams(
-            self.relay.client, source_address(0, self._run), self.relay.timeout_us * 1e-6
+            self.relay.client, source_address(0, self.run), self.relay.timeout_us * 1e-6
         )
 
     def set_share(self, share: float) -> None:
@@ -260,6 +264,17 @@ class Master:
         (answer,) = self.registers.read_all([self.stations[position]], _AL_STATUS, 2)
         return bool(answer.wkc)
 
+    def find_gone(self) -> list[int]:
+        """Returns the positions of slaves that the scan has found, but that do not answer any more.
+
+        A slave that was without power has lost its station address, so it is among them.
+        """
+        gone = set(self.wire)
+        for _ in range(_LOOKS):
+            if gone:
+                gone -= {slave.position for slave in self.al_states.read() if slave.al_state}
+        return sorted(gone)
+
     def name(self, position: int) -> str:
         """Returns the name that SOEM has read for a slave, for messages; empty if it has none."""
         return self._names[position] if position < len(self._names) else ""
@@ -283,7 +298,7 @@ class Master:
         chosen = range(len(self.stations)) if positions is None else positions
         return reading_eeproms(
             self.registers,
-            [(Station(self.stations[position]), self._label(position)) for position in chosen],
+            [(Station(self.stations[position]), self.label(position)) for position in chosen],
             decode,
             self._cancelled,
         )
@@ -292,7 +307,7 @@ class Master:
         self, position: int, word: int, data: bytes, before: dict[int, bytes]
     ) -> Steps[None]:
         """Writes words of the SII EEPROM of one slave; see `eeprom.writing_eeprom`."""
-        station, label = Station(self.stations[position]), self._label(position)
+        station, label = Station(self.stations[position]), self.label(position)
         return writing_eeprom(self.registers, station, label, word, data, before)
 
     def read_registers(self, wanted: Sequence[tuple[int, int, int]]) -> list[bytes]:
@@ -387,7 +402,8 @@ class Master:
         """Returns the `Coe` of a slave for one conversation; `alone` as in `Mailbox`."""
         return Coe(position, self.stations[position], self._lines[position], alone=alone)
 
-    def _label(self, position: int) -> str:
+    def label(self, position: int) -> str:
+        """Returns the label of a slave for messages, with the name that SOEM has read."""
         name = self.name(position)
         return f"slave {position} ({name})" if name else f"slave {position}"
 

@@ -42,54 +42,51 @@ from ecatd.base.process import (
     lower,
 )
 from ecatd.base.supervised_process import answer_pings, read_settings, report, report_starting
-from ecatd.config import read_config
+from ecatd.config import Config, read_config
 
 if TYPE_CHECKING:
     from .server import BusServer
+    from .start.bring_up import BringUp
 
 
 async def _serve(settings: dict[str, Any], log: Log) -> None:
     from .control import ControlSocket
     from .log_lines import LogLines
-    from .server import BusServer
+    from .server import BusServer, use_audit_file
 
-    config = read_config(settings["config"], origins=settings["origins"])
-    config.second_interface = settings["second_interface"]
+    config, up = _read(settings, log)
     control = ControlSocket(control_socket(Path(settings["runtime_dir"]), config.bus), log)
-    server = BusServer(
-        config,
-        _in_force(settings),
-        settings["interface"],
-        log,
-        control.publish,
-        lambda levels: report("log", json.dumps(dict(levels))),
-        Path(settings["memory_dir"]),
-    )
     log.pass_on(LogLines(control.publish).note)
+    use_audit_file(log, config)
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGQUIT):
         loop.add_signal_handler(number, stop.set)
-    starting = asyncio.create_task(server.start())
+    starting = asyncio.create_task(
+        BusServer.start(
+            *(up, Path(settings["memory_dir"]), config, _in_force(settings), log, control.publish),
+            lambda levels: report("log", json.dumps(dict(levels))),
+        )
+    )
     stopping = asyncio.create_task(stop.wait())
     telling = asyncio.create_task(report_starting())
     try:
         await asyncio.wait((starting, stopping), return_when=asyncio.FIRST_COMPLETED)
         telling.cancel()
         if starting.done():
-            starting.result()
+            server = starting.result()
             await control.open(server)
             report("ready", server.begin)
             await _run_until(
                 stopping, server.monitor(), server.attend(), _answer_service(server, log)
             )
     finally:
-        server.abort()
+        up.abort()
         await asyncio.wait((starting,))
-        if not starting.cancelled():
-            starting.exception()  # raised above already, or caused by the abort
         await control.close()
-        await server.stop()
+        # An error of the start was raised above already, or was caused by the abort.
+        if not starting.cancelled() and starting.exception() is None:
+            await starting.result().stop()
         stopping.cancel()
 
 
@@ -121,15 +118,21 @@ def _in_force(settings: dict[str, Any]) -> dict[str, Any]:
     return {key: settings[key] for key in ("config", "origins")}
 
 
-def _describe(settings: dict[str, Any], log: Log) -> None:
-    from ecatd.description.bus_file import dump
-
-    from .description import describe
+def _read(settings: dict[str, Any], log: Log) -> tuple[Config, BringUp]:
+    """Reads the configuration of a start, and makes what carries it out."""
+    from .start.bring_up import BringUp
 
     config = read_config(settings["config"], origins=settings["origins"])
     config.second_interface = settings["second_interface"]
-    bus = describe(config, settings["interface"], log)
-    sys.stdout.write(dump(bus, warnings=settings["warnings"]))
+    return config, BringUp(config, settings["interface"], log)
+
+
+def _describe(settings: dict[str, Any], log: Log) -> None:
+    from ecatd.description.bus_file import dump
+
+    _, up = _read(settings, log)
+    signal.signal(signal.SIGTERM, lambda *_: up.abort())
+    sys.stdout.write(dump(up.describe(), warnings=settings["warnings"]))
 
 
 def main() -> int:

@@ -1,20 +1,17 @@
-"""Starts, runs and stops a bus, and answers requests about it.
+"""Runs a bus, answers requests about it, and stops it.
 
-`start/bring_up.py` brings the bus to OP, and `watch/monitor.py` watches it there. A stop takes the
-steps in the reverse order: safe outputs, SAFEOP, INIT, no more frames.
+`start/bring_up.py` brings the bus to OP, and `watch/monitor.py` watches it there.
 """
 
 from __future__ import annotations
 
 import asyncio
 import socket
-import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, Self, TypeVar, cast
 
 from ecatd.base.errors import StateError
 from ecatd.base.log import Log
@@ -25,12 +22,10 @@ from ecatd.base.version import VERSION
 from ecatd.config import Config
 from ecatd.config.meanings import object_meaning
 from ecatd.config.resolve import missing_audit_folder
-from ecatd.description.bus import Bus, Slave
+from ecatd.description.bus import Slave
 from ecatd.etg.al import AlState
 from ecatd.etg.pdo import Entry
 from ecatd.master.al_states import SlaveState, states_text
-from ecatd.master.engine.engine import Engine
-from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.master.ethernet.traffic import EthernetTraffic
 from ecatd.master.worker import Worker
 from ecatd.operations.bus import (
@@ -62,16 +57,11 @@ from .requests.frames import read_frames
 from .requests.requests import Requests
 from .start.bring_up import BringUp
 from .start.exchange import leases
+from .start.output_limits import OutputLimits
+from .start.running_bus import RunningBus
 from .watch.event_history import EventHistory
 from .watch.fault_files import FaultFiles
 from .watch.monitor import Monitor
-
-_STOP_CYCLES = 3
-_STOP_PATIENCE = Timeout(1.0)
-_SAFE_TIMEOUT = 5.0
-"""Most seconds to wait until safe outputs are sent. SAFEOP follows in any case, and in SAFEOP the
-slaves make their outputs safe themselves. Even a slow domain must not delay the stop so long that
-the service kills the process (`service/supervisor.py`)."""
 
 _ATTEND_PERIOD = 1.0
 _ATTENDED_MIN = 3
@@ -87,116 +77,96 @@ def _nothing() -> None:
 
 
 class BusServer:
-    """One bus.
+    """One bus that is in OP; `start` brings it there.
 
     Args:
+        running: The bus.
+        worker: The worker on which slaves are asked.
         config: The configuration.
         in_force: The same configuration as the user has given it, with the origins of its values;
             the reply to `ReadConfig`.
-        interface: The interface, which may come from the simulator instead of the configuration.
         log: The log for events.
         publish: Called with every event, as a map, on the event loop's thread.
         set_levels: Called when a request has changed the levels of the log; gets the new levels.
-        memory: The folder for the shared memory.
+
+    Attributes:
+        bus: The bus description.
+        begin: The bus in one line, at the end of the start.
     """
 
     def __init__(
         self,
+        running: RunningBus,
+        worker: Worker,
         config: Config,
         in_force: dict[str, Any],
-        interface: str,
         log: Log,
         publish: Callable[[dict[str, Any]], None],
         set_levels: Callable[[Levels], None],
-        memory: Path,
     ) -> None:
+        self._running = running
+        self._worker = worker
         self._config = config
         self._in_force = in_force
-        self._interface = interface
         self._log = log
-        self._events = EventHistory(publish)
-        self._changes = Changes(log, self._events.publish)
         self._set_levels = set_levels
         self._configured = config.log
-        self._use_audit_file(config)
-        self._worker = Worker()
-        self._aborted = threading.Event()  # ends waiting for slaves while the bus is brought up
-        self._up = BringUp(config, interface, log, self._aborted.is_set, memory)
-        self._monitor: Monitor | None = None
-        self._fault_files: FaultFiles | None = None
-        self._requests: Requests | None = None
-        self._ethernet: EthernetTraffic | None = None
+        self.bus = bus = running.bus
+        self.begin = running.begin
+        header, master = running.shared.header, running.master
+        self._events = EventHistory(publish, header.instance)
+        self._changes = Changes(log, self._events.publish)
+        self._fault_files = FaultFiles(
+            *(bus.name, config.capture, running.frame_rings, master.interfaces),
+            *(header.cycle, log),
+        )
+        self._monitor = Monitor(
+            *(running, self.answer, worker, log, self._events.publish, self._fault_files)
+        )
+        note = self._monitor.emergencies.note
+        self._ethernet = EthernetTraffic(config.eoe, bus, master, worker, note, log)
+        conversations = Conversations(master, worker, note)
+        self._requests = Requests(
+            *(bus, master, config, worker, conversations, self._monitor, self._meaning),
+            *(self._changes, log, self, self._ethernet),
+        )
+        self._limits = OutputLimits(running)
         self._started = 0.0
         self._asked_at = time.monotonic()  # when the service has asked whether this process works
-        self._missing: list[dict[str, Any]] = []  # slaves that were missing at the start
 
-    @property
-    def bus(self) -> Bus:
-        """The bus description; it has slaves once they have been read."""
-        return self._up.bus
+    @classmethod
+    async def start(cls, up: BringUp, memory: Path, config: Config, *others: Any) -> Self:
+        """Brings a bus to OP, publishes its shared memory, and begins to watch it.
 
-    @property
-    def begin(self) -> str:
-        """The bus in one line, at the end of the start."""
-        return self._up.begin
-
-    async def start(self) -> None:
-        """Brings the bus to OP and publishes its shared memory.
+        Args:
+            up: Brings it to OP.
+            memory: The folder for the shared memory.
+            config: The configuration.
+            others: The other arguments of the class, from `in_force` on.
 
         Raises:
-            EcatError: The start failed; `stop` cleans up.
+            EcatError: The start failed; nothing is left of it.
         """
-        self._monitor = await self._worker.run(self._bring_up)
-        assert self._up.master is not None
-        conversations = Conversations(self._up.master, self._worker, self._monitor.emergencies.note)
-        self._ethernet = EthernetTraffic(
-            *(self._config.eoe, self.bus, self._up.master, self._worker),
-            *(self._monitor.emergencies.note, self._log),
-        )
-        self._requests = Requests(
-            self.bus,
-            self._up.master,
-            self._config,
-            self._worker,
-            conversations,
-            self._monitor,
-            self._meaning,
-            self._changes,
-            self._log,
-            *(self, self._ethernet),
-        )
-        self._monitor.start(asyncio.get_running_loop())
+        worker = Worker()
+        try:
+            running = await worker.run(partial(up.run, memory))
+            try:
+                server = cls(running, worker, config, *others)
+                await worker.run(server._monitor.read_states)
+            except BaseException:
+                await asyncio.to_thread(running.close)
+                raise
+        except BaseException:
+            await asyncio.to_thread(worker.close)
+            raise
+        running.shared.publish()
+        server._started = time.time()
+        server._monitor.start(asyncio.get_running_loop())
+        return server
 
     def _meaning(self, slave: Slave, entry: Entry) -> Entry:
         """What an object means that is not in the process data."""
-        return object_meaning(slave, entry, self._up.profiles, self._up.config.signal)
-
-    def abort(self) -> None:
-        """Makes a start that is under way fail soon."""
-        self._aborted.set()
-
-    def _bring_up(self) -> Monitor:
-        running = self._up.run()
-        self._events.instance = running.shared.header.instance
-        self._fault_files = FaultFiles(
-            *(self.bus.name, self._config.capture, self._up.frame_rings, running.interfaces),
-            *(running.shared.header.cycle, self._log),
-        )
-        monitor = Monitor(
-            running,
-            self._up.config.outputs,
-            self._config.health,
-            self.answer,
-            self._worker,
-            self._log,
-            self._events.publish,
-            self._fault_files,
-        )
-        monitor.read_states()
-        self._missing = running.expectation.left_out
-        running.shared.publish()
-        self._started, self._asked_at = time.time(), time.monotonic()
-        return monitor
+        return object_meaning(slave, entry, self._running.profiles, self._running.config.signal)
 
     async def reconfigure(self, config: Config, in_force: dict[str, Any]) -> None:
         """Takes over the settings that can change while the bus runs; see `model.config.reload`.
@@ -205,33 +175,23 @@ class BusServer:
             ConfigError: Limits do not fit other values of the configuration; nothing has changed.
             StateError: Limits are about a slave that does not exist; nothing has changed.
         """
-        up = self._up
-        assert up.shared is not None, "asked before the bus was brought up"
-        assert up.engine is not None
-        assert up.master is not None
-        assert up.limits is not None
+        running = self._running
         if config.signal != self._config.signal:
-            bus = await asyncio.to_thread(up.limits.check, config)
-            self._report_held(await self._worker.run(partial(up.limits.use, bus)))
+            bus = await asyncio.to_thread(self._limits.check, config)
+            self._report_held(await self._worker.run(partial(self._limits.use, bus)))
         if config.mailbox != self._config.mailbox:
-            await self._worker.run(partial(up.master.set_share, config.mailbox.share))
-        up.engine.set_wkc_limit(config.outputs.wkc_limit)
+            await self._worker.run(partial(running.master.set_share, config.mailbox.share))
+        running.engine.set_wkc_limit(config.outputs.wkc_limit)
         self._config, self._in_force = config, in_force
-        self._running.set_recovery(config.recovery)
-        self._running.set_health(config.health)
-        up.shared.set_leases(*leases(config))
-        if self._fault_files is not None:
-            self._fault_files.set_config(config.capture)
+        self._monitor.set_recovery(config.recovery)
+        self._monitor.set_health(config.health)
+        running.shared.set_leases(*leases(config))
+        self._fault_files.set_config(config.capture)
         self._configured = config.log
-        self._use_audit_file(config)
+        use_audit_file(self._log, config)
         self._events.publish(
             new_event("configuration", text="the configuration was read again, and has changed")
         )
-
-    def _use_audit_file(self, config: Config) -> None:
-        self._log.set_audit_file(config.audit_file)
-        for warning in missing_audit_folder(config):
-            self._log.warning(warning)
 
     def _report_held(self, outputs: list[str]) -> None:
         if outputs:
@@ -243,8 +203,7 @@ class BusServer:
 
     async def monitor(self) -> None:
         """Watches the bus, and carries Ethernet frames, until the server stops."""
-        assert self._ethernet is not None, "asked before the bus was brought up"
-        await asyncio.gather(self._running.run(), self._ethernet.run())
+        await asyncio.gather(self._monitor.run(), self._ethernet.run())
 
     async def attend(self) -> None:
         """Tells the engine regularly that the control side works, until the server stops.
@@ -253,11 +212,10 @@ class BusServer:
             StateError: The control side was silent for too long, so the engine has made the outputs
                 safe.
         """
-        assert self._up.engine is not None, "asked before the bus was brought up"
         cycles = max(_ATTENDED_MIN, round(HANG_S * 1e6 / self._config.cycle_time_us))
         while True:
             await self._worker.run(_nothing)
-            if not self._up.engine.attend(cycles):
+            if not self._running.engine.attend(cycles):
                 raise StateError(
                     f"the bus server stood still for {Timeout(HANG_S)}, so the engine has made "
                     f"the outputs safe: other programs took the processor, or this is a defect"
@@ -272,20 +230,13 @@ class BusServer:
         self._asked_at = time.monotonic()
         await self._worker.run(_nothing)
         health = look_at(self._states())
-        assert self._up.shared is not None, "asked before the bus was brought up"
         return {
-            "cycle": self._up.shared.header.cycle,
-            "status": health.sentence(_SHOWN) if health.problems else self._up.summary,
+            "cycle": self._running.shared.header.cycle,
+            "status": health.sentence(_SHOWN) if health.problems else self._running.summary,
         }
-
-    @property
-    def _running(self) -> Monitor:
-        assert self._monitor is not None, "asked before the bus was brought up"
-        return self._monitor
 
     async def answer(self, operation: Operation[A], slot: int = ZENOH) -> A:
         """Carries an operation out; see `Requests.answer`."""
-        assert self._requests is not None, "asked before the bus was brought up"
         return await self._requests.answer(operation, slot)
 
     @handles(Describe)
@@ -298,7 +249,7 @@ class BusServer:
 
     @handles(ReadStates)
     async def _read_states(self, _: ReadStates) -> States:
-        await self._running.look()
+        await self._monitor.look()
         return self._states()
 
     @handles(ReadEvents)
@@ -307,36 +258,35 @@ class BusServer:
 
     @handles(ReadFrames)
     def _read_frames(self, request: ReadFrames) -> Frames:
-        return read_frames(self._up.frame_rings, self._up.interfaces, request)
+        return read_frames(self._running.frame_rings, self._running.master.interfaces, request)
 
     @handles(ReadInfo)
     def _info(self, _: ReadInfo) -> Info:
-        assert self._up.wire is not None, "asked before the bus was brought up"
-        wire = self._up.wire
+        wire = self._running.data.wire
         found = {
             "version": VERSION,
             "host": socket.gethostname(),
-            "interface": self._interface,
+            "interface": self._running.master.interfaces[0],
             "started": self._started,
             "cycle_time_us": self._config.cycle_time_us,
             "wire_us": round(wire.round_trip_us, 1),
             "wire_frames": wire.frames,
             "wire_bytes": wire.wire_bytes,
-            **self._running.describe(),
+            **self._monitor.describe(),
         }
         return cast("Info", found)
 
     def _states(self) -> States:
         return {
-            "slaves": [self._state_row(item) for item in self._running.states],
-            "missing": cast("list[MissingSlave]", self._missing),
-            "others": self._running.others,
-            "faults": [cast("Fault", fault.to_map()) for fault in self._running.faults],
+            "slaves": [self._state_row(item) for item in self._monitor.states],
+            "missing": cast("list[MissingSlave]", self._running.found.expectation.left_out),
+            "others": self._monitor.others,
+            "faults": [cast("Fault", fault.to_map()) for fault in self._monitor.faults],
             "service_silent_s": time.monotonic() - self._asked_at,
         }
 
     def _state_row(self, item: SlaveState) -> SlaveAlState:
-        condition, more = self._running.condition(item.position)
+        condition, more = self._monitor.condition(item.position)
         found = {
             "position": item.position,
             "name": self.bus.slaves[item.position].name,
@@ -347,8 +297,8 @@ class BusServer:
             "text": item.describe(),
             "recovery": str(condition),
             "recovery_text": more,
-            "since": self._running.down_since(item.position),
-            **self._running.present(item.position),
+            "since": self._monitor.down_since(item.position),
+            **self._monitor.present(item.position),
         }
         return cast("SlaveAlState", found)
 
@@ -356,16 +306,16 @@ class BusServer:
     async def _set_state(self, request: SetState) -> States:
         if request.slave is None:
             slaves = self.bus.slaves
-            there = {item.position for item in self._running.states if item.al_state}
+            there = {item.position for item in self._monitor.states if item.al_state}
             chosen = [n for n, slave in enumerate(slaves) if n in there or not slave.group]
         else:
             chosen = [self.bus.find(request.slave).position]
         whom = "all slaves" if request.slave is None else self.bus.find(request.slave).label
         state = AlState.parse(request.state)
         with self._changes.telling(f"{whom}, AL state", state.name, request.by) as change:
-            change.before = states_text(self._running.states[n] for n in chosen)
-            await self._running.change(chosen, state)
-            await self._running.look()
+            change.before = states_text(self._monitor.states[n] for n in chosen)
+            await self._monitor.change(chosen, state)
+            await self._monitor.look()
         return self._states()
 
     @handles(ReadLogLevels)
@@ -393,69 +343,21 @@ class BusServer:
         return self._log_levels()
 
     async def stop(self) -> None:
-        """Takes the bus down in order, also after a start that has failed."""
-        shared, engine = self._up.shared, self._up.engine
-        if shared is not None:
-            shared.set_state(shm.BusState.STOPPING)
-        if engine is not None and shared is not None:
-            await self._make_safe(engine, shared)
-        if self._requests is not None:
-            self._requests.close()
-        if self._monitor is not None:
-            self._monitor.stop()
-            self._monitor.close()
-        if self._fault_files is not None:
-            await self._fault_files.close()
+        """Takes the bus down: safe outputs, SAFEOP, INIT, no more frames."""
+        self._running.shared.set_state(shm.BusState.STOPPING)
+        await asyncio.to_thread(self._running.make_safe)
+        self._requests.close()
+        self._monitor.stop()
+        self._monitor.close()
+        await self._fault_files.close()
         await asyncio.to_thread(self._worker.close)
         self._changes.close()
         self._events.close()
-        self._aborted.clear()  # taking the bus down has to wait for slaves
-        await asyncio.to_thread(self._take_down)
+        await asyncio.to_thread(self._running.close)
 
-    async def _make_safe(self, engine: Engine, shared: SharedMemory) -> None:
-        """Sends safe outputs while slaves are in OP, and waits until drives have stopped."""
-        cycle_s, header = self._config.cycle_time_us * 1e-6, shared.header
-        first = header.cycle
-        engine.make_safe()
-        if first == 0:
-            return  # the exchange has not begun
-        deadline = time.monotonic() + _SAFE_TIMEOUT
-        enough = first + _STOP_CYCLES + self.bus.output_cycles
-        while header.cycle < enough and time.monotonic() < deadline:
-            await asyncio.sleep(cycle_s)
-        # The engine itself ends each stop after its time, so this deadline is never reached.
-        deadline = time.monotonic() + self._config.outputs.longest_stop + _SAFE_TIMEOUT
-        while engine.stopping and time.monotonic() < deadline:
-            await asyncio.sleep(cycle_s)
 
-    def _take_down(self) -> None:
-        up = self._up
-        try:
-            if up.master is not None and self.bus.slaves:
-                # Nobody waits for slaves that are gone; their watchdogs make their outputs safe.
-                here = {
-                    n.position: n.al_state & 0x0F for n in up.master.al_states.read() if n.al_state
-                }
-                # Only slaves in OP go to SAFEOP. Those of a refused start are in PREOP, below it.
-                in_op = [position for position, state in here.items() if state == AlState.OP]
-                with suppress(StateError):
-                    up.leave(AlState.INIT, _STOP_PATIENCE)
-                for state, asked in ((AlState.SAFEOP, in_op), (AlState.INIT, list(here))):
-                    if asked:
-                        try:
-                            up.master.al_states.wait_for(state, _STOP_PATIENCE, asked)
-                        except StateError as error:
-                            self._log.warning(f"at the stop: {error}")
-                # A slave may hear this although its answers were lost.
-                up.master.al_states.tell_all(AlState.INIT)
-            if up.clocks is not None:
-                up.clocks.sync_signals.stop()
-        finally:
-            if up.engine is not None:
-                up.engine.close()
-            if up.shared is not None:
-                up.shared.close()
-            if up.master is not None:
-                up.master.close()
-            for ring in up.frame_rings.values():
-                ring.close()
+def use_audit_file(log: Log, config: Config) -> None:
+    """Writes changes to the audit file of a configuration from now on."""
+    log.set_audit_file(config.audit_file)
+    for warning in missing_audit_folder(config):
+        log.warning(warning)

@@ -38,7 +38,7 @@ class Change:
         before: The value before; empty if it is not known. It is known if a change of the same
             thing by the same program waits to be told: a program that writes an object at each
             sample must not take twice the time.
-        is_told: Whether there is a line about it.
+        writes_objects: Whether there is a line about it.
         is_secret: Whether its values may be secrets, such as passwords, so that only the log and
             the audit file of this machine have them.
         problem: Why it failed; empty if it did not.
@@ -49,7 +49,7 @@ class Change:
     after: str
     by: str
     before: str = ""
-    is_told: bool = True
+    writes_objects: bool = True
     is_secret: bool = False
     problem: str = ""
     is_doubtful: bool = False
@@ -114,7 +114,7 @@ class Changes:
             change.fail(error)
             raise
         finally:
-            if change.is_told:
+            if change.writes_objects:
                 self._note(change, slot)
 
     def _note(self, change: Change, slot: int) -> None:

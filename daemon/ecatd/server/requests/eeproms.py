@@ -84,7 +84,7 @@ class Eeproms:
             with self._changes.telling(slave.label, "", request.by) as change:
                 try:
                     await self._worker.request(steps)
-                    change.is_told = bool(before)
+                    change.writes_objects = bool(before)
                 finally:
                     _describe(change, slave, request, before)
             if request.more:

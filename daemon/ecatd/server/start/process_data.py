@@ -13,7 +13,7 @@ from ecatd.config.resolve import ResolvedConfig, resolve_config
 from ecatd.master.engine.layout import Image, lay_out
 
 from .clocks import Clocks
-from .found import FoundBus
+from .found_bus import FoundBus
 from .mapping import configure, without_lrw
 from .round_trip import measure_round_trip
 from .watchdogs import check_watchdogs

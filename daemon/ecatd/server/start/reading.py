@@ -1,4 +1,4 @@
-"""Scans a bus and reads its slaves into the bus description. They stay in PREOP."""
+"""The first steps of a start: prepares it, scans the bus, and reads its slaves, up to PREOP."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ecatd.base.paths import profile_folders
 from ecatd.config import Config
 from ecatd.config.meanings import raw_parameters, unknown_types
 from ecatd.config.profiles import Profiles, load_profiles
-from ecatd.config.resolve import check_slaves, load_description
+from ecatd.config.resolve import alike_slaves, check_slaves, load_description
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.conditions import Condition
 from ecatd.etg.al import AlState
@@ -23,9 +23,8 @@ from ecatd.master.master import Master
 
 from .absent import may_be_empty, waits_for_slaves
 from .clocks import clock_bits
-from .expectation import follow_expectation
-from .found import STARTS_OTHERS, FoundBus
-from .gone import find_gone
+from .expectation import STARTS_OTHERS, place
+from .found_bus import FoundBus
 from .mapping import Scanned, configure_slaves, identify_slaves, read_modules
 from .matching import branch_ends
 from .set_up import count_links, read_mailboxes
@@ -33,81 +32,118 @@ from .uncertain import settle
 
 
 @dataclass(frozen=True, slots=True)
-class Files:
-    """The contents of the files that the configuration names.
+class Plan:
+    """What a start knows before it sends anything.
 
     Attributes:
+        config: The configuration, with the positions that it expects.
+        interface: The interface, which may come from the simulator.
         profiles: The device profiles.
         description: The description of the complete bus; None if there is none.
+        cancelled: Called while waiting for slaves; when it returns true, the start ends with
+            `StateError`.
+        log: The log for progress and warnings.
     """
 
+    config: Config
+    interface: str
     profiles: Profiles
     description: Bus | None
+    cancelled: Callable[[], bool]
+    log: Log
 
 
-def read_files(config: Config) -> Files:
+def prepare(config: Config, interface: str, cancelled: Callable[[], bool], log: Log) -> Plan:
     """Reads the files that the configuration names.
 
     Raises:
         ConfigError: A file cannot be read.
     """
-    return Files(load_profiles(config, profile_folders()), load_description(config))
+    profiles, description = load_profiles(config, profile_folders()), load_description(config)
+    for warning in alike_slaves(config):
+        log.warning(warning)
+    return Plan(config, interface, profiles, description, cancelled, log)
 
 
-def scan(found: FoundBus, interface: str, files: Files, log: Log) -> None:
-    """Finds the slaves and brings them to PREOP; raises as `Master.scan`."""
-    master, config = found.master, found.config
-    empty = may_be_empty(config, files.description)
-    try:
-        why = master.scan(config.state_timeout, may_be_empty=empty)
-    except UnreachableError as error:
-        if files.description is None and waits_for_slaves(config):
-            raise UnreachableError(
-                f"{error}. A tolerant bus starts without its slaves and uses them when they come, "
-                "if it has their `description` in [expected]"
-            ) from error
-        raise
-    count = len(master.stations)
-    text = f"{count} slave{'s' * (count != 1)} found on {interface}"
-    log.info(f"{text} (numbered by ecatd: {why})" if why else text)
-    for item in finish(master.al_states.request(AlState.PREOP, config.state_timeout)):
-        if not item.al_state:  # it has lost its power or its cable
-            raise StateError(f"slave {item.position} does not answer any more")
-        found.stuck[item.position] = item.describe()
+def scan(plan: Plan, master: Master, refused: dict[int, str]) -> FoundBus:
+    """Finds the slaves, brings them to PREOP, and compares them with the expected ones.
 
-
-def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log) -> None:
-    """Reads SII and PDOs of all slaves, compares them, and writes the configuration of each slave.
+    Args:
+        plan: What is wanted.
+        master: The master.
+        refused: See `FoundBus`.
 
     Raises:
-        StateError: The bus is not the expected one, or slaves cannot be read or configured.
-        ConfigError: The configuration does not fit the slaves.
+        StateError: The bus is not the expected one; or as `Master.scan`.
     """
-    master = found.master
+    stuck = _bring_to_preop(plan, master)
     scanned = identify_slaves(master)
     for item in scanned:
-        if why := found.stuck.get(item.slave.position):
+        if why := stuck.get(item.slave.position):
             item.condition, item.why = Condition.STUCK, why
     for item in scanned:
         slave = item.slave
-        log.debug(
+        plan.log.debug(
             f"{slave.label}: vendor 0x{slave.vendor:08X}, product 0x{slave.product:08X}, "
             f"revision 0x{slave.revision:08X}, serial number 0x{slave.serial:08X}, alias "
             f"{slave.alias}",
             slaves=[slave.position],
         )
     in_preop = [item for item in scanned if not item.condition]
-    _identify(found, in_preop)
-    read_modules(master, in_preop, cancelled)
-    unexpected = follow_expectation(found, scanned, files.description, log)
+    _identify(plan, master, in_preop)
+    read_modules(master, in_preop, plan.cancelled)
+    placed = place(master, scanned, plan.config, plan.description, plan.log)
+    return FoundBus(
+        Bus(plan.config.bus, plan.config.cycle_time_us),
+        master,
+        placed.config,
+        placed.scanned,
+        placed.expectation,
+        placed.awaited,
+        placed.unexpected,
+        refused,
+    )
+
+
+def _bring_to_preop(plan: Plan, master: Master) -> dict[int, str]:
+    """Scans; returns slaves that do not reach PREOP, by place on the wire, and their AL states."""
+    config = plan.config
+    try:
+        why = master.scan(config.state_timeout, may_be_empty=may_be_empty(config, plan.description))
+    except UnreachableError as error:
+        if plan.description is None and waits_for_slaves(config):
+            raise UnreachableError(
+                f"{error}. A tolerant bus starts without its slaves and uses them when they come, "
+                "if it has their `description` in [expected]"
+            ) from error
+        raise
+    count = len(master.stations)
+    text = f"{count} slave{'s' * (count != 1)} found on {plan.interface}"
+    plan.log.info(f"{text} (numbered by ecatd: {why})" if why else text)
+    stuck = {}
+    for item in finish(master.al_states.request(AlState.PREOP, config.state_timeout)):
+        if not item.al_state:  # it has lost its power or its cable
+            raise StateError(f"slave {item.position} does not answer any more")
+        stuck[item.position] = item.describe()
+    return stuck
+
+
+def read(plan: Plan, found: FoundBus) -> None:
+    """Writes the configuration of each slave, and reads their PDOs into the bus description.
+
+    Raises:
+        StateError: Slaves cannot be read or configured.
+        ConfigError: The configuration does not fit the slaves.
+    """
+    master, log = found.master, plan.log
     _leave_out_stuck(found)
     check_slaves(found.config, replace(found.bus, slaves=[item.slave for item in found.scanned]))
     for wanted in found.config.slave:
         if wanted.mailbox_tries is not None:
             master.set_mailbox_tries(wanted.position, wanted.mailbox_tries)
-    _make_raw(found, files.profiles)
-    configure_slaves(master, found.scanned, found.config, unexpected, cancelled)
-    if any(item.silence for item in found.scanned) and find_gone(master):
+    _make_raw(found, plan.profiles)
+    configure_slaves(master, found.scanned, found.config, found.unexpected, plan.cancelled)
+    if any(item.silence for item in found.scanned) and master.find_gone():
         raise StateError("slaves have lost their power or their cable")
     mailbox_log = log.of("mailbox")
     for item in found.scanned:
@@ -122,7 +158,6 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
         if not item.condition:
             for text in unknown_types(item.slave, item.guessed, configured):
                 log.info(text)
-    patience = found.config.state_timeout
     with_sync = {item.slave for item in found.config.dc.slave}
     dispensable = {
         item.slave.position
@@ -130,8 +165,8 @@ def read(found: FoundBus, files: Files, cancelled: Callable[[], bool], log: Log)
         if item.known and not found.must_be_there(item.slave.position)
     }
     found.uncertain = settle(
-        *(master, found.scanned, unexpected, with_sync, dispensable, found.refused),
-        *(patience, log.warning),
+        *(master, found.scanned, found.unexpected, with_sync, dispensable, found.refused),
+        *(found.config.state_timeout, log.warning),
     )
     for position, bits in clock_bits(master).items():
         found.scanned[position].slave.dc_bits = bits
@@ -156,12 +191,12 @@ def _leave_out_stuck(found: FoundBus) -> None:
         raise StateError(f"{'; '.join(texts)} ({STARTS_OTHERS})")
 
 
-def _identify(found: FoundBus, scanned: Sequence[Scanned]) -> None:
+def _identify(plan: Plan, master: Master, scanned: Sequence[Scanned]) -> None:
     """Reads the identifications of the slaves."""
-    ways = ways_to_ask(found.config, ((item.slave, item.sii) for item in scanned))
-    stations = found.master.stations
+    ways = ways_to_ask(plan.config, ((item.slave, item.sii) for item in scanned))
+    stations = master.stations
     asked = {stations[position]: register for position, register in ways.items()}
-    told = ask_identifications(found.master.registers, asked) if asked else {}
+    told = ask_identifications(master.registers, asked) if asked else {}
     for item in scanned:
         item.slave.identification = told.get(item.slave.address, 0)
 

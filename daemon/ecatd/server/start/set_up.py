@@ -14,7 +14,6 @@ from copy import copy
 from ecatd.base.coroutine_steps import Steps
 from ecatd.base.errors import ConfigError, StateError
 from ecatd.base.timeouts import Timeout
-from ecatd.config import Config
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.conditions import REMEDIES
 from ecatd.etg.al import AlState
@@ -22,17 +21,16 @@ from ecatd.etg.pdo import Pdo
 from ecatd.etg.sii import SiiMailbox
 from ecatd.etg.sii_reader import read_sii
 from ecatd.master.al_states import why_not_reached
-from ecatd.master.engine.layout import Image
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.master.mailbox.talks import talk_all
 from ecatd.master.master import Master, SilentSlaveError
 
 from .clock_registers import SYNC_CONTROL
-from .clocks import Clocks
 from .configurations import Missed, leave, write_configurations, write_parameters
-from .mapping import Scanned, configure, describer, process_data_registers, take_pdos_from_sii
+from .found_bus import FoundBus
+from .mapping import configure, describer, process_data_registers, take_pdos_from_sii
+from .process_data import ProcessData
 from .slave_configuration import SlaveConfiguration
-from .uncertain import Uncertain
 from .watchdogs import check_watchdogs
 
 _SYNC_MANAGERS, _MAILBOXES_SIZE = 0x0800, 16
@@ -100,41 +98,23 @@ class SetUp:
     """Sets up slaves that have restarted, while the bus runs. Use it on the worker.
 
     Args:
-        master: The master.
+        found: The slaves, with the results of the start. Slaves that answer again are removed from
+            its `uncertain`.
+        data: The process data.
         shared: The shared memory.
-        bus: The bus.
-        scanned: The slaves, with the results of the start.
-        image: The process image.
-        mailboxes: See `read_mailboxes`.
-        clocks: The distributed clocks, if they are used.
-        uncertain: Slaves whose process data are uncertain. Slaves that answer again are removed.
-        config: The configuration.
     """
 
-    def __init__(
-        self,
-        master: Master,
-        shared: SharedMemory,
-        bus: Bus,
-        scanned: Sequence[Scanned],
-        image: Image,
-        mailboxes: Sequence[bytes],
-        clocks: Clocks | None,
-        uncertain: dict[int, Uncertain],
-        config: Config,
-    ) -> None:
-        self._master = master
+    def __init__(self, found: FoundBus, data: ProcessData, shared: SharedMemory) -> None:
+        self._found = found
+        self._master = found.master
         self._shared = shared
-        self._bus = bus
-        self._scanned = scanned
-        self._image = image
-        self._mailboxes = list(mailboxes)
-        self._clocks = clocks
-        self._uncertain = uncertain
-        self._config = config
-        self._patience = config.state_timeout
+        self._bus = found.bus
+        self._scanned = found.scanned
+        self._image = data.image
+        self._clocks = data.clocks
+        self._patience = found.config.state_timeout
         self._unconfigured: set[int] = set()  # slaves that need their configuration before SAFEOP
-        self._new = {n for n, item in enumerate(scanned) if not item.known}
+        self._new = {n for n, item in enumerate(found.scanned) if not item.known}
 
     def is_new(self, position: int) -> None:
         """Notes that another device has taken the place of a slave, as its table permits."""
@@ -154,7 +134,7 @@ class SetUp:
             item = self._scanned[position]
             was = copy(item.slave)
             item.sii, item.read_at = sii, time.time()
-            self._mailboxes[position] = mailbox
+            self._found.mailboxes[position] = mailbox
             if not item.speaks:
                 try:
                     take_pdos_from_sii(item)
@@ -187,14 +167,10 @@ class SetUp:
         managers, fmmus = process_data_registers(item, self._image)
         return [*managers, *fmmus]
 
-    @property
-    def image(self) -> Image:
-        """The process image."""
-        return self._image
-
     def has_boot(self, position: int) -> bool:
         """Whether the EEPROM of a slave describes a mailbox for BOOT (ETG.1000.6)."""
-        return bool(self._mailboxes[position]) and self._scanned[position].sii.bootstrap.exists
+        has_mailbox = bool(self._found.mailboxes[position])
+        return has_mailbox and self._scanned[position].sii.bootstrap.exists
 
     def ask(
         self, positions: Iterable[int], state: AlState = AlState.OP
@@ -281,7 +257,7 @@ class SetUp:
         for position in sorted(self._new & {*positions}):
             item = self._scanned[position]
             try:
-                yield from check_watchdogs(self._master, self._bus, [item], self._config)
+                yield from check_watchdogs(self._master, self._bus, [item], self._found.config)
             except SilentSlaveError:
                 raise  # it is gone again, so nothing is known of its watchdog
             except (ConfigError, StateError) as error:
@@ -311,7 +287,7 @@ class SetUp:
         for position in positions:
             if self._scanned[position].slave.sync0_ns:
                 writes.append((position, SYNC_CONTROL, bytes(2)))
-            if mailboxes := self._mailboxes[position]:
+            if mailboxes := self._found.mailboxes[position]:
                 off += [(position, register, b"\0") for register in _ACTIVATE]
                 if state == AlState.BOOT:
                     mailboxes = _for_boot(mailboxes, self._scanned[position].sii.bootstrap)
@@ -356,7 +332,7 @@ class SetUp:
                 continue
             item.silence = ""
             if not item.sii.damaged:
-                self._uncertain.pop(position, None)
+                self._found.uncertain.pop(position, None)
         return missed
 
 

@@ -18,8 +18,8 @@ from ecatd.master.engine.shared_memory import SharedMemory
 
 from .clocks import Clocks
 from .configurations import write_parameters
-from .found import STARTS_OTHERS, FoundBus
-from .gone import find_gone
+from .expectation import STARTS_OTHERS
+from .found_bus import FoundBus
 from .set_up import wait_for_outputs
 
 MAILBOX_PAUSE_S = 0.0005
@@ -88,7 +88,7 @@ class ToOp:
             try:
                 step()
             except StateError as error:
-                gone = [n for n in find_gone(self._found.master) if n not in self._found.lost]
+                gone = [n for n in self._found.master.find_gone() if n not in self._found.lost]
                 if not gone or self._cancelled():
                     raise
                 self._drop(gone, error)

@@ -28,18 +28,16 @@ class EventHistory:
 
     Args:
         send: Called with every event, as a map with its `sequence` and the `instance`.
-
-    Attributes:
         instance: Stands for this run of the daemon, as in its shared memory. Each run counts its
             events from 1 on.
     """
 
-    def __init__(self, send: Callable[[Event], None]) -> None:
+    def __init__(self, send: Callable[[Event], None], instance: int) -> None:
         self._send = send
         self._kept: deque[Event] = deque(maxlen=_KEPT)
         self._next = 1
         self._subjects: OrderedDict[tuple[Any, ...], _Subject] = OrderedDict()  # the newest last
-        self.instance = 0
+        self._instance = instance
 
     def publish(self, event: Event) -> None:
         """Numbers an event, keeps it, and sends it; in a flood, later and with others."""
@@ -52,7 +50,7 @@ class EventHistory:
             self._subjects.popitem(last=False)[1].close()
 
     def _pass_on(self, event: Event) -> None:
-        numbered = {"sequence": self._next, "instance": self.instance, **event}
+        numbered = {"sequence": self._next, "instance": self._instance, **event}
         self._next += 1
         self._kept.append(numbered)
         self._send(numbered)
@@ -65,7 +63,7 @@ class EventHistory:
         """
         oldest = self._next - len(self._kept)
         return {
-            "instance": self.instance,
+            "instance": self._instance,
             "events": [event for event in self._kept if event["sequence"] >= sequence],
             "next": self._next,
             "left_out": max(0, oldest - max(sequence, 1)),

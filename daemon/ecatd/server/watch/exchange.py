@@ -21,7 +21,7 @@ from ecatd.master.engine.layout import DomainImage
 from ecatd.master.worker import Worker
 from ecatd.operations.faults import EXCHANGE, LATE, LOST, UNSENT, WORKING_COUNTER, Fault
 
-from ..start.running import RunningBus
+from ..start.running_bus import RunningBus
 from .suspects import Finding, are_damaged, find_suspects
 
 _PERIOD = 0.5
@@ -153,7 +153,6 @@ class ExchangeWatch:
 
     Args:
         running: The bus.
-        config: The limits.
         worker: The worker on which slaves are asked.
         log: The log for changes.
         tell: Publishes an event; gets its kind, and facts about it.
@@ -164,7 +163,6 @@ class ExchangeWatch:
     def __init__(
         self,
         running: RunningBus,
-        config: HealthConfig,
         worker: Worker,
         log: Log,
         tell: Callable[..., None],
@@ -173,7 +171,7 @@ class ExchangeWatch:
         self._running = running
         self._bus = running.bus
         self._shared = running.shared
-        self._config = config
+        self._config = running.config.health
         self._worker = worker
         self._log = log
         self._tell = tell
@@ -181,7 +179,7 @@ class ExchangeWatch:
         now = time.monotonic()
         self._parts: list[_Part] = []
         domains: list[DomainImage | None] = [
-            domain for domain in running.set_up.image.domains if domain.datagrams
+            domain for domain in running.data.image.domains if domain.datagrams
         ]
         for domain in domains or [None]:
             divider = 1 if domain is None else domain.divider
@@ -224,7 +222,7 @@ class ExchangeWatch:
         health = self._shared.health
         if domain is None:
             # With two interfaces a frame that one of them does not take leaves by the other one.
-            one = len(self._running.interfaces) == 1
+            one = len(self._running.master.interfaces) == 1
             unsent = health.unsent if one else 0
             failed = health.lost + unsent  # one frame in a cycle, which looks for slaves
             return Counts(health.cycles, 0, health.lost, health.late, unsent, failed)

@@ -20,8 +20,8 @@ from ecatd.master.wire_scan import scanning_wire
 from ecatd.master.worker import Worker
 from ecatd.operations.wire import found_slaves, known_slaves
 
-from ..start.found import restart_text
-from ..start.running import RunningBus
+from ..start.expectation import restart_text
+from ..start.running_bus import RunningBus
 
 _QUIET_S = 1.0
 """Seconds without a change, after which the wire is looked at."""
@@ -49,9 +49,10 @@ class ExpectationWatch:
         self._worker = worker
         self._log = log
         self._tell = tell
-        self._config = running.expectation.config
-        self._positions = running.expectation.positions
-        self._told = _keyed(running.expectation.differences, running.expectation.wire)
+        expected = running.found.expectation
+        self._config = expected.config
+        self._positions = expected.positions
+        self._told = _keyed(expected.differences, expected.wire)
         self._added: set[Key] = set()  # devices that the next start would use
         self._changed_at: float | None = None
         self._wire: list[Slave | None] = []  # who is where; None for devices that are new

@@ -18,7 +18,7 @@ from ecatd.master.frames.interface import switch_on
 from ecatd.operations.faults import UNSENT, Fault
 from ecatd.shm import contract as shm
 
-from ..start.running import RunningBus
+from ..start.running_bus import RunningBus
 from .counters import Disturbance, Report
 from .deeds import Deed, facts, sentence
 from .foreign import ForeignWatch
@@ -61,32 +61,32 @@ class InterfaceWatch:
         self._bus = running.bus
         self._engine = running.engine
         self._master = running.master
-        self._interfaces = running.interfaces
+        self._interfaces = running.master.interfaces
         self._health = running.shared.health
         self._log = log
         self._tell = tell
-        self._sending = [Throttle(self._tell_sending, _PERIOD) for _ in running.interfaces]
-        self._link_changes = [Throttle(self._tell_link, _PERIOD) for _ in running.interfaces]
+        self._sending = [Throttle(self._tell_sending, _PERIOD) for _ in self._interfaces]
+        self._link_changes = [Throttle(self._tell_link, _PERIOD) for _ in self._interfaces]
         self._ring: Event | None = None
         self._ring_since = 0.0  # Unix time since which it is open
         self._untold_break: Event | None = None
         self._ring_told: tuple[shm.Ring, int | None] | None = None
         self._ring_timer: asyncio.TimerHandle | None = None
-        self._states = StateWatch(running.interfaces, log, tell)
-        self._links = LinkWatch(running.interfaces, self._on_link, self._states.note)
-        self._link_since = [0.0] * len(running.interfaces)
-        self._send_errors = [0] * len(running.interfaces)
-        self._send_since = [0.0] * len(running.interfaces)
+        self._states = StateWatch(self._interfaces, log, tell)
+        self._links = LinkWatch(self._interfaces, self._on_link, self._states.note)
+        self._link_since = [0.0] * len(self._interfaces)
+        self._send_errors = [0] * len(self._interfaces)
+        self._send_since = [0.0] * len(self._interfaces)
         self._indices = [state.index for state in self._links.states]  # that sockets belong to
         self._publish_links()
-        self._foreign = ForeignWatch(running.interfaces, running.run)
-        self._foreign_frames = [0 for _ in running.interfaces]
+        self._foreign = ForeignWatch(self._interfaces, running.master.run)
+        self._foreign_frames = [0 for _ in self._interfaces]
         self._foreign_at = -_FOREIGN_GONE  # when frames of another master were last seen
-        self._foreign_since = [0.0] * len(running.interfaces)  # Unix time; 0: there is none
-        self._foreign_seen = [-_FOREIGN_TOLD] * len(running.interfaces)
-        self._foreign_masters = [Disturbance({"frames": 0}) for _ in running.interfaces]
-        self._sources = [""] * len(running.interfaces)
-        self._deeds: list[set[Deed]] = [set() for _ in running.interfaces]  # not reported yet
+        self._foreign_since = [0.0] * len(self._interfaces)  # Unix time; 0: there is none
+        self._foreign_seen = [-_FOREIGN_TOLD] * len(self._interfaces)
+        self._foreign_masters = [Disturbance({"frames": 0}) for _ in self._interfaces]
+        self._sources = [""] * len(self._interfaces)
+        self._deeds: list[set[Deed]] = [set() for _ in self._interfaces]  # not reported yet
         self._disturbance = Disturbance(self._read_counters())
 
     def _read_counters(self) -> dict[str, int]:

@@ -20,7 +20,7 @@ from ecatd.master.mailbox.mailbox import MAILBOX_IN, has_mail
 from ecatd.master.mailbox.talks import talk_all
 from ecatd.master.worker import Worker
 
-from ..start.running import RunningBus
+from ..start.running_bus import RunningBus
 
 _TOGETHER_S = 0.005
 """Looks that are due within so many seconds are one: they share frames."""
@@ -44,11 +44,12 @@ class MailboxWatch:
     def __init__(
         self, running: RunningBus, worker: Worker, log: Log, tell: Callable[..., None]
     ) -> None:
-        self._polls = running.polls
+        slaves = running.bus.slaves
+        self._polls = [running.config.settings_of(slave.position).poll_s for slave in slaves]
         self._slaves = {
             slave.position: slave
-            for slave in running.bus.slaves
-            if (slave.coe or slave.eoe) and running.polls[slave.position]
+            for slave in slaves
+            if (slave.coe or slave.eoe) and self._polls[slave.position]
         }
         self._due = dict.fromkeys(self._slaves, 0.0)
         self._master = running.master

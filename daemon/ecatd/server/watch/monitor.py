@@ -16,7 +16,7 @@ from typing import Any
 from ecatd.base.batch import Batch
 from ecatd.base.errors import StateError
 from ecatd.base.log import Log
-from ecatd.config import HealthConfig, OutputsConfig, RecoveryConfig
+from ecatd.config import HealthConfig, RecoveryConfig
 from ecatd.etg.al import AlState
 from ecatd.master.al_states import SlaveState
 from ecatd.master.emergencies import Emergency
@@ -26,7 +26,7 @@ from ecatd.operations.events import new_event
 from ecatd.operations.faults import Fault
 from ecatd.shm import contract as shm
 
-from ..start.running import RunningBus
+from ..start.running_bus import RunningBus
 from .clocks import ClockWatch
 from .exchange import ExchangeWatch
 from .fault_files import FaultFiles
@@ -62,8 +62,6 @@ class Monitor:
 
     Args:
         running: The bus.
-        outputs: What is configured about outputs.
-        health: When the exchange is not well.
         answer: Carries out requests of clients.
         worker: The worker on which slaves are asked.
         log: The log for events.
@@ -74,8 +72,6 @@ class Monitor:
     def __init__(
         self,
         running: RunningBus,
-        outputs: OutputsConfig,
-        health: HealthConfig,
         answer: Answer,
         worker: Worker,
         log: Log,
@@ -92,11 +88,13 @@ class Monitor:
             running.shared, running.engine, answer, self._on_wrong_request, log.of("mailbox")
         )
         outputs_log = log.of("outputs")
-        self._outputs = OutputWatch(running.bus, running.shared, outputs, outputs_log, self._tell)
+        self._outputs = OutputWatch(
+            running.bus, running.shared, running.config.outputs, outputs_log, self._tell
+        )
         self._interfaces = InterfaceWatch(running, log.of("interfaces"), self._tell)
         self._slaves = SlaveWatch(running, worker, log, self._tell, self._interfaces)
         self._exchange = ExchangeWatch(
-            running, health, worker, log.of("interfaces"), self._tell, self._interfaces.explain
+            running, worker, log.of("interfaces"), self._tell, self._interfaces.explain
         )
         self._clocks = (
             None

@@ -23,7 +23,7 @@ from ecatd.master.worker import Worker
 
 from ..start.configurations import Missed
 from ..start.matching import Exchanged, Found
-from ..start.running import RunningBus
+from ..start.running_bus import RunningBus
 from .presence import name_slaves
 from .recovery import QUICK_TRIES, Failure, Plan, Recovery
 
@@ -56,17 +56,14 @@ class Repair:
         self._log = log
         self._tell = tell
         self._look = look
-        self._retry_s = running.recovery.retry_s
-        self._state_patience = running.state_timeout
+        found, config = running.found, running.config.recovery
+        self._retry_s = config.retry_s
         self._recovery = Recovery(
-            len(running.bus.slaves),
-            running.recovery.slaves,
-            running.recovery.retry_s,
-            running.optional,
-            running.absent,
+            *(len(found.bus.slaves), config.slaves, config.retry_s),
+            *(running.optional, found.absent),
         )
-        self._recovery.want(running.idle, AlState.PREOP)
-        self._settled(running.idle)
+        self._recovery.want(found.idle, AlState.PREOP)
+        self._settled(found.idle)
         self._jobs: dict[asyncio.Task[None], set[int]] = {}
         self._steps: dict[int, str] = {}  # what was last reported about the tries with a slave
 
@@ -77,7 +74,7 @@ class Repair:
     def condition(self, position: int) -> tuple[Condition, str]:
         """What is known of a slave that is not as it should be."""
         condition, text = self._recovery.condition(position)
-        if not condition and (uncertain := self._running.uncertain.get(position)):
+        if not condition and (uncertain := self._running.found.uncertain.get(position)):
             return uncertain.condition, uncertain.text
         return condition, text
 
@@ -155,7 +152,7 @@ class Repair:
 
         Nobody waits for slaves that do not answer: they are named when the others are there.
         """
-        running, patience = self._running, self._state_patience
+        running = self._running
         yield from self._leave(positions, state)
         seen = yield from self._see(positions)
         found, failures = self._find([position for position in positions if not seen[position]])
@@ -176,7 +173,7 @@ class Repair:
             in_safeop = [p for p in positions if seen[p] == AlState.SAFEOP]
             missed = yield from running.set_up.tell_before_op(in_safeop)
             _refuse(self._bus, {position: _failure(item) for position, item in missed.items()})
-        yield from running.master.al_states.require(state, patience, positions)
+        yield from running.master.al_states.require(state, running.config.state_timeout, positions)
         _refuse(self._bus, silent)
 
     def _see(self, positions: Sequence[int]) -> Steps[dict[int, int]]:
@@ -263,7 +260,7 @@ class Repair:
         return here, failures
 
     def _exchanged(self, position: int, found: Exchanged) -> Failure:
-        text = found.text + self._running.expectation.restart_without([position])
+        text = found.text + self._running.found.expectation.restart_without([position])
         return Failure(text, Condition.EXCHANGED, found.device)
 
     def _give_address(self, position: int, place: int) -> None:

@@ -20,7 +20,7 @@ from ecatd.master.al_states import SlaveState
 from ecatd.master.frames.datagrams import aprd
 from ecatd.master.worker import Worker
 
-from ..start.running import RunningBus
+from ..start.running_bus import RunningBus
 from .expectation import ExpectationWatch
 from .interfaces import InterfaceWatch
 from .presence import describe_presence, name_slaves
@@ -73,25 +73,24 @@ class SlaveWatch:
         self._tell = tell
         self._repair = Repair(running, worker, log.of("recovery"), tell, self._look_again)
         self._expectation = ExpectationWatch(running, worker, self._log, tell)
-        self._by_hand = running.recovery.slaves != "all"
+        self._by_hand = running.config.recovery.slaves != "all"
         self._interfaces = interfaces
         self._foreign = interfaces.is_foreign
         self._silent = False  # no slave answers, and no interface says why
         self._changed = asyncio.Event()
         self._pause = _PAUSE
         self._optional = running.optional
-        self._counted = len(running.bus.slaves) - len(running.absent) - len(running.awaited)
+        self._absent, awaited = running.found.absent, sorted(running.found.awaited)
+        self._counted = len(running.bus.slaves) - len(self._absent) - len(awaited)
         self._found = self._added = 0
         self._twice: list[int] = []  # positions of slaves at whose address another one answers, too
-        self._absent = set(running.absent)
-        self._restart_without = running.expectation.restart_without
+        self._restart_without = running.found.expectation.restart_without
         # What was last told about missing and new slaves. Those of the start were told there.
-        awaited = sorted(running.awaited)
         self._told = describe_presence(
             running.bus,
             self._counted,
             awaited,
-            absent=len(running.absent),
+            absent=len(self._absent),
             restart=self._restart_without(awaited),
         )
         self.states: list[SlaveState] = []

@@ -18,7 +18,7 @@ from ecatd.master.frames.datagrams import fprd
 from ecatd.master.master import Master
 
 from ..start.mapping import FMMU, SYNC_MANAGER
-from ..start.running import RunningBus
+from ..start.running_bus import RunningBus
 
 _ENABLED, _SWITCHED_OFF = 0x01, 0x01
 """Bit of the activation of a sync manager or an FMMU; of the PDI control: off by the slave."""

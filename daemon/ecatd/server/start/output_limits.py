@@ -7,37 +7,26 @@ from copy import deepcopy
 from ecatd.config import Config
 from ecatd.config.expected_bus import compare
 from ecatd.config.meanings import raw_parameters, without_meanings
-from ecatd.config.profiles import Profiles
 from ecatd.config.resolve import check_slaves, resolve_config
 from ecatd.description.bus import Bus
 from ecatd.etg.pdo import Entry
-from ecatd.master.engine.engine import Engine
-from ecatd.master.engine.shared_memory import SharedMemory
 
-from .found import FoundBus
 from .reading import with_eeprom_pdos
+from .running_bus import RunningBus
 
 _NAMED = 8
 """Most outputs beyond their new limits that are named."""
 
 
-class Limits:
-    """The limits of all outputs of a bus.
+class OutputLimits:
+    """The limits of all outputs of a bus that runs."""
 
-    Args:
-        found: The bus as it was brought up.
-        shared: Its shared memory.
-        engine: Its engine.
-        profiles: The device profiles of the start. Changed profiles are only used after a restart.
-    """
-
-    def __init__(
-        self, found: FoundBus, shared: SharedMemory, engine: Engine, profiles: Profiles
-    ) -> None:
+    def __init__(self, running: RunningBus) -> None:
+        found = running.found
         self._bus = found.bus
-        self._shared = shared
-        self._engine = engine
-        self._profiles = profiles
+        self._shared = running.shared
+        self._engine = running.engine
+        self._profiles = running.profiles
         self._eeproms = [item.sii for item in found.scanned]
         self._wire = list(found.master.wire)
         self._uncertain, self._idle = frozenset(found.uncertain), frozenset(found.idle)
