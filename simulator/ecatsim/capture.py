@@ -18,8 +18,8 @@ from ecatd.etg.sii_categories import whole_image
 from ecatd.etg.sii_check import check_sii
 from ecatd.master.frames.interface import look
 from ecatd.master.mailbox.coe import Coe
+from ecatd.master.mailbox.conversation import Conversation, converse
 from ecatd.master.mailbox.dictionary import read_dictionary
-from ecatd.master.mailbox.talks import Talk, converse
 from ecatd.master.master import Master
 from ecatd.server.start.clocks import clock_bits
 
@@ -156,13 +156,13 @@ def _slave(
         report = (lambda line: progress(f"{here}: {line}")) if objects else None
         coe = master.coe(position)
         try:
-            converse(master.registers, [coe.talk(lambda: _read_objects(slave, coe, report))])
+            converse(master.registers, [coe.converse(lambda: _read_objects(slave, coe, report))])
         except EcatError as error:  # the rest of the slave can be simulated
             slave.notes.append(str(error))
     return slave
 
 
-def _read_objects(slave: CapturedSlave, coe: Coe, progress: Progress | None) -> Talk[None]:
+def _read_objects(slave: CapturedSlave, coe: Coe, progress: Progress | None) -> Conversation[None]:
     """Reads the PDOs; with `progress`, reads all objects of the dictionary first."""
     if progress is not None:
         progress("object dictionary")
@@ -179,7 +179,7 @@ def _read_objects(slave: CapturedSlave, coe: Coe, progress: Progress | None) -> 
     yield from _read_pdos(slave, coe)
 
 
-def _upload(coe: Coe, index: int, subindex: int) -> Talk[Upload]:
+def _upload(coe: Coe, index: int, subindex: int) -> Conversation[Upload]:
     try:
         return Upload((yield from coe.upload(index, subindex)))
     except SdoAbortError as error:
@@ -188,10 +188,10 @@ def _upload(coe: Coe, index: int, subindex: int) -> Talk[Upload]:
         return Upload(problem=str(error))
 
 
-def _read_pdos(slave: CapturedSlave, coe: Coe) -> Talk[None]:
+def _read_pdos(slave: CapturedSlave, coe: Coe) -> Conversation[None]:
     """Uploads assignment and mapping of the PDOs, except values that were read before."""
 
-    def value(index: int, subindex: int) -> Talk[int]:
+    def value(index: int, subindex: int) -> Conversation[int]:
         key = (index, subindex)
         if key not in slave.values:
             slave.values[key] = yield from _upload(coe, index, subindex)

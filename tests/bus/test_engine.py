@@ -15,7 +15,7 @@ from engine_bench import MASTER, RUN, SECOND, SIZE, Bench, bench, in_namespace, 
 
 from ecatd.base.errors import EcatError, UnreachableError
 from ecatd.master.engine.engine import Clock, EventType, Index, open_socket
-from ecatd.server.watch.foreign import ForeignWatch
+from ecatd.server.watch.foreign_masters import ForeignWatch
 from ecatd.shm import contract as shm
 from ecatsim.links import FaultKind, FrameFault
 

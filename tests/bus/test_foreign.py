@@ -10,7 +10,7 @@ from inside import delete
 from test_simulator_topology import FIRST, run
 
 from ecatd.base.errors import UnreachableError
-from ecatd.server.watch.foreign import ForeignWatch
+from ecatd.server.watch.foreign_masters import ForeignWatch
 from ecatsim.net import netlink
 
 pytestmark = pytest.mark.bus

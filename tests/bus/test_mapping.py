@@ -17,6 +17,7 @@ from ecatd.etg.pdo import Entry, Pdo
 from ecatd.master.mailbox import talks
 from ecatd.master.master import Master
 from ecatd.server.start import mapping
+from ecatd.server.start.scanned import identify_slaves
 from ecatsim import Rig
 from ecatsim.control import Simulator
 from ecatsim.devices.library import library, make
@@ -107,7 +108,7 @@ def master_that_scans(*trouble: str) -> Any:
         with Simulator() as simulator:
             master.scan(Timeout(60))
             master.al_states.wait_for(AlState.PREOP, Timeout(60))
-            found = mapping.identify_slaves(master)
+            found = identify_slaves(master)
             mapping.configure_slaves(master, found, Config())
     except EcatError as error:
         return [type(error).__name__, str(error)]

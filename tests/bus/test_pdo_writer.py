@@ -16,6 +16,7 @@ from ecatd.config import Config, load_config
 from ecatd.etg.al import AlState
 from ecatd.master.master import Master
 from ecatd.server.start import mapping
+from ecatd.server.start.scanned import identify_slaves
 
 pytestmark = pytest.mark.bus
 
@@ -35,7 +36,7 @@ def master_that_writes(*tables: str) -> Any:
     try:
         master.scan(Timeout(5.0))
         master.al_states.wait_for(AlState.PREOP, Timeout(5.0))
-        scanned = mapping.identify_slaves(master)
+        scanned = identify_slaves(master)
         for table in ("", *tables, ""):
             with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
                 file.write(f"[[slave]]\nposition = {AXIS}\n{table}" if table else "")

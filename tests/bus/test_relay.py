@@ -23,7 +23,7 @@ from ecatd.config import read_config
 from ecatd.etg.al import AlState
 from ecatd.master import master as master_module
 from ecatd.master.frames.datagrams import brd, fprd
-from ecatd.master.mailbox.talks import converse
+from ecatd.master.mailbox.conversation import converse
 from ecatd.master.master import Master
 from ecatd.master.worker import Worker
 from ecatd.operations.registers import ReadRegister
@@ -98,8 +98,8 @@ def bus(**settings: Any) -> Iterator[RunningBus]:
 def read_vendor(master: Master, slave: int) -> int:
     coe = master.coe(slave)
 
-    talk = coe.talk(lambda: coe.upload(IDENTITY, 1))
-    return int.from_bytes(converse(master.registers, [talk])[0], "little")
+    conversation = coe.converse(lambda: coe.upload(IDENTITY, 1))
+    return int.from_bytes(converse(master.registers, [conversation])[0], "little")
 
 
 def counters(up: RunningBus) -> dict[str, int]:

@@ -23,7 +23,7 @@ def rig():
 def master_measures():
     from ecatd.base.timeouts import Timeout
     from ecatd.master.master import Master
-    from ecatd.server.start.round_trip import measure_round_trip
+    from ecatd.server.start.clock_registers import measure_round_trip
 
     master = Master([INTERFACE])
     try:

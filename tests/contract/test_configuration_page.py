@@ -10,7 +10,7 @@ import pytest
 from ecatd.base.errors import ConfigError
 from ecatd.config import Config, SafeConfig, SlaveConfig, read_config
 from ecatd.config.placed import rules_of
-from ecatd.master.mailbox.line import Line
+from ecatd.master.mailbox.mailbox_queue import MailboxQueue
 from ecatdev.configuration_page import page, sections
 from ecatdev.page_parts import attributes, paragraphs
 
@@ -51,8 +51,8 @@ ABOVE = {
 NO_NUMBER = ("bus", "slaves", "index", "pdos", "hex", "listen", "connect")
 """Keys with numbers in their range, but values of another kind."""
 LITERAL = {
-    "mailbox_timeout_ms": 1000 * Line().answer_s,
-    "mailbox_tries": Line().tries,
+    "mailbox_timeout_ms": 1000 * MailboxQueue().answer_s,
+    "mailbox_tries": MailboxQueue().tries,
     "mailbox_poll_ms": 1000 * SlaveConfig(0).poll_s,
     "stop_timeout_s": SafeConfig(0).stop_timeout,
 }

@@ -197,10 +197,10 @@ def test_every_row_is_about_something_that_exists() -> None:
     ("importing", "imported"),
     [
         ("ecatd/master/master.py", "ecatd/server/start/bring_up.py"),
-        ("ecatd/master/master.py", "ecatd/server/watch/rate_limiter.py"),
+        ("ecatd/master/master.py", "ecatd/server/watch/reports.py"),
         ("ecatd/server/start/bring_up.py", "ecatd/server/requests/conversations.py"),
         ("ecatd/client/remote.py", "ecatd/gateway/publisher.py"),
-        ("ecatd/server/requests/objects.py", "ecatd/server/watch/rate_limiter.py"),
+        ("ecatd/server/requests/objects.py", "ecatd/server/watch/reports.py"),
         ("ecatd/server/watch/outputs.py", "ecatd/shm/statistics/reader.py"),
         ("ecatd/server/__main__.py", "ecatsim/rig.py"),
         ("ecatd/description/bus.py", "ecatd/config/config.py"),

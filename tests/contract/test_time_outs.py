@@ -17,7 +17,7 @@ from ecatd.base.timeouts import Timeout
 from ecatd.config import Config, load_config
 from ecatd.etg.al import AlState
 from ecatd.master.al_states import SlaveState, why_not_reached
-from ecatd.master.mailbox.line import Line
+from ecatd.master.mailbox.mailbox_queue import MailboxQueue
 
 ROOT = Path(__file__).parents[2]
 SOURCES = [
@@ -28,8 +28,7 @@ SOURCES = [
 PASSED = re.compile(r"deadline|monotonic\(\)|ETIMEOUT|_until\b|waited >|now >")
 """In the condition of an `if`: a time has passed."""
 SAYS = re.compile(
-    r"patience|\bTimeout\(|_LIMIT\b|_CARRIER|_REPEAT|FIRST_ANSWER|_ABANDONED|\.whole\b",
-    re.IGNORECASE,
+    r"patience|_LIMIT\b|_CARRIER|_REPEAT|FIRST_ANSWER|_ABANDONED|\.whole\b", re.IGNORECASE
 )
 """In a message: how long."""
 OTHERS = {
@@ -88,16 +87,16 @@ def test_no_message_writes_a_time_by_itself() -> None:
 
 
 @pytest.mark.parametrize(
-    ("timeout", "text"),
+    ("patience", "text"),
     [
         (Config().state_timeout, "10 s (state_timeout_s above all tables)"),
         (Config().dc.timeout, "5 s (timeout_s in [dc])"),
-        (Line().patience(), "1 s (mailbox_timeout_ms in its [[slave]] table)"),
+        (MailboxQueue().patience(), "1 s (mailbox_timeout_ms in its [[slave]] table)"),
         (Timeout(0.5), "0.5 s (fixed)"),
     ],
 )
-def test_a_time_with_its_key(timeout: Timeout, text: str) -> None:
-    assert str(timeout) == text
+def test_a_time_with_its_key(patience: Timeout, text: str) -> None:
+    assert str(patience) == text
 
 
 def keys() -> set[str]:

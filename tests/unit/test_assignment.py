@@ -18,10 +18,10 @@ from ecatd.description.conditions import Condition
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.etg.sii import Sii
 from ecatd.etg.sii_reader import read_sii
-from ecatd.master.mailbox import line as line_module
+from ecatd.master.mailbox import mailbox_queue as queue_module
 from ecatd.master.mailbox.coe import Coe
-from ecatd.master.mailbox.line import Line
-from ecatd.master.mailbox.talks import Talk, converse
+from ecatd.master.mailbox.conversation import Conversation, converse
+from ecatd.master.mailbox.mailbox_queue import MailboxQueue
 from ecatd.server.start.assignment import Assignment
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
@@ -70,7 +70,7 @@ class Counting(Coe):
     """Counts what is asked."""
 
     def __init__(self, position: int) -> None:
-        super().__init__(position, FIRST_STATION + position, Line())
+        super().__init__(position, FIRST_STATION + position, MailboxQueue())
         self.uploads = 0
         self.descriptions = 0
 
@@ -82,7 +82,7 @@ class Counting(Coe):
         complete: bool = False,
         tries: int = 3,
         size: int = 0,
-    ) -> Talk[bytes]:
+    ) -> Conversation[bytes]:
         self.uploads += 1
         return super().upload(index, subindex, complete=complete, tries=tries, size=size)
 
@@ -92,7 +92,7 @@ class Counting(Coe):
         request: bytes,
         take: Callable[[int, bytes], T | None],
         patience_s: float | None = None,
-    ) -> Talk[T]:
+    ) -> Conversation[T]:
         self.descriptions += service == INFORMATION_SERVICE
         return super().ask(service, request, take, patience_s)
 
@@ -176,7 +176,7 @@ def deny(image: Sii) -> None:
 def test_a_slave_that_describes_nothing_is_not_asked_for_ever(
     change: Callable[[Sii], None], tries: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(line_module, "_ANSWER_S", 0.3)
+    monkeypatch.setattr(queue_module, "_ANSWER_S", 0.3)
     device = Single()
     device._services._coe._information.handle = lambda _request: []
     ((slave, coe),) = read(device, change=change)
@@ -207,7 +207,7 @@ def told(objects: dict[tuple[int, int], bytes], image: Sii) -> tuple[Slave, Beli
     slave = Correspondent(answers)
     with corresponding(slave) as (registers, _wire):
         found = Slave(0, "Odd", 1, 2, 3)
-        coe = Coe(0, FIRST_STATION, Line())
+        coe = Coe(0, FIRST_STATION, MailboxQueue())
         (known,) = converse(registers, [Assignment(found, image, coe, SlaveConfig(0)).read()])
     return found, known
 

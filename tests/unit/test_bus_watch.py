@@ -10,16 +10,15 @@ from conftest import names
 from ecatd.base.batch import Batch
 from ecatd.description.bus import Bus, Slave
 from ecatd.master.engine.engine import Event
-from ecatd.server.watch.counters import Disturbance, Report
 from ecatd.server.watch.interfaces import describe_ring
-from ecatd.server.watch.presence import describe_presence
-from ecatd.server.watch.rate_limiter import Throttle
+from ecatd.server.watch.presence import Presence
+from ecatd.server.watch.reports import Disturbance, Rise, Throttle
 from ecatd.shm.contract import Ring
 
 BUS = Bus("b", 1000, [Slave(i, f"EL{i}", 2, 3, 4) for i in range(4)])
 
 
-def reports(values: list[int]) -> list[Report | None]:
+def reports(values: list[int]) -> list[Rise | None]:
     """What is told of a counter with these values, one a second."""
     disturbance = Disturbance({"lost": 0})
     return [disturbance.look({"lost": value}, 100.0 + i) for i, value in enumerate(values)]
@@ -27,7 +26,7 @@ def reports(values: list[int]) -> list[Report | None]:
 
 def test_a_counter_is_told_at_once_and_a_single_time() -> None:
     told = reports([0, 0, 3] + [3] * 20)
-    assert told[2] == Report({"lost": 3}, 1.0)
+    assert told[2] == Rise({"lost": 3}, 1.0)
     assert [report for report in told if report] == [told[2]]
 
 
@@ -38,7 +37,7 @@ def test_a_lasting_disturbance_is_told_at_growing_intervals_and_at_its_end() -> 
     assert times == [0, 2, 6, 14, 30, 62, 122, 182]
     assert sum(report.counts["lost"] for report in told if report and not report.over) < 2000
     ends = [report for report in told if report and report.over]
-    assert ends == [Report({"lost": 2000}, 200.0, over=True)]
+    assert ends == [Rise({"lost": 2000}, 200.0, over=True)]
 
 
 def test_disturbances_that_come_again_and_again_do_not_fill_the_log() -> None:
@@ -126,7 +125,7 @@ def test_who_goes_on_is_told_less_and_less() -> None:
     ],
 )
 def test_what_is_said_of_missing_and_new_slaves(found: int, lost: list[int], words: str) -> None:
-    text = describe_presence(BUS, found, lost)
+    text = Presence(BUS, found, tuple(lost)).text(lambda _: "")
     if words:
         names(text, *words.split(" | "))
     assert bool(text) == bool(words)

@@ -19,11 +19,12 @@ from ecatd.etg.datatypes import DataType
 from ecatd.etg.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.master.frames.datagrams import Datagrams, fpwr
 from ecatd.master.mailbox import coe as coe_module
-from ecatd.master.mailbox import line as line_module
 from ecatd.master.mailbox import mailbox as mailbox_module
+from ecatd.master.mailbox import mailbox_queue as queue_module
 from ecatd.master.mailbox.coe import Coe, UnsizedBytes
+from ecatd.master.mailbox.conversation import Conversation, converse
 from ecatd.master.mailbox.dictionary import read_dictionary, read_object
-from ecatd.master.mailbox.line import Line
+from ecatd.master.mailbox.mailbox_queue import MailboxQueue
 from ecatd.master.mailbox.sdo_information import (
     EntryDescription,
     ObjectDescription,
@@ -31,7 +32,6 @@ from ecatd.master.mailbox.sdo_information import (
     describe_object,
     list_objects,
 )
-from ecatd.master.mailbox.talks import Talk, converse
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 from ecatsim.slave.mailbox import MailboxFault
@@ -66,10 +66,10 @@ class Roomy(Archive):
     mailbox = sii.Mailbox(receive_size=512, send=0x1200, send_size=512, coe_details=0x2F)
 
 
-def talk(coe: Coe, *uploads: tuple[int, int]) -> Talk[list[bytes | int]]:
+def conversation(coe: Coe, *uploads: tuple[int, int]) -> Conversation[list[bytes | int]]:
     """Uploads, and the abort codes of those that are refused."""
 
-    def part() -> Talk[list[bytes | int]]:
+    def part() -> Conversation[list[bytes | int]]:
         found: list[bytes | int] = []
         for index, subindex in uploads:
             try:
@@ -78,24 +78,24 @@ def talk(coe: Coe, *uploads: tuple[int, int]) -> Talk[list[bytes | int]]:
                 found.append(abort.code)
         return found
 
-    return (yield from coe.talk(part))
+    return (yield from coe.converse(part))
 
 
 def slaves(count: int) -> list[Coe]:
-    return [Coe(position, FIRST_STATION + position, Line()) for position in range(count)]
+    return [Coe(position, FIRST_STATION + position, MailboxQueue()) for position in range(count)]
 
 
 def ask(
     registers: Datagrams, count: int, *uploads: tuple[int, int]
 ) -> tuple[list[Coe], list[list[bytes | int]]]:
     coe = slaves(count)
-    return coe, converse(registers, [talk(item, *uploads) for item in coe])
+    return coe, converse(registers, [conversation(item, *uploads) for item in coe])
 
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Slaves that do not answer are given up sooner."""
-    monkeypatch.setattr(line_module, "_ANSWER_S", 0.2)
+    monkeypatch.setattr(queue_module, "_ANSWER_S", 0.2)
     monkeypatch.setattr(mailbox_module, "_REPEAT_S", 0.1)
     monkeypatch.setattr(coe_module, "_DOWNLOAD_S", 0.2)
     monkeypatch.setattr(coe_module, "_SYNCHRONIZE_S", 0.4)
@@ -122,7 +122,7 @@ class Vague(Archive):
 
 
 def test_an_answer_without_a_size_has_that_of_its_type() -> None:
-    def part(coe: Coe) -> Talk[list[bytes]]:
+    def part(coe: Coe) -> Conversation[list[bytes]]:
         yield from coe.open()
         found = []
         for index, size in ((0x2000, 2), (0x2010, 1), (0x2001, 1), (0x2000, 0), (0x2000, 8)):
@@ -138,7 +138,7 @@ def test_an_answer_without_a_size_has_that_of_its_type() -> None:
 
 
 def test_whole_objects_and_descriptions() -> None:
-    def whole(coe: Coe) -> Talk[tuple[object, ...]]:
+    def whole(coe: Coe) -> Conversation[tuple[object, ...]]:
         yield from coe.open()
         row = yield from coe.upload(0x2010, 0, complete=True)
         names = []
@@ -168,7 +168,7 @@ def test_downloads_of_all_sizes(size: int) -> None:
     """Expedited, normal, and in segments of every length."""
     sent = bytes(n * 7 % 251 + 1 for n in range(size))
 
-    def write(coe: Coe) -> Talk[bytes]:
+    def write(coe: Coe) -> Conversation[bytes]:
         yield from coe.open()
         yield from coe.download(0x2004, 0, sent)
         return (yield from coe.upload(0x2004, 0))
@@ -181,7 +181,7 @@ def test_downloads_of_all_sizes(size: int) -> None:
 def test_whole_objects_are_written() -> None:
     row = bytes.fromhex("0300 0a00 0b00 0c00")
 
-    def write(coe: Coe) -> Talk[bytes]:
+    def write(coe: Coe) -> Conversation[bytes]:
         yield from coe.open()
         yield from coe.download(0x2010, 0, row, complete=True)
         return (yield from coe.upload(0x2010, 0, complete=True))
@@ -191,7 +191,7 @@ def test_whole_objects_are_written() -> None:
 
 
 def test_downloads_that_are_refused() -> None:
-    def write(coe: Coe) -> Talk[list[str]]:
+    def write(coe: Coe) -> Conversation[list[str]]:
         yield from coe.open()
         found = []
         for index, data in ((0x2000, b"1234"), (0x2000, bytes(90)), (0x3000, b"1")):
@@ -208,7 +208,7 @@ def test_downloads_that_are_refused() -> None:
 
 
 def test_the_whole_dictionary() -> None:
-    def read(coe: Coe) -> Talk[list[DictionaryObject]]:
+    def read(coe: Coe) -> Conversation[list[DictionaryObject]]:
         yield from coe.open()
         return (yield from read_dictionary(coe))
 
@@ -256,7 +256,7 @@ def test_unit_default_and_limits_are_read_from_slaves_that_give_them(
             raise SdoAbortError(0x06010000)
         return describe(self, index, subindex, wanted)
 
-    def read(coe: Coe) -> Talk[DictionaryObject]:
+    def read(coe: Coe) -> Conversation[DictionaryObject]:
         yield from coe.open()
         return (yield from read_object(coe, 0x2020))
 
@@ -274,7 +274,7 @@ def test_unit_default_and_limits_are_read_from_slaves_that_give_them(
 def test_r13_emergencies_in_between_are_put_aside() -> None:
     devices = [Archive(), Archive()]
 
-    def with_emergencies(coe: Coe) -> Talk[list[bytes]]:
+    def with_emergencies(coe: Coe) -> Conversation[list[bytes]]:
         yield from coe.open()
         found = []
         for code in (0x1000, 0x8130):
@@ -316,7 +316,7 @@ def test_answers_to_a_request_that_was_given_up_are_not_taken(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The first answer comes only when the master has asked again, and is not the newest value."""
-    monkeypatch.setattr(line_module, "_ANSWER_S", 0.05)
+    monkeypatch.setattr(queue_module, "_ANSWER_S", 0.05)
     monkeypatch.setattr(coe_module, "_SYNCHRONIZE_S", 60.0)
     late: list[bytes] = []
 
@@ -341,11 +341,11 @@ def test_messages_are_counted_from_1_to_7() -> None:
     assert {len(item) for item in slave.mails} == {128}
 
 
-def patient() -> Line:
+def patient() -> MailboxQueue:
     """A busy machine may keep this process waiting for longer than a slave may take."""
-    line = Line()
-    line.answer_s = 30.0
-    return line
+    queue = MailboxQueue()
+    queue.answer_s = 30.0
+    return queue
 
 
 @pytest.mark.parametrize("unseen", [False, True])
@@ -367,8 +367,8 @@ def test_any_frame_may_get_lost(unseen: bool) -> None:
             return register >= 0x1000 and seen[0] == lose[0]
 
         wire.lose, wire.unseen = is_next, unseen
-        line = patient()
-        (plain,) = converse(registers, [talk(Coe(0, FIRST_STATION, line), *uploads)])
+        queue = patient()
+        (plain,) = converse(registers, [conversation(Coe(0, FIRST_STATION, queue), *uploads)])
         requests, accesses = answered[:], seen[0]
         assert plain == [b"\xfe\xff", LONG, b"hello world"]
         assert accesses == 2 * len(requests) == 8
@@ -376,8 +376,8 @@ def test_any_frame_may_get_lost(unseen: bool) -> None:
             answered.clear()
             lose[0], seen[0] = lost, 0
             # The slave remembers the number of the last message.
-            coe = Coe(0, FIRST_STATION, line)
-            assert converse(registers, [talk(coe, *uploads)]) == [plain]
+            coe = Coe(0, FIRST_STATION, queue)
+            assert converse(registers, [conversation(coe, *uploads)]) == [plain]
             assert answered == requests, f"access {lost}"
 
 
@@ -390,15 +390,17 @@ def test_a_lost_frame_brings_no_value_of_an_earlier_conversation(
     """Wherever it gets lost: a mailbox that is asked to repeat may have nothing new to say yet."""
     device = Archive()
     with in_preop(device) as (registers, wire):
-        line, wire.unseen = patient(), unseen
+        queue, wire.unseen = patient(), unseen
         if slow:
             device.mailbox_fault = MailboxFault("slow", 0.03)
         for lost in range(14):
             device[0x2000, 0] = lost
             begin = len(wire.frames)
             wire.lose = lambda number, lost=begin + lost: number == lost  # type: ignore[misc]
-            coe = Coe(0, FIRST_STATION, line, alone=alone)
-            assert converse(registers, [talk(coe, (0x2000, 0))]) == [[struct.pack("<H", lost)]]
+            coe = Coe(0, FIRST_STATION, queue, alone=alone)
+            assert converse(registers, [conversation(coe, (0x2000, 0))]) == [
+                [struct.pack("<H", lost)]
+            ]
 
 
 @pytest.mark.parametrize("unseen", [False, True])
@@ -416,14 +418,14 @@ def test_an_answer_that_got_lost_is_asked_for_though_another_message_follows(
             return handler(body)
 
         server.handlers[COE] = followed
-        line, wire.unseen = Line(), unseen
+        queue, wire.unseen = MailboxQueue(), unseen
         for lost in range(14):
             requests.clear()
             begin = len(wire.frames)
             wire.lose = lambda number, lost=begin + lost: number == lost  # type: ignore[misc]
-            coe = Coe(0, FIRST_STATION, line, alone=True)
+            coe = Coe(0, FIRST_STATION, queue, alone=True)
             data = struct.pack("<H", lost)
-            converse(registers, [coe.talk(lambda: coe.download(0x2000, 0, data))])  # noqa: B023
+            converse(registers, [coe.converse(lambda: coe.download(0x2000, 0, data))])  # noqa: B023
             assert device[0x2000, 0] == lost
             assert sum(body[2:3] < b"\x40" for body in requests) == 1, "it was written once"
 
@@ -505,8 +507,8 @@ def test_a_slave_that_does_not_answer_is_named_and_holds_nobody_up(short: None) 
     with in_preop(*devices) as (registers, _wire):
         finished: list[int] = []
 
-        def until_the_end(number: int, coe: Coe) -> Talk[None]:
-            yield from talk(coe, *UPLOADS)
+        def until_the_end(number: int, coe: Coe) -> Conversation[None]:
+            yield from conversation(coe, *UPLOADS)
             finished.append(number)
 
         devices[1].mailbox_fault = MailboxFault("stuck")
@@ -532,7 +534,7 @@ def test_only_the_first_of_many_silent_slaves_are_named(short: None) -> None:
 def test_a_slave_that_is_gone(short: None) -> None:
     with in_preop(Archive()) as (registers, wire):
 
-        def lost_after(coe: Coe) -> Talk[None]:
+        def lost_after(coe: Coe) -> Conversation[None]:
             yield from coe.open()
             wire.lose = lambda _number: True
             yield from coe.upload(0x2000, 0)
@@ -562,7 +564,7 @@ def test_starting_can_be_cancelled() -> None:
         corresponding(slave) as (registers, _wire),
         pytest.raises(StateError, match=naming("stopped")),
     ):
-        converse(registers, [talk(*slaves(1), (0x2000, 0))], lambda: bool(slave.mails))
+        converse(registers, [conversation(*slaves(1), (0x2000, 0))], lambda: bool(slave.mails))
 
 
 def segments(*parts: bytes) -> Callable[[bytes], list[bytes]]:
@@ -659,7 +661,7 @@ def test_an_object_that_comes_byte_by_byte_is_given_up(
     short: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each answer is prompt, so only the whole takes too long."""
-    monkeypatch.setattr(line_module, "_WHOLE", 2)
+    monkeypatch.setattr(queue_module, "_WHOLE", 2)
     with corresponding(byte_by_byte(0x2000)) as (registers, _wire):
         for _ in range(2):  # the second conversation begins anew
             with pytest.raises(NoAnswerError, match=naming("0x2000:00", "0.4 s", "without end")):
@@ -703,7 +705,7 @@ DESCRIPTIONS = {
 def test_wrong_descriptions(case: str, short: None) -> None:
     answers, text = DESCRIPTIONS[case]
 
-    def describe(coe: Coe) -> Talk[ObjectDescription]:
+    def describe(coe: Coe) -> Conversation[ObjectDescription]:
         yield from coe.open()
         return (yield from describe_object(coe, 0x2000))
 
@@ -742,7 +744,7 @@ def test_wrong_answers_to_downloads(case: str, short: None) -> None:
     answers, text = WRONG_DOWNLOADS[case]
     slave = Correspondent(answers)
 
-    def write(coe: Coe) -> Talk[None]:
+    def write(coe: Coe) -> Conversation[None]:
         yield from coe.open()
         yield from coe.download(0x2000, 0, bytes(400))
 
@@ -786,7 +788,7 @@ def test_whatever_a_slave_answers_it_is_a_result_or_an_error(script: list[list[b
     answers = iter(script)
     slave = Correspondent(lambda _request: next(answers, []))
 
-    def everything(coe: Coe) -> Talk[list[object]]:
+    def everything(coe: Coe) -> Conversation[list[object]]:
         yield from coe.open()
         found: list[object] = []
         for part in (
@@ -805,7 +807,7 @@ def test_whatever_a_slave_answers_it_is_a_result_or_an_error(script: list[list[b
         return found
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(line_module, "_ANSWER_S", 0.02)
+        patch.setattr(queue_module, "_ANSWER_S", 0.02)
         patch.setattr(coe_module, "_DOWNLOAD_S", 0.02)
         patch.setattr(coe_module, "_SYNCHRONIZE_S", 0.02)
         with corresponding(slave) as (registers, _wire):

@@ -21,12 +21,12 @@ from ecatd.base.timeouts import Timeout
 from ecatd.config import Config
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.datatypes import DataType
-from ecatd.master.emergencies import Emergency, tell_emergencies
+from ecatd.master.emergencies import Emergency, log_emergencies
 from ecatd.master.mailbox import coe as coe_module
-from ecatd.master.mailbox import line as line_module
+from ecatd.master.mailbox import mailbox_queue as queue_module
 from ecatd.master.mailbox.coe import Coe
-from ecatd.master.mailbox.line import Line
-from ecatd.master.mailbox.talks import Talk, converse
+from ecatd.master.mailbox.conversation import Conversation, converse
+from ecatd.master.mailbox.mailbox_queue import MailboxQueue
 from ecatd.master.master import Master
 from ecatd.master.worker import Worker
 from ecatd.operations.bus import ReadWaiting
@@ -61,7 +61,7 @@ class Bench:
 
     def __init__(self, devices: list[Device], registers: Any, wire: Wire) -> None:
         self.devices, self.registers, self.wire = devices, registers, wire
-        self.lines = [Line() for _ in devices]
+        self.queues = [MailboxQueue() for _ in devices]
         self.said: list[str] = []
         self.worker = Worker()
         log = cast("Log", SimpleNamespace(warning=lambda text, *_: self.said.append(text)))
@@ -74,7 +74,7 @@ class Bench:
             ),
         )
         self.emergencies = Batch[Emergency](
-            lambda found, left_out: tell_emergencies(log, found, left_out)
+            lambda found, left_out: log_emergencies(log, found, left_out)
         )
         bus = Bus("bench", 1000, SLAVES)
         self.conversations = conversations = Conversations(
@@ -88,12 +88,12 @@ class Bench:
         )
 
     def coe(self, position: int, *, alone: bool = False) -> Coe:
-        return Coe(position, FIRST_STATION + position, self.lines[position], alone=alone)
+        return Coe(position, FIRST_STATION + position, self.queues[position], alone=alone)
 
     def patient(self) -> None:
         """From now on slaves may take as long as a busy machine does."""
-        for line in self.lines:
-            line.answer_s = PATIENCE
+        for queue in self.queues:
+            queue.answer_s = PATIENCE
 
     async def read(self, position: int = 0, index: int = NUMBER) -> int:
         answer = await self.requests.answer(SdoRead(position, index))
@@ -123,7 +123,7 @@ def bench(count: int = 1) -> Iterator[Bench]:
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Slaves that do not answer are given up soon, until `made.patient()`."""
-    monkeypatch.setattr(line_module, "_ANSWER_S", 0.1)
+    monkeypatch.setattr(queue_module, "_ANSWER_S", 0.1)
     monkeypatch.setattr(coe_module, "_DOWNLOAD_S", 0.1)
     monkeypatch.setattr(coe_module, "_SYNCHRONIZE_S", 0.1)
 
@@ -247,18 +247,20 @@ def test_conversations_with_a_slave_take_turns() -> None:
             device[NUMBER, 0] = 7
             device[OTHER, 0] = 9
 
-        def again_and_again(coe: Coe, index: int) -> Talk[set[bytes]]:
+        def again_and_again(coe: Coe, index: int) -> Conversation[set[bytes]]:
             found = set()
             for _ in range(20):
                 found.add((yield from coe.upload(index, 0)))
             return found
 
-        talks = []
+        conversations = []
         for position in (0, 1, 0, 1, 0):
             coe = made.coe(position)
-            index = OTHER if len(talks) % 2 else NUMBER
-            talks.append(coe.talk(lambda coe=coe, index=index: again_and_again(coe, index)))  # type: ignore[misc]
-        found = converse(made.registers, talks)
+            index = OTHER if len(conversations) % 2 else NUMBER
+            conversations.append(
+                coe.converse(lambda coe=coe, index=index: again_and_again(coe, index))
+            )  # type: ignore[misc]
+        found = converse(made.registers, conversations)
         assert found == [{b"\7\0"}, {b"\x09"}] * 2 + [{b"\7\0"}]
 
 
@@ -331,7 +333,7 @@ def test_a_slave_that_is_missing_is_told_at_once() -> None:
 def test_a_storm_of_different_emergencies_has_few_lines() -> None:
     said: list[str] = []
     log = cast("Log", SimpleNamespace(warning=lambda text, *_: said.append(text)))
-    tell_emergencies(log, [(SLAVES[n % 2], 0x1000 + n, 1) for n in range(1000)], 7)
+    log_emergencies(log, [(SLAVES[n % 2], 0x1000 + n, 1) for n in range(1000)], 7)
     assert len(said) < 25
     names("\n".join(said), "7 emergencies are left out", "slave 1 (Number) sent 492 other")
 

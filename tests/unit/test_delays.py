@@ -11,7 +11,7 @@ import pytest
 from conftest import naming
 from ecatd.base.errors import StateError
 from ecatd.master.frames.topology import Ports, reached, way_out
-from ecatd.server.start.delays import arrivals, arrivals_at_both_ends
+from ecatd.server.start.clock_registers import arrivals, arrivals_at_both_ends
 
 CABLE, FORWARD = 100, 300
 HOP = CABLE + FORWARD

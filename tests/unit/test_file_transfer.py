@@ -9,9 +9,9 @@ from conftest import names, naming
 from ecatd.base.errors import NoAnswerError, StateError
 from ecatd.base.timeouts import Timeout
 from ecatd.master.mailbox import foe
+from ecatd.master.mailbox.conversation import Conversation
 from ecatd.master.mailbox.foe import FileRead, FileTransfer, FileWrite
 from ecatd.master.mailbox.mailbox import HEADER_BYTES, Mailbox, Protocol
-from ecatd.master.mailbox.talks import Talk
 from ecatsim.slave.foe import FoeServer
 
 SIZE = 64
@@ -54,7 +54,7 @@ class Wire(Mailbox):
         raise NoAnswerError("nothing")
         yield []
 
-    def send(self, protocol: Protocol, body: bytes) -> Talk[None]:
+    def send(self, protocol: Protocol, body: bytes) -> Conversation[None]:
         assert protocol == Protocol.FOE
         assert self._answers(body) == []
         return

@@ -10,9 +10,9 @@ from conftest import names
 from ecatd.base.errors import NoAnswerError, StateError, UsageError
 from ecatd.etg.al import AlState
 from ecatd.etg.idns import Attribute, Element, idn_text, parse_idn, split_elements
+from ecatd.master.mailbox.conversation import Conversation
 from ecatd.master.mailbox.mailbox import HEADER_BYTES, Mailbox, Protocol
 from ecatd.master.mailbox.soe import read_idn, write_idn
-from ecatd.master.mailbox.talks import Talk
 from ecatsim.slave.soe import READ_ONLY, Idn, SoeServer
 from rigs.files import IDNS, LIST, LONG, NUMBERS, SHORT, SIGNED, TEXT, UNSIGNED, WORDS
 
@@ -43,7 +43,7 @@ class Wire(Mailbox):
         raise NoAnswerError("nothing")
         yield []
 
-    def send(self, protocol: Protocol, body: bytes) -> Talk[None]:
+    def send(self, protocol: Protocol, body: bytes) -> Conversation[None]:
         assert self._server.handle(body) == []
         return
         yield []
@@ -55,10 +55,10 @@ def served(idns: dict[str, Idn], state: AlState = AlState.OP) -> Wire:
     return Wire(server)
 
 
-def run(talk: Talk[object]) -> object:
+def run(conversation: Conversation[object]) -> object:
     try:
         while True:
-            next(talk)
+            next(conversation)
     except StopIteration as end:
         return end.value
 
@@ -92,7 +92,7 @@ def test_an_idn_goes_both_ways() -> None:
 
 def test_what_a_drive_refuses_is_said() -> None:
     wire = served(IDNS)
-    for talk, code in (
+    for conversation, code in (
         (read_idn(wire, 0, parse_idn("S-0-0099")), "0x1001"),
         (read_idn(wire, 1, parse_idn("S-0-0001")), "0x1001"),
         (write_idn(wire, 0, 1, b"\0\0", is_list=False), "0x7006"),
@@ -102,7 +102,7 @@ def test_what_a_drive_refuses_is_said() -> None:
         (write_idn(wire, 0, parse_idn("P-0-0100"), b"\0\0", is_list=False), "0x7005"),
     ):
         with pytest.raises(StateError) as caught:
-            run(talk)
+            run(conversation)
         names(caught.value, f"SoE error {code}")
 
 

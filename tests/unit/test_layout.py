@@ -12,8 +12,16 @@ from ecatd.config import DomainConfig
 from ecatd.config.resolve.resolved import assign_domains
 from ecatd.description.bus import Bus, Domain, Slave
 from ecatd.etg.pdo import Entry, Pdo
-from ecatd.master.engine.framing import DOMAIN_DATAGRAM_MAX
-from ecatd.master.engine.layout import LRD, LRW, LWR, WINDOW, DomainImage, Image, lay_out
+from ecatd.master.engine.layout import (
+    DOMAIN_DATAGRAM_MAX,
+    LRD,
+    LRW,
+    LWR,
+    WINDOW,
+    DomainImage,
+    Image,
+    lay_out,
+)
 from ecatd.shm.contract import MAX_GROUPS
 
 

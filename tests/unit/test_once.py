@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from ecatd.base.errors import StateError
-from ecatd.server.once import KEPT, Once
+from ecatd.server.control import KEPT, Once
 
 
 class Changes:

@@ -100,7 +100,7 @@ class AlStates:
                 [fpwr(self._stations[p], _AL_CONTROL, data) for p in positions]
             )
 
-    def tell_all(self, state: AlState) -> None:
+    def request_of_all(self, state: AlState) -> None:
         """Requests an AL state of all slaves by one broadcast, and waits for none of them."""
         self._write(state, None)
 

@@ -15,7 +15,7 @@ _LINES_MAX = 8
 """Most lines about one slave at a time; further emergencies are only counted."""
 
 
-def tell_emergencies(log: Log, emergencies: list[Emergency], left_out: int = 0) -> None:
+def log_emergencies(log: Log, emergencies: list[Emergency], left_out: int = 0) -> None:
     """Logs emergencies; equal emergencies of one slave share a line, and there are `_LINES_MAX`.
 
     Args:

@@ -28,7 +28,7 @@ from .frames.other_end import find_other_end
 from .frames.relay import Relay
 from .frames.scan import FIRST_ANSWER, count_slaves, has_stations, number_slaves, stations
 from .mailbox.coe import Coe
-from .mailbox.line import Line
+from .mailbox.mailbox_queue import MailboxQueue
 
 _AL_STATUS = 0x0130
 _SYNC_MANAGERS, _ACTIVATE = 0x0800, (0x0806, 0x080E)
@@ -109,7 +109,7 @@ class Master:
         self.stations: list[int] = []
         self.wire: list[int] = []
         self._names: list[str] = []
-        self._lines: list[Line] = []
+        self._queues: list[MailboxQueue] = []
         with contextlib.ExitStack() as stack:
             for name in interfaces:
                 stack.enter_context(own(name, log.of("interfaces")))
@@ -168,7 +168,7 @@ class Master:
             self._names = []
         self.stations = [*stations(count)]
         self.wire = [*range(count)]
-        self._lines = [Line(self._mailbox_log) for _ in self.stations]
+        self._queues = [MailboxQueue(self._mailbox_log) for _ in self.stations]
         self.al_states = self._states()
         self.al_states.wait_for(AlState.INIT, patience)
         self._set_mailboxes_up()
@@ -192,7 +192,9 @@ class Master:
         spare = iter(stations(len(places))[len(self.stations) :])
         self.stations = [next(spare) if at is None else self.stations[at] for at in places]
         self._names = ["" if at is None else self.name(at) for at in places]
-        self._lines = [Line(self._mailbox_log) if at is None else self._lines[at] for at in places]
+        self._queues = [
+            MailboxQueue(self._mailbox_log) if at is None else self._queues[at] for at in places
+        ]
         there = {at: position for position, at in enumerate(places) if at is not None}
         self.wire = [there[at] for at in sorted(there)]
         self.al_states = self._states()
@@ -392,15 +394,15 @@ class Master:
 
     def set_mailbox_timeout(self, position: int, seconds: float) -> None:
         """Sets the time that a slave has to answer over its mailbox, in seconds."""
-        self._lines[position].answer_s = seconds
+        self._queues[position].answer_s = seconds
 
     def set_mailbox_tries(self, position: int, tries: int) -> None:
         """Sets how many times a slave is asked for an object if it does not answer."""
-        self._lines[position].tries = tries
+        self._queues[position].tries = tries
 
     def coe(self, position: int, *, alone: bool = False) -> Coe:
         """Returns the `Coe` of a slave for one conversation; `alone` as in `Mailbox`."""
-        return Coe(position, self.stations[position], self._lines[position], alone=alone)
+        return Coe(position, self.stations[position], self._queues[position], alone=alone)
 
     def label(self, position: int) -> str:
         """Returns the label of a slave for messages, with the name that SOEM has read."""

@@ -111,12 +111,12 @@ class Worker:
         libc.prctl(_PR_SET_NAME, b"ecat-worker", 0, 0, 0)  # for `top -H`
         while (item := self._calls.get()) is not None:
             if self._closed:
-                _tell(item, item.result.cancel)
+                _reply(item, item.result.cancel)
             elif not item.result.cancelled():
                 try:
-                    _tell(item, partial(_succeed, item.result, item.call()))
+                    _reply(item, partial(_succeed, item.result, item.call()))
                 except Exception as error:
-                    _tell(item, partial(_fail, item.result, error))
+                    _reply(item, partial(_fail, item.result, error))
 
     def close(self) -> None:
         """Waits for the running call to end, and cancels the waiting ones."""
@@ -125,7 +125,7 @@ class Worker:
         self._thread.join()
 
 
-def _tell(item: _Call, how: Callable[[], object]) -> None:
+def _reply(item: _Call, how: Callable[[], object]) -> None:
     with suppress(RuntimeError):  # its event loop has ended, so no code waits for the result
         item.loop.call_soon_threadsafe(how)
 

@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 
 
 async def _serve(settings: dict[str, Any], log: Log) -> None:
-    from .control import ControlSocket
-    from .log_lines import LogLines
+    # Not imported earlier, since entering a namespace needs a process without other threads.
+    from .control import ControlSocket, LogLines
     from .server import BusServer, use_audit_file
 
     config, up = _read(settings, log)
@@ -69,10 +69,10 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
         )
     )
     stopping = asyncio.create_task(stop.wait())
-    telling = asyncio.create_task(report_starting())
+    busy = asyncio.create_task(report_starting())
     try:
         await asyncio.wait((starting, stopping), return_when=asyncio.FIRST_COMPLETED)
-        telling.cancel()
+        busy.cancel()
         if starting.done():
             server = starting.result()
             await control.open(server)
@@ -138,8 +138,6 @@ def _describe(settings: dict[str, Any], log: Log) -> None:
 def main() -> int:
     """Runs the bus server; returns the exit code, which says why it ended."""
     leave_signals_to_the_service()
-    from . import control, log_lines, server  # noqa: F401  loaded while the service checks files
-
     settings = read_settings()
     log = Log("ecatd", settings["log"], settings["config"]["bus"])
     try:

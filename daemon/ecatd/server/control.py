@@ -1,11 +1,18 @@
-"""The control socket: over it the gateway sends requests to the bus server, and gets its events."""
+"""The control socket: over it the gateway sends requests, and gets events and lines of the log.
+
+A client that gets no answer to a change may ask again with the same `id`. The bus server keeps the
+answers, and not the gateway, so that this holds also if another gateway has been started meanwhile.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import grp
 import os
-from collections.abc import Callable
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -18,8 +25,109 @@ from ecatd.operations.catalog import parse
 from ecatd.operations.connection import Connection
 from ecatd.operations.encoding import MAX_MESSAGE
 
-from .once import Once
 from .server import BusServer
+
+KEPT = 256
+"""Answers that are kept for each user. Those that are still to come are kept beyond that."""
+
+Answer = asyncio.Task[dict[str, Any]]
+
+
+class Once:
+    """The answers to changes, by user and `id`."""
+
+    def __init__(self) -> None:
+        self._answers: dict[str, OrderedDict[str, Answer]] = {}
+
+    async def answer(
+        self,
+        user: str,
+        identity: str,
+        carry_out: Callable[[], Coroutine[Any, Any, dict[str, Any]]],
+    ) -> dict[str, Any]:
+        """Returns the answer to a change, which is carried out if it has not come before.
+
+        Args:
+            user: Whose change it is.
+            identity: Its `id`.
+            carry_out: Carries it out.
+
+        Raises:
+            EcatError: The change was refused or has failed, now or before.
+        """
+        answers = self._answers.setdefault(user, OrderedDict())
+        if identity not in answers:
+            answers[identity] = task = asyncio.create_task(carry_out())
+            task.add_done_callback(_note_error)
+            self._forget(answers)
+        # A client that goes away ends only its waiting.
+        return await asyncio.shield(answers[identity])
+
+    def close(self) -> None:
+        """Ends all changes that are under way."""
+        for answers in self._answers.values():
+            for task in answers.values():
+                task.cancel()
+
+    @staticmethod
+    def _forget(answers: OrderedDict[str, Answer]) -> None:
+        """Forgets the oldest answers of a user, but none that is still to come."""
+        done = [identity for identity, task in answers.items() if task.done()]
+        for identity in done[: max(0, len(answers) - KEPT)]:
+            del answers[identity]
+
+
+def _note_error(task: Answer) -> None:
+    """Takes note of an error that nobody waits for any more; asyncio would complain of it."""
+    if not task.cancelled():
+        task.exception()
+
+
+_MOST, _PAUSE = 100, 0.25
+"""Most lines that wait, and seconds for which they do: so at most 400 a second are published."""
+
+
+class LogLines:
+    """Numbers the lines of a log, and passes them on from the event loop.
+
+    A line is never waited for: of too many, the oldest are dropped, and their numbers are missing.
+
+    Args:
+        send: Called with each line, as a map.
+    """
+
+    def __init__(self, send: Callable[[dict[str, Any]], None]) -> None:
+        self._send = send
+        self._loop = asyncio.get_running_loop()
+        self._lock = threading.Lock()
+        self._waiting: list[dict[str, Any]] = []
+        self._next = 1
+
+    def note(self, level: str, part: str, text: str, event: str, slaves: list[int]) -> None:
+        """Takes a line, on any thread; see `Log`."""
+        line = {
+            "time_ns": time.time_ns(),
+            "level": level,
+            "part": part,
+            "text": text,
+            "event": event,
+            "slaves": slaves,
+        }
+        with self._lock:
+            first = not self._waiting
+            self._waiting.append({"sequence": self._next, **line})
+            self._next += 1
+            del self._waiting[:-_MOST]
+        if first:
+            with suppress(RuntimeError):  # the loop has ended, and with it the gateway
+                self._loop.call_soon_threadsafe(self._loop.call_later, _PAUSE, self._pass_on)
+
+    def _pass_on(self) -> None:
+        with self._lock:
+            lines, self._waiting = self._waiting, []
+        for line in lines:
+            self._send({"line": line})
+
 
 _PENDING_MAX = 256
 _CLIENTS_MAX = 8

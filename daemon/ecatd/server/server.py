@@ -53,8 +53,8 @@ from ecatd.shm import contract as shm
 
 from .requests.changes import ZENOH, Changes
 from .requests.conversations import Conversations
-from .requests.frames import read_frames
 from .requests.requests import Requests
+from .requests.wire import read_frames
 from .start.bring_up import BringUp
 from .start.exchange import leases
 from .start.output_limits import OutputLimits
@@ -312,7 +312,7 @@ class BusServer:
             chosen = [self.bus.find(request.slave).position]
         whom = "all slaves" if request.slave is None else self.bus.find(request.slave).label
         state = AlState.parse(request.state)
-        with self._changes.telling(f"{whom}, AL state", state.name, request.by) as change:
+        with self._changes.record(f"{whom}, AL state", state.name, request.by) as change:
             change.before = states_text(self._monitor.states[n] for n in chosen)
             await self._monitor.change(chosen, state)
             await self._monitor.look()

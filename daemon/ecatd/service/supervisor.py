@@ -175,7 +175,7 @@ class Supervisor:
             wait_s = self._wait_s(status)
         except EcatError as error:  # before there is a child
             self._log.error(str(error))
-            self._tell_failure(str(error))
+            self._report_failure(str(error))
             if self._describe:
                 print(json.dumps({"error": error.to_reply()}))
             status = error.exit_code
@@ -195,7 +195,7 @@ class Supervisor:
         self._reload.clear()
         return self._failed_starts.announce(self._failure)
 
-    def _tell_failure(self, reason: str) -> None:
+    def _report_failure(self, reason: str) -> None:
         """Reports to the service manager why this start has failed."""
         self._failure = reason
         notify(f"STATUS={not_started(self._config.bus, reason)}")
@@ -268,7 +268,7 @@ class Supervisor:
         line = await self._or_stop(child.output())
         ready = json.loads(line or "{}")
         if "error" in ready:
-            self._tell_failure(ready["error"]["message"])
+            self._report_failure(ready["error"]["message"])
         if "error" in ready or not ready:
             raise _EndedError(await child.end or 70, line)
         return child, ready
@@ -282,7 +282,7 @@ class Supervisor:
         word, text = await self._or_stop(child.first_line())
         if word != "ready":
             status = _status(await child.end)
-            self._tell_failure(text or self._failure)
+            self._report_failure(text or self._failure)
             raise _EndedError(status)
         self._log.debug(f"{child} is ready")
         return text
@@ -381,7 +381,7 @@ class Supervisor:
     async def _replace(self, gateway: Child) -> Child:
         """Starts another gateway; tries until the system has the memory for it."""
         self._children.remove(gateway)
-        told = False
+        reported = False
         while True:
             # It also ends with the bus server. The pause gives `_watch_server` the time to notice
             # that.
@@ -389,10 +389,10 @@ class Supervisor:
             try:
                 process = spawn(*self._gateway_command)
             except OSError as error:
-                if not told:
+                if not reported:
                     text = f"the gateway cannot be started: {error.strerror}; ecatd tries it again"
                     self._log.error(text, "gateway")
-                told = True
+                reported = True
             else:
                 gateway = await Child.of(GATEWAY, process)
                 self._children.append(gateway)

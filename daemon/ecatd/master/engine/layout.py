@@ -16,6 +16,10 @@ is known. If one datagram cannot carry the outputs or the inputs of a slave, the
 datagrams have nothing else, and are exchanged in one cycle, all or none (`Datagram.split`). Each
 group of optional slaves has datagrams of its own: their working counters show in every cycle
 whether the group is there, and the working counters of other datagrams do not depend on it.
+
+`pack` is the rule by which datagrams share frames. The engine packs the frames of the cycle in C
+(`daemon/cyclic/frames.c`, `engine.h`), by the same rule and with the same sizes. A test compares
+both.
 """
 
 from __future__ import annotations
@@ -25,10 +29,22 @@ from dataclasses import dataclass, field, replace
 
 from ecatd.base.errors import StateError
 from ecatd.description.bus import Bus, Domain, Slave
+from ecatd.etg.frame_sizes import DATAGRAM_FRAMING, DATAGRAM_MAX, PAYLOAD_MAX
 from ecatd.etg.pdo_layout import sync_manager_bytes
 from ecatd.shm.contract import MAX_GROUPS
 
-from .framing import DOMAIN_DATAGRAM_MAX
+STATUS_BYTES = 2
+TIME_BYTES = 8
+"""Data bytes of the two datagrams at the start of each cycle: AL status, and reference clock."""
+
+DOMAIN_DATAGRAM_MAX = DATAGRAM_MAX - STATUS_BYTES - TIME_BYTES - 2 * DATAGRAM_FRAMING
+"""Most process data in one datagram, so that it fits into one frame with those two."""
+
+MAX_FRAMES = 64
+MAX_DATAGRAMS = 256
+MAX_DOMAIN_DATAGRAMS = MAX_DATAGRAMS - 2
+"""What the engine has room for in one cycle; two datagrams are its own (status and time)."""
+
 
 WINDOW = 0x0010_0000
 """Logical addresses of one domain: domain d begins at (d + 1) * WINDOW."""
@@ -239,3 +255,28 @@ def _split(
             datagram = replace(datagram, length=datagram.length + left)
     if datagram.length:
         yield datagram
+
+
+def pack(lengths: Iterable[int]) -> list[range]:
+    """Distributes datagrams over frames: each frame takes as many as fit, in the given order.
+
+    Args:
+        lengths: Bytes of data of each datagram.
+
+    Returns:
+        For each frame, the numbers of its datagrams, counted from 0.
+
+    Raises:
+        ValueError: A datagram has more data than `DATAGRAM_MAX`.
+    """
+    frames: list[range] = []
+    payload = PAYLOAD_MAX
+    for number, length in enumerate(lengths):
+        if length > DATAGRAM_MAX:
+            raise ValueError(f"{length} bytes are more than the {DATAGRAM_MAX} of a datagram")
+        payload += DATAGRAM_FRAMING + length
+        if payload > PAYLOAD_MAX:
+            frames.append(range(number, number))
+            payload = DATAGRAM_FRAMING + length
+        frames[-1] = range(frames[-1].start, number + 1)
+    return frames

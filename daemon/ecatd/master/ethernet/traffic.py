@@ -16,11 +16,10 @@ from ecatd.operations.ethernet import Ethernet, ReadEthernet
 from ecatd.operations.handlers import handles
 
 from ..emergencies import Emergency
-from ..mailbox.talks import talk_alone
+from ..mailbox.conversation import run_conversation
 from ..master import Master
 from ..worker import Worker
-from .port import SlavePort
-from .switch import Switch
+from .switch import SlavePort, Switch
 
 _BUSY_S = 0.5
 """Seconds after the last frame for which a slave is asked again and again for the next one. After
@@ -74,7 +73,7 @@ class EthernetTraffic:
         if config.interface:
             self._ports = [
                 SlavePort(
-                    master.coe(slave.position).line,
+                    master.coe(slave.position).queue,
                     partial(self._on_loop, self._forward, number),
                     partial(self._on_loop, work.set),
                 )
@@ -122,7 +121,7 @@ class EthernetTraffic:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._keep_interface())
                 for slave, port, work in zip(self._slaves, self._ports, self._work, strict=True):
-                    group.create_task(self._serve(slave, port, work))
+                    group.create_task(self._carry(slave, port, work))
         finally:
             self._close()
 
@@ -141,7 +140,7 @@ class EthernetTraffic:
                 parse_interface(self._config.address) if self._config.address else None,
             )
         except StateError as error:
-            if str(error) != self._problem:
+            if not self._problem:
                 self._log.warning(f"{error}; ecatd tries it again every {_RETRY_S:g} s")
             self._problem = str(error)
             return
@@ -186,9 +185,9 @@ class EthernetTraffic:
     def _forward(self, number: int, frame: bytes) -> None:
         self._switch.forward(frame, number)
 
-    async def _serve(self, slave: Slave, port: SlavePort, work: asyncio.Event) -> None:
+    async def _carry(self, slave: Slave, port: SlavePort, work: asyncio.Event) -> None:
         """Exchanges frames with a slave whenever there are any."""
-        silent = ""
+        failed: type[EcatError] | None = None  # the last exchange, and how
         while True:
             await work.wait()
             until = self._loop.time() + _BUSY_S
@@ -198,8 +197,8 @@ class EthernetTraffic:
                     moved = await self._exchange(slave, port)
                 except EcatError as error:
                     port.clear()
-                    if str(error) != silent:
-                        silent = str(error)
+                    if type(error) is not failed:
+                        failed = type(error)
                         self._log.warning(
                             f"{slave.label} gets no Ethernet frames: {error}",
                             slaves=[slave.position],
@@ -212,18 +211,18 @@ class EthernetTraffic:
                     await asyncio.sleep(_SILENT_S)
                     continue
                 if moved:
-                    if silent:
+                    if failed:
                         text = f"{slave.label} gets Ethernet frames again"
                         self._log.info(text, slaves=[slave.position])
-                    silent = ""
+                    failed = None
                     until = self._loop.time() + _BUSY_S
                 elif not work.is_set():
                     await asyncio.sleep(_PAUSE_S)
 
     async def _exchange(self, slave: Slave, port: SlavePort) -> bool:
         coe = self._master.coe(slave.position)
-        talk = port.exchange(coe)
-        moved = await self._worker.request(talk_alone(self._master.registers, talk))
+        conversation = port.exchange(coe)
+        moved = await self._worker.request(run_conversation(self._master.registers, conversation))
         for code, register in coe.emergencies:
             self._note((slave, code, register))
         return moved

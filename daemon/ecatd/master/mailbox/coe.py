@@ -1,8 +1,9 @@
 """CANopen over EtherCAT (ETG.1000.6, "CoE"): SDO transfers.
 
-A transfer is a part of a conversation with one slave. `talks.talk_all` runs the conversations with
-many slaves at the same time. An answer is accepted only if it is for the requested object: a late
-answer to an abandoned request must not pass for the answer to the next one.
+A transfer is a part of a conversation with one slave. `conversation.run_conversations` runs the
+conversations with many slaves at the same time. An answer is accepted only if it is for the
+requested object: a late answer to an abandoned request must not pass for the answer to the next
+one.
 """
 
 from __future__ import annotations
@@ -15,15 +16,15 @@ from typing import TypeVar
 from ecatd.base.errors import EcatError, NoAnswerError, SdoAbortError, StateError
 from ecatd.etg.error_codes import abort_error
 
-from .line import Line
+from .conversation import Conversation
 from .mailbox import HEADER_BYTES, Mailbox, Protocol
-from .talks import Talk
+from .mailbox_queue import MailboxQueue
 
 T = TypeVar("T")
 
 _COLLECTED_MAX = 16  # most messages that are read in a row, if a slave sends them unasked
-TRIES_OF_LINE = 0
-"""Stands for `Line.tries`. It is the default for uploads, which can be repeated without effect."""
+TRIES_OF_QUEUE = 0
+"""Stands for `MailboxQueue.tries`, the default for uploads, which may be repeated."""
 
 _SYNCHRONIZE_S = 2.0
 """Seconds that a slow slave has to answer the requests that were abandoned."""
@@ -66,37 +67,39 @@ class Coe:
     Args:
         position: Position of the slave, for messages.
         station: Its configured station address.
-        line: The state and the queue that all conversations with the slave share.
+        queue: The queue and the state that all conversations with the slave share.
         alone: See `Mailbox`.
 
     Attributes:
         position: The argument `position`.
-        line: The argument `line`.
+        queue: The argument `queue`.
         mailbox: The mailbox of the slave.
         emergencies: Error code and error register of each emergency that came between answers.
     """
 
-    def __init__(self, position: int, station: int, line: Line, *, alone: bool = False) -> None:
+    def __init__(
+        self, position: int, station: int, queue: MailboxQueue, *, alone: bool = False
+    ) -> None:
         self.position = position
-        self.line = line
-        self.mailbox = Mailbox(station, line, alone=alone)
+        self.queue = queue
+        self.mailbox = Mailbox(station, queue, alone=alone)
         self.mailbox.on_other = self.note
         self.emergencies: list[tuple[int, int]] = []
         self._patience_s: float | None = None  # for requests that give no time of their own
 
-    def talk(self, part: Callable[[], Talk[T]]) -> Talk[T]:
+    def converse(self, part: Callable[[], Conversation[T]]) -> Conversation[T]:
         """Holds a whole conversation: waits for its turn, opens the mailbox, and runs `part`.
 
         Raises:
             NoAnswerError: The slave does not answer, or other conversations with it take too long.
             StateError: No mailbox for CoE is set up in the slave.
         """
-        with self.line.join() as turn:
+        with self.queue.join() as turn:
             yield from self.mailbox.wait_for_turn(turn)
             yield from self.open()
             return (yield from part())
 
-    def open(self) -> Talk[None]:
+    def open(self) -> Conversation[None]:
         """Reads address and size of the mailbox from the sync managers.
 
         Raises:
@@ -108,23 +111,23 @@ class Coe:
         except EcatError as error:
             raise type(error)(f"slave {self.position} has CoE or SoE, but {error}") from error
 
-    def collect(self) -> Talk[None]:
+    def collect(self) -> Conversation[None]:
         """Reads messages without a request: they are emergencies, or late answers.
 
         Raises:
             NoAnswerError: The slave does not answer, or other conversations with it take too long.
             StateError: No mailbox for CoE is set up in the slave, or a message is malformed.
         """
-        with self.line.join() as turn:
+        with self.queue.join() as turn:
             yield from self.mailbox.wait_for_turn(turn)
-            late = self.line.unanswered
+            late = self.queue.unanswered
             yield from self.open()
             found = yield from self.mailbox.collect(_COLLECTED_MAX)
             take = self._split(lambda service, _: service == _EMERGENCY)
             expected = [kind == Protocol.COE and bool(take(body)) for kind, body in found]
             # Emergencies are no answers, so the next request need not look for a late one.
             if all(expected) and len(found) < _COLLECTED_MAX:
-                self.line.unanswered = late
+                self.queue.unanswered = late
 
     def note(self, protocol: int, body: bytes) -> None:
         """Adds a message to `emergencies` if it is one; for messages during another protocol."""
@@ -140,16 +143,16 @@ class Coe:
         subindex: int,
         *,
         complete: bool = False,
-        tries: int = TRIES_OF_LINE,
+        tries: int = TRIES_OF_QUEUE,
         size: int = 0,
-    ) -> Talk[bytes]:
+    ) -> Conversation[bytes]:
         """Reads an object. Asks again if no answer comes, or a malformed one.
 
         Args:
             index: Index of the object.
             subindex: The subindex, or the first one of a complete access.
             complete: Whether to read the whole object (complete access).
-            tries: Number of tries; 0 for `Line.tries`.
+            tries: Number of tries; 0 for `MailboxQueue.tries`.
             size: Bytes of its type. They count if the slave does not say how many of the four bytes
                 of an expedited answer are meant. 0: the type is not known; then all four bytes are
                 returned, as `UnsizedBytes`.
@@ -166,7 +169,7 @@ class Coe:
 
     def download(
         self, index: int, subindex: int, data: bytes, *, complete: bool = False
-    ) -> Talk[None]:
+    ) -> Conversation[None]:
         """Writes an object. Never repeats the request, since each write may have an effect.
 
         Raises as `upload`.
@@ -184,13 +187,15 @@ class Coe:
     def _object(self, index: int, subindex: int) -> str:
         return f"slave {self.position}, 0x{index:04X}:{subindex:02X}"
 
-    def insist(self, where: str, tries: int, talk: Callable[[], Talk[T]]) -> Talk[T]:
-        """Runs `talk` until it succeeds, at most `tries` times. Its errors begin with `where`.
+    def insist(
+        self, where: str, tries: int, part: Callable[[], Conversation[T]]
+    ) -> Conversation[T]:
+        """Runs `part` until it succeeds, at most `tries` times. Its errors begin with `where`.
 
         It is run again if there was no answer or a malformed one, but not after an SDO abort.
         """
         problem: NoAnswerError | StateError | None = None
-        tries = tries or self.line.tries
+        tries = tries or self.queue.tries
         self._patience_s = None
         for number in range(1, tries + 1):
             try:
@@ -199,11 +204,11 @@ class Coe:
                 problem = problem if isinstance(problem, StateError) else error
                 break
             try:
-                result = yield from talk()
-                self.line.unanswered = False
+                result = yield from part()
+                self.queue.unanswered = False
                 return result
             except SdoAbortError as abort:
-                self.line.unanswered = False
+                self.queue.unanswered = False
                 self._log(f"{where}: refused: {abort}")
                 raise abort_error(abort.code, f"{where}: {abort}") from abort
             except (NoAnswerError, StateError) as error:
@@ -213,26 +218,28 @@ class Coe:
         assert problem is not None
         raise type(problem)(f"{where}: {problem}") from problem
 
-    def _synchronize(self) -> Talk[None]:
+    def _synchronize(self) -> Conversation[None]:
         """Waits until no late answer to an abandoned request can come any more.
 
         If the same object is read again, a late answer must not pass for the new one. So this sends
         a request that differs from all others, and waits for its answer. Slaves answer in order, so
         all late answers have come before that.
         """
-        if not self.line.unanswered:
+        if not self.queue.unanswered:
             return
         self._log(f"slave {self.position}: waits until no late answer can come any more")
-        request = _SDO.pack(_UPLOAD, _IDENTITY, next(self.line.marks))
+        request = _SDO.pack(_UPLOAD, _IDENTITY, next(self.queue.marks))
 
         def take(service: int, sdo: bytes) -> bool | None:
             is_sdo = service in (_SDO_REQUEST, _SDO_RESPONSE) and len(sdo) >= _SDO_SIZE
             return True if is_sdo and sdo[1:4] == request[1:4] else None
 
         yield from self.ask(_SDO_REQUEST, request, take, _SYNCHRONIZE_S)
-        self.line.unanswered = False
+        self.queue.unanswered = False
 
-    def _logged_upload(self, index: int, subindex: int, complete: bool, size: int) -> Talk[bytes]:
+    def _logged_upload(
+        self, index: int, subindex: int, complete: bool, size: int
+    ) -> Conversation[bytes]:
         data = yield from self._upload(index, subindex, complete)
         if size and isinstance(data, UnsizedBytes):
             data = data.cut(size)
@@ -240,9 +247,9 @@ class Coe:
         return data
 
     def _log(self, text: str) -> None:
-        self.line.log.debug(text, slaves=[self.position])
+        self.queue.log.debug(text, slaves=[self.position])
 
-    def _upload(self, index: int, subindex: int, complete: bool) -> Talk[bytes]:
+    def _upload(self, index: int, subindex: int, complete: bool) -> Conversation[bytes]:
         head = _SDO.pack(_UPLOAD | (_COMPLETE if complete else 0), index, subindex)
 
         # In the answer to a complete access, some slaves set the bit for it, and some do not.
@@ -277,7 +284,9 @@ class Coe:
             raise StateError(f"the slave announces {size} bytes and sends {len(data)}")
         return data[:size]
 
-    def _download(self, index: int, subindex: int, data: bytes, complete: bool) -> Talk[None]:
+    def _download(
+        self, index: int, subindex: int, data: bytes, complete: bool
+    ) -> Conversation[None]:
         head = struct.pack("<BHB", _DOWNLOAD | (_COMPLETE if complete else 0), index, subindex)
 
         def is_answer(sdo: bytes) -> bool:
@@ -311,7 +320,7 @@ class Coe:
         request: bytes,
         is_answer: Callable[[bytes], bool],
         patience_s: float | None = None,
-    ) -> Talk[bytes]:
+    ) -> Conversation[bytes]:
         begins = request[0] & _COMMAND in (_UPLOAD, _DOWNLOAD)
 
         def take(service: int, sdo: bytes) -> bytes | None:
@@ -337,7 +346,7 @@ class Coe:
         request: bytes,
         take: Callable[[int, bytes], T | None],
         patience_s: float | None = None,
-    ) -> Talk[T]:
+    ) -> Conversation[T]:
         """Sends a message and waits for its answer; raises as `Mailbox.ask`.
 
         Args:
@@ -347,12 +356,12 @@ class Coe:
                 answer.
             patience_s: Seconds that the slave has; None: as usual.
         """
-        self.line.unanswered = True
+        self.queue.unanswered = True
         body = struct.pack("<H", service << 12) + request
         patience_s = self._patience_s if patience_s is None else patience_s
         return self.mailbox.ask(Protocol.COE, body, self._split(take), patience_s)
 
-    def more(self, take: Callable[[int, bytes], T | None]) -> Talk[T]:
+    def more(self, take: Callable[[int, bytes], T | None]) -> Conversation[T]:
         """Waits for a further part of an answer; `take` and errors as with `ask`."""
         return self.mailbox.more(Protocol.COE, self._split(take))
 

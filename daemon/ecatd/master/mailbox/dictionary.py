@@ -8,13 +8,13 @@ from ecatd.base.errors import SdoAbortError
 from ecatd.etg.dictionary import DictionaryEntry, DictionaryObject
 
 from .coe import Coe
+from .conversation import Conversation
 from .sdo_information import describe_entry, describe_object, list_objects
-from .talks import Talk
 
 _NOTHING = DictionaryEntry("", 0, 0, 0)
 
 
-def read_dictionary(coe: Coe) -> Talk[list[DictionaryObject]]:
+def read_dictionary(coe: Coe) -> Conversation[list[DictionaryObject]]:
     """Reads all objects with their entries. `coe` must be open.
 
     Raises:
@@ -28,7 +28,7 @@ def read_dictionary(coe: Coe) -> Talk[list[DictionaryObject]]:
     return objects
 
 
-def read_object(coe: Coe, index: int) -> Talk[DictionaryObject]:
+def read_object(coe: Coe, index: int) -> Conversation[DictionaryObject]:
     """Reads one object with its entries; `coe` must be open. Raises as `read_dictionary`."""
     name, data_type, max_subindex, code = yield from describe_object(coe, index)
     reader = _EntryReader(coe, index)
@@ -50,7 +50,7 @@ class _EntryReader:
         self._index = index
         self._tells_values: bool | None = None  # None until the slave has described an entry
 
-    def read(self, subindex: int) -> Talk[DictionaryEntry | None]:
+    def read(self, subindex: int) -> Conversation[DictionaryEntry | None]:
         """Reads an entry; returns None for a subindex that a record leaves out.
 
         Slaves answer for such a subindex with an SDO abort, or with a description of zeros. Some

@@ -17,9 +17,9 @@ from ecatd.etg.eoe import (
 )
 
 from .coe import Coe
+from .conversation import Conversation
 from .mailbox import HEADER_BYTES as MAILBOX_HEADER_BYTES
 from .mailbox import Mailbox, Protocol
-from .talks import Talk
 
 EOE_LEAST = MAILBOX_HEADER_BYTES + HEADER_BYTES + 32
 """Least number of bytes of a mailbox for EoE: a fragment has at least 32 bytes."""
@@ -28,7 +28,7 @@ _READ_AT_ONCE = 16
 """Most messages that are read in a row, if a slave sends many."""
 
 
-def set_ip(mailbox: Mailbox, parameters: IpParameters) -> Talk[None]:
+def set_ip(mailbox: Mailbox, parameters: IpParameters) -> Conversation[None]:
     """Gives a slave its IP parameters.
 
     Args:
@@ -52,7 +52,7 @@ def set_ip(mailbox: Mailbox, parameters: IpParameters) -> Talk[None]:
         raise StateError(result_text(result))
 
 
-def get_ip(mailbox: Mailbox) -> Talk[IpParameters]:
+def get_ip(mailbox: Mailbox) -> Conversation[IpParameters]:
     """Asks a slave for its IP parameters; raises as `set_ip`."""
     request = message(EoeType.GET_IP, data=bytes(4))
     body = yield from mailbox.ask(Protocol.EOE, request, _answer(EoeType.GET_IP_ANSWER))
@@ -68,7 +68,7 @@ def _answer(wanted: EoeType) -> Callable[[bytes], bytes | None]:
     return lambda body: body if type_of(body) == wanted else None
 
 
-def send_frame(mailbox: Mailbox, frame: bytes, number: int) -> Talk[None]:
+def send_frame(mailbox: Mailbox, frame: bytes, number: int) -> Conversation[None]:
     """Sends a frame to a slave.
 
     Args:
@@ -83,7 +83,7 @@ def send_frame(mailbox: Mailbox, frame: bytes, number: int) -> Talk[None]:
         yield from mailbox.send(Protocol.EOE, body)
 
 
-def read_messages(coe: Coe) -> Talk[int]:
+def read_messages(coe: Coe) -> Conversation[int]:
     """Reads what a slave has sent; returns the number of messages that were no fragments.
 
     Raises:

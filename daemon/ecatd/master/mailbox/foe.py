@@ -17,8 +17,8 @@ from ecatd.base.errors import NoAnswerError, StateError
 from ecatd.base.timeouts import Timeout
 from ecatd.etg.error_codes import foe_text
 
+from .conversation import Conversation
 from .mailbox import HEADER_BYTES, Mailbox, Protocol
-from .talks import Talk
 
 _HEADER = struct.Struct("<BxI")  # operation; password, packet number, or error code
 _READ, _WRITE, _DATA, _ACKNOWLEDGED, _ERROR, _BUSY = range(1, 7)
@@ -61,7 +61,7 @@ class FileTransfer(ABC):
         self._turn_until = 0.0
 
     @abstractmethod
-    def go_on(self, mailbox: Mailbox, packets: int) -> Talk[None]:
+    def go_on(self, mailbox: Mailbox, packets: int) -> Conversation[None]:
         """Transfers some more packets, for `_TURN_S` at most while the slave answers.
 
         Args:
@@ -73,7 +73,7 @@ class FileTransfer(ABC):
             StateError: It refuses the transfer, or its answer is malformed.
         """
 
-    def give_up(self, mailbox: Mailbox) -> Talk[None]:
+    def give_up(self, mailbox: Mailbox) -> Conversation[None]:
         """Tells the slave that the transfer is cancelled.
 
         Raises:
@@ -86,7 +86,7 @@ class FileTransfer(ABC):
 
     def _exchange(
         self, mailbox: Mailbox, request: bytes, wanted: int, number: int
-    ) -> Talk[bytes | None]:
+    ) -> Conversation[bytes | None]:
         """Sends a packet, again while the slave is busy; returns the data of its answer.
 
         None: the slave is still busy at the end of this turn, so the next one sends it again.
@@ -152,7 +152,7 @@ class FileRead(FileTransfer):
         super().__init__(name, password, bytearray())
         self._most = most
 
-    def go_on(self, mailbox: Mailbox, packets: int) -> Talk[None]:
+    def go_on(self, mailbox: Mailbox, packets: int) -> Conversation[None]:
         """See `FileTransfer`. A packet that is not full is the last one."""
         full = mailbox.size_in - HEADER_BYTES - _HEADER.size
         for _ in self._turns(packets):
@@ -187,7 +187,7 @@ class FileWrite(FileTransfer):
         super().__init__(name, password, data)
         self._is_open = False
 
-    def go_on(self, mailbox: Mailbox, packets: int) -> Talk[None]:
+    def go_on(self, mailbox: Mailbox, packets: int) -> Conversation[None]:
         """See `FileTransfer`. The last packet is not full, so it may be empty."""
         full = mailbox.size - HEADER_BYTES - _HEADER.size
         for _ in self._turns(packets):

@@ -16,11 +16,11 @@ from typing import NamedTuple, TypeVar
 from ecatd.base.errors import NoAnswerError, StateError
 from ecatd.base.timeouts import Timeout
 from ecatd.etg.eoe import EoeType, type_of
+from ecatd.etg.frame_sizes import DATAGRAM_MAX
 
-from ..engine.framing import DATAGRAM_MAX
 from ..frames.datagrams import fprd, fpwr
-from .line import Line, Turn
-from .talks import Talk
+from .conversation import Conversation
+from .mailbox_queue import MailboxQueue, Turn
 
 T = TypeVar("T")
 
@@ -98,7 +98,7 @@ class Mailbox:
 
     Args:
         station: Configured station address of the slave.
-        line: The state that all conversations with the slave share.
+        queue: The state that all conversations with the slave share.
         alone: Whether no conversations with other slaves run at the same time. Then the mailbox is
             read together with its status, which saves a frame: a small mailbox each time, a larger
             one the first time only.
@@ -109,14 +109,14 @@ class Mailbox:
             instead of the answer, and of each message that comes before a request can be sent.
     """
 
-    def __init__(self, station: int, line: Line, *, alone: bool = False) -> None:
+    def __init__(self, station: int, queue: MailboxQueue, *, alone: bool = False) -> None:
         self.skipped = 0
         self.on_other: Callable[[int, bytes], object] = lambda _protocol, _body: None
         self._alone = alone
         self._station = station
         # The datagram that reads the registers of both sync managers.
         self._question = fprd(station, _SYNC_MANAGERS, _SYNC_MANAGERS_SIZE)
-        self._line = line
+        self._queue = queue
         self._managers = b""  # registers of both sync managers, as last read
         self._out = self._in = _Area(0, 0)
         self._is_free = False  # the half that the master writes is empty
@@ -125,7 +125,7 @@ class Mailbox:
         self._patience = Timeout(0.0)
         self._end = math.inf  # of the conversation
 
-    def wait_for_turn(self, turn: Turn) -> Talk[None]:
+    def wait_for_turn(self, turn: Turn) -> Conversation[None]:
         """Waits until the conversations before `turn` have ended.
 
         Raises:
@@ -136,7 +136,7 @@ class Mailbox:
             yield []
             self._check_time("other requests to it take too long")
 
-    def look(self) -> Talk[int | None]:
+    def look(self) -> Conversation[int | None]:
         """Reads sync managers and AL status; returns the AL status, or None without an answer."""
         deadline = time.monotonic() + _LOOK_S
         while True:
@@ -148,8 +148,8 @@ class Mailbox:
                 return None
             yield []
 
-    def open(self, least: int) -> Talk[None]:
-        """Reads address and size of the mailbox from the sync managers; `Line.whole` begins.
+    def open(self, least: int) -> Conversation[None]:
+        """Reads address and size of the mailbox from sync managers; `MailboxQueue.whole` begins.
 
         Args:
             least: Least number of bytes of the mailbox in each direction.
@@ -158,13 +158,13 @@ class Mailbox:
             NoAnswerError: The slave does not answer.
             StateError: No usable mailbox is set up in the slave.
         """
-        self._end = time.monotonic() + self._line.whole.seconds
-        self._begin(self._line.patience())
+        self._end = time.monotonic() + self._queue.whole.seconds
+        self._begin(self._queue.patience())
         managers = self._managers or (yield from self._look())
         self._out = _area(managers, 0, _WRITTEN_BY_MASTER, least)
         self._in = _area(managers, 1, _READ_BY_MASTER, least)
         if self._has_mail:
-            self._line.unanswered = True
+            self._queue.unanswered = True
 
     @property
     def size(self) -> int:
@@ -176,13 +176,13 @@ class Mailbox:
         """Bytes of the half that the slave writes, header included."""
         return self._in.size
 
-    def send(self, protocol: Protocol, body: bytes) -> Talk[None]:
+    def send(self, protocol: Protocol, body: bytes) -> Conversation[None]:
         """Sends a message that has no answer.
 
         Raises:
             NoAnswerError: The slave does not take it.
         """
-        self._begin(self._line.patience())
+        self._begin(self._queue.patience())
         yield from self._write(protocol, body)
 
     def ask(
@@ -191,41 +191,41 @@ class Mailbox:
         body: bytes,
         take: Callable[[bytes], T | None],
         patience_s: float | None = None,
-    ) -> Talk[T]:
+    ) -> Conversation[T]:
         """Sends a message and waits for its answer; raises as `more`.
 
         Args:
             protocol: Protocol of the message and its answer.
             body: The message after the mailbox header.
             take: Decodes the body of a message; returns None if it is not the answer.
-            patience_s: Seconds that the slave has, if it is longer than `Line.answer_s`.
+            patience_s: Seconds that the slave has, if it is longer than `MailboxQueue.answer_s`.
 
         Returns:
             The answer, as `take` has decoded it.
         """
-        self._begin(self._line.patience(patience_s or 0))
+        self._begin(self._queue.patience(patience_s or 0))
         yield from self._write(protocol, body)
         return (yield from self._answer(protocol, take))
 
-    def more(self, protocol: Protocol, take: Callable[[bytes], T | None]) -> Talk[T]:
+    def more(self, protocol: Protocol, take: Callable[[bytes], T | None]) -> Conversation[T]:
         """Waits for a further part of an answer; returns it as decoded by `take`.
 
         Raises:
             NoAnswerError: The slave does not answer.
             StateError: It answers with a mailbox error, or its message is malformed.
         """
-        self._begin(self._line.patience())
+        self._begin(self._queue.patience())
         return (yield from self._answer(protocol, take))
 
-    def collect(self, most: int) -> Talk[list[tuple[int, bytes]]]:
+    def collect(self, most: int) -> Conversation[list[tuple[int, bytes]]]:
         """Reads messages that wait already, at most `most`; returns protocol and body of each.
 
-        Fragments of Ethernet frames are not among them; see `Line.on_fragment`.
+        Fragments of Ethernet frames are not among them; see `MailboxQueue.on_fragment`.
 
         Raises:
             NoAnswerError: The slave does not answer any more.
         """
-        self._begin(self._line.patience())
+        self._begin(self._queue.patience())
         found: list[tuple[int, bytes]] = []
         for _ in range(most):
             if not self._has_mail:
@@ -248,10 +248,10 @@ class Mailbox:
         """
         if protocol != Protocol.EOE or type_of(body) != EoeType.FRAGMENT:
             return False
-        self._line.on_fragment(body)
+        self._queue.on_fragment(body)
         return True
 
-    def _answer(self, protocol: Protocol, take: Callable[[bytes], T | None]) -> Talk[T]:
+    def _answer(self, protocol: Protocol, take: Callable[[bytes], T | None]) -> Conversation[T]:
         while True:
             mail = yield from self._read()
             length, _, _, kind = _HEADER.unpack_from(mail)
@@ -277,8 +277,8 @@ class Mailbox:
 
     # --- the mailbox ---------------------------------------------------------------------------
 
-    def _write(self, protocol: Protocol, body: bytes) -> Talk[None]:
-        mail = _HEADER.pack(len(body), 0, 0, protocol | next(self._line.counter) << 4) + body
+    def _write(self, protocol: Protocol, body: bytes) -> Conversation[None]:
+        mail = _HEADER.pack(len(body), 0, 0, protocol | next(self._queue.counter) << 4) + body
         # In full length: the slave gets the message when the last byte of the mailbox is written.
         mail = mail.ljust(self._out.size, b"\0")
         yield from self._wait_until_free()
@@ -298,12 +298,12 @@ class Mailbox:
             # case, the slave drops the repetition, since its counter is the same.
             self._check_time("it does not take messages")
 
-    def _wait_until_free(self) -> Talk[None]:
+    def _wait_until_free(self) -> Conversation[None]:
         """Waits until the slave has taken the last message, and reads what it sends meanwhile.
 
         Some slaves take no message before their own one has been read.
         """
-        patience = self._line.patience(_TAKE_S)
+        patience = self._queue.patience(_TAKE_S)
         limit = time.monotonic() + patience.seconds
         while not self._is_free:
             if self._has_mail:
@@ -317,13 +317,13 @@ class Mailbox:
                 raise NoAnswerError(f"the slave does not take messages within {patience}")
             self._check_time("it does not take messages")
 
-    def _next(self) -> Talk[tuple[int, bytes]]:
+    def _next(self) -> Conversation[tuple[int, bytes]]:
         """Reads a message that waits; returns its protocol and its body."""
         mail = yield from self._read()
         length, _, _, kind = _HEADER.unpack_from(mail)
         return kind & 0x0F, mail[_HEADER.size : _HEADER.size + length]
 
-    def _read(self) -> Talk[bytes]:
+    def _read(self) -> Conversation[bytes]:
         asked_again = False
         while True:
             mail = yield from self._fetch()
@@ -332,12 +332,12 @@ class Mailbox:
                 yield from self._ask_again()
                 asked_again = True
             # If the lost frame has not reached the slave, the slave repeats the previous message.
-            elif not (asked_again and mail == self._line.last):
-                self._line.last = mail
+            elif not (asked_again and mail == self._queue.last):
+                self._queue.last = mail
                 return mail
             self._check_time("its messages get lost")
 
-    def _fetch(self) -> Talk[bytes | None]:
+    def _fetch(self) -> Conversation[bytes | None]:
         """Waits for the next message and reads it; returns None if the message may be lost."""
         fetch = fprd(self._station, self._in.start, self._in.size)
         together = self._alone  # at least the first time: most slaves have answered by then
@@ -361,7 +361,7 @@ class Mailbox:
         self._has_mail = False
         return mail.data if mail.wkc == 1 else None
 
-    def _ask_again(self) -> Talk[None]:
+    def _ask_again(self) -> Conversation[None]:
         """Asks the slave to put the lost message into its mailbox again.
 
         Toggles the repeat bit of sync manager 1, and waits until the slave has acknowledged it.
@@ -378,7 +378,7 @@ class Mailbox:
                 yield []
             managers = yield from self._look()
 
-    def _look(self) -> Talk[bytes]:
+    def _look(self) -> Conversation[bytes]:
         """Reads the registers of both sync managers; repeats that until the slave answers."""
         while True:
             (answer,) = yield [self._question]
@@ -394,7 +394,7 @@ class Mailbox:
         self._has_mail = bool(managers[_SM1 + _STATUS] & _FULL)
 
     def _log(self, text: str) -> None:
-        self._line.log.debug(f"slave with station address 0x{self._station:04X}: {text}")
+        self._queue.log.debug(f"slave with station address 0x{self._station:04X}: {text}")
 
     def _begin(self, patience: Timeout) -> None:
         self._patience, now = patience, time.monotonic()
@@ -402,7 +402,7 @@ class Mailbox:
         if now > self._end:
             raise NoAnswerError(
                 f"the slave answers, but all that it is asked for takes longer than "
-                f"{self._line.whole}: it sends too little at a time, or without end"
+                f"{self._queue.whole}: it sends too little at a time, or without end"
             )
 
     def _check_time(self, reason: str) -> None:

@@ -12,8 +12,8 @@ from ecatd.base.errors import StateError
 from ecatd.etg.error_codes import abort_error
 from ecatd.etg.wire_text import decode_text
 
-from .coe import OBJECT_MAX, TRIES_OF_LINE, Coe
-from .talks import Talk
+from .coe import OBJECT_MAX, TRIES_OF_QUEUE, Coe
+from .conversation import Conversation
 
 _INFORMATION = 8  # the service in the CoE header
 _INFO = struct.Struct("<BxH")
@@ -63,16 +63,18 @@ class EntryDescription(NamedTuple):
     maximum: bytes | None = None
 
 
-def list_objects(coe: Coe, tries: int = TRIES_OF_LINE, kind: int = ALL_OBJECTS) -> Talk[list[int]]:
+def list_objects(
+    coe: Coe, tries: int = TRIES_OF_QUEUE, kind: int = ALL_OBJECTS
+) -> Conversation[list[int]]:
     """Reads the indices of the objects in a list. Raises as `describe_object`.
 
     Args:
         coe: CoE of the slave.
-        tries: Number of tries; 0 for `Line.tries`.
+        tries: Number of tries; 0 for `MailboxQueue.tries`.
         kind: The list, such as `ALL_OBJECTS`.
     """
 
-    def ask() -> Talk[list[int]]:
+    def ask() -> Conversation[list[int]]:
         wanted = struct.pack("<H", kind)
         body = yield from _ask(coe, _GET_LIST, wanted, wanted, 2)
         return [index for (index,) in struct.iter_unpack("<H", body[2 : len(body) & ~1])]
@@ -80,13 +82,15 @@ def list_objects(coe: Coe, tries: int = TRIES_OF_LINE, kind: int = ALL_OBJECTS) 
     return coe.insist(f"slave {coe.position}, list of objects", tries, ask)
 
 
-def describe_object(coe: Coe, index: int, tries: int = TRIES_OF_LINE) -> Talk[ObjectDescription]:
+def describe_object(
+    coe: Coe, index: int, tries: int = TRIES_OF_QUEUE
+) -> Conversation[ObjectDescription]:
     """Reads the description of an object.
 
     Args:
         coe: CoE of the slave.
         index: Index of the object.
-        tries: Number of tries; 0 for `Line.tries`.
+        tries: Number of tries; 0 for `MailboxQueue.tries`.
 
     Raises:
         SdoAbortError: There is no such object.
@@ -95,7 +99,7 @@ def describe_object(coe: Coe, index: int, tries: int = TRIES_OF_LINE) -> Talk[Ob
     """
     wanted = struct.pack("<H", index)
 
-    def describe() -> Talk[ObjectDescription]:
+    def describe() -> Conversation[ObjectDescription]:
         body = yield from _ask(coe, _GET_OBJECT, wanted, wanted, 6)
         data_type, max_subindex, code = struct.unpack_from("<HBB", body, 2)
         return ObjectDescription(_text(body[6:]), data_type, max_subindex, code)
@@ -105,8 +109,8 @@ def describe_object(coe: Coe, index: int, tries: int = TRIES_OF_LINE) -> Talk[Ob
 
 
 def describe_entry(
-    coe: Coe, index: int, subindex: int, tries: int = TRIES_OF_LINE, *, values: bool = False
-) -> Talk[EntryDescription]:
+    coe: Coe, index: int, subindex: int, tries: int = TRIES_OF_QUEUE, *, values: bool = False
+) -> Conversation[EntryDescription]:
     """Reads the description of an entry of an object; raises as `describe_object`.
 
     Args:
@@ -119,7 +123,7 @@ def describe_entry(
     address = struct.pack("<HB", index, subindex)
     wanted = address + bytes([_EVERYTHING if values else _ACCESS_CATEGORY_MAPPING])
 
-    def describe() -> Talk[EntryDescription]:
+    def describe() -> Conversation[EntryDescription]:
         body = yield from _ask(coe, _GET_ENTRY, wanted, address, 10)
         given, data_type, bits, access = struct.unpack_from("<BHHH", body, 3)
         at, size = 10, (bits + 7) // 8
@@ -137,7 +141,7 @@ def describe_entry(
     return coe.insist(where, tries, describe)
 
 
-def _ask(coe: Coe, opcode: int, wanted: bytes, begin: bytes, least: int) -> Talk[bytes]:
+def _ask(coe: Coe, opcode: int, wanted: bytes, begin: bytes, least: int) -> Conversation[bytes]:
     """Sends a request for information; returns the answer, joined from its fragments.
 
     Args:

@@ -15,8 +15,8 @@ from ecatd.etg.idns import (
     split_elements,
 )
 
+from .conversation import Conversation
 from .mailbox import HEADER_BYTES, Mailbox, Protocol
-from .talks import Talk
 
 _HEADER = struct.Struct("<BBH")  # operation and drive; elements; IDN, or fragments that follow
 _READ, _READ_ANSWER, _WRITE, _WRITE_ANSWER = 1, 2, 3, 4
@@ -31,13 +31,13 @@ class SoeRefusedError(StateError):
     """A drive refuses a request with an error code of SoE."""
 
 
-def read_attribute(mailbox: Mailbox, drive: int, number: int) -> Talk[Attribute]:
+def read_attribute(mailbox: Mailbox, drive: int, number: int) -> Conversation[Attribute]:
     """Reads what kind of value an IDN has; arguments and errors as those of `read_idn`."""
     data = yield from _read(mailbox, drive, number, Element.ATTRIBUTE)
     return split_elements(data, Element.ATTRIBUTE)[1]
 
 
-def read_idn(mailbox: Mailbox, drive: int, number: int) -> Talk[IdnValue]:
+def read_idn(mailbox: Mailbox, drive: int, number: int) -> Conversation[IdnValue]:
     """Reads name, attribute, unit and value of an IDN; a drive may lack the unit.
 
     Args:
@@ -66,7 +66,7 @@ def read_idn(mailbox: Mailbox, drive: int, number: int) -> Talk[IdnValue]:
 
 def write_idn(
     mailbox: Mailbox, drive: int, number: int, data: bytes, *, is_list: bool
-) -> Talk[None]:
+) -> Conversation[None]:
     """Writes the value of an IDN; raises as `read_idn`."""
     body = list_bytes(data) if is_list else data
     room = mailbox.size - HEADER_BYTES - _HEADER.size
@@ -110,7 +110,7 @@ class _Answer:
         return not head & _INCOMPLETE
 
 
-def _read(mailbox: Mailbox, drive: int, number: int, elements: Element) -> Talk[bytes]:
+def _read(mailbox: Mailbox, drive: int, number: int, elements: Element) -> Conversation[bytes]:
     take = _Answer(_READ_ANSWER, drive, number)
     message = _HEADER.pack(_READ | drive << _DRIVE, elements, number)
     ended = yield from mailbox.ask(Protocol.SOE, message, take)

@@ -38,7 +38,7 @@ class Change:
         before: The value before; empty if it is not known. It is known if a change of the same
             thing by the same program waits to be told: a program that writes an object at each
             sample must not take twice the time.
-        writes_objects: Whether there is a line about it.
+        is_recorded: Whether there is a line about it.
         is_secret: Whether its values may be secrets, such as passwords, so that only the log and
             the audit file of this machine have them.
         problem: Why it failed; empty if it did not.
@@ -49,7 +49,7 @@ class Change:
     after: str
     by: str
     before: str = ""
-    writes_objects: bool = True
+    is_recorded: bool = True
     is_secret: bool = False
     problem: str = ""
     is_doubtful: bool = False
@@ -77,7 +77,7 @@ def asked_by(slot: int) -> Iterator[None]:
 
 
 class Changes:
-    """Tells of changes. For the thread of the event loop.
+    """Records changes: a line of the log, and an event. For the thread of the event loop.
 
     Args:
         log: The log for changes.
@@ -93,10 +93,10 @@ class Changes:
         self._waiting: dict[int, dict[str, Change]] = {}  # the last ones in a batch, by `what`
 
     @contextmanager
-    def telling(
+    def record(
         self, what: str, after: str, by: str, *, is_secret: bool = False
     ) -> Iterator[Change]:
-        """Tells of the change that the block makes, also if it fails.
+        """Records the change that the block makes, also if it fails.
 
         Args:
             what: What changes.
@@ -114,19 +114,19 @@ class Changes:
             change.fail(error)
             raise
         finally:
-            if change.writes_objects:
+            if change.is_recorded:
                 self._note(change, slot)
 
     def _note(self, change: Change, slot: int) -> None:
         if slot == ZENOH:
-            self._tell([change])
+            self._record([change])
             return
         if slot not in self._batches:
-            self._batches[slot] = Batch(partial(self._tell_all, slot))
+            self._batches[slot] = Batch(partial(self._record_all, slot))
         self._waiting.setdefault(slot, {})[change.what] = change
         self._batches[slot].note(change)
 
-    def _tell_all(self, slot: int, changes: list[Change], left_out: int) -> None:
+    def _record_all(self, slot: int, changes: list[Change], left_out: int) -> None:
         self._waiting.pop(slot, None)
         groups: dict[tuple[str, str, bool, bool], list[Change]] = {}
         for item in changes:
@@ -138,9 +138,9 @@ class Changes:
                 "they came too often"
             )
         for group in groups.values():
-            self._tell(group)
+            self._record(group)
 
-    def _tell(self, alike: Sequence[Change]) -> None:
+    def _record(self, alike: Sequence[Change]) -> None:
         """Writes one line about changes of the same thing."""
         first, last = alike[0], alike[-1]
         was = f"from {first.before} " if first.before else ""
@@ -154,12 +154,12 @@ class Changes:
             return f"{last.what}: change {values}by {last.by} {how}"
 
         text = line(f"{was}to {last.after} ")
-        told = line("") if last.is_secret else ""
+        redacted = line("") if last.is_secret else ""
         facts = {"what": last.what, "by": last.by, "times": len(alike)}
-        self._write(facts, text, failed=bool(last.problem), told=told)
+        self._write(facts, text, failed=bool(last.problem), redacted=redacted)
 
-    def tell_step(self, what: str, by: str, text: str, *, failed: bool = False) -> None:
-        """Tells of a step of a change that takes a while, such as the end of a file transfer.
+    def record_step(self, what: str, by: str, text: str, *, failed: bool = False) -> None:
+        """Records a step of a change that takes a while, such as the end of a file transfer.
 
         Args:
             what: What is done.
@@ -169,12 +169,12 @@ class Changes:
         """
         self._write({"what": what, "by": by, "times": 1}, text, failed=failed)
 
-    def _write(self, facts: dict[str, Any], text: str, *, failed: bool, told: str = "") -> None:
-        self._log.notice(text, failed=failed, redacted=told)
-        self._publish(new_event("change", **facts, failed=failed, text=told or text))
+    def _write(self, facts: dict[str, Any], text: str, *, failed: bool, redacted: str = "") -> None:
+        self._log.notice(text, failed=failed, redacted=redacted)
+        self._publish(new_event("change", **facts, failed=failed, text=redacted or text))
 
     def close(self) -> None:
-        """Tells of the changes that are still waiting."""
+        """Records the changes that are still waiting."""
         for batch in self._batches.values():
             batch.close()
 

@@ -1,14 +1,15 @@
 """Conversations with the mailboxes of a running bus, for requests of clients.
 
 Conversations with different slaves take turns on the worker. So a slow slave delays only requests
-to itself.
+to itself. Requests that wait have places, so that nobody takes the daemon from everybody else.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Mapping
-from contextlib import asynccontextmanager
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager
 from typing import TypeVar
 
 from ecatd.base.errors import BusyError, NoAnswerError, StateError
@@ -18,16 +19,51 @@ from ecatd.etg.al import AlState
 from ecatd.master.al_states import WHY_SILENT
 from ecatd.master.emergencies import Emergency
 from ecatd.master.mailbox.coe import Coe
+from ecatd.master.mailbox.conversation import Conversation, run_conversation
 from ecatd.master.mailbox.eoe import EOE_LEAST
 from ecatd.master.mailbox.foe import FOE_LEAST
-from ecatd.master.mailbox.line import Line
 from ecatd.master.mailbox.mailbox import Mailbox, UnknownProtocolError
+from ecatd.master.mailbox.mailbox_queue import MailboxQueue
 from ecatd.master.mailbox.soe import SOE_LEAST
-from ecatd.master.mailbox.talks import Talk, talk_alone
 from ecatd.master.master import Master
 from ecatd.master.worker import Worker
 
-from .places import Places
+_MAX, _OF_ONE_SLAVE_MAX = 128, 32
+"""Requests that may wait, in all and for one slave; further ones are refused with BusyError."""
+_FOR_CHANGES = 0.25
+"""The share of these places that only requests which change something may take. Everybody who may
+read can ask for as much as he likes, and must not keep others from their changes."""
+
+
+class Places:
+    """The places of a bus: for conversations with mailboxes, and for EEPROMs."""
+
+    def __init__(self) -> None:
+        self._taken: Counter[int] = Counter()  # by position
+
+    @contextmanager
+    def take(self, slave: Slave, *, changes: bool) -> Iterator[None]:
+        """Takes a place for the block.
+
+        Args:
+            slave: The slave that the request is about.
+            changes: Whether the request changes something.
+
+        Raises:
+            BusyError: There is no place left.
+        """
+        share = 1 if changes else 1 - _FOR_CHANGES
+        of_slave, of_all = self._taken[slave.position], self._taken.total()
+        if of_slave >= _OF_ONE_SLAVE_MAX * share:
+            raise BusyError(f"{slave.label} has {of_slave} requests waiting already; try again")
+        if of_all >= _MAX * share:
+            raise BusyError(f"busy: {of_all} requests are waiting for slaves already; try again")
+        self._taken[slave.position] += 1
+        try:
+            yield
+        finally:
+            self._taken[slave.position] -= 1
+
 
 T = TypeVar("T")
 
@@ -59,7 +95,7 @@ class Conversations:
         self.places = Places()
         self._note = note
 
-    async def coe(self, slave: Slave, part: Callable[[Coe], Talk[T]]) -> T:
+    async def coe(self, slave: Slave, part: Callable[[Coe], Conversation[T]]) -> T:
         """Has a conversation about the objects of a slave, once the request has its turn.
 
         Args:
@@ -73,14 +109,14 @@ class Conversations:
         """
         coe = self._master.coe(slave.position, alone=True)
 
-        def talk() -> Talk[T]:
+        def conversation() -> Conversation[T]:
             _check_state(slave, (yield from coe.mailbox.look()), _WITHOUT_COE)
             yield from coe.open()
             return (yield from part(coe))
 
-        return await self._hold(slave, coe, talk())
+        return await self._hold(slave, coe, conversation())
 
-    async def foe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
+    async def foe(self, slave: Slave, part: Callable[[Mailbox], Conversation[T]]) -> T:
         """Has a conversation about files of a slave, once the request has its turn.
 
         It takes a place for each turn, since a transfer outlives its request. Only users with a
@@ -98,18 +134,18 @@ class Conversations:
         with self.places.take(slave, changes=True):
             return await self._other(slave, part, FOE_LEAST, _WITHOUT_FOE, "files (FoE)")
 
-    async def soe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
+    async def soe(self, slave: Slave, part: Callable[[Mailbox], Conversation[T]]) -> T:
         """Has a conversation about IDNs of a drive, as `coe`."""
         return await self._other(slave, part, SOE_LEAST, _WITHOUT_SOE, "IDNs (SoE)")
 
-    async def eoe(self, slave: Slave, part: Callable[[Mailbox], Talk[T]]) -> T:
+    async def eoe(self, slave: Slave, part: Callable[[Mailbox], Conversation[T]]) -> T:
         """Has a conversation about the IP parameters of a slave, as `coe`."""
         return await self._other(slave, part, EOE_LEAST, _WITHOUT_EOE, "Ethernet (EoE)")
 
     async def _other(
         self,
         slave: Slave,
-        part: Callable[[Mailbox], Talk[T]],
+        part: Callable[[Mailbox], Conversation[T]],
         least: int,
         without: Mapping[AlState, str],
         what: str,
@@ -117,7 +153,7 @@ class Conversations:
         """Has a conversation of a protocol other than CoE, and notes emergencies meanwhile."""
         coe = self._master.coe(slave.position, alone=True)
 
-        def talk() -> Talk[T]:
+        def conversation() -> Conversation[T]:
             _check_state(slave, (yield from coe.mailbox.look()), without)
             try:
                 yield from coe.mailbox.open(least)
@@ -129,25 +165,27 @@ class Conversations:
             except (NoAnswerError, StateError) as error:  # a mailbox does not know its slave
                 raise type(error)(f"{slave.label}: {error}") from error
 
-        return await self._hold(slave, coe, talk())
+        return await self._hold(slave, coe, conversation())
 
-    async def _hold(self, slave: Slave, coe: Coe, talk: Talk[T]) -> T:
-        async with self._turn(slave, coe.line):
+    async def _hold(self, slave: Slave, coe: Coe, conversation: Conversation[T]) -> T:
+        async with self._turn(slave, coe.queue):
             try:
-                return await self._worker.request(talk_alone(self._master.registers, talk))
+                return await self._worker.request(
+                    run_conversation(self._master.registers, conversation)
+                )
             finally:
                 for code, register in coe.emergencies:
                     self._note((slave, code, register))
 
     @asynccontextmanager
-    async def _turn(self, slave: Slave, line: Line) -> AsyncIterator[None]:
+    async def _turn(self, slave: Slave, queue: MailboxQueue) -> AsyncIterator[None]:
         """Waits in the queue of the slave, and holds its turn for the block.
 
         Raises:
             BusyError: This takes too long.
         """
         loop, called = asyncio.get_running_loop(), asyncio.Event()
-        with line.join(lambda: loop.call_soon_threadsafe(called.set)) as turn:
+        with queue.join(lambda: loop.call_soon_threadsafe(called.set)) as turn:
             if not turn.has_come:
                 await _patiently(called, slave)
             yield

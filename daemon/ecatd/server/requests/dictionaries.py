@@ -11,9 +11,9 @@ from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.dictionary import DictionaryEntry, DictionaryObject
 from ecatd.master.mailbox.coe import Coe
+from ecatd.master.mailbox.conversation import Conversation
 from ecatd.master.mailbox.dictionary import read_object
 from ecatd.master.mailbox.sdo_information import describe_entry, list_objects
-from ecatd.master.mailbox.talks import Talk
 from ecatd.operations.handlers import handles
 from ecatd.operations.objects import DescribeObject, ListObjects, ObjectDescription
 from ecatd.operations.objects import Objects as ObjectList
@@ -77,7 +77,7 @@ class Dictionaries:
         kept = self._of(slave)
         if index not in kept.objects and (index, subindex) not in kept.entries and not kept.mute:
 
-            def talk(coe: Coe) -> Talk[DictionaryEntry | None]:
+            def conversation(coe: Coe) -> Conversation[DictionaryEntry | None]:
                 try:
                     found = yield from describe_entry(coe, index, subindex, tries=1)
                 except SdoAbortError:
@@ -88,14 +88,14 @@ class Dictionaries:
                     return None
                 return DictionaryEntry(*found)
 
-            kept.entries[index, subindex] = await self._conversations.coe(slave, talk)
+            kept.entries[index, subindex] = await self._conversations.coe(slave, conversation)
         return self.kept_entry(slave, index, subindex)
 
     def _of(self, slave: Slave) -> _Descriptions:
         return self._kept.setdefault(slave.position, _Descriptions())
 
-    async def _ask(self, slave: Slave, part: Callable[[Coe], Talk[T]]) -> T:
-        def talk(coe: Coe) -> Talk[T]:
+    async def _ask(self, slave: Slave, part: Callable[[Coe], Conversation[T]]) -> T:
+        def conversation(coe: Coe) -> Conversation[T]:
             try:
                 return (yield from part(coe))
             except SdoAbortError:
@@ -107,7 +107,7 @@ class Dictionaries:
                     "from its ESI file with --esi"
                 ) from error
 
-        return await self._conversations.coe(slave, talk)
+        return await self._conversations.coe(slave, conversation)
 
 
 @dataclass(slots=True)
@@ -128,7 +128,7 @@ class _Descriptions:
     mute: bool = False
 
 
-def _check_answers(coe: Coe) -> Talk[None]:
+def _check_answers(coe: Coe) -> Conversation[None]:
     """Checks that a slave that has not described an object answers other requests.
 
     If it does not answer at all, the cause is another one, and so is the remedy.

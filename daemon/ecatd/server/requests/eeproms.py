@@ -35,7 +35,7 @@ class Eeproms:
         bus: The bus description.
         master: The master.
         worker: The worker on which slaves are asked.
-        changes: Tells of changes.
+        changes: Records changes.
     """
 
     def __init__(self, bus: Bus, master: Master, worker: Worker, changes: Changes) -> None:
@@ -81,10 +81,10 @@ class Eeproms:
         word, data = request.word, request.data
         steps = self._master.writing_eeprom(slave.position, word, data, before)
         try:
-            with self._changes.telling(slave.label, "", request.by) as change:
+            with self._changes.record(slave.label, "", request.by) as change:
                 try:
                     await self._worker.request(steps)
-                    change.writes_objects = bool(before)
+                    change.is_recorded = bool(before)
                 finally:
                     _describe(change, slave, request, before)
             if request.more:

@@ -9,9 +9,9 @@ from ecatd.base.errors import StateError, UsageError
 from ecatd.config.eoe import SlaveEoeConfig
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.eoe import NONE, IpParameters, parse_address, parse_interface, parse_mac, parse_name
+from ecatd.master.mailbox.conversation import Conversation
 from ecatd.master.mailbox.eoe import get_ip, set_ip
 from ecatd.master.mailbox.mailbox import Mailbox
-from ecatd.master.mailbox.talks import Talk
 from ecatd.operations.ethernet import Ip, ReadIp, WriteIp
 from ecatd.operations.handlers import handles
 
@@ -25,7 +25,7 @@ class Ethernet:
     Args:
         bus: The bus description.
         conversations: The conversations with the slaves.
-        changes: Tells of changes.
+        changes: Records changes.
     """
 
     def __init__(self, bus: Bus, conversations: Conversations, changes: Changes) -> None:
@@ -56,7 +56,7 @@ class Ethernet:
         if not wanted:
             raise UsageError("nothing is to be written: give at least one IP parameter")
 
-        def talk(mailbox: Mailbox) -> Talk[tuple[IpParameters, IpParameters]]:
+        def conversation(mailbox: Mailbox) -> Conversation[tuple[IpParameters, IpParameters]]:
             try:
                 before = yield from get_ip(mailbox)
             except StateError:
@@ -70,8 +70,8 @@ class Ethernet:
             return before, after
 
         what, asked = f"{slave.label}, IP parameters", IpParameters(**wanted).text
-        with self._changes.telling(what, asked, request.by) as change:
-            before, after = await self._conversations.eoe(slave, talk)
+        with self._changes.record(what, asked, request.by) as change:
+            before, after = await self._conversations.eoe(slave, conversation)
         return cast("Ip", {**after.to_map(), "before": before.to_map()})
 
     def _find(self, name: int | str) -> Slave:

@@ -279,7 +279,7 @@ class Files:
                 "the SHA-256 of the file differs from the one that the client has announced; "
                 "send it again"
             )
-            self._tell(item, f"has not begun, by {request.by}: {item.error}", failed=True)
+            self._record(item, f"has not begun, by {request.by}: {item.error}", failed=True)
             self._forget_later(item)
             return
         self._begin(item, FileWrite(request.file, request.password, data))
@@ -288,7 +288,7 @@ class Files:
         item.file, item.began, item.step = file, time.monotonic(), _Step.TRANSFERRING
         size = f" ({item.announced})" if item.request.write else ""
         boot = " in BOOT" if item.request.boot else ""
-        self._tell(item, f"begins{size}{boot}, by {item.request.by}")
+        self._record(item, f"begins{size}{boot}, by {item.request.by}")
         item.task = asyncio.create_task(self._run(item, file))
 
     @handles(TakeFoe)
@@ -315,7 +315,7 @@ class Files:
         item = self._find(request.transfer)
         if item.step in _ENDED:
             return item.to_map()
-        self._tell(item, f"was cancelled by {request.by}")
+        self._record(item, f"was cancelled by {request.by}")
         item.cancelled_by = request.by
         if item.task is None:
             item.step, item.error = _Step.FAILED, item.cancelled
@@ -344,9 +344,9 @@ class Files:
         end = f"after {time.monotonic() - item.began:.1f} s, by {item.request.by}"
         if item.error:
             moved = f"{file.moved} bytes were transferred{more}"
-            self._tell(item, f"has failed {end}: {item.error}; {moved}", failed=True)
+            self._record(item, f"has failed {end}: {item.error}; {moved}", failed=True)
         else:
-            self._tell(item, f"is done {end}: {found}{more}")
+            self._record(item, f"is done {end}: {found}{more}")
 
     async def _in_boot(self, item: _Transfer, file: FileTransfer) -> None:
         position = item.slave.position
@@ -386,9 +386,9 @@ class Files:
         except EcatError as error:
             raise type(error)(f"file '{item.request.file}': {error}") from error
 
-    def _tell(self, item: _Transfer, text: str, *, failed: bool = False) -> None:
+    def _record(self, item: _Transfer, text: str, *, failed: bool = False) -> None:
         what = _what(item)
-        self._changes.tell_step(what, item.request.by, f"{what} {text}", failed=failed)
+        self._changes.record_step(what, item.request.by, f"{what} {text}", failed=failed)
 
     def _forget_later(self, item: _Transfer) -> None:
         loop = asyncio.get_running_loop()

@@ -7,9 +7,9 @@ from typing import cast
 from ecatd.base.errors import UsageError
 from ecatd.description.bus import Bus
 from ecatd.etg.idns import idn_text
+from ecatd.master.mailbox.conversation import Conversation
 from ecatd.master.mailbox.mailbox import Mailbox
 from ecatd.master.mailbox.soe import read_idn, write_idn
-from ecatd.master.mailbox.talks import Talk
 from ecatd.operations.handlers import handles
 from ecatd.operations.idns import Idn, ReadIdn, WriteIdn
 
@@ -23,7 +23,7 @@ class Idns:
     Args:
         bus: The bus description.
         conversations: The conversations with the slaves.
-        changes: Tells of changes.
+        changes: Records changes.
     """
 
     def __init__(self, bus: Bus, conversations: Conversations, changes: Changes) -> None:
@@ -56,7 +56,7 @@ class Idns:
         slave = self._bus.find(request.slave)
         drive, number, data = request.drive, request.idn, request.data
 
-        def talk(mailbox: Mailbox) -> Talk[Idn]:
+        def conversation(mailbox: Mailbox) -> Conversation[Idn]:
             old = yield from read_idn(mailbox, drive, number)
             change.what, change.before = f"{what} ({old.name})", shown(old.value)
             size, is_list = old.attribute.size, old.attribute.is_list
@@ -69,5 +69,5 @@ class Idns:
             return cast("Idn", {**old.to_map(), "value": data, "before": old.value})
 
         what = f"{slave.label}, drive {drive}, {idn_text(number)}"
-        with self._changes.telling(what, shown(data), request.by, is_secret=True) as change:
-            return await self._conversations.soe(slave, talk)
+        with self._changes.record(what, shown(data), request.by, is_secret=True) as change:
+            return await self._conversations.soe(slave, conversation)

@@ -31,7 +31,7 @@ class Objects:
         dictionaries: The object dictionaries of the slaves.
         meaning: Gives an object that is not in the process data its meaning, from device profiles
             and `[[signal]]` tables.
-        changes: Tells of changes.
+        changes: Records changes.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Objects:
         name = f" ({known.name})" if known.name else ""
         what = f"{slave.label}, 0x{index:04X}:{subindex:02X}{name}"
         after = _shown(data, kind)
-        with self._changes.telling(what, after, request.by, is_secret=True) as change:
+        with self._changes.record(what, after, request.by, is_secret=True) as change:
             if not change.before:
                 before = await self._before(slave, request)
                 change.before = "" if before is None else _shown(before, kind)

@@ -44,7 +44,7 @@ class Registers:
         bus: The bus description.
         master: The master.
         worker: The worker on which slaves are asked.
-        changes: Tells of changes.
+        changes: Records changes.
     """
 
     def __init__(self, bus: Bus, master: Master, worker: Worker, changes: Changes) -> None:
@@ -107,7 +107,7 @@ class Registers:
         known = register_at(request.address)
         name = f" ({known.name})" if known else ""
         what = f"{slave.label}, register 0x{request.address:04X}{name}"
-        with self._changes.telling(what, shown(request.data), request.by) as change:
+        with self._changes.record(what, shown(request.data), request.by) as change:
             return {"data": await self._worker.request(write())}
 
     @handles(ReadErrors)
@@ -139,7 +139,7 @@ class Registers:
             return self._clear(positions)
 
         what = f"error counters of {'all slaves' if one is None else one.label}"
-        with self._changes.telling(what, "0", request.by) as change:
+        with self._changes.record(what, "0", request.by) as change:
             cleared = await self._worker.run(clear)
             if one is not None and not cleared:
                 raise silent(one)

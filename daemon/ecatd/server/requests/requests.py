@@ -41,7 +41,7 @@ class Requests:
         conversations: The conversations with the mailboxes of the slaves.
         states: The AL states of the slaves.
         meaning: See `Objects`.
-        changes: Tells of changes.
+        changes: Records changes.
         log: The log for transfers of files.
         others: Further objects that carry out operations.
     """

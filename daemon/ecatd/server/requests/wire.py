@@ -1,18 +1,23 @@
-"""Requests about the wire: which devices are on it now, whatever the start has found."""
+"""Requests about the wire: which devices are on it now, and the last frames."""
 
 from __future__ import annotations
 
 import asyncio
+import time
+from collections.abc import Mapping, Sequence
 from typing import cast
 
+from ecatd.base.errors import StateError
 from ecatd.config import Config
 from ecatd.description.bus import Bus
+from ecatd.master.frames.frame_ring import FrameRing
 from ecatd.master.frames.wire import WireChangedError
 from ecatd.master.master import Master
 from ecatd.master.wire_scan import scanning_wire
 from ecatd.master.worker import Worker
 from ecatd.operations.bus import Device, Rescan
 from ecatd.operations.bus import Wire as WireAnswer
+from ecatd.operations.frames import Frames, ReadFrames
 from ecatd.operations.handlers import handles
 
 _TRIES = 3
@@ -72,3 +77,36 @@ class Wire:
                 left -= 1
                 if not left:
                     raise
+
+
+_ROOM = 1 << 20
+"""Bytes in one answer."""
+
+
+def read_frames(
+    rings: Mapping[str, FrameRing], interfaces: Sequence[str], request: ReadFrames
+) -> Frames:
+    """Reads frames; the reply has whole records as they are in memory (`cyclic_frame_record`).
+
+    The next request continues at `position`; `more` says whether it can do so at once.
+    `overwritten` says how many bytes were lost before the first record. No frame from before
+    `now_ns` is missing. The time of a frame plus `clock_ns` is Unix time. All times are in ns.
+
+    Raises:
+        StateError: The configuration gives no memory for frames.
+    """
+    if not rings:
+        raise StateError(
+            "ecatd keeps no frames, because capture.memory_mb of the configuration is 0"
+        )
+    now_ns = time.monotonic_ns()
+    position, records = rings[request.ring].read(request.position, _ROOM)
+    return {
+        "records": records,
+        "position": position,
+        "more": len(records) > _ROOM // 2,
+        "overwritten": position - len(records) - request.position,
+        "now_ns": now_ns,
+        "clock_ns": time.time_ns() - time.monotonic_ns(),
+        "interfaces": [*interfaces],
+    }

@@ -22,7 +22,7 @@ from ecatd.description.limits import POSITION_MAX
 from ecatd.etg.sii import Sii
 from ecatd.master.master import Master
 
-from .mapping import Scanned
+from .scanned import Scanned
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,11 +24,10 @@ from ecatd.etg.sii import USAGE_INPUTS, USAGE_OUTPUTS, Sii
 from ecatd.etg.sii_check import is_description
 from ecatd.etg.sii_reader import PDO_INDICES
 from ecatd.master.mailbox.coe import Coe
+from ecatd.master.mailbox.conversation import Conversation
 from ecatd.master.mailbox.sdo_information import describe_entry, describe_object
-from ecatd.master.mailbox.talks import Talk
 
-from .refused import reason
-from .value_lists import ValueLists
+from .object_access import ValueLists, reason
 
 T = TypeVar("T")
 
@@ -61,7 +60,7 @@ class Assignment:
         self._describes = True  # until the SDO information service has failed once
         self._tries = 3 if sii.coe & INFORMATION else 1
 
-    def read(self) -> Talk[Believed]:
+    def read(self) -> Conversation[Believed]:
         """Reads PDOs and names into the slave, as far as no witness contradicts another.
 
         Raises:
@@ -69,9 +68,9 @@ class Assignment:
             StateError: Its answers are malformed.
             SdoAbortError: It refuses to tell which PDOs it has.
         """
-        return self._coe.talk(self._read)
+        return self._coe.converse(self._read)
 
-    def _read(self) -> Talk[Believed]:
+    def _read(self) -> Conversation[Believed]:
         believed = yield from self._believe()
         slave = self._slave
         slave.outputs, slave.inputs = believed.outputs, believed.inputs
@@ -80,11 +79,11 @@ class Assignment:
             yield from self._add_names()
         return believed
 
-    def read_pdos(self) -> Talk[Believed]:
+    def read_pdos(self) -> Conversation[Believed]:
         """Reads the PDOs without names, and leaves the slave as it is; raises as `read`."""
-        return self._coe.talk(self._believe)
+        return self._coe.converse(self._believe)
 
-    def _believe(self) -> Talk[Believed]:
+    def _believe(self) -> Conversation[Believed]:
         told = yield from self.told()
         in_sii = {pdo.index: pdo for pdo in (*self._sii.outputs, *self._sii.inputs)}
         for pdo in (*told.outputs, *told.inputs):
@@ -95,7 +94,7 @@ class Assignment:
                 told.changeable.add(pdo.index)
         return believe(self._slave, self._sii, self._settings, told)
 
-    def _is_changeable(self, index: int) -> Talk[bool]:
+    def _is_changeable(self, index: int) -> Conversation[bool]:
         """Whether a master can map other entries into a PDO, by the dictionary or the EEPROM."""
         if index in self._sii.fixed:
             return False
@@ -106,12 +105,12 @@ class Assignment:
             return bool(self._sii.coe & _MAPS)
         return bool(count.access & Access.WRITE_PREOP)
 
-    def pdos(self) -> Talk[tuple[list[Pdo], list[Pdo]]]:
+    def pdos(self) -> Conversation[tuple[list[Pdo], list[Pdo]]]:
         """Reads outputs and inputs as the slave tells them, as a part of a conversation."""
         told = yield from self.told()
         return told.outputs, told.inputs
 
-    def told(self) -> Talk[Reported]:
+    def told(self) -> Conversation[Reported]:
         """Reads what the slave tells of its process data, as a part of a conversation."""
         told = Reported()
         for usage, pdos in ((USAGE_OUTPUTS, told.outputs), (USAGE_INPUTS, told.inputs)):
@@ -158,7 +157,7 @@ class Assignment:
                 "counts"
             )
 
-    def pdo(self, index: int, sync_manager: int) -> Talk[Pdo]:
+    def pdo(self, index: int, sync_manager: int) -> Conversation[Pdo]:
         """Reads the mapping of one PDO, as a part of a conversation.
 
         Raises:
@@ -170,7 +169,7 @@ class Assignment:
 
     # --- names ---------------------------------------------------------------------------------
 
-    def _add_names(self) -> Talk[None]:
+    def _add_names(self) -> Conversation[None]:
         in_sii = (*self._sii.outputs, *self._sii.inputs)
         pdo_names = {pdo.index: pdo.name for pdo in in_sii}
         known = {
@@ -202,7 +201,7 @@ class Assignment:
 
     def _described(
         self, wanted: Iterable[tuple[int, int]]
-    ) -> Talk[dict[tuple[int, int], tuple[str, int]]]:
+    ) -> Conversation[dict[tuple[int, int], tuple[str, int]]]:
         """Reads names and data types of entries, except those that the slave does not describe."""
         found = {}
         for index, subindex in wanted:
@@ -211,7 +210,7 @@ class Assignment:
                 found[index, subindex] = described
         return found
 
-    def _describe(self, index: int, subindex: int) -> Talk[tuple[str, int] | None]:
+    def _describe(self, index: int, subindex: int) -> Conversation[tuple[str, int] | None]:
         item = None
         if subindex == 0:  # if it is a variable, the object description has name and type
             item = yield from self._ask(describe_object(self._coe, index, self._tries))
@@ -222,14 +221,14 @@ class Assignment:
             return entry.name, entry.data_type
         return (item.name, item.data_type) if item is not None else None
 
-    def _object_names(self, indices: Iterable[int]) -> Talk[dict[int, str]]:
+    def _object_names(self, indices: Iterable[int]) -> Conversation[dict[int, str]]:
         found = {}
         for index in dict.fromkeys(indices):
             item = yield from self._ask(describe_object(self._coe, index, self._tries))
             found[index] = item.name if item is not None else ""
         return found
 
-    def _ask(self, talk: Talk[T]) -> Talk[T | None]:
+    def _ask(self, conversation: Conversation[T]) -> Conversation[T | None]:
         """Runs a request to the SDO information service; returns None if it fails.
 
         Missing names must not fail the start. After a request without a valid answer, there are no
@@ -238,7 +237,7 @@ class Assignment:
         if not self._describes:
             return None
         try:
-            return (yield from talk)
+            return (yield from conversation)
         except SdoAbortError:
             return None
         except (NoAnswerError, StateError):

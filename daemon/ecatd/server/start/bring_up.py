@@ -29,13 +29,13 @@ from ecatd.master.frames.frame_ring import FrameRing
 from ecatd.master.master import Master
 from ecatd.operations.frames import RINGS
 
-from .configurations import leave
 from .exchange import find_failing, leases, start_exchange
 from .found_bus import FoundBus
 from .process_data import ProcessData, set_up_process_data
 from .reading import Plan, prepare, read, scan
 from .running_bus import RunningBus
 from .set_up import SetUp
+from .slave_configuration import leave
 from .to_op import MAILBOX_PAUSE_S, LeftOutError, ToOp
 
 _TRIES = 3  # most tries, if slaves lose their power while they are read
@@ -226,7 +226,7 @@ class BringUp:
                 except StateError as error:
                     self._log.warning(f"at the stop: {error}")
         # A slave may hear this although its answers were lost.
-        states.tell_all(AlState.INIT)
+        states.request_of_all(AlState.INIT)
         self._goes_down = False
 
     def _facts(self, found: FoundBus, data: ProcessData) -> str:

@@ -39,10 +39,11 @@ from .clock_registers import (
     SPEED_START,
     SPEED_START_DEFAULT,
     SYSTEM_TIME,
+    arrivals,
+    arrivals_at_both_ends,
     difference,
     number,
 )
-from .delays import arrivals, arrivals_at_both_ends
 from .sync_signals import SyncSignals
 
 _FEATURES, _HAS_CLOCK, _HAS_64_BITS = 0x0008, 0x04, 0x08

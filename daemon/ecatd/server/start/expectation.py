@@ -14,7 +14,7 @@ from ecatd.description.bus import Bus, Slave
 from ecatd.master.master import Master
 
 from .absent import arrange
-from .mapping import Scanned
+from .scanned import Scanned
 
 _POLICY_STARTS = 'policy = "tolerant" in [expected]'
 STARTS_OTHERS = f"{_POLICY_STARTS} or in a [[slave]] table starts the others"

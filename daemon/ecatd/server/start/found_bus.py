@@ -11,7 +11,7 @@ from ecatd.master.master import Master
 
 from .expectation import Expectation
 from .identify import Finder
-from .mapping import Scanned
+from .scanned import Scanned
 from .uncertain import Uncertain
 
 

@@ -8,13 +8,12 @@ telegrams (`telegrams.py`). Other slaves have fixed PDOs, described by their SII
 from __future__ import annotations
 
 import struct
-import time
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from ecatd.base.coroutine_steps import Steps
 from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError
-from ecatd.config import Config, SlaveConfig
+from ecatd.config import Config
 from ecatd.config.resolve.believed import Believed, Reported, believe
 from ecatd.description.bus import Slave
 from ecatd.description.conditions import Condition
@@ -22,109 +21,26 @@ from ecatd.etg.datatypes import type_by_size
 from ecatd.etg.pdo import Pdo
 from ecatd.etg.pdo_layout import sync_manager_bytes
 from ecatd.etg.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
-from ecatd.etg.sii_reader import read_sii
 from ecatd.master.engine.layout import Image
 from ecatd.master.mailbox.coe import Coe
-from ecatd.master.mailbox.talks import Talk, converse
+from ecatd.master.mailbox.conversation import Conversation, converse
 from ecatd.master.master import Master
 
 from .assignment import Assignment
 from .modules import Modules
-from .pdo_writer import choose_from_sii, tell_of_none, warn_of_none
-from .refused import RefusedError
+from .object_access import RefusedError
+from .pdo_writer import choose_from_sii, note_no_process_data, warn_of_no_direction
+from .scanned import Scanned
 from .slave_configuration import SlaveConfiguration
 from .telegrams import Telegrams
-from .watchdog_registers import WATCHED, watchdog_writes
+from .watchdogs import WATCHED, watchdog_writes
 
-_PROTOCOL_EOE, _PROTOCOL_COE, _PROTOCOL_SOE = 0x02, 0x04, 0x10
 _FEATURES, _NO_LRW = 0x0008, 0x0200
 SYNC_MANAGER = 0x0800
 FMMU = 0x0600
 _FMMU_COUNT = 0x0004
 _FMMUS_MAX = 16
 _FMMU_READ, _FMMU_WRITE = 1, 2
-
-
-@dataclass(slots=True)
-class Scanned:
-    """A slave, with all that is needed to set it up.
-
-    Attributes:
-        slave: The slave.
-        sii: Its SII.
-        settings: Its table in the configuration.
-        refused: Messages about optional start-up parameters that it has refused, and about PDOs.
-        emergencies: Error code and error register of each emergency that came during the scan.
-        silence: The request that failed and the reason, if the mailbox did not answer, or answered
-            with malformed messages; else empty. The process data are then those of the SII.
-        nonsense: Whether it has answered with malformed messages.
-        condition: CONTRADICTED or UNREADABLE, if its witnesses do not say what its process data
-            are; STUCK if it does not reach PREOP; else FINE.
-        why: The reason for `condition`.
-        notes: Sentences about what is wrong with its process data, and how it is taken.
-        settled: Sentences about witnesses that differ where it is clear which one is right, and
-            about a slave that describes its PDOs nowhere.
-        guessed: Index and subindex of the entries whose type nobody tells.
-        read_at: When its SII was read, in Unix seconds; None if it has never been there.
-        known: Whether its SII is known; false for a slave that has been absent since the start.
-    """
-
-    slave: Slave
-    sii: Sii
-    settings: SlaveConfig
-    refused: list[str] = field(default_factory=list)
-    emergencies: list[tuple[int, int]] = field(default_factory=list)
-    silence: str = ""
-    nonsense: bool = False
-    condition: Condition = Condition.FINE
-    why: str = ""
-    notes: list[str] = field(default_factory=list)
-    settled: list[str] = field(default_factory=list)
-    guessed: set[tuple[int, int]] = field(default_factory=set)
-    read_at: float | None = None
-    known: bool = True
-
-    @property
-    def gets_ip(self) -> bool:
-        """Whether it gets IP parameters for Ethernet over EtherCAT."""
-        return self.slave.eoe and self.settings.eoe is not None
-
-    @property
-    def speaks(self) -> bool:
-        """Whether its mailbox describes its process data: by CoE or SoE."""
-        return self.slave.coe or self.slave.soe
-
-    @property
-    def unplaced(self) -> str:
-        """The reason why its sync managers cannot hold its process data; empty if they can."""
-        managers = self.sii.sync_managers
-        for pdo in (*self.slave.outputs, *self.slave.inputs):
-            if pdo.sync_manager >= len(managers):
-                return (
-                    f"it wants PDO 0x{pdo.index:04X} in sync manager {pdo.sync_manager}, but its "
-                    f"EEPROM describes {len(managers) or 'none'}"
-                )
-        for pdos in (self.slave.outputs, self.slave.inputs):
-            for area in sync_manager_bytes(pdos):
-                if not managers[area.number].holds(area.size):
-                    return (
-                        f"its EEPROM has sync manager {area.number} at "
-                        f"0x{managers[area.number].start:04X}, where {area.size} bytes of process "
-                        "data have no room"
-                    )
-        return ""
-
-
-def identify_slaves(master: Master) -> list[Scanned]:
-    """Reads the EEPROM of every slave, with its identity.
-
-    Raises:
-        StateError: An EEPROM cannot be read.
-    """
-    return [
-        _identify_slave(master, position, sii)
-        for position, sii in enumerate(master.read_eeproms(read_sii))
-    ]
 
 
 def read_modules(
@@ -141,10 +57,10 @@ def read_modules(
         item.emergencies += way.emergencies
 
 
-def _ask_modules(item: Scanned, coe: Coe) -> Talk[None]:
+def _ask_modules(item: Scanned, coe: Coe) -> Conversation[None]:
     try:
         modules = Modules(item.slave, item.sii, coe)
-        item.slave.modules = yield from coe.talk(modules.detected)
+        item.slave.modules = yield from coe.converse(modules.detected)
     except (NoAnswerError, StateError, SdoAbortError):
         return
 
@@ -193,12 +109,12 @@ def configure_slaves(
         item.emergencies += way.emergencies
 
 
-def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
+def _configure_and_read(item: Scanned, coe: Coe) -> Conversation[None]:
     item.refused = []
     try:
         if item.settings.writes_objects or item.gets_ip:
-            talk = SlaveConfiguration(item.slave, item.sii, coe, item.settings).tell()
-            item.refused = yield from talk
+            conversation = SlaveConfiguration(item.slave, item.sii, coe, item.settings).write()
+            item.refused = yield from conversation
         if not item.speaks:
             return
         reader = describer(item, coe)
@@ -206,8 +122,11 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Talk[None]:
         take_believed(item, found)
         item.guessed = reader.guessed
         if not item.condition:
-            item.refused = [*item.refused, *warn_of_none(item.slave, item.sii, item.settings)]
-            item.settled += tell_of_none(item.slave, item.sii, item.settings)
+            item.refused = [
+                *item.refused,
+                *warn_of_no_direction(item.slave, item.sii, item.settings),
+            ]
+            item.settled += note_no_process_data(item.slave, item.sii, item.settings)
     except RefusedError:
         raise
     except (NoAnswerError, StateError, SdoAbortError) as error:
@@ -249,24 +168,6 @@ def take_believed(item: Scanned, found: Believed) -> None:
 
 def _default(pdos: list[Pdo]) -> list[Pdo]:
     return [pdo for pdo in pdos if pdo.sync_manager != UNASSIGNED]
-
-
-def _identify_slave(master: Master, position: int, sii: Sii) -> Scanned:
-    slave = Slave(
-        position=position,
-        name=sii.order or sii.name,
-        vendor=sii.vendor,
-        product=sii.product,
-        revision=sii.revision,
-        serial=sii.serial,
-        alias=sii.alias,
-        address=master.stations[position],
-        coe=bool(sii.mailbox_protocols & _PROTOCOL_COE),
-        eoe=bool(sii.mailbox_protocols & _PROTOCOL_EOE),
-        soe=bool(sii.mailbox_protocols & _PROTOCOL_SOE),
-        problems=[str(problem) for problem in sii.problems],
-    )
-    return Scanned(slave, sii, SlaveConfig(position), read_at=time.time())
 
 
 def without_lrw(master: Master, scanned: Sequence[Scanned]) -> set[int]:

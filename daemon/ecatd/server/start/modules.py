@@ -14,10 +14,9 @@ from ecatd.description.modules import CONFIGURED, DETECTED, no_slots_text, other
 from ecatd.etg.error_codes import abort_error
 from ecatd.etg.sii import Sii
 from ecatd.master.mailbox.coe import Coe
-from ecatd.master.mailbox.talks import Talk
+from ecatd.master.mailbox.conversation import Conversation
 
-from .refused import RefusedError, write
-from .value_lists import ValueLists
+from .object_access import RefusedError, ValueLists, write
 
 _SLOTS_MAX = 255
 
@@ -36,7 +35,7 @@ class Modules:
         self._coe = coe
         self._lists = ValueLists(coe, slave.label, sii)
 
-    def detected(self) -> Talk[list[Module]]:
+    def detected(self) -> Conversation[list[Module]]:
         """Reads the modules in the slots, slot 1 first; none for a device without slots.
 
         Raises:
@@ -50,7 +49,7 @@ class Modules:
         idents = yield from self._lists.read(DETECTED, 4, _SLOTS_MAX)
         return [Module(ident) for ident in idents]
 
-    def tell(self, wanted: Sequence[Module]) -> Talk[None]:
+    def write(self, wanted: Sequence[Module]) -> Conversation[None]:
         """Checks the modules in the slots, and writes the list of expected modules to the slave.
 
         Raises:
@@ -69,7 +68,7 @@ class Modules:
         before = yield from self._lists.read(CONFIGURED, 4, _SLOTS_MAX)
         if _stripped(before) == idents:
             return
-        yield from self._write(idents + [0] * (len(before) - len(idents)), len(idents))
+        yield from self._write_list(idents + [0] * (len(before) - len(idents)), len(idents))
         now = yield from self._lists.read(CONFIGURED, 4, _SLOTS_MAX)
         if _stripped(now) != idents:
             raise RefusedError(
@@ -77,7 +76,7 @@ class Modules:
                 f"has accepted its list of modules, but has another one (0x{CONFIGURED:04X})",
             )
 
-    def _write(self, idents: Sequence[int], count: int) -> Talk[None]:
+    def _write_list(self, idents: Sequence[int], count: int) -> Conversation[None]:
         """Writes the list. A slave with a fixed number of slots refuses to change the number.
 
         Args:

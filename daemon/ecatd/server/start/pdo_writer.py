@@ -27,16 +27,16 @@ from ecatd.etg import error_codes
 from ecatd.etg.pdo import Pdo
 from ecatd.etg.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
 from ecatd.master.mailbox.coe import Coe
+from ecatd.master.mailbox.conversation import Conversation
 from ecatd.master.mailbox.sdo_information import (
     INPUT_OBJECTS,
     OUTPUT_OBJECTS,
     describe_entry,
     list_objects,
 )
-from ecatd.master.mailbox.talks import Talk
 
 from .assignment import INFORMATION, Assignment
-from .refused import RefusedError, write
+from .object_access import RefusedError, write
 
 _MISSING = (error_codes.NO_OBJECT, error_codes.NO_SUBINDEX)
 _OFFERED_MOST = 24
@@ -73,7 +73,7 @@ class PdoWriter:
         self._assignment = Assignment(slave, sii, coe, settings)
         self._written: set[int] = set()  # objects that the slave has changed
 
-    def write(self) -> Talk[None]:
+    def write(self) -> Conversation[None]:
         """Writes the PDOs, and reads them back; a part of a conversation.
 
         Raises:
@@ -141,7 +141,7 @@ class PdoWriter:
             wanted[number].append(index)
         return wanted
 
-    def _changed_mappings(self, before: dict[int, Pdo]) -> Talk[dict[int, Mapping]]:
+    def _changed_mappings(self, before: dict[int, Pdo]) -> Conversation[dict[int, Mapping]]:
         """Reads the mappings of the slave that differ from the configured ones, by PDO index.
 
         Raises:
@@ -165,7 +165,7 @@ class PdoWriter:
 
     # --- what is offered -----------------------------------------------------------------------
 
-    def _check_entries(self, index: int, mapping: Mapping) -> Talk[None]:
+    def _check_entries(self, index: int, mapping: Mapping) -> Conversation[None]:
         """Checks the entries of a PDO against the dictionary of the slave, if it describes it.
 
         Raises:
@@ -196,7 +196,7 @@ class PdoWriter:
                     f"map {bits} of it: correct its bits",
                 )
 
-    def _exists(self, index: int, subindex: int) -> Talk[bool]:
+    def _exists(self, index: int, subindex: int) -> Conversation[bool]:
         """Whether an object exists that the slave does not describe; some describe only a part."""
         try:
             yield from self._coe.upload(index, subindex)
@@ -204,7 +204,7 @@ class PdoWriter:
             return abort.code not in _MISSING
         return True
 
-    def _mappable(self, pdo: int) -> Talk[str]:
+    def _mappable(self, pdo: int) -> Conversation[str]:
         """Returns the objects that the slave can map into a PDO, for the end of a message."""
         kind = INPUT_OBJECTS if pdo >= INPUT_PDOS.start else OUTPUT_OBJECTS
         found: list[int] = []
@@ -226,7 +226,7 @@ class PdoWriter:
 
     def _write_all(
         self, assignments: dict[int, list[int]], mappings: dict[int, Mapping]
-    ) -> Talk[None]:
+    ) -> Conversation[None]:
         """Writes the assignments of sync managers, by number, and mappings of PDOs, by index."""
         for number in assignments:
             yield from self._write(ASSIGNMENT + number, 0, "B", 0, "its PDO assignment")
@@ -242,7 +242,7 @@ class PdoWriter:
                 ASSIGNMENT + number, 0, "B", count, f"an assignment of {count} PDOs"
             )
 
-    def _write_mapping(self, index: int, mapping: Mapping) -> Talk[None]:
+    def _write_mapping(self, index: int, mapping: Mapping) -> Conversation[None]:
         pdo = f"PDO 0x{index:04X}"
         yield from self._write(index, 0, "B", 0, f"another mapping of {pdo}")
         for number, (object_, subindex, bits) in enumerate(mapping, 1):
@@ -256,12 +256,14 @@ class PdoWriter:
                 raise RefusedError(self._slave, f"{error.why}{more}") from error
         yield from self._write(index, 0, "B", len(mapping), f"{pdo} with {len(mapping)} entries")
 
-    def _write(self, index: int, subindex: int, form: str, value: int, what: str) -> Talk[None]:
+    def _write(
+        self, index: int, subindex: int, form: str, value: int, what: str
+    ) -> Conversation[None]:
         self._log_detail(what)
         yield from write(self._slave, self._coe, (index, subindex), form, value, what)
         self._written.add(index)
 
-    def _verify(self, wanted: dict[int, list[int]]) -> Talk[None]:
+    def _verify(self, wanted: dict[int, list[int]]) -> Conversation[None]:
         """Reads the PDOs back, since some slaves accept writes without using them.
 
         Raises:
@@ -302,7 +304,7 @@ def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
     slave.inputs = [pdo for pdo in chosen if pdo.index >= INPUT_PDOS.start]
 
 
-def tell_of_none(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
+def note_no_process_data(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
     """Returns what to say of a slave that describes its PDOs nowhere; a coupler may have none."""
     if settings.pdos is not None or settings.mapped:
         return []
@@ -315,7 +317,7 @@ def tell_of_none(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
     ]
 
 
-def warn_of_none(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
+def warn_of_no_direction(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
     """Returns warnings about a slave without process data in a direction in which it has PDOs.
 
     This happens when a program has begun to write its PDO assignment, and has not finished.

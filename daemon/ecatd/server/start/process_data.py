@@ -12,10 +12,10 @@ from ecatd.config.profiles import Profiles
 from ecatd.config.resolve import ResolvedConfig, resolve_config
 from ecatd.master.engine.layout import Image, lay_out
 
+from .clock_registers import measure_round_trip
 from .clocks import Clocks
 from .found_bus import FoundBus
 from .mapping import configure, without_lrw
-from .round_trip import measure_round_trip
 from .watchdogs import check_watchdogs
 from .wire_time import WireTime, wire_time
 

@@ -17,7 +17,7 @@ from ecatd.description.bus import Bus, Slave
 from ecatd.description.conditions import Condition
 from ecatd.etg.al import AlState
 from ecatd.etg.sii import Sii
-from ecatd.master.emergencies import tell_emergencies
+from ecatd.master.emergencies import log_emergencies
 from ecatd.master.frames.identification import ask_identifications, ways_to_ask
 from ecatd.master.master import Master
 
@@ -25,8 +25,9 @@ from .absent import may_be_empty, waits_for_slaves
 from .clocks import clock_bits
 from .expectation import STARTS_OTHERS, place
 from .found_bus import FoundBus
-from .mapping import Scanned, configure_slaves, identify_slaves, read_modules
+from .mapping import configure_slaves, read_modules
 from .matching import branch_ends
+from .scanned import Scanned, identify_slaves
 from .set_up import count_links, read_mailboxes
 from .uncertain import settle
 
@@ -151,7 +152,7 @@ def read(plan: Plan, found: FoundBus) -> None:
             log.warning(text)
         for text in item.settled:
             log.info(text)
-        tell_emergencies(mailbox_log, [(item.slave, *emergency) for emergency in item.emergencies])
+        log_emergencies(mailbox_log, [(item.slave, *emergency) for emergency in item.emergencies])
     said = {(rule.slave, rule.address) for rule in found.config.signal if rule.type}
     for item in found.scanned:
         configured = {address for at, address in said if at == item.slave.position}

@@ -22,15 +22,20 @@ from ecatd.etg.sii import SiiMailbox
 from ecatd.etg.sii_reader import read_sii
 from ecatd.master.al_states import why_not_reached
 from ecatd.master.engine.shared_memory import SharedMemory
-from ecatd.master.mailbox.talks import talk_all
+from ecatd.master.mailbox.conversation import run_conversations
 from ecatd.master.master import Master, SilentSlaveError
 
 from .clock_registers import SYNC_CONTROL
-from .configurations import Missed, leave, write_configurations, write_parameters
 from .found_bus import FoundBus
 from .mapping import configure, describer, process_data_registers, take_pdos_from_sii
 from .process_data import ProcessData
-from .slave_configuration import SlaveConfiguration
+from .slave_configuration import (
+    Missed,
+    SlaveConfiguration,
+    leave,
+    write_configurations,
+    write_parameters,
+)
 from .watchdogs import check_watchdogs
 
 _SYNC_MANAGERS, _MAILBOXES_SIZE = 0x0800, 16
@@ -239,13 +244,13 @@ class SetUp:
         here -= missed.keys()
         if state == AlState.SAFEOP or not here:
             return missed
-        missed |= yield from self.tell_before_op(here)
+        missed |= yield from self.write_before_op(here)
         here -= missed.keys()
         yield from wait_for_outputs(self._shared, self._bus, self._patience)
         missed |= yield from self.ask(here, AlState.OP)
         return missed
 
-    def tell_before_op(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
+    def write_before_op(self, positions: Iterable[int]) -> Steps[dict[int, Missed]]:
         """Writes the parameters of SO to slaves in SAFEOP; returns those that cannot go on."""
         items = [self._scanned[position] for position in sorted(positions)]
         _, missed = yield from write_parameters(self._master, items, "SO")
@@ -303,7 +308,7 @@ class SetUp:
         items = [
             item for item in items if item.gets_ip or (item.speaks and item.settings.writes_objects)
         ]
-        _, missed = yield from write_configurations(self._master, items, SlaveConfiguration.tell)
+        _, missed = yield from write_configurations(self._master, items, SlaveConfiguration.write)
         self._unconfigured -= set(positions) - missed.keys()
         return missed
 
@@ -311,10 +316,10 @@ class SetUp:
         """Finds slaves whose PDOs have changed: a restarted slave may lose its assignment."""
         items = [self._scanned[position] for position in sorted(positions)]
         items = [item for item in items if item.speaks]
-        talks = [
+        conversations = [
             describer(item, self._master.coe(item.slave.position)).read_pdos() for item in items
         ]
-        found, failed = yield from talk_all(self._master.registers, talks)
+        found, failed = yield from run_conversations(self._master.registers, conversations)
         missed = {}
         for number, error in failed.items():
             position = items[number].slave.position

@@ -32,8 +32,8 @@ from ecatd.etg.idns import (
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.etg.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
 from ecatd.master.mailbox.coe import Coe
+from ecatd.master.mailbox.conversation import Conversation
 from ecatd.master.mailbox.soe import SoeRefusedError, read_idn
-from ecatd.master.mailbox.talks import Talk
 
 _CONFIGURED = 7
 _TYPE_BITS = 0x07
@@ -60,20 +60,20 @@ class Telegrams:
         self.guessed: set[tuple[int, int]] = set()  # attributes tell all types
         self._known: dict[tuple[int, int], IdnValue] = {}
 
-    def read(self) -> Talk[Believed]:
+    def read(self) -> Conversation[Believed]:
         """Reads telegrams, names, types and units, and compares them with other witnesses.
 
         Raises:
             NoAnswerError: The slave does not answer.
             StateError: Its answers are malformed, or its telegrams cannot be exchanged.
         """
-        return self._coe.talk(self._believe)
+        return self._coe.converse(self._believe)
 
-    def read_pdos(self) -> Talk[Believed]:
+    def read_pdos(self) -> Conversation[Believed]:
         """The same as `read`."""
         return self.read()
 
-    def _believe(self) -> Talk[Believed]:
+    def _believe(self) -> Conversation[Believed]:
         told = yield from self._told()
         in_sii = {pdo.index: pdo for pdo in (*self._sii.outputs, *self._sii.inputs)}
         for pdo in (*told.outputs, *told.inputs):
@@ -82,7 +82,7 @@ class Telegrams:
                 told.changeable.add(pdo.index)
         return believe(self._slave, self._sii, self._settings, told)
 
-    def _told(self) -> Talk[Reported]:
+    def _told(self) -> Conversation[Reported]:
         told = Reported()
         for drive in range(DRIVES):
             try:
@@ -104,7 +104,7 @@ class Telegrams:
         )
         return Reported(outputs, inputs, silent=True)
 
-    def _lists(self, drive: int) -> Talk[tuple[list[int], list[int]] | None]:
+    def _lists(self, drive: int) -> Conversation[tuple[list[int], list[int]] | None]:
         """Reads the IDNs in MDT and AT; None if the drive has standard telegrams.
 
         Raises:
@@ -121,7 +121,7 @@ class Telegrams:
         mdt = yield from self._list(drive, MDT_LIST)
         return mdt, (yield from self._list(drive, AT_LIST))
 
-    def _list(self, drive: int, number: int) -> Talk[list[int]]:
+    def _list(self, drive: int, number: int) -> Conversation[list[int]]:
         data = (yield from self._idn(drive, number)).value
         if len(data) % 2 or len(data) > 2 * _ENTRIES_MAX:
             raise StateError(
@@ -132,7 +132,7 @@ class Telegrams:
 
     def _telegram(
         self, drive: int, listed: list[int], index: int, first: int, usage: int
-    ) -> Talk[list[Pdo]]:
+    ) -> Conversation[list[Pdo]]:
         channels = self._sii.channels(usage)
         name = f"{'MDT' if usage == USAGE_OUTPUTS else 'AT'} {drive + 1}"
         if not channels:
@@ -154,7 +154,7 @@ class Telegrams:
         for entry in pdo.entries:
             entry.subindex = subindices.get(entry.index, entry.subindex)
 
-    def _entry(self, drive: int, number: int, telegram: str) -> Talk[Entry]:
+    def _entry(self, drive: int, number: int, telegram: str) -> Conversation[Entry]:
         """Reads what a telegram has of an IDN."""
         try:
             idn = yield from self._idn(drive, number)
@@ -194,7 +194,7 @@ class Telegrams:
                         return replace(entry)
         return None
 
-    def _idn(self, drive: int, number: int) -> Talk[IdnValue]:
+    def _idn(self, drive: int, number: int) -> Conversation[IdnValue]:
         key = drive, number
         if key not in self._known:
             self._known[key] = yield from read_idn(self._coe.mailbox, drive, number)

@@ -17,10 +17,10 @@ from ecatd.master.al_states import NotReachedError
 from ecatd.master.engine.shared_memory import SharedMemory
 
 from .clocks import Clocks
-from .configurations import write_parameters
 from .expectation import STARTS_OTHERS
 from .found_bus import FoundBus
 from .set_up import wait_for_outputs
+from .slave_configuration import write_parameters
 
 MAILBOX_PAUSE_S = 0.0005
 """Seconds between two rounds of frames while slaves answer over their mailboxes."""
@@ -65,7 +65,7 @@ class ToOp:
         self._clocks = clocks
         self._cancelled = cancelled
         self._log = log
-        self._told: set[int] = set()  # slaves to which the parameters of SO were written
+        self._written: set[int] = set()  # slaves that have the parameters of SO
 
     def run(self) -> None:
         """Brings the slaves to OP.
@@ -76,7 +76,7 @@ class ToOp:
         """
         self._repeat(self._synchronise)
         self._repeat(lambda: self._bring_to(AlState.SAFEOP))
-        self._repeat(self._tell_before_op)
+        self._repeat(self._write_before_op)
         # Slaves need valid outputs before OP.
         patience = self._found.config.state_timeout
         finish(wait_for_outputs(self._shared, self._found.bus, patience, self._cancelled))
@@ -166,19 +166,19 @@ class ToOp:
             return StateError(f"{message} ({STARTS_OTHERS})")
         return LeftOutError(message, why)
 
-    def _tell_before_op(self) -> None:
+    def _write_before_op(self) -> None:
         """Writes the start-up parameters of SO to all slaves but the uncertain ones.
 
         An uncertain slave must not keep the others from OP, and may be in PREOP.
         """
         found = self._found
-        done = self._told | found.uncertain.keys()
+        done = self._written | found.uncertain.keys()
         waiting = [item for item in found.present if item.slave.position not in done]
-        told, refused = finish(write_parameters(found.master, waiting, "SO"), MAILBOX_PAUSE_S)
-        for text in told:
+        texts, refused = finish(write_parameters(found.master, waiting, "SO"), MAILBOX_PAUSE_S)
+        for text in texts:
             self._log.warning(text)
-        self._told.update(item.slave.position for item in waiting)
-        self._told -= refused.keys()
+        self._written.update(item.slave.position for item in waiting)
+        self._written -= refused.keys()
         if refused:
             why = {position: missed.text for position, missed in refused.items()}
             raise self._refused(self._named(why), why)

@@ -27,7 +27,8 @@ from ecatd.master.al_states import why_not_reached
 from ecatd.master.engine.layout import lay_out
 from ecatd.master.master import Master
 
-from .mapping import Scanned, configure
+from .mapping import configure
+from .scanned import Scanned
 
 _CAUSES = {
     Condition.CONTRADICTED: "what describes its process data is contradictory",

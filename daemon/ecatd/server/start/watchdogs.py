@@ -8,19 +8,39 @@ Without a watchdog, outputs keep their values if the master fails.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 
 from ecatd.base.coroutine_steps import Steps
 from ecatd.base.errors import StateError
-from ecatd.config import Config
+from ecatd.config import Config, SlaveConfig
 from ecatd.config.resolve import check_watchdog
 from ecatd.description.bus import Bus
 from ecatd.master.master import Master
 
-from .mapping import Scanned
-from .watchdog_registers import DIVIDER, PDI_TIME, TIME, WATCHED, ticks
+from .scanned import Scanned
+
+_DIVIDER, _PDI_TIME, _TIME = 0x0400, 0x0410, 0x0420
+WATCHED = 0x40
+"""Bit of a sync manager's control register: its data trigger the process data watchdog."""
+
+_DIVIDER_DEFAULT = 2498
+"""The divider after a reset; it makes ticks of 100 µs."""
+_TICKS_IN_MS = 10
 
 _TICK_NS = 40  # a tick of the watchdog is divider + 2 of these
+
+
+def _ticks(milliseconds: float) -> int:
+    """Returns a time as a value of registers 0x0410 and 0x0420."""
+    return round(milliseconds * _TICKS_IN_MS)
+
+
+def watchdog_writes(settings: SlaveConfig) -> list[tuple[int, bytes]]:
+    """Returns register addresses and data that set the watchdogs as configured."""
+    times = ((_PDI_TIME, settings.pdi_watchdog_ms), (_TIME, settings.watchdog_ms))
+    writes = [(at, struct.pack("<H", _ticks(time))) for at, time in times if time is not None]
+    return [(_DIVIDER, struct.pack("<H", _DIVIDER_DEFAULT)), *writes] if writes else []
 
 
 def check_watchdogs(
@@ -38,7 +58,7 @@ def check_watchdogs(
         SilentSlaveError: A slave does not answer.
     """
     registers = [
-        (item.slave.position, at, 2) for item in scanned for at in (DIVIDER, PDI_TIME, TIME)
+        (item.slave.position, at, 2) for item in scanned for at in (_DIVIDER, _PDI_TIME, _TIME)
     ]
     values = [int.from_bytes(data, "little") for data in (yield from master.reading(registers))]
     warnings = []
@@ -56,13 +76,13 @@ def check_watchdogs(
 
 def _check_taken(item: Scanned, pdi: int, time: int) -> None:
     """Compares the times in a slave with the configured ones."""
-    for key, register, now in (("watchdog_ms", TIME, time), ("pdi_watchdog_ms", PDI_TIME, pdi)):
+    for key, register, now in (("watchdog_ms", _TIME, time), ("pdi_watchdog_ms", _PDI_TIME, pdi)):
         wanted = getattr(item.settings, key)
-        if wanted is not None and ticks(wanted) != now:
+        if wanted is not None and _ticks(wanted) != now:
             where = item.settings.table.where(key)
             raise StateError(
                 f"{where}: {item.slave.label} does not take {wanted:g} ms: its register "
-                f"0x{register:04X} is {now} after {ticks(wanted)} was written; remove the key"
+                f"0x{register:04X} is {now} after {_ticks(wanted)} was written; remove the key"
             )
 
 

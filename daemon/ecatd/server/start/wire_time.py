@@ -17,17 +17,16 @@ from itertools import combinations
 from math import gcd
 
 from ecatd.base.errors import StateError
-from ecatd.master.engine.framing import (
-    DATAGRAM_FRAMING,
-    ETHERNET_MIN,
-    FIRST_DATAGRAM,
+from ecatd.etg.frame_sizes import DATAGRAM_FRAMING, ETHERNET_MIN, FIRST_DATAGRAM
+from ecatd.master.engine.layout import (
     MAX_DOMAIN_DATAGRAMS,
     MAX_FRAMES,
     STATUS_BYTES,
     TIME_BYTES,
+    DomainImage,
+    Image,
     pack,
 )
-from ecatd.master.engine.layout import DomainImage, Image
 
 _NS_PER_BYTE = 80
 _PREAMBLE, _CHECK_SUM, _GAP = 8, 4, 12

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
 
-from ecatd.base.log import Log
 from ecatd.description.bus import Slave
 from ecatd.master.engine.engine import Event
 from ecatd.master.engine.shared_memory import SharedMemory
@@ -15,7 +13,7 @@ from ecatd.operations.faults import Fault
 from ecatd.shm.contract import DcState
 
 from ..start.clocks import IN_STEP_NS, Clocks
-from .rate_limiter import Throttle
+from .reports import Reporter, Throttle
 
 _PERIOD = 1.0
 _AGAIN_NS = IN_STEP_NS // 2
@@ -29,8 +27,7 @@ class ClockWatch:
         clocks: The clocks.
         shared: The shared memory; the differences of clocks are written there.
         worker: The worker on which they are read.
-        log: The log for changes.
-        tell: Publishes an event; gets its kind, and facts about it.
+        report: Reports changes.
     """
 
     def __init__(
@@ -38,18 +35,16 @@ class ClockWatch:
         clocks: Clocks,
         shared: SharedMemory,
         worker: Worker,
-        log: Log,
-        tell: Callable[..., None],
+        report: Reporter,
     ) -> None:
         self._clocks = clocks
         self._shared = shared
         self._worker = worker
-        self._log = log
-        self._tell = tell
+        self._report = report
         self._lost = False  # at least once
         self._lost_at = 0.0  # Unix time of the last loss
         self._astray: set[int] = set()
-        self._states = Throttle(self._tell_state, _PERIOD)
+        self._states = Throttle(self._report_state, _PERIOD)
 
     def handle(self, event: Event) -> None:
         """Takes an event: the cycle has lost the reference clock, or is locked to it again."""
@@ -75,26 +70,22 @@ class ClockWatch:
         """Ends all reports. Call it on the event loop's thread."""
         self._states.close()
 
-    def _tell_state(self, event: Event) -> None:
+    def _report_state(self, event: Event) -> None:
         state, health = DcState(event.value), self._shared.health
         reference = self._reference
-        if state == DcState.LOCKED:
-            text = f"the cycle follows the clock of {reference} again"
-            self._log.info(text, "clock")
-        else:
+        text = f"the cycle follows the clock of {reference} again"
+        if state != DcState.LOCKED:
             text = (
                 f"the cycle has lost the clock of {reference}: it was "
                 f"{health.dc_offset_ns / 1000:.1f} µs off when the clock was last read"
             )
-            self._log.warning(text, "clock")
-        self._tell(
-            "clock",
-            state=state.name.lower(),
-            offset_ns=health.dc_offset_ns,
-            drift_ppb=health.dc_drift_ppb,
-            cycle=event.cycle,
-            text=text,
-        )
+        facts = {
+            "state": state.name.lower(),
+            "offset_ns": health.dc_offset_ns,
+            "drift_ppb": health.dc_drift_ppb,
+            "cycle": event.cycle,
+        }
+        self._report("clock", text, facts, good=state == DcState.LOCKED)
 
     async def watch(self) -> None:
         """Waits a second, reads the differences of all clocks, and reports those out of step.
@@ -104,18 +95,18 @@ class ClockWatch:
         """
         await asyncio.sleep(_PERIOD)
         differences = await self._worker.run(self._read)
-        self._tell_differences(differences)
+        self._log_differences(differences)
         for slave in self._clocks.followers:
             if slave.position in differences:
                 self._judge(slave, differences[slave.position])
 
-    def _tell_differences(self, differences: dict[int, int]) -> None:
+    def _log_differences(self, differences: dict[int, int]) -> None:
         health = self._shared.health
         worst = max(differences, key=lambda position: abs(differences[position]), default=None)
         most = (
             "" if worst is None else f"; slave {worst} is {differences[worst] / 1000:+.1f} µs off"
         )
-        self._log.debug(
+        self._report.log.debug(
             f"the cycle is {health.dc_offset_ns / 1000:+.1f} µs from the reference clock (drift "
             f"{health.dc_drift_ppb} ppb){most}"
         )
@@ -133,14 +124,11 @@ class ClockWatch:
         if astray == known:
             return
         self._astray ^= {slave.position}
+        text = f"the clock of {slave.label} is in step again"
         if astray:
             text = (
                 f"the clock of {slave.label} is out of step: {difference / 1000:+.1f} µs from that "
                 f"of {self._clocks.reference.label}"
             )
-            self._log.warning(text, "clock_difference", [slave.position])
-        else:
-            text = f"the clock of {slave.label} is in step again"
-            self._log.info(text, "clock_difference", [slave.position])
-        position = slave.position
-        self._tell("clock_difference", slave=position, difference_ns=difference, text=text)
+        facts = {"slave": slave.position, "difference_ns": difference}
+        self._report("clock_difference", text, facts, [slave.position], good=not astray)

@@ -1,8 +1,8 @@
 """Watches the exchange itself: how many exchanges of each domain succeed, whatever slaves say.
 
 Counters of the engine are compared over a window of some seconds (`[health]`). A kind of failure is
-told when its share reaches a limit, and until it is below half of this limit: so one at the limit
-is told once.
+reported when its share reaches a limit, and until it is below half of this limit: so one at the
+limit is reported once.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from dataclasses import astuple, dataclass, field
 from functools import partial
 
 from ecatd.base.errors import StateError
-from ecatd.base.log import Log
 from ecatd.config import HealthConfig
 from ecatd.master.engine.layout import DomainImage
 from ecatd.master.worker import Worker
 from ecatd.operations.faults import EXCHANGE, LATE, LOST, UNSENT, WORKING_COUNTER, Fault
 
 from ..start.running_bus import RunningBus
+from .reports import Reporter
 from .suspects import Finding, are_damaged, find_suspects
 
 _PERIOD = 0.5
 """Seconds between two looks at the counters."""
 _ASK_AGAIN = 2.0
 """Seconds after which slaves are asked again why the working counter is wrong."""
-_TELL_AGAIN = 10.0
+_REPORT_AGAIN = 10.0
 """Seconds after which the log has another reason, if there is one."""
 _SEEN = 8
 """Wrong counters, one of each look, that are compared with each other."""
 _FEWEST = 3
-"""Failures below this number are told only if no exchange succeeds."""
+"""Failures below this number are reported only if no exchange succeeds."""
 _MANY, _QUIET_S = 0.1, 1.0
 """If this share has failed, so many seconds without another failure show that it is over."""
 _EXCHANGES_MIN = 10
@@ -131,7 +131,7 @@ class _Kind:
     failed_at: float = 0.0  # when they have risen last
     since: float = 0.0
     asked: float = -_ASK_AGAIN
-    told: float = 0.0
+    reported: float = 0.0
     reason: str = ""
     slaves: tuple[int, ...] = ()
     exonerated: bool = False  # asked once more, the slaves explain nothing
@@ -154,8 +154,7 @@ class ExchangeWatch:
     Args:
         running: The bus.
         worker: The worker on which slaves are asked.
-        log: The log for changes.
-        tell: Publishes an event; gets its kind, and facts about it.
+        report: Reports changes.
         explain: Says why frames are not sent (`UNSENT`) or get lost, as far as the interfaces know;
             empty if they know nothing.
     """
@@ -164,8 +163,7 @@ class ExchangeWatch:
         self,
         running: RunningBus,
         worker: Worker,
-        log: Log,
-        tell: Callable[..., None],
+        report: Reporter,
         explain: Callable[[str], Awaitable[str]],
     ) -> None:
         self._running = running
@@ -173,8 +171,7 @@ class ExchangeWatch:
         self._shared = running.shared
         self._config = running.config.health
         self._worker = worker
-        self._log = log
-        self._tell = tell
+        self._report = report
         self._explain = explain
         now = time.monotonic()
         self._parts: list[_Part] = []
@@ -268,9 +265,9 @@ class ExchangeWatch:
             slaves=known.slaves,
         )
         now = time.monotonic()
-        if begins or (changed and now - known.told >= _TELL_AGAIN):
-            known.told = now
-            self._report(known.fault, counts, over=False)
+        if begins or (changed and now - known.reported >= _REPORT_AGAIN):
+            known.reported = now
+            self._report_fault(known.fault, counts, over=False)
 
     def _remedy(self, kind: str) -> str:
         if kind == LOST and not self._shared.health.slaves_found:
@@ -287,23 +284,21 @@ class ExchangeWatch:
         known.seen.clear()
         text = f"{self._label(domain)}: {_OVER[kind]} again"
         over = Fault(kind, text, fault.since, fault.domain)
-        self._report(over, None, over=True)
+        self._report_fault(over, None, over=True)
 
-    def _report(self, fault: Fault, counts: Counts | None, *, over: bool) -> None:
-        # Of a slave that explains it, others tell as well; it may be meant to be so.
-        tell = self._log.info if over else self._log.warning if fault.slaves else self._log.error
-        tell(fault.text, "exchange", fault.slaves)
-        self._tell(
-            "exchange",
-            fault=fault.kind,
-            domain=fault.domain,
-            share=fault.share,
-            exchanges=0 if counts is None else counts.exchanges,
-            failures=0 if counts is None else counts.of(fault.kind),
-            slaves=list(fault.slaves),
-            over=over,
-            text=fault.text,
-        )
+    def _report_fault(self, fault: Fault, counts: Counts | None, *, over: bool) -> None:
+        # Of a slave that explains it, others report as well; it may be meant to be so.
+        facts = {
+            "fault": fault.kind,
+            "domain": fault.domain,
+            "share": fault.share,
+            "exchanges": 0 if counts is None else counts.exchanges,
+            "failures": 0 if counts is None else counts.of(fault.kind),
+            "slaves": list(fault.slaves),
+            "over": over,
+        }
+        level = "warning" if fault.slaves and not over else ""
+        self._report("exchange", fault.text, facts, fault.slaves, good=over, level=level)
 
     async def _find_reason(self, domain: DomainImage | None, known: _Kind, kind: str) -> bool:
         """Finds out why, and what to do; returns whether that has changed."""

@@ -1,20 +1,19 @@
 """Compares a bus that runs with the expected one, once it is quiet after a change.
 
-Missing slaves are not told here: `presence.py` does that at once. Of a device in the place of a
-slave, recovery has told why it is left alone.
+Missing slaves are not reported here: `presence.py` does that at once. Of a device in the place of a
+slave, recovery has reported why it is left alone.
 """
 
 from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ecatd.base.errors import StateError
-from ecatd.base.log import Log
 from ecatd.config.expected_bus import Comparison, Difference, compare
-from ecatd.config.expected_slave import DifferenceKind, device
+from ecatd.config.expected_slave import device
 from ecatd.description.bus import Slave
 from ecatd.master.wire_scan import scanning_wire
 from ecatd.master.worker import Worker
@@ -22,6 +21,7 @@ from ecatd.operations.wire import found_slaves, known_slaves
 
 from ..start.expectation import restart_text
 from ..start.running_bus import RunningBus
+from .reports import Reporter
 
 _QUIET_S = 1.0
 """Seconds without a change, after which the wire is looked at."""
@@ -37,22 +37,18 @@ class ExpectationWatch:
     Args:
         running: The bus.
         worker: The worker on which devices are asked.
-        log: Where differences are told.
-        tell: Publishes an event: its kind, and facts.
+        report: Reports differences.
     """
 
-    def __init__(
-        self, running: RunningBus, worker: Worker, log: Log, tell: Callable[..., None]
-    ) -> None:
+    def __init__(self, running: RunningBus, worker: Worker, report: Reporter) -> None:
         self._bus = running.bus
         self._master = running.master
         self._worker = worker
-        self._log = log
-        self._tell = tell
+        self._report = report
         expected = running.found.expectation
         self._config = expected.config
         self._positions = expected.positions
-        self._told = _keyed(expected.differences, expected.wire)
+        self._reported = _keyed(expected.differences, expected.wire)
         self._added: set[Key] = set()  # devices that the next start would use
         self._changed_at: float | None = None
         self._wire: list[Slave | None] = []  # who is where; None for devices that are new
@@ -81,7 +77,7 @@ class ExpectationWatch:
         try:
             devices = await self._worker.run_steps(steps)
         except StateError as error:
-            self._log.debug(f"the wire cannot be compared with the expected bus: {error}")
+            self._report.log.debug(f"the wire cannot be compared with the expected bus: {error}")
             self.note()
             return
         here = {item["position"] for item in devices}
@@ -92,11 +88,11 @@ class ExpectationWatch:
         ]
         wire = found_slaves(bus, devices)
         found = compare(config, wire, known=known_slaves(self._positions, devices))
-        self._tell_differences(found.differences, wire, left_alone, whole=whole)
+        self._report_differences(found.differences, wire, left_alone, whole=whole)
         new = [wire[n] for n, item in enumerate(devices) if item["position"] is None]
-        self._tell_added(found, new if len(wire) > len(bus.slaves) else [], whole=whole)
+        self._report_added(found, new if len(wire) > len(bus.slaves) else [], whole=whole)
 
-    def _tell_differences(
+    def _report_differences(
         self,
         found: Sequence[Difference],
         wire: Sequence[Slave],
@@ -105,30 +101,30 @@ class ExpectationWatch:
         whole: bool,
     ) -> None:
         """Tells differences that are new, and that all are gone."""
-        rest = [item for item in found if item.found and not self._is_told(item, wire, left_alone)]
-        now, before = _keyed(rest, wire), self._told
+        rest = [
+            item for item in found if item.found and not self._is_reported(item, wire, left_alone)
+        ]
+        now, before = _keyed(rest, wire), self._reported
         for key, item in now.items():
             if key not in before:
-                self._tell_one(item)
-        self._told = now if whole else before | now
-        if self._told.keys() == before.keys():
+                self._report_one(item)
+        self._reported = now if whole else before | now
+        if self._reported.keys() == before.keys():
             return
-        differences = [item.text for item in self._told.values()]
+        differences = [item.text for item in self._reported.values()]
         text = "bus not as expected: " + "; ".join(differences)
         if not found:
             text = "the bus is as expected again"
-            self._log.info(text, "expected_bus")
-        self._tell("expected_bus", differences=differences, text=text)
+            self._report.write("expected_bus", text, good=True)
+        self._report.publish("expected_bus", differences=differences, text=text)
 
-    def _tell_one(self, item: Difference) -> None:
-        tell = self._log.error if item.strict else self._log.warning
-        where = (
-            f" It is {self._before(item.found[0])}." if item.kind == DifferenceKind.EXTRA else ""
-        )
-        tell(
+    def _report_one(self, item: Difference) -> None:
+        where = f" It is {self._before(item.found[0])}." if item.kind == "extra" else ""
+        self._report.write(
+            "expected_bus",
             f"bus not as expected: {item.text}.{where} The bus goes on; "
             f"{restart_text(strict=item.strict)}",
-            "expected_bus",
+            level="error" if item.strict else "warning",
         )
 
     def _before(self, place: int) -> str:
@@ -136,14 +132,14 @@ class ExpectationWatch:
         before = [slave for slave in self._wire[:place] if slave is not None]
         return f"behind {before[-1].label}" if before else "in front of all others"
 
-    def _is_told(self, item: Difference, wire: Sequence[Slave], left_alone: LeftAlone) -> bool:
+    def _is_reported(self, item: Difference, wire: Sequence[Slave], left_alone: LeftAlone) -> bool:
         """Whether recovery has told why the devices of a difference are left alone."""
         if item.expected:
             places = {self._positions.get(n) for n in item.expected}
-            return item.kind.is_other and places <= left_alone.keys()
+            return item.kind != "wrong place" and places <= left_alone.keys()
         return any((wire[n].vendor, wire[n].product) in left_alone.values() for n in item.found)
 
-    def _tell_added(self, found: Comparison, new: Sequence[Slave], *, whole: bool) -> None:
+    def _report_added(self, found: Comparison, new: Sequence[Slave], *, whole: bool) -> None:
         """Tells which new devices the next start would use."""
         refused = any(item.strict for item in found.differences)
         added = [item for item in new if item.position not in found.unexpected and not refused]
@@ -152,7 +148,7 @@ class ExpectationWatch:
                 identity = device(item.vendor, item.product)
                 where = f"{self._before(item.position)} is no part of the bus"
                 text = f"{item.label} {where} ({identity}): restart ecatd to use it"
-                self._log.info(text, "expected_bus")
+                self._report.write("expected_bus", text, good=True)
         now = {_identity(item) for item in added}
         self._added = now if whole else self._added | now
 

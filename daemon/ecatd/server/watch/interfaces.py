@@ -5,13 +5,11 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, replace
 from typing import Any
 
 from ecatd.base.errors import EcatError
-from ecatd.base.log import Log
 from ecatd.description.bus import Bus
 from ecatd.master.engine.engine import Event, Index, open_socket
 from ecatd.master.frames.interface import switch_on
@@ -19,17 +17,14 @@ from ecatd.operations.faults import UNSENT, Fault
 from ecatd.shm import contract as shm
 
 from ..start.running_bus import RunningBus
-from .counters import Disturbance, Report
-from .deeds import Deed, facts, sentence
-from .foreign import ForeignWatch
-from .interface_states import StateWatch
-from .link import LinkState, LinkWatch
-from .rate_limiter import Throttle
+from .foreign_masters import ForeignWatch, Write, describe, sentence
+from .interface_states import LinkState, LinkWatch, StateWatch
+from .reports import Disturbance, Reporter, Rise, Throttle
 
 _PERIOD = 1.0
 _FOREIGN_GONE = 3.0
 """Seconds without a frame of another master after which it is taken to be gone."""
-_FOREIGN_TOLD = 10.0
+_FOREIGN_REPORTED = 10.0
 """Seconds after the last frame of another master for which the bus is not well."""
 _SETTLED = 0.1
 """Seconds to wait before a change is reported: an interface that is removed goes down first."""
@@ -50,29 +45,27 @@ class InterfaceWatch:
 
     Args:
         running: The bus.
-        log: The log for changes.
-        tell: Publishes an event; gets its kind, and facts about it.
+        report: Reports changes.
 
     Raises:
         EcatError: The interfaces cannot be watched.
     """
 
-    def __init__(self, running: RunningBus, log: Log, tell: Callable[..., None]) -> None:
+    def __init__(self, running: RunningBus, report: Reporter) -> None:
         self._bus = running.bus
         self._engine = running.engine
         self._master = running.master
         self._interfaces = running.master.interfaces
         self._health = running.shared.health
-        self._log = log
-        self._tell = tell
-        self._sending = [Throttle(self._tell_sending, _PERIOD) for _ in self._interfaces]
-        self._link_changes = [Throttle(self._tell_link, _PERIOD) for _ in self._interfaces]
+        self._report = report
+        self._sending = [Throttle(self._report_sending, _PERIOD) for _ in self._interfaces]
+        self._link_changes = [Throttle(self._report_link, _PERIOD) for _ in self._interfaces]
         self._ring: Event | None = None
         self._ring_since = 0.0  # Unix time since which it is open
-        self._untold_break: Event | None = None
-        self._ring_told: tuple[shm.Ring, int | None] | None = None
+        self._unreported_break: Event | None = None
+        self._ring_reported: tuple[shm.Ring, int | None] | None = None
         self._ring_timer: asyncio.TimerHandle | None = None
-        self._states = StateWatch(self._interfaces, log, tell)
+        self._states = StateWatch(self._interfaces, report)
         self._links = LinkWatch(self._interfaces, self._on_link, self._states.note)
         self._link_since = [0.0] * len(self._interfaces)
         self._send_errors = [0] * len(self._interfaces)
@@ -83,10 +76,10 @@ class InterfaceWatch:
         self._foreign_frames = [0 for _ in self._interfaces]
         self._foreign_at = -_FOREIGN_GONE  # when frames of another master were last seen
         self._foreign_since = [0.0] * len(self._interfaces)  # Unix time; 0: there is none
-        self._foreign_seen = [-_FOREIGN_TOLD] * len(self._interfaces)
+        self._foreign_seen = [-_FOREIGN_REPORTED] * len(self._interfaces)
         self._foreign_masters = [Disturbance({"frames": 0}) for _ in self._interfaces]
         self._sources = [""] * len(self._interfaces)
-        self._deeds: list[set[Deed]] = [set() for _ in self._interfaces]  # not reported yet
+        self._writes: list[set[Write]] = [set() for _ in self._interfaces]  # not reported yet
         self._disturbance = Disturbance(self._read_counters())
 
     def _read_counters(self) -> dict[str, int]:
@@ -195,63 +188,54 @@ class InterfaceWatch:
     def look(self) -> None:
         """Reports counters of disturbances that run, and frames of other masters."""
         now = time.monotonic()
-        report = self._disturbance.look(self._read_counters(), now)
-        if report is not None:
-            self._tell_counters(report)
+        if (rise := self._disturbance.look(self._read_counters(), now)) is not None:
+            self._report_counters(rise)
         for number in range(len(self._interfaces)):
             self._look_for_others(number, now)
 
-    def _tell_counters(self, report: Report) -> None:
+    def _report_counters(self, rise: Rise) -> None:
         text = ", ".join(
-            f"{item.label} {report.counts[name]} {item.unit}"
+            f"{item.label} {rise.counts[name]} {item.unit}"
             for name, item in _COUNTERS.items()
-            if name in report.counts
+            if name in rise.counts
         )
-        if report.over:
-            text = f"a disturbance of {report.seconds:.0f} s is over: {text}"
-            self._log.info(text, "disturbance")
-        else:
-            text = f"in the last {report.seconds:.0f} s: {text}"
-            self._log.warning(text, "disturbance")
-        self._tell("disturbance", **asdict(report), text=text)
+        begin = "a disturbance of" if rise.over else "in the last"
+        text = f"{begin} {rise.seconds:.0f} s{' is over' * rise.over}: {text}"
+        self._report("disturbance", text, asdict(rise), good=rise.over)
 
     def _look_for_others(self, number: int, now: float) -> None:
         interface = self._interfaces[number]
         foreign = self._foreign.look(number)
         self._foreign_frames[number] += foreign.count
         self._health.foreign = sum(self._foreign_frames)
-        self._deeds[number] |= foreign.deeds
+        self._writes[number] |= foreign.writes
         if foreign.count:
             self._foreign_at = self._foreign_seen[number] = now
             self._foreign_since[number] = self._foreign_since[number] or time.time()
-        elif now - self._foreign_seen[number] > _FOREIGN_TOLD:
+        elif now - self._foreign_seen[number] > _FOREIGN_REPORTED:
             self._foreign_since[number] = 0.0
         if foreign.sources:
             self._sources[number] = "; ".join(foreign.sources)
-        report = self._foreign_masters[number].look({"frames": self._foreign_frames[number]}, now)
-        if report is None:
+        rise = self._foreign_masters[number].look({"frames": self._foreign_frames[number]}, now)
+        if rise is None:
             return
-        if report.over:
-            text = f"no more frames of another EtherCAT master on {interface}"
-            self._log.info(text, "foreign_master")
-        else:
+        source, count, wrote = self._sources[number], rise.counts["frames"], self._writes[number]
+        text = f"no more frames of another EtherCAT master on {interface}"
+        if not rise.over:
             text = (
-                f"frames of another EtherCAT master on {interface} (source "
-                f"{self._sources[number]}): {report.counts['frames']} in the last "
-                f"{report.seconds:.0f} s. {sentence(self._deeds[number])}. Two masters undo each "
-                f"other's outputs and states: stop the other one, or give it slaves of its own"
+                f"frames of another EtherCAT master on {interface} (source {source}): {count} in "
+                f"the last {rise.seconds:.0f} s. {sentence(wrote)}. Two masters undo each other's "
+                f"outputs and states: stop the other one, or give it slaves of its own"
             )
-            self._log.error(text, "foreign_master")
-        self._tell(
-            "foreign_master",
-            interface=interface,
-            source=self._sources[number],
-            count=report.counts["frames"],
-            wrote=facts(self._deeds[number]),
-            over=report.over,
-            text=text,
-        )
-        self._deeds[number] = set()
+        facts = {
+            "interface": interface,
+            "source": source,
+            "count": count,
+            "wrote": describe(wrote),
+            "over": rise.over,
+        }
+        self._report("foreign_master", text, facts, good=rise.over)
+        self._writes[number] = set()
 
     def on_send(self, event: Event) -> None:
         """Sending on an interface has begun to fail, or works again."""
@@ -260,16 +244,14 @@ class InterfaceWatch:
         self._send_errors[event.slot] = event.value
         self._sending[event.slot].note(event)
 
-    def _tell_sending(self, event: Event) -> None:
+    def _report_sending(self, event: Event) -> None:
         interface = self._interfaces[event.slot]
         reason = os.strerror(event.value) if event.value else ""
+        text = f"frames can be sent on {interface} again"
         if reason:
             text = f"frames cannot be sent on {interface}: {reason}"
-            self._log.error(text, "sending")
-        else:
-            text = f"frames can be sent on {interface} again"
-            self._log.info(text, "sending")
-        self._tell("sending", interface=interface, error=reason, cycle=event.cycle, text=text)
+        facts = {"interface": interface, "error": reason, "cycle": event.cycle}
+        self._report("sending", text, facts, good=not reason)
 
     def on_ring(self, event: Event) -> None:
         """The ring has opened, closed, or is open at another place."""
@@ -278,39 +260,38 @@ class InterfaceWatch:
             self._ring_since = time.time()
         elif event.value == shm.Ring.CLOSED:
             self._ring_since = 0.0
-        self._log.debug(f"ring: {shm.Ring(event.value).name}, {event.slave} slaves before a break")
+        self._report.log.debug(
+            f"ring: {shm.Ring(event.value).name}, {event.slave} slaves before a break"
+        )
         if event.value == shm.Ring.OPEN:
-            self._untold_break = event
+            self._unreported_break = event
         if self._ring_timer is None:
             # While a cable is being unplugged, the first cycle may find the break elsewhere.
-            self._ring_timer = asyncio.get_running_loop().call_later(_SETTLED, self._tell_ring)
+            self._ring_timer = asyncio.get_running_loop().call_later(_SETTLED, self._report_ring)
 
-    def _tell_ring(self) -> None:
+    def _report_ring(self) -> None:
         """Reports the state of the ring if it has changed; at most once a second."""
         self._ring_timer = None
-        event, brief = self._ring, self._untold_break
-        self._untold_break = None
+        event, brief = self._ring, self._unreported_break
+        self._unreported_break = None
         if event is None:
             return
         state = shm.Ring(event.value)
         text = describe_ring(self._bus, self._interfaces, state, event.slave)
         broken_at = event.slave if state == shm.Ring.OPEN else None
-        if self._ring_told == (state, broken_at) and (state == shm.Ring.OPEN or brief is None):
+        if self._ring_reported == (state, broken_at) and (state == shm.Ring.OPEN or brief is None):
             return
-        self._ring_told = state, broken_at
+        self._ring_reported = state, broken_at
         if state == shm.Ring.CLOSED and brief is not None:
             place = _place(self._bus, self._interfaces, brief.slave)
             text = f"the ring was broken {place} for a moment: check the plugs. Now {text}"
-        tell = self._log.info if state == shm.Ring.CLOSED and not brief else self._log.error
-        tell(text, "ring")
-        self._tell(
-            "ring",
-            state=state.name.lower(),
-            slaves_before=event.slave if brief is None else brief.slave,
-            text=text,
-            cycle=event.cycle,
-        )
-        self._ring_timer = asyncio.get_running_loop().call_later(_PERIOD, self._tell_ring)
+        facts = {
+            "state": state.name.lower(),
+            "slaves_before": event.slave if brief is None else brief.slave,
+            "cycle": event.cycle,
+        }
+        self._report("ring", text, facts, good=state == shm.Ring.CLOSED and not brief)
+        self._ring_timer = asyncio.get_running_loop().call_later(_PERIOD, self._report_ring)
 
     def _publish_links(self) -> None:
         states = self._links.states
@@ -320,7 +301,7 @@ class InterfaceWatch:
     def _on_link(self, number: int, before: LinkState, now: LinkState) -> None:
         self._link_since[number] = time.time()
         self._publish_links()
-        self._log.debug(
+        self._report.log.debug(
             f"{self._interfaces[number]}: link {before.link.name} (index {before.index}), now "
             f"{now.link.name} (index {now.index})"
         )
@@ -338,12 +319,12 @@ class InterfaceWatch:
         if now == self._links.states[number]:
             self._link_changes[number].note(Event(slot=number, value=now.link))
 
-    def _tell_link(self, event: Event) -> None:
+    def _report_link(self, event: Event) -> None:
         """Reports a link's state; at most once a second, since a loose plug changes it often."""
         interface, link = self._interfaces[event.slot], shm.Link(event.value)
         text = self._link_text(event.slot, link)
-        (self._log.info if link == shm.Link.UP else self._log.error)(text, "link")
-        self._tell("link", interface=interface, state=link.name.lower(), text=text)
+        facts = {"interface": interface, "state": link.name.lower()}
+        self._report("link", text, facts, good=link == shm.Link.UP)
 
     def _link_text(self, number: int, link: shm.Link) -> str:
         interface = self._interfaces[number]
@@ -361,10 +342,11 @@ class InterfaceWatch:
                 switch_on(interface)
         except EcatError as error:
             # It may be gone again already. That will be reported, and so will its return.
-            self._log.error(f"{interface} is back, but cannot be used: {error}", "link")
+            self._report.write("link", f"{interface} is back, but cannot be used: {error}")
             return
         self._indices[number] = now.index
-        self._log.info(f"{interface} is back as another interface (index {now.index})", "link")
+        text = f"{interface} is back as another interface (index {now.index})"
+        self._report.write("link", text, good=True)
 
 
 def describe_ring(bus: Bus, interfaces: list[str], state: shm.Ring, before: int) -> str:

@@ -1,6 +1,6 @@
 """Polls the mailboxes of the slaves for messages that nobody has asked for.
 
-They are emergencies, and Ethernet frames, which `server/ethernet` takes.
+They are emergencies, and Ethernet frames, which `master/ethernet` takes.
 """
 
 from __future__ import annotations
@@ -8,19 +8,19 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from ecatd.base.batch import Batch
 from ecatd.base.coroutine_steps import Steps
-from ecatd.base.log import Log
 from ecatd.description.bus import Slave
 from ecatd.etg.error_codes import emergency_text
-from ecatd.master.emergencies import Emergency, tell_emergencies
+from ecatd.master.emergencies import Emergency, log_emergencies
+from ecatd.master.mailbox.conversation import run_conversations
 from ecatd.master.mailbox.mailbox import MAILBOX_IN, has_mail
-from ecatd.master.mailbox.talks import talk_all
 from ecatd.master.worker import Worker
 
 from ..start.running_bus import RunningBus
+from .reports import Reporter
 
 _TOGETHER_S = 0.005
 """Looks that are due within so many seconds are one: they share frames."""
@@ -33,17 +33,14 @@ class MailboxWatch:
     Args:
         running: The bus.
         worker: The worker on which slaves are asked.
-        log: The log for emergencies.
-        tell: Publishes an event: its kind and its facts.
+        report: Reports emergencies.
 
     Attributes:
         emergencies: Takes emergencies, also those that come with answers to requests, and tells of
             them in batches.
     """
 
-    def __init__(
-        self, running: RunningBus, worker: Worker, log: Log, tell: Callable[..., None]
-    ) -> None:
+    def __init__(self, running: RunningBus, worker: Worker, report: Reporter) -> None:
         slaves = running.bus.slaves
         self._polls = [running.config.settings_of(slave.position).poll_s for slave in slaves]
         self._slaves = {
@@ -54,16 +51,15 @@ class MailboxWatch:
         self._due = dict.fromkeys(self._slaves, 0.0)
         self._master = running.master
         self._worker = worker
-        self._log = log
-        self._tell = tell
+        self._report = report
         self.emergencies = Batch[Emergency](self._pass_on)
 
     def _pass_on(self, found: list[Emergency], left_out: int) -> None:
-        tell_emergencies(self._log, found, left_out)
+        log_emergencies(self._report.log, found, left_out)
         counts = Counter((slave.position, code, register) for slave, code, register in found)
         for (position, code, register), times in counts.items():
             facts = {"code": code, "register": register, "text": emergency_text(code, register)}
-            self._tell("emergency", slave=position, **facts, times=times)
+            self._report.publish("emergency", slave=position, **facts, times=times)
 
     async def watch(self) -> None:
         """Looks for messages of each slave again and again."""
@@ -88,10 +84,10 @@ class MailboxWatch:
             for slave, answer in zip(slaves, answers, strict=True)
             if answer.wkc == 1 and has_mail(answer.data)
         ]
-        ways = [(slave, way) for slave, way in ways if not len(way.line)]
+        ways = [(slave, way) for slave, way in ways if not len(way.queue)]
         if ways:
             # Errors are ignored here: whoever sends a request to the slave reports them.
-            yield from talk_all(self._master.registers, [way.collect() for _, way in ways])
+            yield from run_conversations(self._master.registers, [way.collect() for _, way in ways])
         return [(slave, *found) for slave, way in ways for found in way.emergencies]
 
     def close(self) -> None:

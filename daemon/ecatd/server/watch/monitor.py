@@ -30,11 +30,11 @@ from ..start.running_bus import RunningBus
 from .clocks import ClockWatch
 from .exchange import ExchangeWatch
 from .fault_files import FaultFiles
-from .files import FileWatch
 from .interfaces import InterfaceWatch
 from .mailboxes import MailboxWatch
 from .outputs import OutputWatch
-from .rate_limiter import Throttle
+from .reports import Reporter, Throttle
+from .shared_memory_files import FileWatch
 from .slaves import SlaveWatch
 from .slot_requests import Answer, SlotRequests
 
@@ -82,30 +82,27 @@ class Monitor:
         self._shared = running.shared
         self._engine = running.engine
         self._log = log.of("slaves")
-        self._publish = publish
+        self._send = publish
         self._fault_files = fault_files
         self._requests = SlotRequests(
             running.shared, running.engine, answer, self._on_wrong_request, log.of("mailbox")
         )
-        outputs_log = log.of("outputs")
+        report = Reporter(self._log, self._publish)
+        of_outputs, of_interfaces = report.of("outputs"), report.of("interfaces")
         self._outputs = OutputWatch(
-            running.bus, running.shared, running.config.outputs, outputs_log, self._tell
+            *(running.bus, running.shared, running.config.outputs, of_outputs)
         )
-        self._interfaces = InterfaceWatch(running, log.of("interfaces"), self._tell)
-        self._slaves = SlaveWatch(running, worker, log, self._tell, self._interfaces)
-        self._exchange = ExchangeWatch(
-            running, worker, log.of("interfaces"), self._tell, self._interfaces.explain
-        )
-        self._clocks = (
-            None
-            if running.clocks is None
-            else ClockWatch(running.clocks, running.shared, worker, log.of("dc"), self._tell)
-        )
+        self._interfaces = InterfaceWatch(running, of_interfaces)
+        self._slaves = SlaveWatch(running, worker, report, self._interfaces)
+        self._exchange = ExchangeWatch(running, worker, of_interfaces, self._interfaces.explain)
+        self._clocks = None
+        if running.clocks is not None:
+            self._clocks = ClockWatch(running.clocks, running.shared, worker, report.of("dc"))
         self._working_counters = [
-            Throttle(self._tell_working_counter, _COUNTER_PAUSE) for _ in running.bus.domains
+            Throttle(self._report_working_counter, _COUNTER_PAUSE) for _ in running.bus.domains
         ]
-        self._mailboxes = MailboxWatch(running, worker, log.of("mailbox"), self._tell)
-        self._files = FileWatch(running.shared, outputs_log, self._tell)
+        self._mailboxes = MailboxWatch(running, worker, report.of("mailbox"))
+        self._files = FileWatch(running.shared, of_outputs)
         self._events: deque[Event] = deque()
         self._room = threading.Semaphore(_EVENTS_WAITING)
         self._stopping = threading.Event()
@@ -262,16 +259,16 @@ class Monitor:
         cycle = self._shared.header.cycle
         self._outputs.handle(Event(kind, slave=-1, slot=slot, value=generation, cycle=cycle))
 
-    def _tell_working_counter(self, event: Event) -> None:
+    def _report_working_counter(self, event: Event) -> None:
         state = shm.WkcState(event.value).name.lower()
         text = f"domain {event.slave}: working counter {state}"
         self._log.debug(text)
         times = self._working_counters[event.slave].taken
         facts = {"domain": event.slave, "state": state, "cycle": event.cycle, "times": times}
-        self._tell("working_counter", **facts, text=text)
+        self._publish("working_counter", **facts, text=text)
 
-    def _tell(self, kind: str, **facts: Any) -> None:
-        self._publish(new_event(kind, **facts))
+    def _publish(self, kind: str, **facts: Any) -> None:
+        self._send(new_event(kind, **facts))
         self._fault_files.note(kind, facts)
 
     async def run(self) -> None:

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from typing import Any
 
 from ecatd.base.batch import Batch
-from ecatd.base.log import Log
 from ecatd.base.namespaces import said_pid
 from ecatd.config import OutputsConfig
 from ecatd.description.bus import Bus, Slave, positions_text
@@ -25,9 +23,10 @@ from ecatd.master.engine.engine import Event, EventType
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.shm import contract as shm
 
-from .file_users import Program, names, programs_with
+from .reports import Reporter
+from .shared_memory_files import Program, names, programs_with
 
-_TOLD = 4
+_REPORTED = 4
 """Most events about one client in one report; earlier ones are only counted."""
 
 _FRESH = 0.25
@@ -70,8 +69,7 @@ class OutputWatch:
         bus: The bus.
         shared: Its shared memory.
         config: Has the time that drives may take to stop.
-        log: The log for these reports.
-        tell: Publishes an event; gets its kind, and facts about it.
+        report: Reports these things.
     """
 
     def __init__(
@@ -79,14 +77,12 @@ class OutputWatch:
         bus: Bus,
         shared: SharedMemory,
         config: OutputsConfig,
-        log: Log,
-        tell: Callable[..., None],
+        report: Reporter,
     ) -> None:
         self._bus = bus
         self._shared = shared
         self._patience = {rule.slave: rule.stop_timeout for rule in config.safe}
-        self._log = log
-        self._tell = tell
+        self._report = report
         self._clients: dict[int, _Client] = {}
         self._owners: dict[int, str] = {}  # of outputs, by signal, at the last conflict
         self._gathered: dict[tuple[int, int, bool], Batch[tuple[Event, _Client]]] = {}
@@ -103,7 +99,7 @@ class OutputWatch:
         # A client may try again in each cycle: that must not push out what happens to its outputs.
         about = (event.slot, event.slave if event.slot < 0 else -1, _is_minor(event))
         if about not in self._gathered:
-            self._gathered[about] = Batch(partial(self._tell_all, event.slot))
+            self._gathered[about] = Batch(partial(self._report_all, event.slot))
         client = self._clients.get(event.slot, _Client(event.slot))
         self._gathered[about].note((event, client))
 
@@ -129,21 +125,21 @@ class OutputWatch:
             program = shm.printable(found.program)
             self._clients[slot] = _Client(slot, program, found.pid, found.pid_namespace)
 
-    def _tell_all(self, slot: int, events: list[tuple[Event, _Client]], left_out: int) -> None:
+    def _report_all(self, slot: int, events: list[tuple[Event, _Client]], left_out: int) -> None:
         groups = [
             ([event for event, _ in group], client)
             for (_, _, client), group in groupby(events, lambda e: (e[0].type, e[0].value, e[1]))
         ]
-        if any(group[0].type in _WRONG for group, _ in groups[-_TOLD:]):
+        if any(group[0].type in _WRONG for group, _ in groups[-_REPORTED:]):
             self._find_writers()
-        left_out += sum(len(group) for group, _ in groups[:-_TOLD])
+        left_out += sum(len(group) for group, _ in groups[:-_REPORTED])
         if left_out:
-            say = self._log.debug if _is_minor(events[-1][0]) else self._log.warning
+            say = self._report.log.debug if _is_minor(events[-1][0]) else self._report.log.warning
             say(
                 f"{left_out} events about outputs of the client in slot {slot} were not reported, "
                 "because they come too often"
             )
-        for group, client in groups[-_TOLD:]:
+        for group, client in groups[-_REPORTED:]:
             self._say(group, client)
             alike: dict[int, list[Event]] = {}
             for event in group:
@@ -183,7 +179,7 @@ class OutputWatch:
             facts["owner"] = self._owners[event.value]
         if event.type == EventType.STOPPED:
             facts["in_time"] = bool(event.value)
-        self._tell(EventType(event.type).name.lower(), **facts)
+        self._report.publish(EventType(event.type).name.lower(), **facts)
 
     def _say(self, group: list[Event], who: _Client) -> None:
         """Logs one line about consecutive events of one kind."""
@@ -194,11 +190,9 @@ class OutputWatch:
             or (first.type == EventType.SAFE and shm.Reason(first.value) in _EXPECTED)
             or (first.type == EventType.STOPPED and first.value)
         )
-        say = self._log.info if wanted else self._log.warning
-        if _is_minor(first):
-            say = self._log.debug
+        level = "debug" if _is_minor(first) else "info" if wanted else "warning"
         text = self._text(first, who, positions)
-        say(text, EventType(first.type).name.lower(), positions)
+        self._report.write(EventType(first.type).name.lower(), text, positions, level=level)
 
     def _text(self, first: Event, who: _Client, positions: set[int]) -> str:
         """What has happened to slaves: the line of the log, and the text of the event."""

@@ -10,7 +10,6 @@ from contextlib import suppress
 
 from ecatd.base.coroutine_steps import Steps
 from ecatd.base.errors import EcatError, StateError
-from ecatd.base.log import Log
 from ecatd.config import RecoveryConfig
 from ecatd.description.bus import Bus
 from ecatd.description.conditions import Condition
@@ -21,11 +20,12 @@ from ecatd.master.frames.wire import WireChangedError
 from ecatd.master.master import SilentSlaveError
 from ecatd.master.worker import Worker
 
-from ..start.configurations import Missed
 from ..start.matching import Exchanged, Found
 from ..start.running_bus import RunningBus
+from ..start.slave_configuration import Missed
 from .presence import name_slaves
 from .recovery import QUICK_TRIES, Failure, Plan, Recovery
+from .reports import Reporter
 
 _LOOKS = 3
 _NAMES_MAX = 3
@@ -37,8 +37,7 @@ class Repair:
     Args:
         running: The bus.
         worker: The worker on which it is done.
-        log: The log for the recovery.
-        tell: Publishes an event; gets its kind, and facts about it.
+        report: Reports the recovery.
         look: Reads the AL states and reports changes.
     """
 
@@ -46,15 +45,13 @@ class Repair:
         self,
         running: RunningBus,
         worker: Worker,
-        log: Log,
-        tell: Callable[..., None],
+        report: Reporter,
         look: Callable[[], Awaitable[object]],
     ) -> None:
         self._running = running
         self._bus: Bus = running.bus
         self._worker = worker
-        self._log = log
-        self._tell = tell
+        self._report = report
         self._look = look
         found, config = running.found, running.config.recovery
         self._retry_s = config.retry_s
@@ -171,7 +168,7 @@ class Repair:
             yield from self._bring(mapped_anew, state, AlState.PREOP)
         if state == AlState.OP:
             in_safeop = [p for p in positions if seen[p] == AlState.SAFEOP]
-            missed = yield from running.set_up.tell_before_op(in_safeop)
+            missed = yield from running.set_up.write_before_op(in_safeop)
             _refuse(self._bus, {position: _failure(item) for position, item in missed.items()})
         yield from running.master.al_states.require(state, running.config.state_timeout, positions)
         _refuse(self._bus, silent)
@@ -189,7 +186,7 @@ class Repair:
 
     def _leave(self, positions: Sequence[int], state: AlState) -> Steps[None]:
         for text in (yield from self._running.set_up.leave(positions, state)):
-            self._log.warning(text)
+            self._report.log.warning(text)
 
     def _bring(self, positions: Sequence[int], state: AlState, begin: AlState) -> Steps[None]:
         missed = yield from self._running.set_up.run(positions, state, begin=begin)
@@ -208,7 +205,7 @@ class Repair:
     def act(self, states: Sequence[SlaveState], strangers: int, *, foreign: bool) -> None:
         """Starts the recovery that the states of the slaves call for, and reports it."""
         plan = self._recovery.look(states, strangers, time.monotonic(), foreign=foreign)
-        self._tell_plan(plan)
+        self._report_plan(plan)
         if plan.ask:
             self._begin(plan.ask, self._ask(plan.ask))
         if plan.set_up:
@@ -287,7 +284,7 @@ class Repair:
                 )
                 failures[position] = Failure(str(error), early=early)
         except Exception as error:
-            self._log.error(f"defect in ecatd while bringing slaves back: {error!r}")
+            self._report.log.error(f"defect in ecatd while bringing slaves back: {error!r}")
             failures = dict.fromkeys(positions, Failure(f"defect in ecatd: {error!r}"))
         self._finish(positions, failures)
         await self._look()
@@ -298,63 +295,65 @@ class Repair:
             failure = failures.get(position)
             if failure is not None:
                 text = failure.text or "no slave is there"
-                self._log.debug(f"slave {position}: this try failed ({failure.condition}): {text}")
+                self._report.log.debug(
+                    f"slave {position}: this try failed ({failure.condition}): {text}"
+                )
             if self._recovery.done(position, failure) and failure is not None and failure.text:
                 news[position] = failure
                 (text,) = _lines(self._bus, {position: failure})
-                self._tell_one(position, failure.condition, text)
+                self._publish(position, failure.condition, text)
         for line in _lines(self._bus, news):
-            self._log.warning(line, "recovery", news)
+            self._report.write("recovery", line, news, level="warning")
 
-    def _tell_plan(self, plan: Plan) -> None:
+    def _report_plan(self, plan: Plan) -> None:
         for position in plan.fallen:
             self._steps.pop(position, None)
-            self._tell_one(position, "fallen", f"{self._bus.slaves[position].label}: left OP")
-        self._tell_step(plan.ask, "asked", "asked for OP again")
-        self._tell_step(plan.set_up, "set_up", "ecatd looks for it and sets it up")
-        self._tell_recovered(plan.recovered)
+            self._publish(position, "fallen", f"{self._bus.slaves[position].label}: left OP")
+        self._report_step(plan.ask, "asked", "asked for OP again")
+        self._report_step(plan.set_up, "set_up", "ecatd looks for it and sets it up")
+        self._report_recovered(plan.recovered)
         if plan.slow:
             what = (
                 f"not back in OP after {QUICK_TRIES} tries; "
                 f"ecatd goes on with one try every {self._retry_s:g} s while OP is wanted"
             )
             text = f"{name_slaves(self._bus, plan.slow)}: {what}"
-            self._log.warning(text, "recovery", plan.slow)
+            self._report.write("recovery", text, plan.slow, level="warning")
             for position in plan.slow:
-                self._tell_one(position, "slow", f"{self._bus.slaves[position].label}: {what}")
+                self._publish(position, "slow", f"{self._bus.slaves[position].label}: {what}")
         for position, text in plan.refused.items():
             line = f"{self._bus.slaves[position].label} stays out of OP: {text}"
-            self._log.error(line, "recovery", [position])
-            self._tell_one(position, Condition.REFUSED, line)
+            self._report.write("recovery", line, [position])
+            self._publish(position, Condition.REFUSED, line)
 
-    def _tell_step(self, positions: list[int], step: str, what: str) -> None:
+    def _report_step(self, positions: list[int], step: str, what: str) -> None:
         """Reports what is tried with slaves; an event only if the last try was another one."""
         if positions:
-            self._log.debug(f"{name_slaves(self._bus, positions)}: {what}")
+            self._report.log.debug(f"{name_slaves(self._bus, positions)}: {what}")
         for position in positions:
             if self._steps.get(position) != step:
                 self._steps[position] = step
-                self._tell_one(position, step, f"{self._bus.slaves[position].label}: {what}")
+                self._publish(position, step, f"{self._bus.slaves[position].label}: {what}")
 
-    def _tell_recovered(self, recovered: dict[int, float]) -> None:
+    def _report_recovered(self, recovered: dict[int, float]) -> None:
         joined = [position for position, seconds in recovered.items() if math.isinf(seconds)]
         first_time = "there for the first time, and in OP"
         for position in joined:
-            self._tell_one(position, "joined", f"{self._bus.slaves[position].label}: {first_time}")
+            self._publish(position, "joined", f"{self._bus.slaves[position].label}: {first_time}")
         if joined:
             text = f"{name_slaves(self._bus, joined)}: {first_time}"
-            self._log.info(text, "recovery", joined)
+            self._report.write("recovery", text, joined, good=True)
         back = {n: seconds for n, seconds in recovered.items() if n not in joined}
         for position, seconds in back.items():
             text = f"{self._bus.slaves[position].label}: back in OP after {seconds:.1f} s"
-            self._tell_one(position, "recovered", text, seconds=seconds)
+            self._publish(position, "recovered", text, seconds=seconds)
         if back:
             names = name_slaves(self._bus, list(back))
             text = f"{names}: back in OP after {max(back.values()):.1f} s"
-            self._log.info(text, "recovery", back)
+            self._report.write("recovery", text, back, good=True)
 
-    def _tell_one(self, position: int, state: str, text: str, **facts: object) -> None:
-        self._tell("recovery", slave=position, state=str(state), text=text, **facts)
+    def _publish(self, position: int, state: str, text: str, **facts: object) -> None:
+        self._report.publish("recovery", slave=position, state=str(state), text=text, **facts)
 
 
 def _failure(missed: Missed) -> Failure:

@@ -7,12 +7,11 @@ changes, this module reads the AL status of all slaves to find the one that has 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from itertools import groupby
 from typing import Any
 
-from ecatd.base.log import Log
 from ecatd.config import RecoveryConfig
 from ecatd.description.conditions import Condition
 from ecatd.etg.al import AL_ERROR_FLAG, AlState
@@ -23,8 +22,9 @@ from ecatd.master.worker import Worker
 from ..start.running_bus import RunningBus
 from .expectation import ExpectationWatch
 from .interfaces import InterfaceWatch
-from .presence import describe_presence, name_slaves
+from .presence import Presence, Wrong, name_slaves
 from .repair import Repair
+from .reports import Reporter
 
 _SLOW_PERIOD = 2.0
 """Seconds between looks while all slaves are in OP. The engine notices every change then; looks
@@ -33,7 +33,7 @@ _PERIOD = 0.25
 """The same while a slave is not in OP. The engine sees only the ORed states, so this slave can hide
 the change of another one."""
 _PAUSE, _LONGEST_PAUSE = 0.02, 1.0
-"""Shortest time between two looks, which grows while each of them finds something to tell."""
+"""Shortest time between two looks, which grows while each of them finds something to report."""
 _STATION_ADDRESS = 0x0010
 _ALIAS = 0x0012
 _TRIES = 3
@@ -47,8 +47,7 @@ class SlaveWatch:
     Args:
         running: The bus.
         worker: The worker on which slaves are asked.
-        log: Where changes are told.
-        tell: Publishes an event: its kind, and facts.
+        report: Reports changes.
         interfaces: The watch over the interfaces: whether another master is at work, or no frame
             can come back.
 
@@ -60,8 +59,7 @@ class SlaveWatch:
         self,
         running: RunningBus,
         worker: Worker,
-        log: Log,
-        tell: Callable[..., None],
+        report: Reporter,
         interfaces: InterfaceWatch,
     ) -> None:
         self._bus = running.bus
@@ -69,10 +67,9 @@ class SlaveWatch:
         self._health = running.shared.health
         self._rows = running.shared.slave_status
         self._worker = worker
-        self._log = log.of("slaves")
-        self._tell = tell
-        self._repair = Repair(running, worker, log.of("recovery"), tell, self._look_again)
-        self._expectation = ExpectationWatch(running, worker, self._log, tell)
+        self._report = report
+        self._repair = Repair(running, worker, report.of("recovery"), self._look_again)
+        self._expectation = ExpectationWatch(running, worker, report)
         self._by_hand = running.config.recovery.slaves != "all"
         self._interfaces = interfaces
         self._foreign = interfaces.is_foreign
@@ -85,13 +82,9 @@ class SlaveWatch:
         self._found = self._added = 0
         self._twice: list[int] = []  # positions of slaves at whose address another one answers, too
         self._restart_without = running.found.expectation.restart_without
-        # What was last told about missing and new slaves. Those of the start were told there.
-        self._told = describe_presence(
-            running.bus,
-            self._counted,
-            awaited,
-            absent=len(self._absent),
-            restart=self._restart_without(awaited),
+        # What was last reported about missing and new slaves. The start has reported its own.
+        self._presence = Presence(
+            *(running.bus, self._counted, tuple(awaited)), absent=len(self._absent)
         )
         self.states: list[SlaveState] = []
         self._set_up = running.set_up
@@ -99,7 +92,7 @@ class SlaveWatch:
 
     async def change(self, positions: Sequence[int], state: AlState) -> None:
         """Brings slaves to a state because somebody wants it; see `Repair.change`."""
-        self._log.debug(f"{name_slaves(self._bus, positions)}: a client wants {state.name}")
+        self._report.log.debug(f"{name_slaves(self._bus, positions)}: a client wants {state.name}")
         try:
             await self._repair.change(positions, state)
         finally:
@@ -124,7 +117,7 @@ class SlaveWatch:
         A device that answers at the address of a slave is one of them.
         """
         more = self._twice or self._found > len(self._bus.slaves)
-        return self._told if more else ""
+        return self._presence.text(self._restart_without) if more else ""
 
     def set_recovery(self, config: RecoveryConfig) -> None:
         """Changes which slaves are recovered, and how often it is tried."""
@@ -138,7 +131,7 @@ class SlaveWatch:
 
     def on_change(self, found: int) -> None:
         """The engine has seen another number of slaves, or another AL state."""
-        self._log.debug(f"{found} slaves answer, or their AL states have changed")
+        self._report.log.debug(f"{found} slaves answer, or their AL states have changed")
         if found != self._counted:
             self._counted = found
             self._expectation.note()
@@ -212,7 +205,7 @@ class SlaveWatch:
 
     async def watch(self) -> None:
         """Waits for the next change, or for a while, and looks."""
-        healthy = self._is_well() and not self._told and not self._strangers
+        healthy = self._is_well() and self._presence.wrong == Wrong.NOTHING and not self._strangers
         healthy = healthy and not self._expectation.waits
         with suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), _SLOW_PERIOD if healthy else _PERIOD)
@@ -246,7 +239,7 @@ class SlaveWatch:
         self._changed.set()
 
     async def look(self) -> bool:
-        """Reads the AL states, and tells of every change; returns whether there was one."""
+        """Reads the AL states, and reports every change; returns whether there was one."""
         changed = await self._worker.run(self.read)
         blinding = "" if self._found else await self._interfaces.find_blinding()
         if not self._found and not blinding and not self._silent:
@@ -255,28 +248,22 @@ class SlaveWatch:
             self._found = int(self._health.slaves_found)
             blinding = await self._interfaces.find_blinding()
         self._silent = not self._found and not blinding
-        self._tell_presence(blinding)
+        self._report_presence(blinding)
         present = [item for item in changed if item.al_state & 0x0F]
         for item in changed:
-            self._tell(
-                "al_state",
-                slave=item.position,
-                al_state=item.al_state,
-                al_code=item.al_code,
-                text=item.describe(),
-            )
+            facts = {"slave": item.position, "al_state": item.al_state, "al_code": item.al_code}
+            self._report.publish("al_state", **facts, text=item.describe())
         for positions, item in _group(present):
             # OP is what everybody wants; leaving it may be wanted, too, but somebody should know.
             # Optional slaves pass the other states each time they come.
             optional = item.position in self._optional and not item.al_state & AL_ERROR_FLAG
-            expected = item.al_state == AlState.OP or optional
-            tell = self._log.info if expected else self._log.warning
             text = f"{name_slaves(self._bus, positions)}: {item.describe()}"
-            tell(text, "al_state", positions)
+            good = item.al_state == AlState.OP or optional
+            self._report.write("al_state", text, positions, good=good)
         return bool(changed)
 
-    def _tell_presence(self, blinding: str) -> None:
-        """Tells, once, that slaves are missing or that there are more, and when that is over.
+    def _report_presence(self, blinding: str) -> None:
+        """Reports, once, that slaves are missing or that there are more, and when that is over.
 
         Args:
             blinding: Why no frame can come back; empty if nothing is known of that.
@@ -286,38 +273,29 @@ class SlaveWatch:
         slaves = self._bus.slaves
         lost = [position for position in gone if position not in self._optional]
         absent = [position for position in gone if position in self._optional]
-        self._tell_absent(absent)
-        text = describe_presence(
-            self._bus,
-            found,
-            lost,
-            self._added,
-            self._twice,
-            absent=len(absent),
-            by_hand=self._by_hand,
-            blinding=blinding,
-            restart=self._restart_without(lost),
+        self._report_absent(absent)
+        presence = Presence(
+            *(self._bus, found, tuple(lost), self._added, tuple(self._twice), len(absent)),
+            *(self._by_hand, blinding),
         )
-        if text == self._told:
+        if presence.is_like(self._presence):
             return
-        self._told = text
+        self._presence = presence
         self._expectation.note()
-        if text:
-            self._log.error(text, "slaves", lost)
-        else:
-            there = len(slaves) - len(absent)
-            self._log.info(f"all {there} slaves answer, and no others", "slaves")
-        self._tell("slaves", found=found, expected=len(self._bus.slaves), missing=lost, text=text)
+        text = presence.text(self._restart_without)
+        line = text or f"all {len(slaves) - len(absent)} slaves answer, and no others"
+        self._report.write("slaves", line, lost, good=not text)
+        facts = {"found": found, "expected": len(slaves), "missing": lost}
+        self._report.publish("slaves", **facts, text=text)
 
-    def _tell_absent(self, absent: list[int]) -> None:
-        """Tells that optional slaves have left; recovery tells that they are back."""
+    def _report_absent(self, absent: list[int]) -> None:
+        """Reports that optional slaves have left; recovery reports that they are back."""
         left = [position for position in absent if position not in self._absent]
         self._absent = set(absent)
         if left:
             self._expectation.note()
             text = f"{name_slaves(self._bus, left)} left the bus (optional)"
-            self._log.info(text, "absent", left)
-            self._tell("absent", slaves=left, text=text)
+            self._report("absent", text, {"slaves": left}, left)
 
 
 def _group(states: Iterable[SlaveState]) -> list[tuple[list[int], SlaveState]]:

@@ -20,7 +20,7 @@ from ..frames.datagrams import Answer, Datagram, Datagrams
 
 T = TypeVar("T")
 
-Talk: TypeAlias = Generator[list[Datagram], list[Answer], T]
+Conversation: TypeAlias = Generator[list[Datagram], list[Answer], T]
 """A conversation with one slave. It yields the next datagrams to the slave, in order, and receives
 their answers by `send`. An empty list means that it waits, for the slave or for its turn. Its
 return value is the result."""
@@ -38,8 +38,8 @@ _LOOKING = 2
 """Rounds between two waits of a conversation that looks for an answer and finds none."""
 
 
-def talk_all(
-    registers: Datagrams, talks: Sequence[Talk[T]]
+def run_conversations(
+    registers: Datagrams, conversations: Sequence[Conversation[T]]
 ) -> Steps[tuple[dict[int, T], dict[int, EcatError]]]:
     """Runs all conversations at the same time, and yields whenever all of them wait.
 
@@ -47,20 +47,22 @@ def talk_all(
     if slaves have answered since the last time. Then the next step should come soon.
 
     Returns:
-        The results, and the errors of the failed conversations, both by their numbers in `talks`.
+        The results, and the errors of failed ones, both by their numbers in `conversations`.
     """
     found: dict[int, T] = {}
     failed: dict[int, EcatError] = {}
-    due: list[tuple[int, list[Answer] | None]] = [(number, None) for number in range(len(talks))]
+    due: list[tuple[int, list[Answer] | None]] = [
+        (number, None) for number in range(len(conversations))
+    ]
     rounds = 0
     try:
         while due:
             datagrams: list[Datagram] = []
             counts: list[tuple[int, int]] = []  # of each conversation: its number and datagrams
             for number, answers in due:
-                talk = talks[number]
+                conversation = conversations[number]
                 try:
-                    wanted = next(talk) if answers is None else talk.send(answers)
+                    wanted = next(conversation) if answers is None else conversation.send(answers)
                 except StopIteration as end:
                     found[number] = end.value
                 except EcatError as error:
@@ -81,14 +83,16 @@ def talk_all(
                 for (number, count), end in zip(counts, ends, strict=True)
             ]
     finally:
-        for talk in talks:  # unfinished conversations must leave the queues of their slaves
-            talk.close()
+        for (
+            conversation
+        ) in conversations:  # unfinished conversations must leave the queues of their slaves
+            conversation.close()
     return found, failed
 
 
-def talk_alone(registers: Datagrams, talk: Talk[T]) -> Steps[T]:
+def run_conversation(registers: Datagrams, conversation: Conversation[T]) -> Steps[T]:
     """Runs one conversation; returns its result, and raises its errors."""
-    found, failed = yield from talk_all(registers, [talk])
+    found, failed = yield from run_conversations(registers, [conversation])
     if failed:
         raise failed[0]
     return found[0]
@@ -96,14 +100,14 @@ def talk_alone(registers: Datagrams, talk: Talk[T]) -> Steps[T]:
 
 def converse(
     registers: Datagrams,
-    talks: Sequence[Talk[T]],
+    conversations: Sequence[Conversation[T]],
     cancelled: Callable[[], bool] = lambda: False,
 ) -> list[T]:
     """Runs all conversations at the same time, to their ends; blocks.
 
     Args:
         registers: Access to the registers of the slaves.
-        talks: The conversations, each with another slave.
+        conversations: The conversations, each with another slave.
         cancelled: Called repeatedly while waiting; when it returns true, `StateError` is raised.
 
     Returns:
@@ -113,10 +117,12 @@ def converse(
         EcatError: Conversations failed; the message contains their errors. The others have ended
             normally.
     """
-    found, failed = finish(_unless(cancelled, talk_all(registers, talks)), _PAUSE_S)
+    found, failed = finish(
+        _unless(cancelled, run_conversations(registers, conversations)), _PAUSE_S
+    )
     if failed:
         raise _all_of([failed[number] for number in sorted(failed)])
-    return [found[number] for number in range(len(talks))]
+    return [found[number] for number in range(len(conversations))]
 
 
 def _unless(cancelled: Callable[[], bool], steps: Steps[T]) -> Steps[T]:

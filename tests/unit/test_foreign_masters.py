@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ecatd.server.watch.deeds import Deed, Whom, deeds, facts, sentence
+from ecatd.server.watch.foreign_masters import Whom, Write, describe, sentence, writes
 
 BRD, FPWR, BWR, LRW = 7, 5, 8, 12
 
@@ -24,7 +24,7 @@ def frame(*datagrams: bytes) -> bytes:
 
 def test_all_datagrams_of_a_frame_count() -> None:
     done = set(
-        deeds(
+        writes(
             frame(
                 datagram(BRD, 0x0130, b"\x08\x00", more=True),
                 datagram(BWR, 0x0120, b"\x11\x00", wkc=8, more=True),
@@ -34,7 +34,7 @@ def test_all_datagrams_of_a_frame_count() -> None:
             )
         )
     )
-    assert facts(done) == [
+    assert describe(done) == [
         "AL control (0x0120: INIT) of all slaves",
         "FMMUs (0x0600) of all slaves",
         "station addresses (0x0010) of single slaves",
@@ -46,8 +46,8 @@ def test_all_datagrams_of_a_frame_count() -> None:
 
 
 def test_values_are_gathered() -> None:
-    done = [Deed(Whom.ALL, 0x0120, state) for state in ("PREOP", "INIT", "INIT")]
-    assert facts(done) == ["AL control (0x0120: INIT, PREOP) of all slaves"]
+    done = [Write(Whom.ALL, 0x0120, state) for state in ("PREOP", "INIT", "INIT")]
+    assert describe(done) == ["AL control (0x0120: INIT, PREOP) of all slaves"]
 
 
 @pytest.mark.parametrize(
@@ -66,11 +66,11 @@ def test_values_are_gathered() -> None:
     ],
 )
 def test_one_datagram(one: bytes, told: str) -> None:
-    assert sentence(deeds(frame(one))) == told
+    assert sentence(writes(frame(one))) == told
 
 
 @given(st.binary(max_size=300))
 def test_whatever_is_sent_is_told(data: bytes) -> None:
-    done = list(deeds(data))
+    done = list(writes(data))
     assert len(sentence(done)) > 0
-    assert len(facts(done)) <= len(done)
+    assert len(describe(done)) <= len(done)

@@ -13,18 +13,18 @@ from ecatd.base.log import Log
 from ecatd.base.timeouts import Timeout
 
 _ANSWER_S = 1.0
-"""Seconds that a slave has to take a message and answer it, unless `Line.answer_s` was changed.
-Most slaves need less than 1 ms."""
+"""Seconds that a slave has to take a message and answer it, unless `MailboxQueue.answer_s` was
+changed. Most slaves need less than 1 ms."""
 
 _TRIES = 3
 
 _KEY = "mailbox_timeout_ms in its [[slave]] table"
 _WHOLE = 30
-"""How many times `Line.answer_s` a conversation has, whatever it reads: half a minute, unless the
-slave is known to be slow."""
+"""How many times `MailboxQueue.answer_s` a conversation has, whatever it reads: half a minute,
+unless the slave is known to be slow."""
 
 
-class Line:
+class MailboxQueue:
     """State that all conversations with one slave share, and the queue in which they wait.
 
     One conversation at a time has its turn, in the order in which they joined the queue. Requests
@@ -100,16 +100,16 @@ class Line:
 
 
 class Turn:
-    """The turn of a conversation in the queue of a line. A `with` block leaves it at its end."""
+    """The turn of a conversation in a queue. A `with` block leaves it at its end."""
 
-    def __init__(self, line: Line, called: Callable[[], object]) -> None:
+    def __init__(self, queue: MailboxQueue, called: Callable[[], object]) -> None:
         self.called = called
-        self._line = line
+        self._queue = queue
 
     @property
     def has_come(self) -> bool:
         """Whether the turn has come, that is, whether it is at the front of the queue."""
-        return self._line.is_first(self)
+        return self._queue.is_first(self)
 
     def __enter__(self) -> Self:
         return self
@@ -120,4 +120,4 @@ class Turn:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._line.leave(self)
+        self._queue.leave(self)
