@@ -413,16 +413,16 @@ def test_r38_a_change_that_arrives_again_at_another_gateway_is_carried_out_once(
     session.close()
 
 
-@pytest.mark.parametrize("once", ["x", ["x"], ["x", 1], {}, 7])
-def test_a_gateway_that_names_no_user_for_a_change(daemon: Daemon, once: object) -> None:
+@pytest.mark.parametrize("change_id", ["x", ["x"], ["x", 1], {}, 7])
+def test_a_gateway_that_names_no_user_for_a_change(daemon: Daemon, change_id: object) -> None:
     path = control_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
     with socket.socket(socket.AF_UNIX) as gateway:
         gateway.connect(str(path))
         body = {"op": "set_log_level", "level": "debug", "part": "dc", "by": "test"}
-        gateway.sendall(frame({"id": 1, "once": once, **body}))
+        gateway.sendall(frame({"id": 1, "change_id": change_id, **body}))
         (length,) = LENGTH.unpack(gateway.recv(LENGTH.size, socket.MSG_WAITALL))
         error = unpack(gateway.recv(length, socket.MSG_WAITALL))["error"]
-        names(error["message"], "'once'", "user", "id")
+        names(error["message"], "'change_id'", "user", "id")
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from ecatd.master.mailbox.coe import Coe
 from ecatd.master.mailbox.conversation import Conversation, converse
 from ecatd.master.mailbox.mailbox_queue import MailboxQueue
 from ecatd.server.start.assignment import Assignment
+from ecatd.server.start.scanned import Scanned
 from ecatsim.slave import sii
 from ecatsim.slave.device import Device
 
@@ -114,7 +115,7 @@ def read(
         converse(
             registers,
             [
-                Assignment(slave, item, coe, SlaveConfig(slave.position)).read()
+                Assignment(Scanned(slave, item, SlaveConfig(slave.position)), coe).read()
                 for (slave, coe), item in zip(found, siis, strict=True)
             ],
         )
@@ -208,7 +209,9 @@ def told(objects: dict[tuple[int, int], bytes], image: Sii) -> tuple[Slave, Beli
     with corresponding(slave) as (registers, _wire):
         found = Slave(0, "Odd", 1, 2, 3)
         coe = Coe(0, FIRST_STATION, MailboxQueue())
-        (known,) = converse(registers, [Assignment(found, image, coe, SlaveConfig(0)).read()])
+        (known,) = converse(
+            registers, [Assignment(Scanned(found, image, SlaveConfig(0)), coe).read()]
+        )
     return found, known
 
 

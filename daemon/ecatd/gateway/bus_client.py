@@ -75,13 +75,13 @@ class BusClient(Connection):
         self._waiting.clear()
         self._on_end()
 
-    def ask(self, request: Operation[Any], once: tuple[str, str] | None = None) -> Answer:
+    def ask(self, request: Operation[Any], change_id: tuple[str, str] | None = None) -> Answer:
         """Sends a request; returns a future with its answer, or with an `EcatError`.
 
         Args:
             request: The request.
-            once: For a change: the user, and what the user calls it. The bus server carries out a
-                change once, and answers it as often as it comes.
+            change_id: For a change: the user, and what the user calls it. The bus server carries
+                out a change once, and answers it as often as it comes.
         """
         answer: Answer = asyncio.get_running_loop().create_future()
         if not self.is_open:
@@ -94,5 +94,5 @@ class BusClient(Connection):
             number = next(self._numbers)
             self._waiting[number] = answer
             message = {"id": number, **to_map(request)}
-            self.send(message if once is None else {**message, "once": once})
+            self.send(message if change_id is None else {**message, "change_id": change_id})
         return answer

@@ -33,8 +33,8 @@ KEPT = 256
 Answer = asyncio.Task[dict[str, Any]]
 
 
-class Once:
-    """The answers to changes, by user and `id`."""
+class AnsweredChanges:
+    """The answers to changes, by user and `id`: a change that comes again is not made again."""
 
     def __init__(self) -> None:
         self._answers: dict[str, OrderedDict[str, Answer]] = {}
@@ -143,7 +143,7 @@ class ControlSocket:
         self._log = log
         self._clients: set[_Client] = set()
         self._tasks: set[asyncio.Task[None]] = set()
-        self._once = Once()
+        self._answered = AnsweredChanges()
         self._socket: asyncio.Server | None = None
         # A client that connects again and again must not fill the log of the bus.
         self._problems = Batch[str](self._report_problems)
@@ -162,7 +162,7 @@ class ControlSocket:
         try:
             self._socket = await loop.create_unix_server(
                 lambda: _Client(
-                    *(server, self._once, self._clients, self._tasks),
+                    *(server, self._answered, self._clients, self._tasks),
                     *(self._log, self._problems.note),
                 ),
                 self._path,
@@ -199,7 +199,7 @@ class ControlSocket:
             client.close()
         for task in list(self._tasks):
             task.cancel()
-        self._once.close()
+        self._answered.close()
         self._path.unlink(missing_ok=True)
 
 
@@ -208,7 +208,7 @@ class _Client(Connection):
 
     Args:
         server: Answers its requests.
-        once: Keeps the answers to changes, of all clients.
+        answered: Keeps the answers to changes, of all clients.
         clients: All connected clients; this one adds itself.
         tasks: The tasks of all requests that are being carried out.
         log: The log for defects.
@@ -219,7 +219,7 @@ class _Client(Connection):
     def __init__(
         self,
         server: BusServer,
-        once: Once,
+        answered: AnsweredChanges,
         clients: set[_Client],
         tasks: set[asyncio.Task[None]],
         log: Log,
@@ -227,7 +227,7 @@ class _Client(Connection):
     ) -> None:
         super().__init__(MAX_MESSAGE)
         self._server = server
-        self._once = once
+        self._answered = answered
         self._clients = clients
         self._tasks = tasks
         self._log = log
@@ -293,12 +293,14 @@ class _Client(Connection):
         self.send(reply)
 
     async def _carry_out(self, message: dict[str, Any]) -> dict[str, Any]:
-        """Carries out a request; a change has its user and its `id` in `once`."""
-        once = message.pop("once", None)
+        """Carries out a request; a change has its user and its `id` in `change_id`."""
+        change_id = message.pop("change_id", None)
         request = parse(message)
-        match once:
+        match change_id:
             case None:
                 return await self._server.answer(request)
             case [str(user), str(change)]:
-                return await self._once.answer(user, change, lambda: self._server.answer(request))
-        raise UsageError(f"'once' of {request.op} must be a list of two texts: user and id")
+                return await self._answered.answer(
+                    user, change, lambda: self._server.answer(request)
+                )
+        raise UsageError(f"'change_id' of {request.op} must be a list of two texts: user and id")

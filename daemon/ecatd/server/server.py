@@ -113,13 +113,10 @@ class BusServer:
         self._configured = config.log
         self.bus = bus = running.bus
         self.begin = running.begin
-        header, master = running.shared.header, running.master
-        self._events = EventHistory(publish, header.instance)
+        master = running.master
+        self._events = EventHistory(publish, running.shared.header.instance)
         self._changes = Changes(log, self._events.publish)
-        self._fault_files = FaultFiles(
-            *(bus.name, config.capture, running.frame_rings, master.interfaces),
-            *(header.cycle, log),
-        )
+        self._fault_files = FaultFiles(running, log)
         self._monitor = Monitor(
             *(running, self.answer, worker, log, self._events.publish, self._fault_files)
         )
@@ -127,7 +124,7 @@ class BusServer:
         self._ethernet = EthernetTraffic(config.eoe, bus, master, worker, note, log)
         conversations = Conversations(master, worker, note)
         self._requests = Requests(
-            *(bus, master, config, worker, conversations, self._monitor, self._meaning),
+            *(bus, master, config, worker, conversations, self._monitor.slaves, self._meaning),
             *(self._changes, log, self, self._ethernet),
         )
         self._limits = OutputLimits(running)
@@ -152,7 +149,7 @@ class BusServer:
             running = await worker.run(partial(up.run, memory))
             try:
                 server = cls(running, worker, config, *others)
-                await worker.run(server._monitor.read_states)
+                await worker.run(server._monitor.slaves.read)
             except BaseException:
                 await asyncio.to_thread(running.close)
                 raise
@@ -183,8 +180,8 @@ class BusServer:
             await self._worker.run(partial(running.master.set_share, config.mailbox.share))
         running.engine.set_wkc_limit(config.outputs.wkc_limit)
         self._config, self._in_force = config, in_force
-        self._monitor.set_recovery(config.recovery)
-        self._monitor.set_health(config.health)
+        self._monitor.slaves.set_recovery(config.recovery)
+        self._monitor.exchange.set_config(config.health)
         running.shared.set_leases(*leases(config))
         self._fault_files.set_config(config.capture)
         self._configured = config.log
@@ -249,7 +246,7 @@ class BusServer:
 
     @handles(ReadStates)
     async def _read_states(self, _: ReadStates) -> States:
-        await self._monitor.look()
+        await self._monitor.slaves.refresh()
         return self._states()
 
     @handles(ReadEvents)
@@ -278,15 +275,15 @@ class BusServer:
 
     def _states(self) -> States:
         return {
-            "slaves": [self._state_row(item) for item in self._monitor.states],
+            "slaves": [self._state_row(item) for item in self._monitor.slaves.states],
             "missing": cast("list[MissingSlave]", self._running.found.expectation.left_out),
-            "others": self._monitor.others,
+            "others": self._monitor.slaves.others,
             "faults": [cast("Fault", fault.to_map()) for fault in self._monitor.faults],
             "service_silent_s": time.monotonic() - self._asked_at,
         }
 
     def _state_row(self, item: SlaveState) -> SlaveAlState:
-        condition, more = self._monitor.condition(item.position)
+        condition, more = self._monitor.slaves.repair.condition(item.position)
         found = {
             "position": item.position,
             "name": self.bus.slaves[item.position].name,
@@ -297,8 +294,8 @@ class BusServer:
             "text": item.describe(),
             "recovery": str(condition),
             "recovery_text": more,
-            "since": self._monitor.down_since(item.position),
-            **self._monitor.present(item.position),
+            "since": self._monitor.slaves.repair.down_since(item.position),
+            **self._monitor.slaves.present(item.position),
         }
         return cast("SlaveAlState", found)
 
@@ -306,16 +303,16 @@ class BusServer:
     async def _set_state(self, request: SetState) -> States:
         if request.slave is None:
             slaves = self.bus.slaves
-            there = {item.position for item in self._monitor.states if item.al_state}
+            there = {item.position for item in self._monitor.slaves.states if item.al_state}
             chosen = [n for n, slave in enumerate(slaves) if n in there or not slave.group]
         else:
             chosen = [self.bus.find(request.slave).position]
         whom = "all slaves" if request.slave is None else self.bus.find(request.slave).label
         state = AlState.parse(request.state)
         with self._changes.record(f"{whom}, AL state", state.name, request.by) as change:
-            change.before = states_text(self._monitor.states[n] for n in chosen)
-            await self._monitor.change(chosen, state)
-            await self._monitor.look()
+            change.before = states_text(self._monitor.slaves.states[n] for n in chosen)
+            await self._monitor.slaves.change(chosen, state)
+            await self._monitor.slaves.refresh()
         return self._states()
 
     @handles(ReadLogLevels)

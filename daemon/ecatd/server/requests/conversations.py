@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from ecatd.base.errors import BusyError, NoAnswerError, StateError
 from ecatd.base.timeouts import Timeout
-from ecatd.description.bus import Slave
+from ecatd.description.bus import Bus, Slave
 from ecatd.etg.al import AlState
 from ecatd.master.al_states import WHY_SILENT
 from ecatd.master.emergencies import Emergency
@@ -27,6 +27,8 @@ from ecatd.master.mailbox.mailbox_queue import MailboxQueue
 from ecatd.master.mailbox.soe import SOE_LEAST
 from ecatd.master.master import Master
 from ecatd.master.worker import Worker
+
+from .changes import Changes
 
 _MAX, _OF_ONE_SLAVE_MAX = 128, 32
 """Requests that may wait, in all and for one slave; further ones are refused with BusyError."""
@@ -232,3 +234,18 @@ def _check_state(slave: Slave, status: int | None, without: Mapping[AlState, str
             f"{slave.label} is in {AlState(state).name}, and {without[AlState(state)]} can be "
             f"reached from PREOP on; bring it there with `ecatctl state {slave.position} PREOP`"
         )
+
+
+class OverMailboxes:
+    """What clients ask of the mailboxes of slaves.
+
+    Args:
+        bus: The bus description.
+        conversations: The conversations with the slaves.
+        changes: Records changes.
+    """
+
+    def __init__(self, bus: Bus, conversations: Conversations, changes: Changes) -> None:
+        self._bus = bus
+        self._conversations = conversations
+        self._changes = changes

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 from ecatd.base.errors import StateError, UsageError
 from ecatd.config.eoe import SlaveEoeConfig
-from ecatd.description.bus import Bus, Slave
+from ecatd.description.bus import Slave
 from ecatd.etg.eoe import NONE, IpParameters, parse_address, parse_interface, parse_mac, parse_name
 from ecatd.master.mailbox.conversation import Conversation
 from ecatd.master.mailbox.eoe import get_ip, set_ip
@@ -15,23 +15,11 @@ from ecatd.master.mailbox.mailbox import Mailbox
 from ecatd.operations.ethernet import Ip, ReadIp, WriteIp
 from ecatd.operations.handlers import handles
 
-from .changes import Changes
-from .conversations import Conversations
+from .conversations import OverMailboxes
 
 
-class Ethernet:
-    """The IP parameters of all slaves.
-
-    Args:
-        bus: The bus description.
-        conversations: The conversations with the slaves.
-        changes: Records changes.
-    """
-
-    def __init__(self, bus: Bus, conversations: Conversations, changes: Changes) -> None:
-        self._bus = bus
-        self._conversations = conversations
-        self._changes = changes
+class Ethernet(OverMailboxes):
+    """The IP parameters of all slaves."""
 
     @handles(ReadIp)
     async def read(self, request: ReadIp) -> Ip:

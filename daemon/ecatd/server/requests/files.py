@@ -54,7 +54,7 @@ _MANY, _ROOM = 16, 4 * FILE_MAX
 
 
 class States(Protocol):
-    """The AL states as transfers need them. The monitor of the bus provides them."""
+    """The AL states as transfers need them. The watch over the slaves provides them."""
 
     async def change(self, positions: Sequence[int], state: AlState) -> None:
         """Brings slaves to a state."""

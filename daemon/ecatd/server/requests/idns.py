@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import cast
 
 from ecatd.base.errors import UsageError
-from ecatd.description.bus import Bus
 from ecatd.etg.idns import idn_text
 from ecatd.master.mailbox.conversation import Conversation
 from ecatd.master.mailbox.mailbox import Mailbox
@@ -13,23 +12,12 @@ from ecatd.master.mailbox.soe import read_idn, write_idn
 from ecatd.operations.handlers import handles
 from ecatd.operations.idns import Idn, ReadIdn, WriteIdn
 
-from .changes import Changes, shown
-from .conversations import Conversations
+from .changes import shown
+from .conversations import OverMailboxes
 
 
-class Idns:
-    """The IDNs of all drives.
-
-    Args:
-        bus: The bus description.
-        conversations: The conversations with the slaves.
-        changes: Records changes.
-    """
-
-    def __init__(self, bus: Bus, conversations: Conversations, changes: Changes) -> None:
-        self._bus = bus
-        self._conversations = conversations
-        self._changes = changes
+class Idns(OverMailboxes):
+    """The IDNs of all drives."""
 
     @handles(ReadIdn)
     async def read(self, request: ReadIdn) -> Idn:

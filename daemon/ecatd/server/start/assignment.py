@@ -11,16 +11,14 @@ from collections.abc import Iterable
 from typing import TypeVar
 
 from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError
-from ecatd.config import SlaveConfig
 from ecatd.config.pdos import INPUT_PDOS, OUTPUT_PDOS
 from ecatd.config.resolve.believed import Believed, Reported, believe
 from ecatd.config.resolve.pdos import ASSIGNMENT
-from ecatd.description.bus import Slave
 from ecatd.description.witnesses import clash
 from ecatd.etg.datatypes import type_by_size
 from ecatd.etg.dictionary import Access
 from ecatd.etg.pdo import Entry, Pdo
-from ecatd.etg.sii import USAGE_INPUTS, USAGE_OUTPUTS, Sii
+from ecatd.etg.sii import USAGE_INPUTS, USAGE_OUTPUTS
 from ecatd.etg.sii_check import is_description
 from ecatd.etg.sii_reader import PDO_INDICES
 from ecatd.master.mailbox.coe import Coe
@@ -28,6 +26,7 @@ from ecatd.master.mailbox.conversation import Conversation
 from ecatd.master.mailbox.sdo_information import describe_entry, describe_object
 
 from .object_access import ValueLists, reason
+from .scanned import Scanned, SlaveMailbox
 
 T = TypeVar("T")
 
@@ -37,28 +36,19 @@ _MAPS = 0x08  # the same: a master can map other entries
 _PDOS_MAX, _ENTRIES_MAX = 64, 254
 
 
-class Assignment:
-    """Reads the PDO assignment of one slave.
-
-    Args:
-        slave: The slave; `read` stores the PDOs in it.
-        sii: Its SII.
-        coe: CoE of the slave.
-        settings: Its table in the configuration.
+class Assignment(SlaveMailbox):
+    """Reads the PDO assignment of one slave; `read` stores the PDOs in it.
 
     Attributes:
         guessed: Index and subindex of the entries whose type nobody tells, once they are read.
     """
 
-    def __init__(self, slave: Slave, sii: Sii, coe: Coe, settings: SlaveConfig) -> None:
-        self._slave = slave
-        self._sii = sii
-        self._coe = coe
-        self._settings = settings
-        self._lists = ValueLists(coe, slave.label, sii)
+    def __init__(self, item: Scanned, coe: Coe) -> None:
+        super().__init__(item, coe)
+        self._lists = ValueLists(coe, item.slave.label, item.sii)
         self.guessed: set[tuple[int, int]] = set()
         self._describes = True  # until the SDO information service has failed once
-        self._tries = 3 if sii.coe & INFORMATION else 1
+        self._tries = 3 if item.sii.coe & INFORMATION else 1
 
     def read(self) -> Conversation[Believed]:
         """Reads PDOs and names into the slave, as far as no witness contradicts another.

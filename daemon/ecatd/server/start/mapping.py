@@ -50,16 +50,25 @@ def read_modules(
 
     If a slave does not answer, they are read again when its configuration is written.
     """
-    asked = [item for item in scanned if item.slave.coe]
-    coe = [master.coe(item.slave.position) for item in asked]
-    converse(master.registers, list(map(_ask_modules, asked, coe)), cancelled)
-    for item, way in zip(asked, coe, strict=True):
+    _converse_with(master, [item for item in scanned if item.slave.coe], _ask_modules, cancelled)
+
+
+def _converse_with(
+    master: Master,
+    items: Sequence[Scanned],
+    part: Callable[[Scanned, Coe], Conversation[None]],
+    cancelled: Callable[[], bool],
+) -> None:
+    """Has a conversation with each slave, and keeps the emergencies that come meanwhile."""
+    coe = [master.coe(item.slave.position) for item in items]
+    converse(master.registers, list(map(part, items, coe)), cancelled)
+    for item, way in zip(items, coe, strict=True):
         item.emergencies += way.emergencies
 
 
 def _ask_modules(item: Scanned, coe: Coe) -> Conversation[None]:
     try:
-        modules = Modules(item.slave, item.sii, coe)
+        modules = Modules(item, coe)
         item.slave.modules = yield from coe.converse(modules.detected)
     except (NoAnswerError, StateError, SdoAbortError):
         return
@@ -103,17 +112,14 @@ def configure_slaves(
         for item in expected
         if item.known and item.condition != Condition.STUCK and (item.speaks or item.gets_ip)
     ]
-    coe = [master.coe(item.slave.position) for item in asked]
-    converse(master.registers, list(map(_configure_and_read, asked, coe)), cancelled)
-    for item, way in zip(asked, coe, strict=True):
-        item.emergencies += way.emergencies
+    _converse_with(master, asked, _configure_and_read, cancelled)
 
 
 def _configure_and_read(item: Scanned, coe: Coe) -> Conversation[None]:
     item.refused = []
     try:
         if item.settings.writes_objects or item.gets_ip:
-            conversation = SlaveConfiguration(item.slave, item.sii, coe, item.settings).write()
+            conversation = SlaveConfiguration(item, coe).write()
             item.refused = yield from conversation
         if not item.speaks:
             return
@@ -124,9 +130,9 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Conversation[None]:
         if not item.condition:
             item.refused = [
                 *item.refused,
-                *warn_of_no_direction(item.slave, item.sii, item.settings),
+                *warn_of_no_direction(item),
             ]
-            item.settled += note_no_process_data(item.slave, item.sii, item.settings)
+            item.settled += note_no_process_data(item)
     except RefusedError:
         raise
     except (NoAnswerError, StateError, SdoAbortError) as error:
@@ -140,14 +146,14 @@ def _configure_and_read(item: Scanned, coe: Coe) -> Conversation[None]:
 def describer(item: Scanned, coe: Coe) -> Assignment | Telegrams:
     """What reads the process data of a slave over its mailbox."""
     kind = Assignment if item.slave.coe else Telegrams
-    return kind(item.slave, item.sii, coe, item.settings)
+    return kind(item, coe)
 
 
 def take_pdos_from_sii(item: Scanned) -> None:
     """Sets the PDOs of a slave without CoE and SoE: of those in its SII, the configured ones."""
     slave, sii = item.slave, item.sii
     slave.outputs, slave.inputs = _default(sii.outputs), _default(sii.inputs)
-    choose_from_sii(slave, sii, item.settings)
+    choose_from_sii(item)
     take_believed(item, believe(slave, sii, item.settings, Reported(slave.outputs, slave.inputs)))
     for pdo in (*slave.outputs, *slave.inputs):
         for entry in pdo.entries:

@@ -9,31 +9,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ecatd.base.errors import SdoAbortError
-from ecatd.description.bus import Module, Slave
+from ecatd.description.bus import Module
 from ecatd.description.modules import CONFIGURED, DETECTED, no_slots_text, other_modules
 from ecatd.etg.error_codes import abort_error
-from ecatd.etg.sii import Sii
 from ecatd.master.mailbox.coe import Coe
 from ecatd.master.mailbox.conversation import Conversation
 
 from .object_access import RefusedError, ValueLists, write
+from .scanned import Scanned, SlaveMailbox
 
 _SLOTS_MAX = 255
 
 
-class Modules:
-    """The modules of one slave. All methods are parts of a conversation.
+class Modules(SlaveMailbox):
+    """The modules of one slave. All methods are parts of a conversation."""
 
-    Args:
-        slave: The slave.
-        sii: Its SII.
-        coe: CoE of the slave.
-    """
-
-    def __init__(self, slave: Slave, sii: Sii, coe: Coe) -> None:
-        self._slave = slave
-        self._coe = coe
-        self._lists = ValueLists(coe, slave.label, sii)
+    def __init__(self, item: Scanned, coe: Coe) -> None:
+        super().__init__(item, coe)
+        self._lists = ValueLists(coe, item.slave.label, item.sii)
 
     def detected(self) -> Conversation[list[Module]]:
         """Reads the modules in the slots, slot 1 first; none for a device without slots.

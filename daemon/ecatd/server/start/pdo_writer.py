@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from ecatd.base.errors import NoAnswerError, SdoAbortError, StateError
-from ecatd.config import PdoConfig, SlaveConfig
+from ecatd.config import PdoConfig
 from ecatd.config.pdos import INPUT_PDOS
 from ecatd.config.resolve.pdos import (
     ASSIGNMENT,
@@ -22,10 +22,9 @@ from ecatd.config.resolve.pdos import (
     indices_text,
     no_channel_text,
 )
-from ecatd.description.bus import Slave
 from ecatd.etg import error_codes
 from ecatd.etg.pdo import Pdo
-from ecatd.etg.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
+from ecatd.etg.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS
 from ecatd.master.mailbox.coe import Coe
 from ecatd.master.mailbox.conversation import Conversation
 from ecatd.master.mailbox.sdo_information import (
@@ -37,6 +36,7 @@ from ecatd.master.mailbox.sdo_information import (
 
 from .assignment import INFORMATION, Assignment
 from .object_access import RefusedError, write
+from .scanned import Scanned, SlaveMailbox
 
 _MISSING = (error_codes.NO_OBJECT, error_codes.NO_SUBINDEX)
 _OFFERED_MOST = 24
@@ -46,31 +46,19 @@ Mapping = list[tuple[int, int, int]]
 """Index, subindex and bits of each entry of a PDO."""
 
 
-class PdoWriter:
+class PdoWriter(SlaveMailbox):
     """Writes assignment and mappings of one slave with CoE, as configured.
 
     Args:
-        slave: The slave.
-        sii: Its SII.
-        coe: CoE of the slave, for one conversation.
-        settings: Its table in the configuration.
+        item: The slave.
+        coe: A conversation with it.
         log_detail: Called with a description of each write.
     """
 
-    def __init__(
-        self,
-        slave: Slave,
-        sii: Sii,
-        coe: Coe,
-        settings: SlaveConfig,
-        log_detail: Callable[[str], None],
-    ) -> None:
-        self._slave = slave
-        self._sii = sii
-        self._coe = coe
-        self._settings = settings
+    def __init__(self, item: Scanned, coe: Coe, log_detail: Callable[[str], None]) -> None:
+        super().__init__(item, coe)
         self._log_detail = log_detail
-        self._assignment = Assignment(slave, sii, coe, settings)
+        self._assignment = Assignment(item, coe)
         self._written: set[int] = set()  # objects that the slave has changed
 
     def write(self) -> Conversation[None]:
@@ -287,12 +275,13 @@ class PdoWriter:
                     )
 
 
-def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
+def choose_from_sii(item: Scanned) -> None:
     """Sets the PDOs of a slave without CoE to those of its SII that are configured.
 
     Raises:
         ConfigError: The SII has no such PDO.
     """
+    slave, sii, settings = item.slave, item.sii, item.settings
     if settings.pdos is None:
         return
     chosen = chosen_from_eeprom(slave, sii, settings)
@@ -304,8 +293,9 @@ def choose_from_sii(slave: Slave, sii: Sii, settings: SlaveConfig) -> None:
     slave.inputs = [pdo for pdo in chosen if pdo.index >= INPUT_PDOS.start]
 
 
-def note_no_process_data(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
+def note_no_process_data(item: Scanned) -> list[str]:
     """Returns what to say of a slave that describes its PDOs nowhere; a coupler may have none."""
+    slave, sii, settings = item.slave, item.sii, item.settings
     if settings.pdos is not None or settings.mapped:
         return []
     if any(pdo.entries for pdo in (*slave.outputs, *slave.inputs, *sii.outputs, *sii.inputs)):
@@ -317,11 +307,12 @@ def note_no_process_data(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[
     ]
 
 
-def warn_of_no_direction(slave: Slave, sii: Sii, settings: SlaveConfig) -> list[str]:
+def warn_of_no_direction(item: Scanned) -> list[str]:
     """Returns warnings about a slave without process data in a direction in which it has PDOs.
 
     This happens when a program has begun to write its PDO assignment, and has not finished.
     """
+    slave, sii, settings = item.slave, item.sii, item.settings
     if settings.pdos is not None or settings.mapped:
         return []
     return [

@@ -11,6 +11,7 @@ from ecatd.description.conditions import Condition
 from ecatd.etg.pdo_layout import sync_manager_bytes
 from ecatd.etg.sii import Sii
 from ecatd.etg.sii_reader import read_sii
+from ecatd.master.mailbox.coe import Coe
 from ecatd.master.master import Master
 
 _PROTOCOL_EOE, _PROTOCOL_COE, _PROTOCOL_SOE = 0x02, 0x04, 0x10
@@ -114,3 +115,16 @@ def _identify_slave(master: Master, position: int, sii: Sii) -> Scanned:
         problems=[str(problem) for problem in sii.problems],
     )
     return Scanned(slave, sii, SlaveConfig(position), read_at=time.time())
+
+
+class SlaveMailbox:
+    """What the start asks one slave over its mailbox, or writes to it.
+
+    Args:
+        item: The slave.
+        coe: A conversation with it.
+    """
+
+    def __init__(self, item: Scanned, coe: Coe) -> None:
+        self._item, self._coe = item, coe
+        self._slave, self._sii, self._settings = item.slave, item.sii, item.settings

@@ -20,11 +20,9 @@ from dataclasses import dataclass
 from ecatd.base.coroutine_steps import Steps
 from ecatd.base.errors import EcatError, NoAnswerError, SdoAbortError, StateError, UsageError
 from ecatd.base.timeouts import Timeout
-from ecatd.config import TRANSITIONS_DOWN, SlaveConfig, StartupConfig
+from ecatd.config import TRANSITIONS_DOWN, StartupConfig
 from ecatd.config.eoe import SlaveEoeConfig
-from ecatd.description.bus import Slave
 from ecatd.etg.al import AlState
-from ecatd.etg.sii import Sii
 from ecatd.master.mailbox.coe import Coe
 from ecatd.master.mailbox.conversation import Conversation, run_conversations
 from ecatd.master.mailbox.eoe import set_ip
@@ -34,24 +32,14 @@ from ecatd.master.master import Master
 from .modules import Modules
 from .object_access import RefusedError, reason
 from .pdo_writer import PdoWriter
-from .scanned import Scanned
+from .scanned import Scanned, SlaveMailbox
 
 
-class SlaveConfiguration:
-    """Writes the configuration of one slave with a mailbox.
+class SlaveConfiguration(SlaveMailbox):
+    """Writes the configuration of one slave with a mailbox."""
 
-    Args:
-        slave: The slave.
-        sii: Its SII.
-        coe: A conversation with the slave.
-        settings: Its table in the configuration.
-    """
-
-    def __init__(self, slave: Slave, sii: Sii, coe: Coe, settings: SlaveConfig) -> None:
-        self._slave = slave
-        self._sii = sii
-        self._coe = coe
-        self._settings = settings
+    def __init__(self, item: Scanned, coe: Coe) -> None:
+        super().__init__(item, coe)
         self._log = coe.queue.log.of("start")
 
     def write(self) -> Conversation[list[str]]:
@@ -70,11 +58,11 @@ class SlaveConfiguration:
     def _write(self) -> Conversation[list[str]]:
         refused = yield from self._written("IP")
         if self._settings.module:
-            modules = Modules(self._slave, self._sii, self._coe)
+            modules = Modules(self._item, self._coe)
             yield from self._placed("module", modules.write(self._settings.modules))
         if self._slave.coe and (self._settings.pdos is not None or self._settings.mapped):
             key = "pdo" if self._settings.pdos is None else "pdos"
-            pdos = PdoWriter(self._slave, self._sii, self._coe, self._settings, self._log_detail)
+            pdos = PdoWriter(self._item, self._coe, self._log_detail)
             yield from self._placed(key, pdos.write())
         refused += yield from self._parameters("PS")
         refused += yield from self._idns("PS")
@@ -212,10 +200,7 @@ def write_configurations(
         conversation: Returns the conversation with one slave.
     """
     conversations = [
-        conversation(
-            SlaveConfiguration(item.slave, item.sii, master.coe(item.slave.position), item.settings)
-        )
-        for item in items
+        conversation(SlaveConfiguration(item, master.coe(item.slave.position))) for item in items
     ]
     found, failed = yield from run_conversations(master.registers, conversations)
     refused = [text for number in sorted(found) for text in found[number]]

@@ -12,10 +12,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ecatd.base.errors import StateError
-from ecatd.config import SlaveConfig
 from ecatd.config.idns import DRIVES
 from ecatd.config.resolve.believed import Believed, Reported, believe
-from ecatd.description.bus import Slave
 from ecatd.description.units import modelica_unit
 from ecatd.description.witnesses import other_idns
 from ecatd.etg.datatypes import DataType
@@ -30,10 +28,12 @@ from ecatd.etg.idns import (
     telegram_index,
 )
 from ecatd.etg.pdo import Entry, Pdo
-from ecatd.etg.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
+from ecatd.etg.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS
 from ecatd.master.mailbox.coe import Coe
 from ecatd.master.mailbox.conversation import Conversation
 from ecatd.master.mailbox.soe import SoeRefusedError, read_idn
+
+from .scanned import Scanned, SlaveMailbox
 
 _CONFIGURED = 7
 _TYPE_BITS = 0x07
@@ -42,21 +42,14 @@ _ENTRIES_MAX = 64
 _UNNAMED = {CONTROL: "Master control word", STATUS: "Drive status word"}
 
 
-class Telegrams:
+class Telegrams(SlaveMailbox):
     """Reads the telegrams of one slave; has the methods of `Assignment`.
 
-    Args:
-        slave: The slave.
-        sii: Its SII, which describes the process data of a drive without such lists.
-        coe: A conversation with the slave.
-        settings: Its table in the configuration.
+    The SII describes the process data of a drive without such lists.
     """
 
-    def __init__(self, slave: Slave, sii: Sii, coe: Coe, settings: SlaveConfig) -> None:
-        self._slave = slave
-        self._sii = sii
-        self._coe = coe
-        self._settings = settings
+    def __init__(self, item: Scanned, coe: Coe) -> None:
+        super().__init__(item, coe)
         self.guessed: set[tuple[int, int]] = set()  # attributes tell all types
         self._known: dict[tuple[int, int], IdnValue] = {}
 

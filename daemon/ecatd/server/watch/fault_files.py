@@ -8,7 +8,7 @@ import errno
 import heapq
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,8 @@ from ecatd.base.paths import give_to_group
 from ecatd.base.pcapng import header, packet, read_records
 from ecatd.config import CaptureConfig
 from ecatd.master.frames.frame_ring import FrameRing
+
+from ..start.running_bus import RunningBus
 
 _AFTERMATH = 1.0
 """Seconds between a fault and its file, so that the file also has the frames that follow."""
@@ -31,31 +33,19 @@ class FaultFiles:
     """Writes the files.
 
     Args:
-        bus: Name of the bus; names of files begin with it.
-        config: Where they are written, and how many are kept.
-        rings: The last frames.
-        interfaces: Names of the interfaces.
-        first_cycle: The first cycle in OP. What happens before it is no fault.
+        running: The bus; names of files begin with its name.
         log: The log for new files, and for the reason if there is none.
     """
 
-    def __init__(
-        self,
-        bus: str,
-        config: CaptureConfig,
-        rings: Mapping[str, FrameRing],
-        interfaces: Sequence[str],
-        first_cycle: int,
-        log: Log,
-    ) -> None:
-        self._bus = bus
-        self._rings = rings
-        self._interfaces = interfaces
-        self._first_cycle = first_cycle
+    def __init__(self, running: RunningBus, log: Log) -> None:
+        self._bus = running.bus.name
+        self._rings = running.frame_rings
+        self._interfaces = running.master.interfaces
+        self._first_cycle = running.shared.header.cycle  # what happens before it is no fault
         self._log = log
         self._last = -_PAUSE
         self._task: asyncio.Task[None] | None = None
-        self.set_config(config)
+        self.set_config(running.config.capture)
 
     def set_config(self, config: CaptureConfig) -> None:
         """Changes the folder, or the number of files to keep.

@@ -10,15 +10,12 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections import deque
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from ecatd.base.batch import Batch
 from ecatd.base.errors import StateError
 from ecatd.base.log import Log
-from ecatd.config import HealthConfig, RecoveryConfig
-from ecatd.etg.al import AlState
-from ecatd.master.al_states import SlaveState
 from ecatd.master.emergencies import Emergency
 from ecatd.master.engine.engine import Event, EventType
 from ecatd.master.worker import Worker
@@ -67,6 +64,10 @@ class Monitor:
         log: The log for events.
         publish: Called with every event, as a map, on the event loop's thread.
         fault_files: Writes the frames of faults to files.
+
+    Attributes:
+        slaves: The watch over the slaves.
+        exchange: The watch over the exchange.
     """
 
     def __init__(
@@ -89,12 +90,10 @@ class Monitor:
         )
         report = Reporter(self._log, self._publish)
         of_outputs, of_interfaces = report.of("outputs"), report.of("interfaces")
-        self._outputs = OutputWatch(
-            *(running.bus, running.shared, running.config.outputs, of_outputs)
-        )
+        self._outputs = OutputWatch(running, of_outputs)
         self._interfaces = InterfaceWatch(running, of_interfaces)
-        self._slaves = SlaveWatch(running, worker, report, self._interfaces)
-        self._exchange = ExchangeWatch(running, worker, of_interfaces, self._interfaces.explain)
+        self.slaves = SlaveWatch(running, worker, report, self._interfaces)
+        self.exchange = ExchangeWatch(running, worker, of_interfaces, self._interfaces.explain)
         self._clocks = None
         if running.clocks is not None:
             self._clocks = ClockWatch(running.clocks, running.shared, worker, report.of("dc"))
@@ -114,65 +113,14 @@ class Monitor:
         return self._mailboxes.emergencies
 
     @property
-    def states(self) -> list[SlaveState]:
-        """AL status of every slave when it was last read."""
-        return self._slaves.states
-
-    def read_states(self) -> None:
-        """Reads the AL states into shared memory; on the worker."""
-        self._slaves.read()
-
-    async def change(self, positions: Sequence[int], state: AlState) -> None:
-        """Brings slaves to a state on request; they stay there.
-
-        Raises:
-            StateError: Slaves did not reach it; the message names each, and why.
-        """
-        await self._slaves.change(positions, state)
-
-    def wanted(self, position: int) -> AlState:
-        """The state in which a slave should be."""
-        return self._slaves.wanted(position)
-
-    def condition(self, position: int) -> tuple[str, str]:
-        """What is known of a slave that should be in OP and is not: a condition, and a text."""
-        return self._slaves.condition(position)
-
-    def down_since(self, position: int) -> float | None:
-        """When a slave that should be in OP has left it, in Unix seconds; None if it has not."""
-        return self._slaves.down_since(position)
-
-    @property
-    def others(self) -> str:
-        """What devices are there beside the slaves of the bus, in words; empty: none."""
-        return self._slaves.others
-
-    @property
     def faults(self) -> list[Fault]:
         """What is wrong with interfaces, exchange and clocks now, causes before consequences."""
         clocks = [] if self._clocks is None else self._clocks.faults
-        return [*self._interfaces.faults, *self._exchange.faults, *clocks]
-
-    def set_health(self, config: HealthConfig) -> None:
-        """Changes when the exchange is not well."""
-        self._exchange.set_config(config)
-
-    def set_recovery(self, config: RecoveryConfig) -> None:
-        """Changes which slaves are recovered, and how often it is tried."""
-        self._slaves.set_recovery(config)
-
-    async def look(self) -> None:
-        """Reads the AL states and the station aliases, and reports every change of a state."""
-        await self._slaves.look()
-        await self._slaves.read_aliases()
-
-    def present(self, position: int) -> dict[str, Any]:
-        """What is known of a slave now and may differ from its description; see `AlState`."""
-        return self._slaves.present(position)
+        return [*self._interfaces.faults, *self.exchange.faults, *clocks]
 
     def describe(self) -> dict[str, Any]:
         """What `ecatctl info` shows of links and slaves, in addition to the shared memory."""
-        conditions = {i: self.condition(i) for i in range(len(self._bus.slaves))}
+        conditions = {i: self.slaves.repair.condition(i) for i in range(len(self._bus.slaves))}
         recovery = [
             {"slave": position, "state": str(word), "text": text}
             for position, (word, text) in conditions.items()
@@ -190,7 +138,7 @@ class Monitor:
         """Ends the watch: handles no more events, and brings no more slaves back."""
         self._stopping.set()
         self._requests.close()
-        self._slaves.close()
+        self.slaves.close()
 
     def close(self) -> None:
         """Waits until nothing uses the engine any more; after `stop`."""
@@ -245,7 +193,7 @@ class Monitor:
             case EventType.SEND:
                 self._interfaces.on_send(event)
             case EventType.SLAVES:
-                self._slaves.on_change(event.slave)
+                self.slaves.on_change(event.slave)
             case EventType.RING:
                 self._interfaces.on_ring(event)
             case EventType.CLOCK:
@@ -274,9 +222,9 @@ class Monitor:
     async def run(self) -> None:
         """Watches everything until the watch is stopped."""
         watches = [
-            self._slaves.watch,
+            self.slaves.watch,
             self._interfaces.watch,
-            self._exchange.watch,
+            self.exchange.watch,
             self._mailboxes.watch,
             self._files.watch,
         ]

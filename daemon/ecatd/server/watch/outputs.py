@@ -16,13 +16,12 @@ from typing import Any
 
 from ecatd.base.batch import Batch
 from ecatd.base.namespaces import said_pid
-from ecatd.config import OutputsConfig
-from ecatd.description.bus import Bus, Slave, positions_text
+from ecatd.description.bus import Slave, positions_text
 from ecatd.etg.pdo import Entry
 from ecatd.master.engine.engine import Event, EventType
-from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.shm import contract as shm
 
+from ..start.running_bus import RunningBus
 from .reports import Reporter
 from .shared_memory_files import Program, names, programs_with
 
@@ -66,22 +65,15 @@ class OutputWatch:
     """Reports about outputs and their owners; for the thread of the event loop.
 
     Args:
-        bus: The bus.
-        shared: Its shared memory.
-        config: Has the time that drives may take to stop.
+        running: The bus.
         report: Reports these things.
     """
 
-    def __init__(
-        self,
-        bus: Bus,
-        shared: SharedMemory,
-        config: OutputsConfig,
-        report: Reporter,
-    ) -> None:
-        self._bus = bus
-        self._shared = shared
-        self._patience = {rule.slave: rule.stop_timeout for rule in config.safe}
+    def __init__(self, running: RunningBus, report: Reporter) -> None:
+        self._bus = running.bus
+        self._shared = running.shared
+        # How long drives may take to stop.
+        self._patience = {rule.slave: rule.stop_timeout for rule in running.config.outputs.safe}
         self._report = report
         self._clients: dict[int, _Client] = {}
         self._owners: dict[int, str] = {}  # of outputs, by signal, at the last conflict

@@ -13,7 +13,6 @@ from itertools import groupby
 from typing import Any
 
 from ecatd.config import RecoveryConfig
-from ecatd.description.conditions import Condition
 from ecatd.etg.al import AL_ERROR_FLAG, AlState
 from ecatd.master.al_states import SlaveState
 from ecatd.master.frames.datagrams import aprd
@@ -52,6 +51,7 @@ class SlaveWatch:
             can come back.
 
     Attributes:
+        repair: Brings slaves back to OP.
         states: AL status of every slave when it was last read.
     """
 
@@ -68,7 +68,7 @@ class SlaveWatch:
         self._rows = running.shared.slave_status
         self._worker = worker
         self._report = report
-        self._repair = Repair(running, worker, report.of("recovery"), self._look_again)
+        self.repair = Repair(running, worker, report.of("recovery"), self._look_again)
         self._expectation = ExpectationWatch(running, worker, report)
         self._by_hand = running.config.recovery.slaves != "all"
         self._interfaces = interfaces
@@ -94,21 +94,13 @@ class SlaveWatch:
         """Brings slaves to a state because somebody wants it; see `Repair.change`."""
         self._report.log.debug(f"{name_slaves(self._bus, positions)}: a client wants {state.name}")
         try:
-            await self._repair.change(positions, state)
+            await self.repair.change(positions, state)
         finally:
             await self.look()
 
     def wanted(self, position: int) -> AlState:
         """The state in which a slave should be."""
-        return self._repair.wanted(position)
-
-    def condition(self, position: int) -> tuple[Condition, str]:
-        """What is known of a slave that should be in OP and is not."""
-        return self._repair.condition(position)
-
-    def down_since(self, position: int) -> float | None:
-        """When a slave that should be in OP has left it, in Unix seconds; None: it has not."""
-        return self._repair.down_since(position)
+        return self.repair.wanted(position)
 
     @property
     def others(self) -> str:
@@ -120,14 +112,14 @@ class SlaveWatch:
         return self._presence.text(self._restart_without) if more else ""
 
     def set_recovery(self, config: RecoveryConfig) -> None:
-        """Changes which slaves are recovered, and how often it is tried."""
+        """Changes which slaves are recovered, and how often it is tried; see `Repair`."""
         self._by_hand = config.slaves != "all"
-        self._repair.set_recovery(config)
+        self.repair.set_recovery(config)
         self._changed.set()
 
     def close(self) -> None:
         """Ends what is done to slaves; on the event loop's thread."""
-        self._repair.close()
+        self.repair.close()
 
     def on_change(self, found: int) -> None:
         """The engine has seen another number of slaves, or another AL state."""
@@ -137,8 +129,9 @@ class SlaveWatch:
             self._expectation.note()
         self._changed.set()
 
-    async def read_aliases(self) -> None:
-        """Reads which station alias each slave uses: that of its EEPROM when it was switched on."""
+    async def refresh(self) -> None:
+        """Reads AL states and station aliases now; a slave uses the alias of its last start."""
+        await self.look()
         stations = self._master.stations
         answers = await self._worker.run(
             lambda: self._master.registers.read_all(stations, _ALIAS, 2)
@@ -212,9 +205,9 @@ class SlaveWatch:
         self._changed.clear()
         something = await self.look()
         foreign = not self._is_well() and self._foreign()
-        self._repair.act(self.states, self._strangers, foreign=foreign)
-        if self._expectation.waits and not self._repair.busy and not self._foreign():
-            await self._expectation.look(self._repair.left_alone())
+        self.repair.act(self.states, self._strangers, foreign=foreign)
+        if self._expectation.waits and not self.repair.busy and not self._foreign():
+            await self._expectation.look(self.repair.left_alone())
         await asyncio.sleep(self._pause)
         self._pause = min(2 * self._pause, _LONGEST_PAUSE) if something else _PAUSE
 

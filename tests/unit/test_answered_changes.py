@@ -6,20 +6,22 @@ from typing import Any
 import pytest
 
 from ecatd.base.errors import StateError
-from ecatd.server.control import KEPT, Once
+from ecatd.server.control import KEPT, AnsweredChanges
 
 
 class Changes:
     """Counts how often each change was carried out."""
 
     def __init__(self) -> None:
-        self.once = Once()
+        self.answered = AnsweredChanges()
         self.done: list[str] = []
         self.go_on = asyncio.Event()
         self.go_on.set()
 
     async def ask(self, user: str, identity: str) -> dict[str, Any]:
-        return await self.once.answer(user, identity, lambda: self._carry_out(f"{user} {identity}"))
+        return await self.answered.answer(
+            user, identity, lambda: self._carry_out(f"{user} {identity}")
+        )
 
     async def _carry_out(self, name: str) -> dict[str, Any]:
         self.done.append(name)
