@@ -14,7 +14,7 @@ from ecatd.base.timeouts import Timeout
 from ecatd.config import Config
 from ecatd.etg.al import AlState
 from ecatd.etg.pdo import Entry, Pdo
-from ecatd.master.mailbox import talks
+from ecatd.master.mailbox import conversation
 from ecatd.master.master import Master
 from ecatd.server.start import mapping
 from ecatd.server.start.scanned import identify_slaves
@@ -100,7 +100,7 @@ def master_that_scans(*trouble: str) -> Any:
     def converse(*arguments: Any) -> Any:
         for name in trouble:
             TROUBLE[name](simulator.faults)
-        return talks.converse(*arguments)
+        return conversation.converse(*arguments)
 
     mapping.converse = converse  # where the trouble begins
     master = Master([FIRST])

@@ -132,6 +132,23 @@ def test_what_is_said_of_missing_and_new_slaves(found: int, lost: list[int], wor
 
 
 @pytest.mark.parametrize(
+    ("first", "second", "alike"),
+    [
+        ((4, ()), (3, ()), True),  # optional slaves are coming: nothing is wrong
+        ((2, (2, 3)), (2, (2, 3)), True),
+        ((2, (2, 3)), (1, (1, 2, 3)), False),
+        ((0, (0, 1, 2, 3)), (4, (0, 1, 2, 3)), False),
+    ],
+)
+def test_the_same_is_reported_once(
+    first: tuple[int, tuple[int, ...]], second: tuple[int, tuple[int, ...]], alike: bool
+) -> None:
+    one, other = Presence(BUS, *first), Presence(BUS, *second)
+    assert one.is_like(other) == other.is_like(one) == alike
+    assert (one.text(lambda _: "") == other.text(lambda _: "")) == alike
+
+
+@pytest.mark.parametrize(
     ("before", "words"),
     [
         (0, "between eth1 and slave 0 (EL0):"),

@@ -6,7 +6,7 @@ from conftest import names
 from ecatd.description.bus import Slave
 from ecatd.description.conditions import Condition
 from ecatd.server.start.object_access import RefusedError
-from ecatd.server.start.uncertain import Uncertain
+from ecatd.server.start.scanned import Uncertain
 
 SLAVE = Slave(2, "EL3008", 2, 10, 1)
 

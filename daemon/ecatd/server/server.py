@@ -128,7 +128,7 @@ class BusServer:
             *(self._changes, log, self, self._ethernet),
         )
         self._limits = OutputLimits(running)
-        self._started = 0.0
+        self._started = time.time()
         self._asked_at = time.monotonic()  # when the service has asked whether this process works
 
     @classmethod
@@ -157,7 +157,6 @@ class BusServer:
             await asyncio.to_thread(worker.close)
             raise
         running.shared.publish()
-        server._started = time.time()
         server._monitor.start(asyncio.get_running_loop())
         return server
 

@@ -16,6 +16,7 @@ from ecatd.operations.registers import Data
 
 from .changes import Change, Changes
 from .conversations import silent
+from .registers import OverRegisters
 
 _PATIENCE = 10.0
 """Seconds for which an EEPROM waits for the next part from the client that writes it."""
@@ -28,21 +29,11 @@ class _Writer(NamedTuple):
     until: float
 
 
-class Eeproms:
-    """The EEPROMs of all slaves.
-
-    Args:
-        bus: The bus description.
-        master: The master.
-        worker: The worker on which slaves are asked.
-        changes: Records changes.
-    """
+class Eeproms(OverRegisters):
+    """The EEPROMs of all slaves."""
 
     def __init__(self, bus: Bus, master: Master, worker: Worker, changes: Changes) -> None:
-        self._bus = bus
-        self._master = master
-        self._worker = worker
-        self._changes = changes
+        super().__init__(bus, master, worker, changes)
         self._writers: dict[int, _Writer] = {}  # by position
 
     @handles(ReadSii)

@@ -16,22 +16,20 @@ from ecatd.operations.handlers import handles
 from ecatd.operations.objects import Sdo, SdoRead, SdoWrite, check_data
 
 from .changes import SHOWN, Changes, shown
-from .conversations import Conversations
+from .conversations import Conversations, OverMailboxes
 from .dictionaries import Dictionaries
 
 Meaning = Callable[[Slave, Entry], Entry]
 
 
-class Objects:
+class Objects(OverMailboxes):
     """The objects of all slaves.
 
     Args:
-        bus: The bus description.
-        conversations: The conversations with the slaves.
+        bus: With `conversations` and `changes`, see `OverMailboxes`.
         dictionaries: The object dictionaries of the slaves.
         meaning: Gives an object that is not in the process data its meaning, from device profiles
             and `[[signal]]` tables.
-        changes: Records changes.
     """
 
     def __init__(
@@ -42,9 +40,7 @@ class Objects:
         meaning: Meaning,
         changes: Changes,
     ) -> None:
-        self._changes = changes
-        self._bus = bus
-        self._conversations = conversations
+        super().__init__(bus, conversations, changes)
         self._dictionaries = dictionaries
         self._meaning = meaning
         self._types: dict[int, ObjectTypes] = {}

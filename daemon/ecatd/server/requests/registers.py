@@ -37,8 +37,8 @@ _CLEARED = (0x0300, 0x030C, 0x030D, 0x0310)
 """A write to one of these clears a group of counters."""
 
 
-class Registers:
-    """The registers of all slaves.
+class OverRegisters:
+    """What clients ask of the registers of slaves.
 
     Args:
         bus: The bus description.
@@ -52,6 +52,17 @@ class Registers:
         self._master = master
         self._worker = worker
         self._changes = changes
+
+    def _failure(self, slave: Slave, text: str) -> StateError | NoAnswerError:
+        """The error about a slave that has not carried something out; it may be gone."""
+        return StateError(text) if self._master.answers(slave.position) else silent(slave)
+
+
+class Registers(OverRegisters):
+    """The registers of all slaves."""
+
+    def __init__(self, bus: Bus, master: Master, worker: Worker, changes: Changes) -> None:
+        super().__init__(bus, master, worker, changes)
         self._cleared: dict[int, float] = {}  # Unix time, by position
 
     @handles(ReadRegister)
@@ -71,11 +82,8 @@ class Registers:
             (data,) = yield from self._master.reading([(slave.position, address, size)])
             return data
         except StateError as error:
-            if self._master.answers(slave.position):
-                raise StateError(
-                    f"{slave.label} has no register 0x{address:04X} that the master can read"
-                ) from error
-            raise silent(slave) from error
+            text = f"{slave.label} has no register 0x{address:04X} that the master can read"
+            raise self._failure(slave, text) from error
 
     @handles(WriteRegister)
     async def write(self, request: WriteRegister) -> Data:
@@ -90,11 +98,8 @@ class Registers:
             try:
                 yield from self._master.writing([(slave.position, address, request.data)])
             except StateError as error:
-                if self._master.answers(slave.position):
-                    raise StateError(
-                        f"{slave.label} does not let the master write register 0x{address:04X}"
-                    ) from error
-                raise silent(slave) from error
+                text = f"{slave.label} does not let the master write register 0x{address:04X}"
+                raise self._failure(slave, text) from error
             try:
                 (after,) = yield from self._master.reading(contents)
                 return after

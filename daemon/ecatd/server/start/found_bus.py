@@ -11,8 +11,7 @@ from ecatd.master.master import Master
 
 from .expectation import Expectation
 from .identify import Finder
-from .scanned import Scanned
-from .uncertain import Uncertain
+from .scanned import Scanned, Uncertain
 
 
 @dataclass(slots=True)

@@ -159,16 +159,7 @@ def read(plan: Plan, found: FoundBus) -> None:
         if not item.condition:
             for text in unknown_types(item.slave, item.guessed, configured):
                 log.info(text)
-    with_sync = {item.slave for item in found.config.dc.slave}
-    dispensable = {
-        item.slave.position
-        for item in found.scanned
-        if item.known and not found.must_be_there(item.slave.position)
-    }
-    found.uncertain = settle(
-        *(master, found.scanned, found.unexpected, with_sync, dispensable, found.refused),
-        *(found.config.state_timeout, log.warning),
-    )
+    found.uncertain = settle(found, log)
     for position, bits in clock_bits(master).items():
         found.scanned[position].slave.dc_bits = bits
     found.bus.slaves = [item.slave for item in found.scanned]

@@ -16,6 +16,12 @@ from ecatd.master.master import Master
 
 _PROTOCOL_EOE, _PROTOCOL_COE, _PROTOCOL_SOE = 0x02, 0x04, 0x10
 
+_USED = {
+    Condition.SILENT: "is used with the process data of its EEPROM, and its objects cannot be "
+    "reached",
+    Condition.DAMAGED: "is used with the process data that are known of it",
+}
+
 
 @dataclass(slots=True)
 class Scanned:
@@ -85,6 +91,36 @@ class Scanned:
                         "data have no room"
                     )
         return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertain:
+    """Why the process data of a slave are uncertain, and what becomes of it.
+
+    Attributes:
+        condition: What is wrong.
+        cause: The same as a sentence; empty if nothing is known but `why`.
+        details: More about the cause.
+        used: Whether it is used with what is known; else it has no process data.
+        why: Why it is not used.
+        in_preop: Whether it is in PREOP if it is not used.
+    """
+
+    condition: Condition
+    cause: str = ""
+    details: tuple[str, ...] = ()
+    used: bool = False
+    why: str = ""
+    in_preop: bool = True
+
+    @property
+    def text(self) -> str:
+        """The cause and the consequence, as sentences about "it"."""
+        stays = "stays in PREOP and takes no part" if self.in_preop else "takes no part"
+        then = _USED[self.condition] if self.used else f"{stays}: {self.why}"
+        if self.details:
+            return f"{self.cause}: {'; '.join(self.details)}. It {then}"
+        return f"{self.cause}, so it {then}" if self.cause else f"it {then}"
 
 
 def identify_slaves(master: Master) -> list[Scanned]:

@@ -14,92 +14,46 @@ later, the start begins again without it (`to_op.py`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 from ecatd.base.coroutine_steps import Steps, finish
 from ecatd.base.errors import StateError
-from ecatd.base.timeouts import Timeout
+from ecatd.base.log import Log
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.conditions import REMEDIES, Condition
 from ecatd.etg.al import AlState
 from ecatd.master.al_states import why_not_reached
 from ecatd.master.engine.layout import lay_out
-from ecatd.master.master import Master
 
+from .found_bus import FoundBus
 from .mapping import configure
-from .scanned import Scanned
+from .scanned import Scanned, Uncertain
 
 _CAUSES = {
     Condition.CONTRADICTED: "what describes its process data is contradictory",
     Condition.UNREADABLE: "its process data are not known",
     Condition.STUCK: "it does not reach PREOP",
 }
-_USED = {
-    Condition.SILENT: "is used with the process data of its EEPROM, and its objects cannot be "
-    "reached",
-    Condition.DAMAGED: "is used with the process data that are known of it",
-}
 _NAMED = 3  # most problems of an EEPROM in one message
 
 
-@dataclass(frozen=True, slots=True)
-class Uncertain:
-    """Why the process data of a slave are uncertain, and what becomes of it.
-
-    Attributes:
-        condition: What is wrong.
-        cause: The same as a sentence; empty if nothing is known but `why`.
-        details: More about the cause.
-        used: Whether it is used with what is known; else it has no process data.
-        why: Why it is not used.
-        in_preop: Whether it is in PREOP if it is not used.
-    """
-
-    condition: Condition
-    cause: str = ""
-    details: tuple[str, ...] = ()
-    used: bool = False
-    why: str = ""
-    in_preop: bool = True
-
-    @property
-    def text(self) -> str:
-        """The cause and the consequence, as sentences about "it"."""
-        stays = "stays in PREOP and takes no part" if self.in_preop else "takes no part"
-        then = _USED[self.condition] if self.used else f"{stays}: {self.why}"
-        if self.details:
-            return f"{self.cause}: {'; '.join(self.details)}. It {then}"
-        return f"{self.cause}, so it {then}" if self.cause else f"it {then}"
-
-
-def settle(
-    master: Master,
-    scanned: Sequence[Scanned],
-    unexpected: Mapping[int, str],
-    synchronised: Collection[int],
-    dispensable: Collection[int],
-    left_out: Mapping[int, str],
-    patience: Timeout,
-    tell: Callable[[str], None],
-) -> dict[int, Uncertain]:
+def settle(found: FoundBus, log: Log) -> dict[int, Uncertain]:
     """Tries uncertain slaves in SAFEOP, and decides which of them are used. All must be in PREOP.
 
+    Slaves with SYNC signals are not tried: without these they may refuse SAFEOP. Slaves that are
+    not the expected ones, or have refused to go on in an earlier try of this start, are not used.
+
     Args:
-        master: The master.
-        scanned: All slaves. Uncertain slaves that are not used lose their process data here.
-        unexpected: By position, why a slave is not the expected one. These slaves are not used.
-        synchronised: Positions of slaves with SYNC signals, without which they may refuse SAFEOP.
-        dispensable: Positions of slaves without which the bus may start.
-        left_out: By position, why slaves refuse to go on, as an earlier try of the start has shown.
-            These slaves are not used.
-        patience: Time that slaves have to reach a state.
-        tell: Called with a warning about each other uncertain slave, and about each EEPROM with
+        found: All slaves. Uncertain slaves that are not used lose their process data here.
+        log: The log for a warning about each other uncertain slave, and about each EEPROM with
             lesser mistakes.
 
     Returns:
         What is known of each uncertain slave, by position.
     """
+    scanned, unexpected, left_out = found.scanned, found.unexpected, found.refused
+    untried = {item.slave for item in found.config.dc.slave} | {*left_out} | {*unexpected}
+    tell = log.warning
     uncertain = [
         item
         for item in scanned
@@ -116,13 +70,12 @@ def settle(
         item
         for item in scanned
         if item not in uncertain
-        and item.slave.position not in (*synchronised, *left_out)
-        and item.slave.position not in unexpected
-        and (item.slave.position in dispensable or _is_suspect(item))
+        and item.slave.position not in untried
+        and (_is_suspect(item) or not found.must_be_there(item.slave.position))
         and (item.slave.outputs or item.slave.inputs)
         and item.known
     ]
-    refused = finish(_try(master, [*described, *suspects], patience)) | {**left_out}
+    refused = finish(_try(found, [*described, *suspects])) | {**left_out}
     uncertain += (n for n in scanned if n not in uncertain and n.slave.position in refused)
     settled = {}
     for item in scanned:
@@ -147,15 +100,15 @@ def settle(
             slave.outputs, slave.inputs = [], []
         if slave.position in left_out or (item in suspects and not _is_suspect(item)):
             # Nothing but its refusal is known.
-            found = Uncertain(Condition.STUCK, why=why)
+            result = Uncertain(Condition.STUCK, why=why)
         else:
-            found = _describe(item, used=used, why=why)
-        settled[slave.position] = found
-        if slave.problems and found.condition in _CAUSES:
+            result = _describe(item, used=used, why=why)
+        settled[slave.position] = result
+        if slave.problems and result.condition in _CAUSES:
             tell(f"{slave.label}: there are mistakes in its EEPROM: {_problems(slave)}")
         if unplaced and not item.condition:
             slave.problems.append(unplaced)
-        tell(f"{_name(slave)}: {found.text}; {REMEDIES[found.condition]}")
+        tell(f"{_name(slave)}: {result.text}; {REMEDIES[result.condition]}")
     return settled
 
 
@@ -198,13 +151,13 @@ def _name(slave: Slave) -> str:
     return slave.label if slave.name else f"{slave.label} ({identity})"
 
 
-def _try(master: Master, items: Sequence[Scanned], patience: Timeout) -> Steps[dict[int, str]]:
+def _try(found: FoundBus, items: Sequence[Scanned]) -> Steps[dict[int, str]]:
     """Brings slaves to SAFEOP with their process data, and back to PREOP.
 
     Returns:
         By position, why a slave does not reach SAFEOP.
     """
-    refused = {}
+    master, patience, refused = found.master, found.config.state_timeout, {}
     for item in items:
         slave = item.slave
         try:

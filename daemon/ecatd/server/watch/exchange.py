@@ -210,7 +210,7 @@ class ExchangeWatch:
                 # An outage is over before the window has forgotten it.
                 quiet = now - known.failed_at >= max(_QUIET_S, part.seconds / 2)
                 if known.fault and quiet and counts.share(kind) >= _MANY:
-                    self._end(part.domain, known, kind)
+                    self._end(part.domain, known, kind, known.fault)
                     part.window = Window(total, now)
                 else:
                     await self._judge(part.domain, known, kind, counts, lasted, goes_on=goes_on)
@@ -247,8 +247,8 @@ class ExchangeWatch:
         if kind == WORKING_COUNTER and goes_on and domain is not None:
             known.seen.append(int(self._shared.domain_status[domain.number].wrong_by))
         if is_well(counts, kind, limit, before=begins):
-            if not begins:
-                self._end(domain, known, kind)
+            if known.fault is not None:
+                self._end(domain, known, kind, known.fault)
             return
         if begins:
             known.since = time.time()
@@ -277,9 +277,7 @@ class ExchangeWatch:
     def _label(self, domain: DomainImage | None) -> str:
         return "the bus" if domain is None else self._bus.domain_label(domain.number)
 
-    def _end(self, domain: DomainImage | None, known: _Kind, kind: str) -> None:
-        fault = known.fault
-        assert fault is not None, "it has not begun"
+    def _end(self, domain: DomainImage | None, known: _Kind, kind: str, fault: Fault) -> None:
         known.fault, known.reason, known.slaves, known.asked = None, "", (), -_ASK_AGAIN
         known.seen.clear()
         text = f"{self._label(domain)}: {_OVER[kind]} again"
