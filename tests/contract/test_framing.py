@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ecatd.etg import frame_sizes
-from ecatd.master.engine import framing
+from ecatd.master.engine import layout
 
 pytestmark = pytest.mark.unprivileged
 
@@ -18,7 +18,7 @@ def test_both_languages_have_the_same_sizes(compiler: str, tmp_path: Path) -> No
     header = (ROOT / "daemon/cyclic/engine.h").read_text()
     ours = {
         name: value
-        for name, value in (vars(frame_sizes) | vars(framing)).items()
+        for name, value in (vars(frame_sizes) | vars(layout)).items()
         if isinstance(value, int) and re.search(rf"^  {name} = ", header, re.MULTILINE)
     }
     assert len(ours) >= 12, ours
