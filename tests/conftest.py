@@ -22,6 +22,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import guard
+import launcher
 from ecatd.base.errors import UnreachableError
 from ecatd.client import Client, Signal, Summary
 from ecatd.shm.files import make_folder
@@ -321,13 +322,11 @@ def run_module(
     module: str, *arguments: str, env: dict[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
     """Runs one of our commands to its end."""
-    return subprocess.run(
-        [sys.executable, "-m", module, *arguments],
-        env=env,
-        text=True,
-        capture_output=True,
-        check=False,
-    )
+    command = [sys.executable, "-m", module, *arguments]
+    env = dict(os.environ) if env is None else env
+    if not launcher.can_run(env):
+        return subprocess.run(command, env=env, text=True, capture_output=True, check=False)
+    return subprocess.CompletedProcess(command, *launcher.run(module, *arguments, env=env))
 
 
 @contextlib.contextmanager

@@ -1,0 +1,147 @@
+"""Runs our commands as `python -m` does, each in a process forked from one that has loaded them.
+
+Most of the processor time of a command is loading its modules, and the tests run a thousand
+commands. The process has arguments, environment, folder and streams of its own, and ends as any
+other: exit handlers run, and an exception shows its traceback.
+"""
+
+import atexit
+import gc
+import importlib
+import json
+import os
+import pkgutil
+import runpy
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+
+PACKAGES = ("ecatd.cli", "ecatd.service", "ecatsim.cli")
+OTHERS = ("ecatd.client.remote", "zenoh", "jinja2")
+"""What commands load beside the modules of their package."""
+_AT_THE_START = ("PYTHON", "LC_", "LANG", "MALLOC_", "LD_")
+"""Variables that a process reads when it starts, and not later."""
+_STREAMS = (0, 1, 2)
+_launcher: list[tuple[socket.socket, subprocess.Popen[bytes]]] = []
+_lock = threading.Lock()
+
+
+def run(module: str, *arguments: str, env: Mapping[str, str]) -> tuple[int, str, str]:
+    """Runs a command to its end: exit status, stdout and stderr."""
+    request = {
+        "module": module,
+        "arguments": arguments,
+        "env": dict(env),
+        "folder": str(Path.cwd()),
+    }
+    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
+        read, write = os.pipe()
+        try:
+            streams = [0, output.fileno(), errors.fileno()]
+            socket.send_fds(_start(), [json.dumps(request).encode()], [*streams, write])
+        finally:
+            os.close(write)
+        with os.fdopen(read) as end:
+            status = int(end.read())
+        output.seek(0)
+        errors.seek(0)
+        return status, _text(output.read()), _text(errors.read())
+
+
+def can_run(env: Mapping[str, str]) -> bool:
+    """Whether a process with this environment begins as the launcher did."""
+    return _at_the_start(env) == _at_the_start(os.environ)
+
+
+def _at_the_start(env: Mapping[str, str]) -> dict[str, str]:
+    return {key: value for key, value in env.items() if key.startswith(_AT_THE_START)}
+
+
+def _text(output: bytes) -> str:
+    """As `text=True` of `subprocess` reads it."""
+    return output.decode().replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _start() -> socket.socket:
+    """Where the launcher takes requests; it ends when this process does."""
+    with _lock:
+        if not _launcher:
+            ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            command = [sys.executable, __file__, str(its.fileno())]
+            _launcher.append((ours, subprocess.Popen(command, pass_fds=[its.fileno()])))
+            its.close()
+        return _launcher[0][0]
+
+
+def _serve(requests: socket.socket) -> None:
+    for package in PACKAGES:
+        for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
+            if module.name != "__main__":
+                importlib.import_module(f"{package}.{module.name}")
+    for other in OTHERS:
+        importlib.import_module(other)
+    gc.freeze()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    while True:
+        message, descriptors, _, _ = socket.recv_fds(requests, 1 << 20, 4)
+        if not message:
+            return
+        if os.fork() == 0:
+            requests.close()
+            _answer(json.loads(message), *descriptors)
+            return
+        for descriptor in descriptors:
+            os.close(descriptor)
+
+
+def _answer(request: dict[str, object], *descriptors: int) -> None:
+    """Runs a command in a child, and writes its exit status to the last of the descriptors."""
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    *streams, end = descriptors
+    child = os.fork()
+    if child:
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        os.write(end, str(status).encode())
+        os._exit(0)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for stream, descriptor in zip(_STREAMS, streams, strict=True):
+        os.dup2(descriptor, stream)
+    for descriptor in descriptors:
+        os.close(descriptor)
+    os.environ.clear()
+    os.environ.update(request["env"])
+    os.chdir(request["folder"])
+    sys.argv[1:] = request["arguments"]
+    sys.path[0] = request["folder"]
+    status = 0
+    try:
+        runpy.run_module(request["module"], run_name="__main__", alter_sys=True)
+    except SystemExit as error:
+        status = _status(error.code)
+    except BaseException:
+        sys.excepthook(*sys.exc_info())
+        status = 1
+    # What an interpreter does when it ends, but for taking apart all that was loaded.
+    threading._shutdown()
+    atexit._run_exitfuncs()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
+
+
+def _status(code: object) -> int:
+    """The exit status of `sys.exit(code)`."""
+    if code is None or isinstance(code, int):
+        return (code or 0) & 0xFF
+    print(code, file=sys.stderr)
+    return 1
+
+
+if __name__ == "__main__":
+    _serve(socket.socket(fileno=int(sys.argv[1])))
