@@ -519,10 +519,8 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("vendor = 0xFFFF\n", "", "device.toml: vendor: missing | whole number"),
         ("product = 1", "", "device.toml: product: missing | whole number"),
         ("product = 1", "prodct = 1", "device.toml:2: prodct: not a key | 'product'"),
-        ("product = 1", "product = '1'", "device.toml:2: product: whole number | '1'"),
         (
             "product = 1",
             "product = true",
@@ -530,34 +528,13 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
         ),
         (
             "product = 1",
-            "product = -1",
-            "device.toml:2: product: -1 | 0 | 4294967295",
-        ),
-        (
-            "product = 1",
-            "product = 0x100000000",
-            "device.toml:2: product: 0x100000000 | 0 | 0xFFFFFFFF",
-        ),
-        (
-            "product = 1",
-            "product = 1\nalias = 65536",
-            "device.toml:3: alias: 65536 | 0 | 65535",
-        ),
-        (
-            "product = 1",
             "product = 1\nalias = 1979-05-27",
             "device.toml:3: alias: whole number | 1979-05-27",
         ),
-        ('"Doubler"', "7", "device.toml:3: name: text | 7"),
         (
             '"Doubler"',
             f'"{"日" * 86}"',
             "device.toml:3: name: 258 bytes | 255",
-        ),
-        (
-            '"Doubler"',
-            f'"{"x" * 256}"',
-            "device.toml:3: name: 256 | 255",
         ),
         (
             "product = 1",
@@ -581,11 +558,6 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
         ),
         (
             "product = 1",
-            'product = 1\nports = ["rj45"]',
-            'device.toml:3: ports[0]: \'rj45\' | "none" | "ebus" | "mii"',
-        ),
-        (
-            "product = 1",
             'product = 1\nports = ["mii", "mii", "mii", "mii", "mii"]',
             "device.toml:3: ports: 5 | 4",
         ),
@@ -606,11 +578,6 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
         ),
         (
             "product = 1",
-            "product = 1\nchip.fmmus = 17",
-            "device.toml:3: chip.fmmus: 17 | 0 | 16",
-        ),
-        (
-            "product = 1",
             "product = 1\nchip.dc_bits = 48",
             "device.toml:3: chip.dc_bits: 48 | 32 | 64",
         ),
@@ -623,11 +590,6 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
             "product = 1",
             "product = 1\nmailbox.send = 0x1010",
             "device.toml:3: mailbox.send: overlap | 0x1000 | 0x107F | 0x1010",
-        ),
-        (
-            "product = 1",
-            'product = 1\nmailbox.protocols = ["http"]',
-            'device.toml:3: mailbox.protocols[0]: \'http\' | "aoe" | "eoe"',
         ),
         (
             "product = 1",
@@ -658,11 +620,6 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
             "product = 1",
             'product = 1\nfiles = { log = "nothing.txt" }',
             "device.toml:3: files.log: 'nothing.txt' | No such file",
-        ),
-        (
-            "[[pdo]]",
-            '[[sync_manager]]\ntype = "output"\n[[pdo]]',
-            "device.toml:5: sync_manager[0].type: 'output' | \"unused\"",
         ),
         (
             "[[pdo]]",
@@ -721,11 +678,6 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
         ),
         (
             'type = "int16" }',
-            'type = "string" }',
-            "device.toml:6: pdo[0].entry[0].bits: missing | whole number",
-        ),
-        (
-            'type = "int16" }',
             'type = "float", bits = 16 }',
             "device.toml:6: pdo[0].entry[0].bits: 16 | REAL32 | 32",
         ),
@@ -774,9 +726,6 @@ def test_everything_that_a_device_describes_has_a_key(tmp_path: Path) -> None:
             "[[pdo]",
             "device.toml:4: TOML | ']]'",
         ),
-        ("vendor = 0xFFFF", "vendor = ", "device.toml:1: TOML | Invalid value"),
-        ("product = 1", "vendor = 1", "device.toml:2: TOML | overwrite"),
-        ('"Doubler"', '"Doubler', "device.toml:3: TOML | character"),
     ],
 )
 def test_mistakes(tmp_path: Path, old: str, new: str, message: str) -> None:
@@ -794,8 +743,6 @@ def test_mistakes(tmp_path: Path, old: str, new: str, message: str) -> None:
     [
         ("name = 'N'\ntype = 'uint8'", "index: missing | whole number"),
         ("index = 0x2000", 'type: missing | "uint16"'),
-        ("index = 0x2000\ntype = 'uint8'\nvalue = 256", "value: 256 | 0 | 255"),
-        ("index = 0x2000\ntype = 'uint8'\nvalue = 1.5", "value: whole number | 1.5"),
         ("index = 0x2000\ntype = 'float'\nvalue = 1e39", "value: 1e+39 | large"),
         ("index = 0x2000\ntype = 'string'\nvalue = 7", "value: text | 7"),
         ("index = 0x2000\ntype = 'string'\nvalue = '日'", "value: characters | Latin-1"),

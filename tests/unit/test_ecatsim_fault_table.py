@@ -80,29 +80,18 @@ def test_a_method_adds_its_fault(faults):
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        ({}, "kind |  missing | drop | delay"),
         ({"kind": "fly"}, "'fly' | drop | delay"),
-        ({"kind": ["drop"]}, "'['drop']' | drop | delay"),
         ({"kind": "drop", "at": 5}, "drop: 'at' | at_cycle"),
         ({"kind": "break-link"}, "break-link: slave | missing"),
-        ({"kind": "drop", "count": -1}, "drop: count | -1 | 0"),
-        ({"kind": "drop", "count": True}, "drop: count | True | 0"),
-        ({"kind": "drop", "count": 1.0}, "drop: count | 1 | integer"),
         ({"kind": "drop", "count": "many"}, "drop: count | 'many' | integer"),
         ({"kind": "drop", "probability": 2}, "drop: probability | 2 | 0"),
-        ({"kind": "drop", "probability": float("nan")}, "drop: probability | nan"),
         ({"kind": "drop", "all_frames": 1}, "drop: all_frames | 1 | true | false"),
         ({"kind": "delay", "delay_us": 0}, "delay: delay_us | 0 | 1"),
         ({"kind": "wkc", "value": 0}, "wkc: value | 0"),
-        ({"kind": "break-link", "slave": 0, "port": 4}, "break-link: port | 4 | 3"),
         ({"kind": "mailbox", "slave": 0, "mode": "odd"}, "mailbox: mode | 'odd' | none"),
         (
             {"kind": "al-error", "slave": 0, "code": float("nan")},
             "al-error: code | nan | 0x0001 | 0xFFFF",
-        ),
-        (
-            {"kind": "al-error", "slave": 0, "code": float("inf")},
-            "al-error: code | inf | 0x0001 | 0xFFFF",
         ),
         (
             {"kind": "emergency", "slave": 0, "code": 1, "data": "0x"},

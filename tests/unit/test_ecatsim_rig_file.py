@@ -239,11 +239,6 @@ def test_rings(tmp_path: Path, ring: str, end: tuple[int, int] | None) -> None:
             '"EK1100"\nat = { slave = 0, port = 1 }',
             "rig.toml:3: slave[0].at: slave 0 | interface",
         ),
-        (
-            '"EL1018"\n',
-            '"EL1018"\nat = { slave = 0, port = 2 }\n',
-            "rig.toml:8: slave[2].at: port 2 | EK1100 (position 0) | EL1018",
-        ),
         ("[[slave]]", "ring = 1\n[[slave]]", "rig.toml:1: ring: true | false | 1"),
         (
             "[[slave]]",
@@ -370,9 +365,7 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
     ("old", "new", "message"),
     [
         ('name = "bench"', "name = 3", "rig.toml:1: name: text | 3"),
-        ('name = "bench"', 'nam = ""', "rig.toml:1: nam: not a key | 'name'"),
         ('name = "bench"', "xyz = 1", "rig.toml:1: xyz: not a key | name"),
-        ('name = "bench"', "name =", "rig.toml:1: TOML | Invalid value"),
         ('name = "bench"', "slave = 3", "rig.toml:3: TOML | Cannot"),
         ('"EK1100"', "3", "rig.toml:4: slave[0].device: text | 3"),
         (
@@ -382,11 +375,6 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
         ),
         ("device", "devise", "rig.toml:4: slave[0].devise: not a key | 'device'"),
         (
-            'device = "EK1100"',
-            "alias = 3",
-            'rig.toml:3: slave[0]: `device = "EL2004"` | `ecatsim devices`',
-        ),
-        (
             "alias = 5",
             "alias = -5",
             "rig.toml:8: slave[1].alias: -5 | 0 | 65535",
@@ -395,11 +383,6 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
             "alias = 5",
             "alais = 5",
             "rig.toml:8: slave[1].alais: not a key | 'alias'",
-        ),
-        (
-            "alias = 5",
-            'sii = "x.bin"',
-            "rig.toml:8: slave[1].sii: not a key | device | parameters | at | alias | serial",
         ),
         (
             "serial = 77",
@@ -418,11 +401,6 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
         ),
         (
             '"doubler.toml"',
-            '"tripler.toml"',
-            "rig.toml:18: slave[4].device: no file | 'tripler.toml'",
-        ),
-        (
-            '"doubler.toml"',
             '"doubler.toml"\nparameters = {}',
             "rig.toml:19: slave[4].parameters: library",
         ),
@@ -438,11 +416,6 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
         ),
         (
             '"counter.py:Counter"',
-            '"counter.py:Cuonter"',
-            "counter.py: define | 'Cuonter'",
-        ),
-        (
-            '"counter.py:Counter"',
             '"counter.py:number"',
             "counter.py: 5 | class | function",
         ),
@@ -450,11 +423,6 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
             '"counter.py:Counter"',
             '"counter.py:dict"',
             "counter.py: define | 'dict'",
-        ),
-        (
-            "step = 3",
-            "stop = 3",
-            "counter.py: TypeError: Counter.__init__() | 'stop'",
         ),
         (
             "vendor = 0xFFFF",
@@ -503,11 +471,6 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
             "rig.toml:33: wire[0].from.slave: 7 | 0 | 6",
         ),
         (
-            "{ slave = 1, entry",
-            "{ entry",
-            "rig.toml:33: wire[0].from.slave: missing | whole number",
-        ),
-        (
             '"0x7000:01"',
             "0x7000",
             'rig.toml:33: wire[0].from.entry: "0x6000:01" | 0x7000',
@@ -519,16 +482,6 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
             "0x7000:01 | 0x7010:01",
         ),
         (
-            '{ slave = 1, entry = "0x7000:01" }',
-            '{ slave = 0, entry = "0x7000:01" }',
-            "rig.toml:33: wire[0].from.entry: slave 0 (EK1100) | output | 0x7000:01",
-        ),
-        (
-            '{ slave = 2, entry = "0x6010:01" }',
-            '{ slave = 2, entry = "0x6000:01" }',
-            "rig.toml:42: waveform[1].to.entry: wire | waveform",
-        ),
-        (
             '{ slave = 2, entry = "0x6010:01" }',
             '{ slave = 4, entry = "0x6000:01" }',
             "rig.toml:42: waveform[1].to.entry: `loopback`",
@@ -537,11 +490,6 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
             '"constant"',
             '"sinus"',
             "rig.toml:38: waveform[0].shape: 'sinus' | \"constant\"",
-        ),
-        (
-            "value = 21.0",
-            'value = "21"',
-            "rig.toml:39: waveform[0].value: number | '21'",
         ),
         (
             "value = 21.0",
@@ -564,11 +512,6 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
             "rig.toml:53: plant[0].python: file | name",
         ),
         (
-            '"counter.py:plant"',
-            '"counter.py:broken"',
-            "counter.py: TypeError: broken() | 'slave'",
-        ),
-        (
             '"counter.py:plant"\nparameters = { slave = 5 }',
             '"counter.py:broken"',
             "counter.py:23: KeyError: 'oops'",
@@ -587,16 +530,6 @@ WIRE = 'from = { slave = 1, entry = "0x7000:01" }\nto = { slave = 2, entry = "0x
             'python = "counter.py:plant"\nparameters',
             'fmu = "tank.fmu"\nparameters',
             "rig.toml:54: plant[0].parameters: not a key | fmu | period | start | connect",
-        ),
-        (
-            'python = "counter.py:plant"\nparameters = { slave = 5 }',
-            "period = 0",
-            'rig.toml:52: plant[0]: `python = "motor.py:Motor"`',
-        ),
-        (
-            '"al-error"',
-            '"al-erorr"',
-            "rig.toml:56: fault[0]: 'al-erorr' | al-error",
         ),
         ('kind = "al-error"', "", "rig.toml:56: fault[0]: kind | missing | drop"),
         ("slave = 1\n", "slave = 7\n", "rig.toml:56: fault[0]: al-error: slave 7"),

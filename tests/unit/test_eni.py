@@ -373,7 +373,6 @@ def test_large_numbers_may_be_negative(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "tokens"),
     [
-        ("<EtherCATInfo/>", ["<EtherCATConfig>", "ESI"]),
         ("<Network/>", ["<EtherCATConfig>", "<Network>"]),
         ("<EtherCATConfig/>", ["<Config>"]),
         ("<EtherCATConfig><Config/></EtherCATConfig>", ["<Slave>"]),
