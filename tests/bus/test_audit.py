@@ -7,6 +7,7 @@ import itertools
 import re
 import struct
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -120,18 +121,43 @@ class Site(NamedTuple):
         return self.file.read_text().splitlines() if self.file.exists() else []
 
 
+@contextmanager
+def connected(daemon: Daemon, file: Path) -> Iterator[Site]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
+        with (
+            Remote(daemon.bus, timeout=60) as remote,
+            Simulator(str(daemon.child_pid("ecatsim"))) as simulator,
+        ):
+            yield Site(daemon, file, remote, simulator)
+
+
+def with_a_file(start: Callable[..., Daemon], file: Path) -> Daemon:
+    return start(str(RIG), config=f'audit_file = "{file}"\n[gateway]\nlisten = []\n')
+
+
 @pytest.fixture
-def site(
-    start_daemon: Callable[..., Daemon], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Site]:
-    file = tmp_path / "audit"
-    daemon = start_daemon(str(RIG), config=f'audit_file = "{file}"\n[gateway]\nlisten = []\n')
-    monkeypatch.setenv("ECATD_RUNTIME_DIR", daemon.env["ECATD_RUNTIME_DIR"])
-    with (
-        Remote(daemon.bus, timeout=60) as remote,
-        Simulator(str(daemon.child_pid("ecatsim"))) as simulator,
-    ):
-        yield Site(daemon, file, remote, simulator)
+def site(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Iterator[Site]:
+    """A site for a test that ends its daemon, or leaves slaves that do not answer."""
+    with connected(with_a_file(start_daemon, tmp_path / "audit"), tmp_path / "audit") as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def running(
+    start_shared: Callable[..., Daemon], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Daemon, Path]:
+    file = tmp_path_factory.mktemp("shared") / "audit"
+    return with_a_file(start_shared, file), file
+
+
+@pytest.fixture
+def shared_site(running: tuple[Daemon, Path]) -> Iterator[Site]:
+    """A site with a new file of a daemon that other tests use as well."""
+    daemon, file = running
+    file.unlink(missing_ok=True)
+    with connected(daemon, file) as made:
+        yield made
 
 
 CHANGES: dict[type[Operation], tuple[Operation, str, Sequence[str]]] = {
@@ -188,46 +214,46 @@ APART = {PutFoe, CancelFoe}
 NO_CHANGE = {ReadFrames}
 
 
-def test_each_kind_of_change_has_a_line(site: Site) -> None:
+def test_each_kind_of_change_has_a_line(shared_site: Site) -> None:
     kinds = {kind for kind in OPERATIONS.values() if kind.key.startswith("rw/")}
     assert kinds == CHANGES.keys() | APART | NO_CHANGE
     assert {kind for kind in kinds if "by" not in kind.fields} == {PutFoe} | NO_CHANGE
-    site.simulator.faults.noise(0, count=3)
+    shared_site.simulator.faults.noise(0, count=3)
     wait_for(
-        lambda: site.remote.request(ReadErrors())["slaves"][0]["ports"][0]["invalid"] == 3,
-        site.daemon,
+        lambda: shared_site.remote.request(ReadErrors())["slaves"][0]["ports"][0]["invalid"] == 3,
+        shared_site.daemon,
     )
     for kind, (request, begin, tokens) in CHANGES.items():
-        line, *more = site.ask(request)
-        assert f" {site.daemon.bus}: {begin}" in line
+        line, *more = shared_site.ask(request)
+        assert f" {shared_site.daemon.bus}: {begin}" in line
         names(line, WHO, *tokens)
         assert not more or kind is StartFoe
-        assert line.split(": ", 1)[1] in site.daemon.log
-    wait_for(lambda: "is done" in site.lines()[-1], site.daemon)  # the file
-    assert site.ask(ReadFrames("control")) == []
+        assert line.split(": ", 1)[1] in shared_site.daemon.log
+    wait_for(lambda: "is done" in shared_site.lines()[-1], shared_site.daemon)  # the file
+    assert shared_site.ask(ReadFrames("control")) == []
 
 
-def test_files_are_named_with_length_and_digest(site: Site) -> None:
+def test_files_are_named_with_length_and_digest(shared_site: Site) -> None:
     data = bytes(range(256)) * 4
     digest = hashlib.sha256(data).hexdigest()
     start = StartFoe(0, "new.bin", True, len(data), digest, by=BY)
-    number = site.remote.request(start)["transfer"]
-    cancelled = site.ask(CancelFoe(number, BY))
+    number = shared_site.remote.request(start)["transfer"]
+    cancelled = shared_site.ask(CancelFoe(number, BY))
     assert len(cancelled) == 1
     names(cancelled[0], "writing file 'new.bin'", "cancelled", WHO)
-    number = site.remote.request(start)["transfer"]
-    assert len(site.lines()) == 1  # nothing has reached the slave
-    site.remote.request(PutFoe(number, 0, data))
-    wait_for(lambda: len(site.lines()) == 3, site.daemon)
-    for line, word in zip(site.lines()[1:], ("begins", "is done"), strict=True):
+    number = shared_site.remote.request(start)["transfer"]
+    assert len(shared_site.lines()) == 1  # nothing has reached the slave
+    shared_site.remote.request(PutFoe(number, 0, data))
+    wait_for(lambda: len(shared_site.lines()) == 3, shared_site.daemon)
+    for line, word in zip(shared_site.lines()[1:], ("begins", "is done"), strict=True):
         names(line, "slave 0", "writing file 'new.bin'", word, "1024 bytes", digest, WHO)
-    site.ask(StartFoe(0, "new.bin", by=BY))
-    wait_for(lambda: len(site.lines()) == 5, site.daemon)
-    names(site.lines()[4], "reading file 'new.bin'", "is done", "1024 bytes", digest, WHO)
-    site.ask(StartFoe(0, "nothing", by=BY))
-    wait_for(lambda: len(site.lines()) == 7, site.daemon)
-    names(site.lines()[6], "reading file 'nothing'", "has failed", "0x8001", WHO)
-    names(site.daemon.log, f"warning: {site.lines()[6].split(': ', 1)[1]}")
+    shared_site.ask(StartFoe(0, "new.bin", by=BY))
+    wait_for(lambda: len(shared_site.lines()) == 5, shared_site.daemon)
+    names(shared_site.lines()[4], "reading file 'new.bin'", "is done", "1024 bytes", digest, WHO)
+    shared_site.ask(StartFoe(0, "nothing", by=BY))
+    wait_for(lambda: len(shared_site.lines()) == 7, shared_site.daemon)
+    names(shared_site.lines()[6], "reading file 'nothing'", "has failed", "0x8001", WHO)
+    names(shared_site.daemon.log, f"warning: {shared_site.lines()[6].split(': ', 1)[1]}")
 
 
 def test_the_end_of_the_bus_ends_a_transfer_with_a_line(site: Site) -> None:
@@ -240,10 +266,10 @@ def test_the_end_of_the_bus_ends_a_transfer_with_a_line(site: Site) -> None:
     names(ends, "writing file 'big.bin'", "has failed", "somebody on this machine")
 
 
-def test_long_values_have_length_and_digest(site: Site) -> None:
+def test_long_values_have_length_and_digest(shared_site: Site) -> None:
     old, new = b"a" * 33, b"b" * 600
-    site.ask(SdoWrite(0, TEXT, old, by=BY))
-    (line,) = site.ask(SdoWrite(0, TEXT, new, by=BY))
+    shared_site.ask(SdoWrite(0, TEXT, old, by=BY))
+    (line,) = shared_site.ask(SdoWrite(0, TEXT, new, by=BY))
     for data, begin in ((old, "from 61 61"), (new, "to 62 62")):
         digest = hashlib.sha256(data).hexdigest()
         names(line, begin, f"{len(data)} bytes, SHA-256 {digest}")

@@ -45,31 +45,40 @@ def document(daemon: Daemon) -> dict[str, Any]:
     return found
 
 
+def started(start: Callable[..., Daemon], folder: Path) -> Daemon:
+    rig = folder / "rig.toml"
+    rig.write_text("".join(f'[[slave]]\ndevice = "{kind}"\n' for kind in ("EK1100", "EL2008")))
+    return start(str(rig), config=CONFIG)
+
+
 @pytest.fixture
 def daemon(start_daemon: Callable[..., Daemon], tmp_path: Path) -> Daemon:
-    rig = tmp_path / "rig.toml"
-    rig.write_text("".join(f'[[slave]]\ndevice = "{kind}"\n' for kind in ("EK1100", "EL2008")))
-    return start_daemon(str(rig), config=CONFIG)
+    return started(start_daemon, tmp_path)
 
 
-def test_slaves_leave_op_and_come_back(daemon: Daemon) -> None:
-    status, line = check(daemon)
+@pytest.fixture(scope="module")
+def shared(start_shared: Callable[..., Daemon], tmp_path_factory: pytest.TempPathFactory) -> Daemon:
+    return started(start_shared, tmp_path_factory.mktemp("check"))
+
+
+def test_slaves_leave_op_and_come_back(shared: Daemon) -> None:
+    status, line = check(shared)
     assert status == WELL
-    assert line == f"well: bus {daemon.bus}, 2 of 2 slaves in OP"
-    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+    assert line == f"well: bus {shared.bus}, 2 of 2 slaves in OP"
+    with Simulator(str(shared.child_pid("ecatsim"))) as simulator:
         simulator.faults.al_error(1, code=0x001D)
-        wait_for(lambda: check(daemon)[0] == DEGRADED, daemon)
-    status, line = check(daemon)
-    assert line.startswith(f"degraded: bus {daemon.bus}, 1 of 2 slaves in OP; ")
+        wait_for(lambda: check(shared)[0] == DEGRADED, shared)
+    status, line = check(shared)
+    assert line.startswith(f"degraded: bus {shared.bus}, 1 of 2 slaves in OP; ")
     names(line, "slave 1 (lamps (EL2008))", "SAFEOP", "0x001D")
-    found = document(daemon)
+    found = document(shared)
     assert (found["status"], found["slaves"], found["in_op"]) == ("degraded", 2, 1)
     assert len(found["problems"]) == 1
-    daemon.ctl("state", "0", "SAFEOP", "--yes")
-    status, line = check(daemon)
+    shared.ctl("state", "0", "SAFEOP", "--yes")
+    status, line = check(shared)
     assert (status, line.partition(":")[0]) == (DOWN, "down")
-    daemon.ctl("state", "OP")
-    assert check(daemon)[0] == WELL
+    shared.ctl("state", "OP")
+    assert check(shared)[0] == WELL
 
 
 WITHOUT_A_SLAVE = """
@@ -110,11 +119,11 @@ def test_a_slave_that_was_missing_at_the_start(
         names(text, "lamps")
 
 
-def test_a_gateway_that_does_not_answer(daemon: Daemon) -> None:
-    gateway = daemon.child_pid("ecatd.gateway")
+def test_a_gateway_that_does_not_answer(shared: Daemon) -> None:
+    gateway = shared.child_pid("ecatd.gateway")
     stop_process(gateway)
     try:
-        status, line = check(daemon, "--timeout", "1")
+        status, line = check(shared, "--timeout", "1")
     finally:
         os.kill(gateway, signal.SIGCONT)
     assert (status, line.partition(":")[0]) == (DEGRADED, "degraded")
@@ -154,19 +163,22 @@ def test_no_slave_answers(daemon: Daemon) -> None:
         assert daemon.ctl(command, check=False).returncode == UnreachableError.exit_code
 
 
-def test_a_user_without_rights(daemon: Daemon) -> None:
-    socket = zenoh_socket(Path(daemon.env["ECATD_RUNTIME_DIR"]), daemon.bus)
+def test_a_user_without_rights(shared: Daemon) -> None:
+    socket = zenoh_socket(Path(shared.env["ECATD_RUNTIME_DIR"]), shared.bus)
+    rights = socket.stat().st_mode
     socket.chmod(0o400)
     # In a user namespace, this process has no rights of root.
     command = ["unshare", "--user", "--map-user=1000", sys.executable, "-m", "ecatd.cli", "check"]
-    done = subprocess.run(command, env=daemon.env, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, env=shared.env, capture_output=True, text=True, check=False)
+    socket.chmod(rights)
     assert (done.returncode, done.stdout.partition(":")[0]) == (DENIED, "denied"), done
-    names(done.stdout, daemon.bus, "group 'ecat'")
+    names(done.stdout, shared.bus, "group 'ecat'")
 
 
-def test_no_daemon(daemon: Daemon) -> None:
-    assert daemon.stop() == 0
-    status, line = check(daemon, "--timeout", "1")
+def test_no_daemon(shared: Daemon) -> None:
+    """The last one: it ends the daemon."""
+    assert shared.stop() == 0
+    status, line = check(shared, "--timeout", "1")
     assert (status, line.partition(":")[0]) == (DOWN, "down")
-    names(line, daemon.bus)
-    assert document(daemon)["status"] == "down"
+    names(line, shared.bus)
+    assert document(shared)["status"] == "down"
