@@ -57,8 +57,20 @@ def in_force(daemon: Daemon) -> dict[str, object]:
     return {row["key"]: row["value"] for row in daemon.ctl_json("config", "show")["keys"]}
 
 
-def test_what_can_change_is_used_at_once(start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll", config=CONFIG)
+@pytest.fixture(scope="module")
+def running(start_shared: Callable[..., Daemon]) -> Daemon:
+    return start_shared("troll", config=CONFIG)
+
+
+@pytest.fixture
+def daemon(running: Daemon) -> Daemon:
+    """A daemon with the configuration above; the last test that uses it ends it."""
+    reload(running, CONFIG, "configuration read again")
+    wait_for(lambda: running.ctl("info", check=False).returncode == 0, running)
+    return running
+
+
+def test_what_can_change_is_used_at_once(daemon: Daemon) -> None:
     with daemon.client() as client:
         server = daemon.child_pid("ecatd.server")
         changed = CONFIG.replace("60000", "50000").replace("publish_hz = 5", "publish_hz = 7")
@@ -78,10 +90,7 @@ def test_what_can_change_is_used_at_once(start_daemon: Callable[..., Daemon]) ->
         client.sample()
 
 
-def test_the_log_level_changes_without_a_restart_of_anything(
-    start_daemon: Callable[..., Daemon],
-) -> None:
-    daemon = start_daemon("troll", config=CONFIG)
+def test_the_log_level_changes_without_a_restart_of_anything(daemon: Daemon) -> None:
     pids = [daemon.child_pid(module) for module in ("ecatd.server", "ecatd.gateway")]
     reload(daemon, CONFIG + '[log]\nslaves = "debug"\n', "changed: log.slaves")
     assert in_force(daemon)["log.slaves"] == "debug"
@@ -90,8 +99,7 @@ def test_the_log_level_changes_without_a_restart_of_anything(
     assert [daemon.child_pid(module) for module in ("ecatd.server", "ecatd.gateway")] == pids
 
 
-def test_a_wrong_configuration_changes_nothing(start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll", config=CONFIG)
+def test_a_wrong_configuration_changes_nothing(daemon: Daemon) -> None:
     log = reload(
         daemon, CONFIG.replace("lease_max_ms = 60000", "lease_max_ms = -1"), "stays as it was"
     )
@@ -128,8 +136,13 @@ def limits(daemon: Daemon) -> tuple[float, float]:
         return torque.minimum, torque.maximum
 
 
-def test_limits_change_while_a_client_owns_the_output(start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("troll", config=CONFIG + TORQUE)
+@pytest.fixture(scope="module")
+def limited(start_shared: Callable[..., Daemon]) -> Daemon:
+    return start_shared("troll", config=CONFIG + TORQUE)
+
+
+def test_limits_change_while_a_client_owns_the_output(limited: Daemon) -> None:
+    daemon = limited
     with daemon.client() as client:
         torque = client.signal(0, 0x6071)
         claim = client.claim(0, lease=30)
@@ -167,9 +180,10 @@ def test_limits_change_while_a_client_owns_the_output(start_daemon: Callable[...
         assert limits(daemon) == (-math.inf, math.inf)
 
 
-def test_limits_that_do_not_fit_change_nothing(start_daemon: Callable[..., Daemon]) -> None:
+def test_limits_that_do_not_fit_change_nothing(limited: Daemon) -> None:
     """Nothing of the file is used, also what could be."""
-    daemon = start_daemon("troll", config=CONFIG + TORQUE)
+    daemon = limited
+    reload(daemon, CONFIG + TORQUE, "configuration read again")
     other = CONFIG.replace("60000", "50000")
     safe = '[[outputs.safe]]\nslave = 0\nentry = "0x6071:00"\nvalue = 60\n'
     wrong = [
