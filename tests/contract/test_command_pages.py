@@ -3,7 +3,6 @@
 import shlex
 import shutil
 import subprocess
-import sysconfig
 from pathlib import Path
 
 import pytest
@@ -21,29 +20,6 @@ def test_they_are_up_to_date() -> None:
     assert sorted(found) == sorted(wanted), f"run: {COMMAND}"
     for path, text in wanted.items():
         assert found[path] == text, f"{path} is out of date; run: {COMMAND}"
-
-
-@pytest.mark.parametrize("name", ["ecatd", "ecatctl", "ecatsim"])
-def test_a_page_begins_as_whatis_wants_it_and_names_every_command(name: str) -> None:
-    text = (SHARE / f"man/man1/{name}.1").read_text()
-    assert f"\n.SH NAME\n{name} \\- " in text
-    program = Path(sysconfig.get_path("scripts")) / name
-    told = subprocess.run([program, "--help"], capture_output=True, text=True, check=True).stdout
-    for line in told.splitlines():
-        if line.startswith("    ") and not line.startswith("     "):
-            assert line.split()[0].replace("-", "\\-") in text, line
-
-
-def test_the_page_says_what_each_action_does() -> None:
-    text = (SHARE / "man/man1/ecatctl.1").read_text().replace("\\-", "-")
-    for command, actions in {
-        "service": ("install", "upgrade", "uninstall"),
-        "config": ("init", "from-eni", "check", "diff", "show"),
-        "startup": ("verify", "capture"),
-    }.items():
-        notes = text.partition(f".SH NOTES \\fI\\,'ecatctl {command}'")[2].partition("\n.SH ")[0]
-        said = [line.split()[0] for line in notes.splitlines() if line.startswith("  ")]
-        assert set(actions) <= set(said), notes
 
 
 def complete(text: str) -> set[str]:

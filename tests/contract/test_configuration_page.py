@@ -12,7 +12,7 @@ from ecatd.config import Config, SafeConfig, SlaveConfig, read_config
 from ecatd.config.placed import rules_of
 from ecatd.master.mailbox.mailbox_queue import MailboxQueue
 from ecatdev.configuration_page import page, sections
-from ecatdev.page_parts import attributes, paragraphs
+from ecatdev.page_parts import attributes
 
 PAGE = Path(__file__).parents[2] / "docs" / "configuration-keys.md"
 COMMAND = (
@@ -91,20 +91,9 @@ def test_it_is_up_to_date() -> None:
     assert PAGE.read_text() == page(), f"{PAGE.name} is out of date; run: {COMMAND}"
 
 
-def test_it_says_everything_about_every_key() -> None:
-    assert len(rows()) > 120
-    for row in rows():
-        assert row.default, row
-        assert row.range, row
-        assert re.fullmatch(r"[A-Z\[`].*\.", row.meaning), row
-        assert not re.search(r"\bNone\b|\bnan\b|\binf\b", " ".join(row)), row
-
-
-def test_docstrings_have_all_tables_and_keys() -> None:
-    for section in sections():
-        assert paragraphs(section.kind)[0].startswith(f"`{section.title}`: ")
-        assert {*attributes(section.kind)} == {*rules_of(section.kind)}
-    assert {*attributes(Config)} == {*rules_of(Config)}
+def test_docstrings_have_all_keys() -> None:
+    for kind in (Config, *(section.kind for section in sections())):
+        assert {*attributes(kind)} == {*rules_of(kind)}
 
 
 @pytest.mark.parametrize("row", rows(), ids=lambda row: f"{row.header}{row.key}")
