@@ -96,8 +96,16 @@ def test_an_identification_may_be_in_a_register(start: Start) -> None:
     [
         ([drive(42), drive(42)], ["slaves 0, 1", "the same identification", "42", "spindle"]),
         ([COUPLER, drive(41)], ["spindle", "missing", "tells the identification 42", "selector"]),
-        ([COUPLER, drive()], ["spindle", "missing", "slave 1 (CiA402) cannot tell any"]),
-        ([drive(0)], ["spindle", "missing", "slave 0 (CiA402) cannot tell any"]),
+        pytest.param(
+            [COUPLER, drive()],
+            ["spindle", "missing", "slave 1 (CiA402) cannot tell any"],
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            [drive(0)],
+            ["spindle", "missing", "slave 0 (CiA402) cannot tell any"],
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_who_is_meant_must_be_clear(start: Start, slaves: list[str], tokens: list[str]) -> None:

@@ -168,9 +168,15 @@ def test_config_init_writes_the_modules(start: Start, tmp_path: Path) -> None:
     ("wrong", "tokens"),
     [
         ("slot = 2\nident = 0x0302", ["slave[0].module[2].slot", "slot 2", "two tables"]),
-        ("slot = 0\nident = 0x0302", ["slave[0].module[2].slot", "0", "1", "254"]),
-        ("slot = 4", ["slave[0].module[2].ident", "missing"]),
-        ("slot = 4\nident = 0", ["slave[0].module[2].ident", "0"]),
+        pytest.param(
+            "slot = 0\nident = 0x0302",
+            ["slave[0].module[2].slot", "0", "1", "254"],
+            marks=pytest.mark.long,
+        ),
+        pytest.param("slot = 4", ["slave[0].module[2].ident", "missing"], marks=pytest.mark.long),
+        pytest.param(
+            "slot = 4\nident = 0", ["slave[0].module[2].ident", "0"], marks=pytest.mark.long
+        ),
     ],
 )
 def test_wrong_modules_are_refused(start: Start, wrong: str, tokens: list[str]) -> None:

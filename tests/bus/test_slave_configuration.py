@@ -139,26 +139,29 @@ def test_r06_slaves_are_told_at_the_start_and_when_they_come_back(start: Start) 
     ("table", "tokens"),
     [
         ("position = 2\npdos = ['0x16F0']", "slave 2 | 0x16F0 | 0x1600 | 0x1605"),
-        (
+        pytest.param(
             "position = 2\n[[slave.pdo]]\nindex = 0x1605\n"
             "entries = [{ object = '0x6040:00', bits = 16 }]",
             "slave 2 | 0x1605",
+            marks=pytest.mark.long,
         ),
-        (
+        pytest.param(
             "position = 1\n[[slave.pdo]]\nindex = 0x1600\n"
             "entries = [{ object = '0x5FFF:00', bits = 16 }]",
             "slave 1 | 0x1600 | 0x5FFF:00",
+            marks=pytest.mark.long,
         ),
         (
             "position = 2\n[[slave.startup]]\nobject = '0x6041:00'\ntype = 'uint16'\nvalue = 1",
             "slave 2 | 0x6041:00 = 1 | 0x06010002 | optional = true",
         ),
-        (
+        pytest.param(
             "position = 2\n[[slave.startup]]\nobject = '0x6041:00'\ntype = 'uint16'\nvalue = 1\n"
             "transition = 'SO'",
             "slave 2 | 0x6041:00 = 1 | 0x06010002",
+            marks=pytest.mark.long,
         ),
-        ("position = 0\npdos = ['0x1600']", "slave 0 | 0x1600"),
+        pytest.param("position = 0\npdos = ['0x1600']", "slave 0 | 0x1600", marks=pytest.mark.long),
         (
             "position = 0\n[[slave.startup]]\nobject = '0x1000:00'\nhex = '00'",
             "slave 0 | CoE | [[slave.startup]]",

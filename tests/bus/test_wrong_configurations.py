@@ -31,20 +31,42 @@ def test_a_bus_that_fits_goes_to_op(start_daemon: Callable[..., Daemon], states:
     ("config", "tokens"),
     [
         (COPY.format(9, "0x6000:01"), ["slave 9", "3 slaves"]),
-        (COPY.format(2, "0x6FFF:01"), ["slave 1 (EL1008)", "0x6FFF:01", "ecatctl pdos 1"]),
-        ("[[signal]]\nslave = 7\nentry = '0x7000:01'\n", ["slave 7", "3 slaves"]),
-        ("[[signal]]\nslave = 2\nentry = '0x7FFF:01'\n", ["slave 2 (EL2008)", "0x7FFF:01"]),
-        ("[[outputs.safe]]\nslave = 1\n", ["slave 1 (EL1008)", "no outputs"]),
+        pytest.param(
+            COPY.format(2, "0x6FFF:01"),
+            ["slave 1 (EL1008)", "0x6FFF:01", "ecatctl pdos 1"],
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            "[[signal]]\nslave = 7\nentry = '0x7000:01'\n",
+            ["slave 7", "3 slaves"],
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            "[[signal]]\nslave = 2\nentry = '0x7FFF:01'\n",
+            ["slave 2 (EL2008)", "0x7FFF:01"],
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            "[[outputs.safe]]\nslave = 1\n",
+            ["slave 1 (EL1008)", "no outputs"],
+            marks=pytest.mark.long,
+        ),
         ("[[outputs.safe]]\nslave = 2\nvalue = 'disable'\n", ["slave 2 (EL2008)", "controlword"]),
-        ("[[domain]]\n[[domain]]\nslaves = [5]\n", ["slave 5", "3 slaves"]),
-        ("[dc]\nenabled = true\nreference = 8\n", ["slave 8"]),
-        (
+        pytest.param(
+            "[[domain]]\n[[domain]]\nslaves = [5]\n",
+            ["slave 5", "3 slaves"],
+            marks=pytest.mark.long,
+        ),
+        pytest.param("[dc]\nenabled = true\nreference = 8\n", ["slave 8"], marks=pytest.mark.long),
+        pytest.param(
             "[[slave]]\nposition = 1\n[[slave.startup]]\nobject = '0x2000:00'\nhex = '00'\n",
             ["ecat.toml:3", "slave[0].startup[0]", "slave 1 (EL1008)", "CoE", "remove"],
+            marks=pytest.mark.long,
         ),
-        (
+        pytest.param(
             "[[slave]]\nposition = 2\npdos = ['0x16FF']\n",
             ["ecat.toml:3", "slave[0].pdos", "slave 2 (EL2008)", "0x16FF", "0x1600"],
+            marks=pytest.mark.long,
         ),
         (
             "[[domain]]\nslaves = [1]\n[[domain]]\ndivider = 200\nslaves = [2]\n",
