@@ -322,10 +322,8 @@ def test_commands_say_that_a_slave_is_no_longer_what_it_was(start: Start, tmp_pa
         assert daemon.slave_rows("slaves")[1]["serial"] == 12
         for command in (("pdos",), ("scan",), ("cstruct",), ("xml",), ("config", "init"), library):
             said = one_line_error(daemon.ctl(*command).stderr, "ecatctl")
-            names(
-                said, "warning", "slave 1 (EL2008): a device with serial number 12 is in its place"
-            )
-            names(said, "slave 3 (EL3008): another device is in its place", "ecatd read at")
+            names(said, "warning", "slave 1 (EL2008)", "serial number 12")
+            names(said, "slave 3 (EL3008)", "another device", "ecatd read at")
             names(said, "`ecatctl check`", "restart of ecatd")
         assert not daemon.ctl("pdos", "0").stderr
         assert "EL3008" in daemon.ctl("pdos", "3").stderr
@@ -333,7 +331,7 @@ def test_commands_say_that_a_slave_is_no_longer_what_it_was(start: Start, tmp_pa
             (first, second) = daemon.ctl_json(*command)["outdated"]
             assert (first["position"], second["position"]) == (1, 3)
             assert first["read_at"] > second["read_at"] > 1e9
-            assert second["text"] == "another device is in its place"
+            names(second["text"], "another device")
         rig.faults.swap(3, "original")
         rig.faults.swap(1, "original")
         wait_for(lambda: states(daemon) == ["OP"] * 4, daemon)
@@ -490,7 +488,7 @@ def test_a_dark_slave_without_a_place_is_told_when_it_comes(start: Start) -> Non
         rig.faults.heal_link(3)
         wait_for(lambda: "restart ecatd to use it" in daemon.log, daemon)
     (line,) = [line for line in daemon.log.splitlines() if "restart ecatd to use it" in line]
-    names(line, "slave 3 (EL3008)", "no part of the bus")
+    names(line, "slave 3 (EL3008)", "no part")
 
 
 @pytest.mark.long

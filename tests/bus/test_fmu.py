@@ -122,7 +122,7 @@ def test_the_example(troll: Daemon, tmp_path: Path) -> None:
     time, reference, measured = map(float, last.split())
     assert time == pytest.approx(2.0)
     assert measured == pytest.approx(reference, rel=0.02)
-    assert missed.endswith(" bus cycles passed beside those that the steps waited for")
+    names(missed, "bus cycles passed")
 
 
 def test_the_example_without_its_bus_or_fmu(tmp_path: Path) -> None:

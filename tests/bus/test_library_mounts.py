@@ -47,7 +47,7 @@ def test_a_full_disk(tmp_path: Path) -> None:
         str(tmp_path),
     )
     assert said[0] == said[2] == "1000 ['Plant']"
-    names(said[1], tmp_path, "No space left on device")
+    names(said[1], tmp_path, "No space left")
 
 
 def test_a_disk_that_may_only_be_read(tmp_path: Path) -> None:

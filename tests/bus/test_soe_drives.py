@@ -88,7 +88,7 @@ def test_telegrams_are_process_data_and_the_axes_turn(
         (0x1010, [(STATUS, 1), (POSITION, 1)]),
     ]
     assert telegrams(daemon) == wanted
-    names(daemon.log, "slave 1 (SoeDrive)", "P-0-4000 = 1", "it has no such IDN", "optional")
+    names(daemon.log, "slave 1 (SoeDrive)", "P-0-4000 = 1", "no such IDN", "optional")
     with (
         daemon.client() as client,
         Simulator(str(daemon.child_pid("ecatsim"))) as simulator,
@@ -161,9 +161,7 @@ def test_a_drive_and_its_eeprom_that_contradict_each_other(
     refused = tmp_path / "soe.toml"
     refused.write_text('[[slave]]\nposition = 0\npdo_source = "soe"\n')
     told = daemon.ctl("config", "check", str(refused), check=False)
-    names(
-        told.stdout + told.stderr, "slave 0 (EK1100)", "does not describe its process data over SoE"
-    )
+    names(told.stdout + told.stderr, "slave 0 (EK1100)", "process data over SoE")
     assert daemon.stop() == 0
 
 

@@ -267,7 +267,7 @@ def test_generate_writes_a_library_and_loses_nothing(troll: Daemon, tmp_path: Pa
     assert "EL1018.mo (changed)" in one_line_error(refused.stderr, "ecatctl")
     assert edited.read_bytes() == before[edited] + b"\n"
     forced = troll.ctl("generate", "TrollPlant", str(out), "--force")
-    assert "TrollPlant/EL1018.mo is kept as TrollPlant/EL1018.mo.orig\n" in forced.stdout
+    names(forced.stdout, "TrollPlant/EL1018.mo", "TrollPlant/EL1018.mo.orig")
     assert edited.read_bytes() == before[edited]
     assert edited.with_name("EL1018.mo.orig").read_bytes() == before[edited] + b"\n"
     assert mine.exists()
@@ -334,7 +334,7 @@ def test_an_output_that_cannot_be_written(troll: Daemon, command: list[str]) -> 
         )
     assert result.returncode == 7
     assert result.stderr.count("\n") == 1
-    names(one_line_error(result.stderr, "ecatctl"), "output", "No space left on device")
+    names(one_line_error(result.stderr, "ecatctl"), "output", "No space left")
 
 
 @pytest.mark.parametrize(
