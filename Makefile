@@ -10,7 +10,7 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo pictures screens test test-all test-long test-system test-system-short test-debian13 soak fuzz wheel deb site death torn bench bench-full check clean
+.PHONY: help demo pictures screens test test-all test-long test-system test-system-short test-debian13 soak fuzz wheel deb site death torn bench bench-full coverage check clean
 .DEFAULT_GOAL := help
 
 help:
@@ -30,6 +30,8 @@ help:
 	@echo "make bench   measure the speed, some minutes (OUT=folder: where results go, bench/ by default);"
 	@echo "             bench-full: everything, for an hour; DEVICE_DRIVERS=folder, a checkout of"
 	@echo "             Modelica_DeviceDrivers: its shared memory is measured as well"
+	@echo "make coverage"
+	@echo "             which lines of Python the unit and contract tests run (TESTS=files)"
 	@echo "make check   lint, types, formatting"
 	@echo "make site    the documentation as a site, in build/site"
 	@echo "make wheel   the wheel for PyPI, in build/dist"
@@ -157,6 +159,15 @@ fuzz: $(VENV)/.test
 bench bench-full: $(VENV)/.bench
 	@[ "$$(id -u)" = 0 ] || echo "Without root there is no real-time priority: the load of the machine will show."
 	@$(BIN)/python -m benchmarks $(if $(filter bench-full,$@),--full) --out "$(OUT)"
+
+# Of all processes, also of daemons, but for the gateway: it may write no file outside its folders.
+TESTS := tests/unit tests/contract
+coverage: $(VENV)/.test
+	@$(PIP) "coverage>=7.10"
+	@rm -rf build/coverage && mkdir -p build/coverage
+	-$(BIN)/python tests/guard.py $(BIN)/python -m coverage run -m pytest \
+	  $(call parallel,3) -m "not long and not system" $(TESTS)
+	@$(BIN)/python -m coverage combine --quiet && $(BIN)/python -m coverage report --skip-covered --sort=cover
 
 # For PyPI: it runs on any Linux of this processor with glibc 2.17 or newer, which zig links for.
 wheel: $(BIN)/python
