@@ -55,11 +55,14 @@ def run(module: str, *arguments: str, env: Mapping[str, str]) -> tuple[int, str,
 
 def can_run(env: Mapping[str, str]) -> bool:
     """Whether a process with this environment begins as the launcher did."""
-    return _at_the_start(env) == _at_the_start(os.environ)
+    return _at_the_start(env) == _BEGUN
 
 
 def _at_the_start(env: Mapping[str, str]) -> dict[str, str]:
     return {key: value for key, value in env.items() if key.startswith(_AT_THE_START)}
+
+
+_BEGUN = _at_the_start(os.environ)
 
 
 def _text(output: bytes) -> str:
@@ -73,7 +76,9 @@ def _start() -> socket.socket:
         if not _launcher:
             ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             command = [sys.executable, __file__, str(its.fileno())]
-            _launcher.append((ours, subprocess.Popen(command, pass_fds=[its.fileno()])))
+            others = {key: os.environ[key] for key in {*os.environ} - {*_at_the_start(os.environ)}}
+            process = subprocess.Popen(command, env=others | _BEGUN, pass_fds=[its.fileno()])
+            _launcher.append((ours, process))
             its.close()
         return _launcher[0][0]
 
