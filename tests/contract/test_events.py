@@ -45,14 +45,34 @@ def names_in(nodes: Iterable[ast.expr | None]) -> set[str]:
     }
 
 
+def reports(call: ast.Call) -> Iterator[Use]:
+    """What a call of a `Reporter` writes to the log and publishes."""
+    match call:
+        case ast.Call(func=ast.Attribute(attr="_report"), args=[kind, _, facts, *_]):
+            keys = names_in(facts.keys) if isinstance(facts, ast.Dict) else set()
+            for name in names_in([kind]):
+                yield Use(name, "", frozenset(keys), isinstance(facts, ast.Dict))
+        case ast.Call(
+            func=ast.Attribute(value=ast.Attribute(attr="_report"), attr="write"), args=[kind, *_]
+        ):
+            pass
+        case _:
+            return
+    other = any(item.arg in ("good", "level") for item in call.keywords)
+    for name in names_in([kind]):
+        yield Use(name, EITHER if other else KINDS[name].severity, frozenset(), False)
+
+
 def uses() -> Iterator[Use]:
     """Every place that publishes an event of a kind, or gives it to the log."""
     for file in (ROOT / "daemon" / "ecatd").rglob("*.py"):
         nodes = list(ast.walk(ast.parse(file.read_text())))
         for node in nodes:
+            if isinstance(node, ast.Call):
+                yield from reports(node)
             match node:
                 case ast.Call(
-                    func=ast.Attribute(attr="_tell") | ast.Name(id="new_event"),
+                    func=ast.Attribute(attr="publish" | "_publish") | ast.Name(id="new_event"),
                     args=[kind],
                     keywords=[*given],
                 ):

@@ -28,7 +28,7 @@ SOURCES = [
 PASSED = re.compile(r"deadline|monotonic\(\)|ETIMEOUT|_until\b|waited >|now >")
 """In the condition of an `if`: a time has passed."""
 SAYS = re.compile(
-    r"patience|_LIMIT\b|_CARRIER|_REPEAT|FIRST_ANSWER|_ABANDONED|\.whole\b", re.IGNORECASE
+    r"patience|Timeout\(|_LIMIT\b|_CARRIER|_REPEAT|FIRST_ANSWER|_ABANDONED|\.whole\b", re.IGNORECASE
 )
 """In a message: how long."""
 OTHERS = {
