@@ -173,7 +173,10 @@ def _add(kind: Any, name: str, of: type, meaning: str) -> None:
     """Adds a key that the shared memory defines to a map."""
     kind.__annotations__[name] = of
     about = f"{meaning[0].upper()}{meaning[1:]}."
-    kind.__doc__ = f"{kind.__doc__.rstrip()}\n        {name}: {about}\n"
+    said = kind.__doc__.rstrip()
+    if "Attributes:" not in said:
+        said += "\n\n    Attributes:"
+    kind.__doc__ = f"{said}\n        {name}: {about}\n"
 
 
 for _counter in shm.COUNTERS:
