@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from typing import Any
 
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 
 from ..bench import Bench
 from ..masters.engine import EngineMaster

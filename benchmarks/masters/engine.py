@@ -16,7 +16,7 @@ from typing import Any
 
 from ecatd.description.bus import Bus
 from ecatd.master.engine.engine import Engine, Index, RealTime, open_socket
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.shm.contract import Setting
 from ecatd.shm.files import make_folder

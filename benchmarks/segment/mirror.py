@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from ecatd.master.engine.engine import RealTime
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 
 from ..bench import Bench
 from ..masters.engine import PRIORITY, running

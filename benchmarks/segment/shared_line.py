@@ -10,7 +10,7 @@ import contextlib
 from collections.abc import Iterator, Sequence
 
 from ecatd.description.bus import Bus
-from ecatd.master.engine.layout import Image
+from ecatd.master.engine.process_image import Image
 
 from .frames import APRD, Exchange, Line, ask, frame
 

@@ -24,7 +24,7 @@ from ecatd.client import Client
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.pdo import Entry, Pdo
 from ecatd.master.engine.engine import Engine, Index, RealTime, open_socket
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.shm.files import make_folder
 from ecatsim.net import netlink

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ecatd.description.bus import Bus
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.shm.files import make_folder
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ecatd.etg import frame_sizes
-from ecatd.master.engine import layout
+from ecatd.master.engine import process_image as layout
 
 pytestmark = pytest.mark.unprivileged
 

@@ -13,7 +13,7 @@ from test_shared_memory import make_bus
 from conftest import SHM
 from ecatd.base.file_locks import release
 from ecatd.description.bus import Bus
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.shm import contract as shm
 from handle import EBUS, ECLAIM, EDOWN, ELAYOUT, ETIMEOUT, LIB, Handle

@@ -13,7 +13,7 @@ from ecatd.base.errors import NoAnswerError, StateError, UnreachableError
 from ecatd.client import Client
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.pdo import Entry, Pdo
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.shm import contract as shm
 from handle import ERANGE, Handle

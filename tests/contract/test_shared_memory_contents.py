@@ -21,7 +21,7 @@ from ecatd.base.errors import EcatError, NotPermittedError, StateError, Unreacha
 from ecatd.base.file_locks import take
 from ecatd.cli.output import WIDTH
 from ecatd.cli.shared_memory_screen import age, claims_lines, contents_lines
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.shm import contract as shm
 from ecatd.shm import raw

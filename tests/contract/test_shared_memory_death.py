@@ -10,14 +10,14 @@ from test_shared_memory import make_bus
 
 from conftest import SHM, naming
 from ecatd.base.errors import EcatError
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 
 KILLED_AT_EVERY_LINE = """
 import os, signal, sys
 from test_shared_memory import make_bus
 from ecatd.master.engine import shared_memory as module
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 from ecatd.client import Client
 from ecatd.shm.files import make_folder
 

@@ -16,7 +16,7 @@ PRELUDE = """
 import contextlib, ctypes, os, signal, sys, traceback
 from pathlib import Path
 from test_shared_memory import make_bus
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.client import Client
 from ecatd.base.errors import EcatError

@@ -16,7 +16,7 @@ from ecatd.base.errors import EcatError, NotPermittedError, StateError, Unreacha
 from ecatd.cli import info
 from ecatd.cli.stats_screen import histogram_lines, stats_lines
 from ecatd.master.engine.engine import Grant
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.shm import contract as shm
 from ecatd.shm.statistics import from_map, read, to_map

@@ -12,7 +12,7 @@ import pytest
 
 from conftest import SHM
 from ecatd.description.bus import Bus
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatdev import sample_buses
 from ecatgen.fmu import generate_fmu

@@ -14,7 +14,7 @@ from ecatd.base.errors import StateError
 from ecatd.description.bus import Bus
 from ecatd.etg.datatypes import is_real, is_signed
 from ecatd.etg.pdo import Entry
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 from ecatdev import sample_buses
 from ecatgen.c_structs import c_structs
 

@@ -9,7 +9,7 @@ from wire_bench import Wire, served
 from conftest import naming
 from ecatd.base.coroutine_steps import finish
 from ecatd.base.errors import StateError
-from ecatd.master.engine.layout import DATAGRAM_MAX
+from ecatd.master.engine.process_image import DATAGRAM_MAX
 from ecatd.master.frames.datagrams import Datagrams, Station, aprd, apwr, brd, bwr, fprd, fpwr
 from ecatd.master.frames.eeprom import read_eeproms, reading_eeproms
 from ecatsim.esc import Chip, Segment

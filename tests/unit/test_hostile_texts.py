@@ -32,7 +32,7 @@ from ecatd.description import bus_file
 from ecatd.description.bus import Bus, Domain, Module, Slave
 from ecatd.description.bus_reader import read_bus
 from ecatd.etg.pdo import Pdo, Value
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 from ecatd.vendor.esi.writer import bus_document
 from ecatdev import sample_buses
 from ecatgen import generate

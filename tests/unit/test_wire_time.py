@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from conftest import names, naming
 from ecatd.base.errors import StateError
-from ecatd.master.engine.layout import DOMAIN_DATAGRAM_MAX, LRW, Datagram, DomainImage, Image
+from ecatd.master.engine.process_image import DOMAIN_DATAGRAM_MAX, LRW, Datagram, DomainImage, Image
 from ecatd.server.start.wire_time import WireTime, wire_time
 
 

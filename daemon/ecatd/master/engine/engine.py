@@ -15,7 +15,7 @@ from ecatd.base import native
 from ecatd.base.errors import EcatError, NotPermittedError, UnreachableError
 from ecatd.shm.contract import Setting
 
-from .layout import DomainImage
+from .process_image import DomainImage
 
 _NO_SIGNAL = 0xFFFFFFFF
 

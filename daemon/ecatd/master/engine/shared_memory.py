@@ -29,7 +29,7 @@ from ecatd.shm import contract as shm
 from ecatd.shm.files import MEMORY, already_served, may_own
 
 from .engine import Grant, publish_layout
-from .layout import Image
+from .process_image import Image
 
 _PAGE = 4096
 

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from ecatd.etg.frame_sizes import ETHERNET_MIN, ETHERTYPE, FIRST_DATAGRAM
 
 from ..engine.engine import Index
-from ..engine.layout import pack
+from ..engine.process_image import pack
 
 _MORE, _LENGTH = 0x8000, 0x7FF
 """Bits of the length of a datagram: another datagram follows; the length itself."""

@@ -21,7 +21,7 @@ from ecatd.etg.datatypes import type_by_size
 from ecatd.etg.pdo import Pdo
 from ecatd.etg.pdo_layout import sync_manager_bytes
 from ecatd.etg.sii import UNASSIGNED, USAGE_INPUTS, USAGE_OUTPUTS, Sii
-from ecatd.master.engine.layout import Image
+from ecatd.master.engine.process_image import Image
 from ecatd.master.mailbox.coe import Coe
 from ecatd.master.mailbox.conversation import Conversation, converse
 from ecatd.master.master import Master

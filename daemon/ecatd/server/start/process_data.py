@@ -10,7 +10,7 @@ from ecatd.config import Config
 from ecatd.config.meanings import unused_profiles
 from ecatd.config.profiles import Profiles
 from ecatd.config.resolve import ResolvedConfig, resolve_config
-from ecatd.master.engine.layout import Image, lay_out
+from ecatd.master.engine.process_image import Image, lay_out
 
 from .clock_registers import measure_round_trip
 from .clocks import Clocks

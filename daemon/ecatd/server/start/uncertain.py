@@ -23,7 +23,7 @@ from ecatd.description.bus import Bus, Slave
 from ecatd.description.conditions import REMEDIES, Condition
 from ecatd.etg.al import AlState
 from ecatd.master.al_states import why_not_reached
-from ecatd.master.engine.layout import lay_out
+from ecatd.master.engine.process_image import lay_out
 
 from .found_bus import FoundBus
 from .mapping import configure

@@ -18,7 +18,7 @@ from math import gcd
 
 from ecatd.base.errors import StateError
 from ecatd.etg.frame_sizes import DATAGRAM_FRAMING, ETHERNET_MIN, FIRST_DATAGRAM
-from ecatd.master.engine.layout import (
+from ecatd.master.engine.process_image import (
     MAX_DOMAIN_DATAGRAMS,
     MAX_FRAMES,
     STATUS_BYTES,

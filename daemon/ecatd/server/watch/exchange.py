@@ -16,7 +16,7 @@ from functools import partial
 
 from ecatd.base.errors import StateError
 from ecatd.config import HealthConfig
-from ecatd.master.engine.layout import DomainImage
+from ecatd.master.engine.process_image import DomainImage
 from ecatd.master.worker import Worker
 from ecatd.operations.faults import EXCHANGE, LATE, LOST, UNSENT, WORKING_COUNTER, Fault
 

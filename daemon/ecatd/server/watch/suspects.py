@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from ecatd.description.bus import Bus, Slave, positions_text
 from ecatd.etg.al import AlState
 from ecatd.master.al_states import SlaveState
-from ecatd.master.engine.layout import COUNTS, Datagram, DomainImage
+from ecatd.master.engine.process_image import COUNTS, Datagram, DomainImage
 from ecatd.master.frames.datagrams import fprd
 from ecatd.master.master import Master
 

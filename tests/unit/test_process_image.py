@@ -12,7 +12,7 @@ from ecatd.config import DomainConfig
 from ecatd.config.resolve.resolved import assign_domains
 from ecatd.description.bus import Bus, Domain, Slave
 from ecatd.etg.pdo import Entry, Pdo
-from ecatd.master.engine.layout import (
+from ecatd.master.engine.process_image import (
     DOMAIN_DATAGRAM_MAX,
     LRD,
     LRW,
