@@ -119,7 +119,7 @@ def test_wrong_usage_is_found_before_anything_is_asked():
     message = ctl("al-error", 0, 0, status=2)
     names(one_line_error(message, "ecatsim"), "al-error: code", "0x0000", "0x0001")
     assert "arguments are required" in ctl("al-error", 0, status=2)
-    assert "invalid choice: 'fly'" in ctl("fly", status=2)
+    assert "'fly'" in ctl("fly", status=2)
 
 
 @pytest.mark.long

@@ -140,7 +140,7 @@ def test_raw_tables_come_with_their_meaning(troll: Daemon) -> None:
     assert [row["product"] for row in document["rows"]][:2] == [0x00030924, 0x044C2C52]
     wrong = troll.ctl("shm", "--raw", "nothing", check=False)
     assert wrong.returncode == 2
-    assert "invalid choice: 'nothing'" in wrong.stderr
+    assert "'nothing'" in wrong.stderr
 
 
 def test_watch_comes_again_and_outlives_the_daemon(start_daemon: Callable[..., Daemon]) -> None:

@@ -20,7 +20,7 @@ from ecatd.config import load_config
 pytestmark = pytest.mark.long
 
 REMEDY = re.compile(
-    r"did you mean|valid are|must (be|have)|belongs (in front|before)|needs|is for|allowed|at most|"
+    r"did you mean|the keys here are|must (be|have)|belongs (in front|before)|needs|is for|allowed|at most|"
     r"at least|there are|stands in place|is not valid TOML|"
     r"(?<!\w)(write|add|leave|remove|correct|choose|put|use)(?!\w)"
 )
@@ -371,7 +371,7 @@ def test_every_key_has_values(tmp_path: Path) -> None:
     for header, values in VALUES.items():
         above = "[[slave]]\nposition = 0\n" if header.strip("[]").startswith("slave.") else ""
         said = refusal(tmp_path / "x.toml", f"{above}{header}\nzzzzzzzz = 0\n")
-        known = set(said.rpartition("valid are ")[2].split(", "))
+        known = set(said.rpartition("the keys here are ")[2].split(", "))
         name = header.strip("[]")
         tables = {other.strip("[]").rpartition(".") for other in VALUES if other}
         below = {table for parent, _, table in tables if parent == name}

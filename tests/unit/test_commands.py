@@ -127,3 +127,30 @@ def test_commands_are_found_without_loading_screens() -> None:
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = {name for name in found.stdout.split() if name.startswith("ecatd.cli.")}
     assert loaded == {"ecatd.cli.main", "ecatd.cli.commands", "ecatd.cli.arguments"}
+
+
+@pytest.mark.parametrize(
+    ("command", "line", "meant"),
+    [
+        ("ecatctl", ["slavs"], "slaves"),
+        ("ecatctl", ["config", "chek", "file.toml"], "check"),
+        ("ecatsim", ["devises"], "devices"),
+        ("ecatsim", ["ctl", "power_off"], "power-off"),
+        ("ecatsim", ["check", "trol"], "troll"),
+    ],
+)
+def test_a_wrong_name_has_the_close_one_in_its_message(
+    command: str, line: list[str], meant: str
+) -> None:
+    code = f"import sys; from ecatd import commands; sys.exit(commands.{command}())"
+    done = subprocess.run([sys.executable, "-c", code, *line], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert f"did you mean '{meant}'?" in done.stderr
+
+
+def test_without_a_close_name_the_message_says_where_all_are() -> None:
+    code = "import sys; from ecatd import commands; sys.exit(commands.ecatctl())"
+    done = subprocess.run([sys.executable, "-c", code, "xyz"], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "`ecatctl --help`" in done.stderr
+    assert "did you mean" not in done.stderr

@@ -54,7 +54,7 @@ def test_the_library_has_what_its_page_says():
 def test_unknown_devices_and_parameters_are_said():
     with pytest.raises(UsageError, match=naming("device", "'EL2009'", "EL2008")):
         make("EL2009")
-    with pytest.raises(UsageError, match=naming("library", "EK1100", "EL2008")):
+    with pytest.raises(UsageError, match=naming("ecatsim", "devices")):
         make("")
     with pytest.raises(UsageError, match=naming("EK1100", "parameter", "'colour'")):
         make("ek1100", colour=1)

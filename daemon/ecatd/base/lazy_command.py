@@ -8,8 +8,30 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
+from .close_names import did_you_mean
 
-class LazyCommand(argparse.ArgumentParser):
+
+class CommandLine(argparse.ArgumentParser):
+    """A parser whose message about a wrong choice suggests the right one."""
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Checks a value with choices.
+
+        Raises:
+            argparse.ArgumentError: It is none of them.
+        """
+        if action.choices is None or value in action.choices:
+            return
+        known = [str(choice) for choice in action.choices]
+        if isinstance(action, argparse._SubParsersAction):  # without "argument COMMAND:" before it
+            listed = f"`{self.prog} --help` lists all commands"
+            hint = did_you_mean(str(value), known) or listed
+            raise argparse.ArgumentError(None, f"there is no command '{value}': {hint}")
+        hint = did_you_mean(str(value), known) or f"choose from {', '.join(known)}"
+        raise argparse.ArgumentError(action, f"'{value}' is not a valid choice: {hint}")
+
+
+class LazyCommand(CommandLine):
     """The parser of a command. Its module declares the arguments when the command is parsed.
 
     Args:

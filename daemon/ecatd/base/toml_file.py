@@ -10,7 +10,6 @@ in the same way.
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 import tomllib
@@ -21,6 +20,7 @@ from typing import Any, Generic, NoReturn, TypeVar
 
 from . import toml_places
 from .addresses import parse_address
+from .close_names import did_you_mean
 from .errors import ConfigError, UsageError
 from .files import read_text
 from .toml_places import Key as Key
@@ -183,8 +183,7 @@ class Table:
         for key, value in self.data.items():
             if key in known:
                 continue
-            near = difflib.get_close_matches(key.lower(), known, 1)
-            hint = f"did you mean '{near[0]}'?" if near else f"valid are {', '.join(known)}"
+            hint = did_you_mean(key, known) or f"the keys here are {', '.join(known)}"
             elements = value if isinstance(value, list) else []
             if key in self.document.top and all(isinstance(item, dict) for item in elements):
                 hint = f"'{key}' belongs before the first [table] of the file"

@@ -17,7 +17,7 @@ from ecatd.base.errors import UsageError
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-HELP = "object: its index as 0x6060, index and subindex as 6060:00, or the name of an entry"
+HELP = "the object: an index such as 0x6060, 0x6060:00 with a subindex, or the name of an entry"
 
 
 def object_(text: str) -> tuple[int, int | None] | str:

@@ -91,21 +91,25 @@ def add_watch(command: argparse.ArgumentParser) -> None:
         type=interval,
         const=1.0,
         metavar="SECONDS",
-        help="show it again every SECONDS (default: 1); statistics also those of the last interval",
+        help="repeat every SECONDS (default: 1); stats also counts the last interval",
     )
-    command.add_argument("--count", type=times, metavar="N", help="with --watch: end after N times")
+    command.add_argument(
+        "--count", type=times, metavar="N", help="with --watch: stop after N times"
+    )
 
 
 def add_slave(command: argparse.ArgumentParser) -> None:
     """Adds the argument SLAVE, which chooses one slave of all."""
     command.add_argument(
-        "slave", type=slave, nargs="?", metavar="SLAVE", help="only this one, by position or name"
+        "slave", type=slave, nargs="?", metavar="SLAVE", help="only this slave, by position or name"
     )
 
 
 def add_one_slave(command: argparse.ArgumentParser) -> None:
     """Adds the argument SLAVE of commands that are about one slave."""
-    command.add_argument("slave", type=slave, metavar="SLAVE", help="position or name")
+    command.add_argument(
+        "slave", type=slave, metavar="SLAVE", help="the slave, by position or name"
+    )
 
 
 def hex_bytes(text: str) -> bytes | None:
@@ -131,7 +135,7 @@ def connect(options: argparse.Namespace) -> Remote:
 
 def add_yes(command: argparse.ArgumentParser) -> None:
     """Adds the option `--yes`, for scripts."""
-    command.add_argument("--yes", action="store_true", help="do it without asking")
+    command.add_argument("--yes", action="store_true", help="do not ask for confirmation")
 
 
 def confirm(options: argparse.Namespace, about: str) -> None:

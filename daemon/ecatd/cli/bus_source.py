@@ -40,15 +40,17 @@ def add_options(command: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="SOURCE",
-        help="use not the running bus, but a scan saved by 'ecatctl scan -o', a rig (name or "
-        "file), or ESI files (or a folder of them; --from may be repeated) with --devices",
+        help="read the bus from SOURCE instead of a running daemon: a scan saved by 'ecatctl "
+        "scan -o', a rig (name or file), or an ESI file or a folder of them (can be given "
+        "several times) with --devices",
     )
     command.add_argument(
         "--devices",
         metavar="LIST",
-        help="with ESI files: the slaves in the order of the wire, as EK1100,EL1018,3*EL2008 or "
-        "EL1018:0x00110000 with its revision, modules in brackets as Island[DI8,-,AI2], or a file "
-        "with one of these in each line; default: the [[slave]] tables of --config",
+        help="with ESI files: the slaves in the order of the wire, such as "
+        "EK1100,EL1018,3*EL2008; EL1018:0x00110000 names a revision, Island[DI8,-,AI2] the "
+        "modules of a device; or a file with one slave in each line (default: the [[slave]] "
+        "tables of --config)",
     )
     command.add_argument(
         "--config",
@@ -59,7 +61,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--strict",
         action="store_true",
-        help="refuse ESI files with mistakes; else a warning says what is wrong and left out",
+        help="refuse ESI files with mistakes (default: warn about each mistake, and leave that "
+        "part out)",
     )
 
 

@@ -45,10 +45,10 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "--last", type=seconds, metavar="S", help="only the frames of the last S seconds"
     )
     command.add_argument(
-        "--follow", action="store_true", help="then go on with new frames, until Ctrl-C"
+        "--follow", action="store_true", help="keep writing new frames until you press Ctrl-C"
     )
     command.add_argument(
-        "--duration", type=seconds, metavar="S", help="with --follow: end after S seconds"
+        "--duration", type=seconds, metavar="S", help="with --follow: stop after S seconds"
     )
 
 

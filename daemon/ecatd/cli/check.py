@@ -25,7 +25,7 @@ _SHOWN = 3
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the statuses to the help; the command has no arguments of its own."""
     command.epilog = (
-        "exit status, as for monitoring plug-ins: 0 well, 1 degraded, 2 down, 3 no right to look"
+        "exit status (that of monitoring plug-ins): 0 well, 1 degraded, 2 down, 3 no right to look"
     )
 
 

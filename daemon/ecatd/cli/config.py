@@ -37,13 +37,13 @@ _TOLD = 4  # slaves in one message
 
 _ACTIONS = """\
 actions:
-  init            write a commented configuration that expects the slaves of the bus as they are
-  from-eni FILE   write one from an ENI file, which TwinCAT, EC-Engineer and others write; needs no
-                  daemon
-  check FILE      compare the slaves that a file expects with those of the bus, and list all for
-                  which a start would refuse it
-  diff FILE       compare a file with the configuration that the daemon uses
-  show            print all that the daemon uses, and where it comes from
+  init            write a commented configuration that expects the slaves that are on the bus now
+  from-eni FILE   write a configuration from an ENI file of TwinCAT, EC-Engineer or others; this
+                  needs no daemon
+  check FILE      compare the slaves that FILE expects with those on the bus, and list everything
+                  for which a start would refuse FILE
+  diff FILE       compare FILE with the configuration that the daemon uses
+  show            print every key that the daemon uses, and where its value comes from
 
 exit status:
   0 done, or no difference   1 diff: there are differences   7 check: there are differences
@@ -55,11 +55,11 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
     command.epilog = _ACTIONS
     command.formatter_class = argparse.RawDescriptionHelpFormatter
-    command.add_argument("action", choices=_RUN, metavar="ACTION", help="see below")
+    command.add_argument("action", choices=_RUN, metavar="ACTION", help="one of the actions below")
     command.add_argument(
-        "file", nargs="?", type=Path, metavar="FILE", help="a configuration, or an ENI file"
+        "file", nargs="?", type=Path, metavar="FILE", help="a configuration; from-eni: an ENI file"
     )
-    add_out(command, "init, from-eni: write it to this file")
+    add_out(command, "init, from-eni: write the configuration to this file")
     command.add_argument(
         "--force",
         action="store_true",
@@ -68,8 +68,8 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.add_argument(
         "--esi",
         metavar="PATH",
-        help="init: take what this ESI file, or a folder of them, says about the slaves; check: "
-        "compare pdos with it, too",
+        help="an ESI file or a folder of them; init: take over what it says about the slaves; "
+        "check: also compare pdos with it",
     )
     add_options(command)
 

@@ -38,9 +38,9 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         type=addresses.object_,
         nargs="?",
         metavar="OBJECT",
-        help="only this object: its index as 0x1018, or the name of an entry (default: all)",
+        help="only this object: an index such as 0x1018, or the name of an entry (default: all)",
     )
-    command.add_argument("--values", action="store_true", help="read the values, too")
+    command.add_argument("--values", action="store_true", help="also read the values")
     add_esi(command)
 
 

@@ -62,22 +62,24 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "--config",
         type=Path,
         metavar="FILE",
-        help="configuration (default: /etc/ecatd/BUS.toml), whose interface and CPU are checked",
+        help="check the interface and the CPU of this configuration (default: /etc/ecatd/BUS.toml)",
     )
-    command.add_argument("--interface", metavar="IF", help="interface to check instead")
+    command.add_argument("--interface", metavar="IF", help="check this interface instead")
     command.add_argument(
         "--latency",
         type=seconds,
         metavar="SECONDS",
-        help="also measure for SECONDS how late the engine would wake up, half of the time with "
-        "all processors busy",
+        help="also measure for SECONDS how late the engine would wake up; all processors are "
+        "busy for half of that time",
     )
     changes = command.add_mutually_exclusive_group()
     changes.add_argument(
-        "--fix", action="store_true", help="change what can be changed back, until the next boot"
+        "--fix",
+        action="store_true",
+        help="apply the fixes that can be undone; they last until the next boot",
     )
-    changes.add_argument("--undo", action="store_true", help="change back what --fix has changed")
-    add_out(command, "also write a report to send to others")
+    changes.add_argument("--undo", action="store_true", help="undo what --fix has changed")
+    add_out(command, "also write a report that you can send to others")
 
 
 def doctor(options: argparse.Namespace) -> int:

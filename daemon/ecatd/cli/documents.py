@@ -25,7 +25,7 @@ COMMANDS = {
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of a command."""
-    add_out(command, "save it to this file")
+    add_out(command, "save it in this file")
     add_options(command)
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 COMMANDS = {
-    "diagnosis": {"errors": "Show error counters of slaves, and which cables they are about."}
+    "diagnosis": {"errors": "Show the error counters of the slaves, and which cables cause errors."}
 }
 
 _PORTS = 4
@@ -31,7 +31,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     add_slave(command)
     command.add_argument("-a", "--all", action="store_true", help="show the counters of all ports")
     command.add_argument(
-        "--reset", action="store_true", help="clear the counters, after showing them"
+        "--reset", action="store_true", help="clear the counters after showing them"
     )
     add_watch(command)
 

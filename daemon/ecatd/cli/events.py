@@ -21,7 +21,9 @@ from .watch import outlive
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-COMMANDS = {"diagnosis": {"events": "Show what has happened on the bus, and what happens now."}}
+COMMANDS = {
+    "diagnosis": {"events": "Show what has happened on the bus, or follow what happens now."}
+}
 
 _PAUSE = 0.5
 """Seconds between two requests for new events."""
@@ -36,10 +38,12 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "--since",
         type=_time,
         metavar="TIME",
-        help="only events since this time: 10m, 2h, 1d, or a time of today as 10:02 (default: "
-        "all that the daemon keeps, up to 1000)",
+        help="only events of the last 10m, 2h or 1d, or since a time of today such as 10:02 "
+        "(default: all that the daemon keeps, at most 1000)",
     )
-    command.add_argument("-f", "--follow", action="store_true", help="go on with new events")
+    command.add_argument(
+        "-f", "--follow", action="store_true", help="keep showing new events until you press Ctrl-C"
+    )
     command.add_argument(
         "--kind",
         action="append",
@@ -51,7 +55,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "--severity",
         choices=SEVERITIES,
         default=SEVERITIES[-1],
-        help="only events that are as bad as this, or worse: error, warning, notice or info",
+        help="only events that are at least this severe: error, warning, notice or info",
     )
     add_slave(command)
 

@@ -39,16 +39,16 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
     """Adds the arguments of a command."""
     add_one_slave(command)
     if name == "foe-read":
-        command.add_argument("name", metavar="NAME", help="name of the file, as the slave knows it")
-        add_out(command, "where to save it; - prints it", "--out", required=True)
+        command.add_argument("name", metavar="NAME", help="name of the file in the slave")
+        add_out(command, "save it in this file; - prints it", "--out", required=True)
         add_force(command)
     else:
-        command.add_argument("file", metavar="FILE", type=Path, help="the file")
+        command.add_argument("file", metavar="FILE", type=Path, help="the file to write")
         command.add_argument(
             *("--as", "-n"),
             dest="name",
             metavar="NAME",
-            help="its name, as the slave knows it (default: that of FILE)",
+            help="name of the file in the slave (default: the name of FILE)",
         )
         command.add_argument(
             "--cancel",
@@ -60,10 +60,10 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         type=bounded(0, 0xFFFFFFFF),
         default=0,
         metavar="NUMBER",
-        help="password of the slave for it",
+        help="password that the slave wants for this file",
     )
     command.add_argument(
-        "--boot", action="store_true", help="bring the slave to BOOT before, and back afterwards"
+        "--boot", action="store_true", help="bring the slave to BOOT first, and back afterwards"
     )
     add_yes(command)
 

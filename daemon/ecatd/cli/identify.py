@@ -16,7 +16,7 @@ from .output import print_json, progress
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-COMMANDS = {"slaves": {"identify": "Have a slave blink, to find it in the cabinet."}}
+COMMANDS = {"slaves": {"identify": "Make a slave blink, so that you find it in the cabinet."}}
 
 _RUN_LED = 0x0138
 """Register "RUN LED override" (ETG.1000.4): bit 4 takes it over, bits 0 to 3 say how it blinks."""
@@ -29,7 +29,11 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
     add_one_slave(command)
     command.add_argument(
-        "--seconds", type=seconds, default=10.0, metavar="S", help="how long (default: 10)"
+        "--seconds",
+        type=seconds,
+        default=10.0,
+        metavar="S",
+        help="blink for S seconds (default: 10)",
     )
 
 

@@ -23,7 +23,9 @@ from .source import Source
 from .stats_screen import clock_text, duration
 
 COMMANDS = {
-    "health": {"info": "Show the daemon, its bus, and the real-time settings that were granted."}
+    "health": {
+        "info": "Show the daemon, its bus, and the real-time settings that the system has granted."
+    }
 }
 
 # AL states that are no bitwise OR of others: BOOT (3) is INIT (1) | PREOP (2).

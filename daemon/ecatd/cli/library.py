@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 COMMANDS = {
     "documents": {
-        "generate": "Write a Modelica library, or an FMU, of the bus.",
+        "generate": "Write a Modelica library, or an FMU, for the bus.",
         "library": "Install the Modelica library EtherCAT.",
         "client-flags": "Print compiler flags for C and C++ programs.",
     },
@@ -40,7 +40,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
 
 
 def _add_generate(command: argparse.ArgumentParser) -> None:
-    command.add_argument("name", metavar="NAME", help="name of the library, as TrollPlant")
+    command.add_argument("name", metavar="NAME", help="name of the library, such as TrollPlant")
     command.add_argument("out", metavar="DIR", type=Path, help="folder for the library")
     add_options(command)
     command.add_argument(
@@ -49,11 +49,11 @@ def _add_generate(command: argparse.ArgumentParser) -> None:
         default=[],
         metavar="DIR",
         type=Path,
-        help="folder with your templates, which precede those of ~/.config/ecatd/templates; may "
-        "be repeated, the first one wins",
+        help="folder with your own templates, which replace those of the same name in "
+        "~/.config/ecatd/templates; can be given several times, the first one wins",
     )
     command.add_argument(
-        "--fmu", action="store_true", help="write an FMU for co-simulation instead: DIR/NAME.fmu"
+        "--fmu", action="store_true", help="write DIR/NAME.fmu instead, an FMU for co-simulation"
     )
     command.add_argument(
         "--fmi", type=int, choices=(2, 3), help="with --fmu: version of FMI (default: 2)"
@@ -63,20 +63,20 @@ def _add_generate(command: argparse.ArgumentParser) -> None:
 
 def _add_library(command: argparse.ArgumentParser) -> None:
     command.description = (
-        "Installs the part of the Modelica libraries that is the same for every bus."
+        "Install the Modelica library EtherCAT, which generated libraries of all buses use."
     )
     command.add_argument("out", metavar="DIR", type=Path, nargs="?", help="folder for the library")
     command.add_argument(
         "--openmodelica",
         action="store_true",
-        help="put it where OpenModelica finds it: ~/.openmodelica/libraries, or a folder of "
-        "$OPENMODELICALIBRARY",
+        help="install it where OpenModelica finds it: in ~/.openmodelica/libraries, or in a "
+        "folder of $OPENMODELICALIBRARY",
     )
     _add_rewrite(command)
 
 
 def _add_client_flags(command: argparse.ArgumentParser) -> None:
-    command.description = "Prints the flags with which a compiler builds a program with the client."
+    command.description = "Print the compiler flags for a C or C++ program that uses the client."
     which = command.add_mutually_exclusive_group()
     for option, tool in (("--cmake-dir", "CMake"), ("--pkg-config-dir", "pkg-config")):
         which.add_argument(
@@ -94,12 +94,13 @@ def _add_rewrite(command: argparse.ArgumentParser) -> None:
     how.add_argument(
         "--check",
         action="store_true",
-        help="write nothing, but say what would change; the exit status is 1 if anything would",
+        help="write nothing, and say what would change; the exit status is 1 if anything would",
     )
     how.add_argument(
         "--force",
         action="store_true",
-        help="also replace generated files that were changed by hand, and keep them as FILE.orig",
+        help="also replace generated files that were changed by hand, and keep the old ones as "
+        "FILE.orig",
     )
 
 

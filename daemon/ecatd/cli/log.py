@@ -13,7 +13,7 @@ from .watch import outlive
 if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
-COMMANDS = {"daemon": {"log": "Show new lines of the log of the daemon as they come."}}
+COMMANDS = {"daemon": {"log": "Show new lines of the daemon's log as they come."}}
 
 _EPILOG = """\
 Lines of levels below notice, values that were written into objects, and older lines are only in the

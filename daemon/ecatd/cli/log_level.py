@@ -38,7 +38,11 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.epilog = _EPILOG
     command.formatter_class = argparse.RawDescriptionHelpFormatter
     command.add_argument(
-        "part", nargs="?", metavar="PART", choices=(*PARTS, _ALL), help="see below; or all"
+        "part",
+        nargs="?",
+        metavar="PART",
+        choices=(*PARTS, _ALL),
+        help="one of the parts below, or all",
     )
     command.add_argument(
         "level", nargs="?", metavar="LEVEL", choices=LEVELS, help=", ".join(LEVELS)

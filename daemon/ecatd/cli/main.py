@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 from ecatd.base.bus_name import check_bus_name, check_full_bus_name
 from ecatd.base.errors import EcatError, StateError, UsageError
-from ecatd.base.lazy_command import LazyCommand
+from ecatd.base.lazy_command import CommandLine, LazyCommand
 from ecatd.base.sanitized_output import error_text, sanitized_output
 from ecatd.base.version import VERSION
 
@@ -25,17 +25,17 @@ _EPILOG = """\
 exit status:
   0 done   2 wrong usage   3 daemon not reachable   4 no answer in time   5 SDO abort
   6 not permitted   7 wrong state or no such slave   70 a defect in ecatd
-  1 a difference (--check of generate and library, config diff) or a problem (doctor)
-  check has statuses of its own: 0 well, 1 degraded, 2 down, 3 no right to look
+  1 a difference (generate --check, library --check, config diff) or a problem (doctor)
+  `ecatctl check` has its own: 0 well, 1 degraded, 2 down, 3 no right to look
 
-The daemon of this machine is used; --connect tls/HOST:7448 asks one of another host.
+`ecatctl COMMAND --help` shows the arguments of a command.
 """
 
 _ALIASES = {"state": ["states"], "sdo-read": ["upload"], "sdo-write": ["download"]}
 _WITHOUT_BUS = ("library", "client-flags")
 
 
-class _Parser(argparse.ArgumentParser):
+class _Parser(CommandLine):
     """Reports wrong usage also as JSON if `--json` is given."""
 
     def error(self, message: str) -> NoReturn:
@@ -96,13 +96,14 @@ def _add_common(parser: argparse.ArgumentParser, *, defaults: bool) -> None:
         "--connect",
         default=default(None),
         metavar="ENDPOINT",
-        help="Zenoh endpoint of a daemon, for example tls/host:7448",
+        help="ask a daemon at this Zenoh endpoint, such as tls/host:7448 (default: the daemon of "
+        "this machine)",
     )
     parser.add_argument(
         "--identity",
         default=default(None),
         metavar="FILE",
-        help="certificate for an encrypted endpoint (default: $ECATD_IDENTITY or "
+        help="your certificate for an encrypted endpoint (default: $ECATD_IDENTITY or "
         "~/.config/ecatd/identity.pem)",
     )
     parser.add_argument(
@@ -121,7 +122,7 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
     parser = _Parser(
         prog="ecatctl",
-        description="Shows and controls an EtherCAT bus that ecatd runs.",
+        description="Show and control an EtherCAT bus that ecatd runs.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -15,7 +15,7 @@ from .watch import present
 if TYPE_CHECKING:
     from ecatd.client.signals import Signal
 
-COMMANDS = {"values": {"read": "Show values of the process image, by names."}}
+COMMANDS = {"values": {"read": "Show values of the process image, chosen by name."}}
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     from ecatd.client.group import SignalGroup
     from ecatd.client.signals import Signal
 
-COMMANDS = {"values": {"record": "Write the values of each cycle to a CSV file."}}
+COMMANDS = {
+    "values": {"record": "Record the values of each cycle in a file (CSV, MCAP or Parquet)."}
+}
 
 _PATIENCE, _PERIOD_MOST = 5.0, 3600.0
 """Seconds for which a cycle may be late, and longest time between two lines in seconds."""
@@ -42,17 +44,21 @@ _PATIENCE, _PERIOD_MOST = 5.0, 3600.0
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
     add_patterns(command)
-    add_out(command, f"a file that ends in {', '.join(FORMATS)}", "--out", required=True)
+    add_out(command, f"the file; its name ends in {', '.join(FORMATS)}", "--out", required=True)
     command.add_argument(
         "--raw",
         action="store_true",
-        help="raw values, as `ecatd --simulate RIG --replay FILE` and `ecatsim run` need them",
+        help="record raw values, which `ecatd --simulate RIG --replay FILE` and `ecatsim run` need",
     )
     command.add_argument(
-        "--every", type=times, default=1, metavar="N", help="only every Nth cycle (default: 1)"
+        "--every",
+        type=times,
+        default=1,
+        metavar="N",
+        help="record only every Nth cycle (default: 1)",
     )
     add_force(command)
-    add_for(command, "end after so many seconds (default: with Ctrl-C)")
+    add_for(command, "stop after S seconds (default: when you press Ctrl-C)")
 
 
 def record(options: argparse.Namespace) -> None:

@@ -46,7 +46,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         "register",
         nargs="?" if reading else None,
         metavar="REGISTER",
-        help="address, as 0x0130, or name, as al_status"
+        help="address such as 0x0130, or name such as al_status"
         + (" (default: all that have a name)" if reading else ""),
     )
     if reading:
@@ -55,14 +55,19 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
             type=bounded(1, 256),
             nargs="?",
             metavar="BYTES",
-            help="how many bytes (default: those of the register, or 2)",
+            help="number of bytes (default: the size of the register, or 2)",
         )
         return
     command.add_argument(
-        "value", metavar="VALUE", help="a number, or bytes as hex:04 00 in the order of addresses"
+        "value",
+        metavar="VALUE",
+        help="a number, or bytes such as 'hex:04 00', lowest address first",
     )
     command.add_argument(
-        "--size", type=bounded(1, 8), metavar="BYTES", help="bytes of a number (default: see above)"
+        "--size",
+        type=bounded(1, 8),
+        metavar="BYTES",
+        help="size of a number in bytes (default: the size of the register, or 2)",
     )
     add_yes(command)
 

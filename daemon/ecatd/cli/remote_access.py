@@ -39,23 +39,23 @@ COMMANDS = {"machine": {"remote": "Make certificates for users of other machines
 _ACTIONS = """\
 actions:
   init            make an authority, and a certificate for the daemon of this machine
-  user NAME       make an identity, with which a user of another machine connects
+  user NAME       make an identity: a file with which a user of another machine connects
   machine NAME    make a certificate for the daemon of another machine
-  router NAME     make a certificate and the configuration of a Zenoh router, at which the
-                  buses of several machines meet
-  show [FILE]     show to whom an identity belongs, and when it expires
+  router NAME     make a certificate and the configuration of a Zenoh router, through which users
+                  reach the buses of several machines
+  show [FILE]     show whose identity a file is, and when it expires
   test            connect, and say what the user may do
 
-First run `init` on the machine of the daemon, then `user` for each user. Both print what belongs
-into the configuration. On the other machine, the identity is given with --identity, in
-$ECATD_IDENTITY, or as ~/.config/ecatd/identity.pem.
+First run `init` on the machine of the daemon, then `user` for each user. Both print the
+lines that you add to the configuration. On the other machine, give the identity with --identity or
+$ECATD_IDENTITY, or save it as ~/.config/ecatd/identity.pem.
 """
 _FOLDER = Path("/etc/ecatd/tls")
 _DAEMON, _ROUTER = "daemon", "router"
 _ROUTER_CONFIG = "zenohd.json5"
 _ROUTER_PORT = 7447
 _SERVER_DAYS, _USER_DAYS = 1825, 365
-_HOST_HELP = "init, machine, router: a further name or address by which others reach it"
+_HOST_HELP = "init, machine, router: another name or address by which users reach that machine"
 _HOST = re.compile("[A-Za-z0-9:.*_-]{1,253}")
 
 
@@ -63,9 +63,9 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
     command.epilog = _ACTIONS
     command.formatter_class = argparse.RawDescriptionHelpFormatter
-    command.add_argument("action", choices=_RUN, metavar="ACTION", help="see below")
+    command.add_argument("action", choices=_RUN, metavar="ACTION", help="one of the actions below")
     command.add_argument(
-        "name", nargs="?", metavar="NAME", help="user, machine, router: its name; show: a file"
+        "name", nargs="?", metavar="NAME", help="user, machine, router: the name; show: a file"
     )
     command.add_argument(
         "--dir",
@@ -76,15 +76,19 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     )
     for option, what, text in (
         ("--host", "HOST", _HOST_HELP),
-        ("--machine", "NAME", "router: a machine whose buses are to be reached there"),
-        ("--user", "NAME", "router: a user who is let in"),
+        (
+            "--machine",
+            "NAME",
+            "router: a machine whose buses users reach there; can be given several times",
+        ),
+        ("--user", "NAME", "router: a user whom the router lets in; can be given several times"),
     ):
         command.add_argument(option, action="append", default=[], metavar=what, help=text)
     command.add_argument(
         "--days",
         type=bounded(1, 36500),
         metavar="N",
-        help=f"how long the certificate holds (default: {_SERVER_DAYS} days, user: {_USER_DAYS})",
+        help=f"days until the certificate expires (default: {_SERVER_DAYS}; user: {_USER_DAYS})",
     )
     command.add_argument(
         "-o",

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 COMMANDS = {
     "slaves": {
-        "rescan": "Compare the devices on the wire with those of the start.",
+        "rescan": "Compare the devices on the wire with those found at the start.",
         "reboot": "Reset the controller of a slave, and wait until it is back.",
     },
 }

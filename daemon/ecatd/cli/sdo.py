@@ -51,23 +51,32 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         type=addresses.subindex,
         nargs="?",
         metavar="SUBINDEX",
-        help="object subindex, if OBJECT has none" + (" (default: 0)" if reading else ""),
+        help="subindex, unless OBJECT has one" + (" (default: 0)" if reading else ""),
     )
     if not reading:
         command.add_argument(
             "value",
-            help="number, text, a number with its unit ('1.5 V'), bytes (hex:04 00), or @FILE",
+            metavar="VALUE",
+            help="a number, a number with its unit ('1.5 V'), text, bytes ('hex:04 00'), or "
+            "@FILE for the bytes of a file",
         )
     command.add_argument(
         "--type",
         metavar="TYPE",
-        help=f"data type, where it is not known: {', '.join(TYPE_NAMES)}",
+        help=f"data type of the object, if ecatd does not know it: {', '.join(TYPE_NAMES)}",
     )
-    command.add_argument("--complete", action="store_true", help="complete access")
+    command.add_argument(
+        "--complete", action="store_true", help="transfer all subindices at once (complete access)"
+    )
     if reading:
-        add_out(command, "save the bytes to this file")
+        add_out(command, "save the bytes in this file")
         add_force(command)
-    command.add_argument("-v", "--verbose", action="store_true", help="print name and type, too")
+    command.add_argument(
+        "-v",
+        "--verbose",
+        action="store_true",
+        help="also print the name and the type of the object",
+    )
 
 
 def sdo_read(remote: Remote, options: argparse.Namespace) -> None:

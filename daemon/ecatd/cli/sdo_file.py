@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 COMMANDS = {
     "objects": {
         "sdo-dump": "Save the values of all objects of a slave to a file.",
-        "sdo-restore": "Write the values in such a file back, where they differ.",
+        "sdo-restore": "Write the values of an sdo-dump file back to a slave, where they differ.",
     },
 }
 

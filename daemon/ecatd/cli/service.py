@@ -17,15 +17,15 @@ from ecatd.base.version import VERSION
 from .arguments import add_yes, confirm
 from .output import print_json
 
-COMMANDS = {"machine": {"service": "Install, upgrade or remove the service of systemd."}}
+COMMANDS = {"machine": {"service": "Install, upgrade or remove the systemd service."}}
 
 _ACTIONS = """\
 actions:
-  install    put units, rules of udev, man pages, completion and files for monitoring into place,
-             make the user `ecatd` and the group `ecat`, and have the service start with the machine
-  upgrade    the same after `pip install --upgrade`, for what is installed; a bus that runs goes on
-  uninstall  ask, stop the services, remove all that, and put back files that were there before;
-             --purge also removes /etc/ecatd and /var/lib/ecatd, drop-ins of units, users and groups
+  install    install systemd units, udev rules, man pages, completion and files for monitoring; make
+             the user `ecatd` and the group `ecat`; make the service start when the machine boots
+  upgrade    install the new files after `pip install --upgrade`; a running bus keeps running
+  uninstall  ask, stop the services, remove these files, and restore those that they replaced;
+             --purge also removes /etc/ecatd, /var/lib/ecatd, unit drop-ins, users and groups
 """
 
 
@@ -37,18 +37,20 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "action",
         choices=("install", "upgrade", "uninstall"),
         metavar="ACTION",
-        help="install, upgrade or uninstall, see below",
+        help="one of the actions below",
     )
     command.add_argument(
         "--interface", metavar="IF", help="install: write a configuration for this interface"
     )
-    command.add_argument("--purge", action="store_true", help="uninstall: remove your files, too")
-    command.add_argument("-n", "--dry-run", action="store_true", help="only say what would be done")
+    command.add_argument("--purge", action="store_true", help="uninstall: also remove your files")
+    command.add_argument(
+        "-n", "--dry-run", action="store_true", help="say what would be done, and do nothing"
+    )
     command.add_argument(
         "--root",
         default="/",
         metavar="DIR",
-        help="install into the file system of an image; commands of the system are not run",
+        help="install into the file system of an image at DIR, and run no system commands",
     )
     add_yes(command)
 

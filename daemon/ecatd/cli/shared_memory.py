@@ -20,7 +20,7 @@ from .watch import present
 COMMANDS = {
     "health": {
         "claims": "Show who owns which outputs, and why the others are safe.",
-        "shm": "Show all that is in the shared memory of the bus.",
+        "shm": "Show everything in the shared memory of the bus.",
     },
 }
 

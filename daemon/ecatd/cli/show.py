@@ -30,7 +30,7 @@ COMMANDS = {
     "bus": {
         "slaves": "List the slaves in the order of the wire.",
         "pdos": "List the process data of the slaves.",
-        "state": "Show the AL states, or bring slaves to one.",
+        "state": "Show the AL states of the slaves, or change them.",
     },
 }
 
@@ -61,7 +61,8 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
             "state",
             nargs="?",
             metavar="STATE",
-            help="INIT, PREOP, BOOT, SAFEOP or OP; without SLAVE, it is for all slaves",
+            help="bring the slave to this state: INIT, PREOP, BOOT, SAFEOP or OP (without SLAVE: "
+            "all slaves)",
         )
         add_yes(command)
 

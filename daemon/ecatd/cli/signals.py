@@ -24,7 +24,8 @@ def add_patterns(command: argparse.ArgumentParser) -> None:
         "patterns",
         nargs="*",
         metavar="PATTERN",
-        help="SLAVE/ENTRY with * and ?, as 'drive/*', '*/Status*' or '4/0x6000:11' (default: all)",
+        help="entries to choose: SLAVE/ENTRY, where * and ? match any text, such as 'drive/*', "
+        "'*/Status*' or '4/0x6000:11' (default: all)",
     )
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 COMMANDS = {
     "mailboxes": {
-        "sii-write": "Write the EEPROM of a slave, from a file.",
+        "sii-write": "Write a file into the EEPROM of a slave.",
         "alias": "Write the station alias into the EEPROM of a slave.",
     },
 }
@@ -50,7 +50,7 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         add_yes(command)
         return
     command.add_argument(
-        "file", type=Path, metavar="FILE", help=("the bytes, as `sii-read -o` has written them")
+        "file", type=Path, metavar="FILE", help=("a file that `ecatctl sii-read -o` has written")
     )
     command.add_argument(
         "--backup",

@@ -31,11 +31,14 @@ def add_arguments(command: argparse.ArgumentParser, name: str) -> None:
         type=_idn,
         nargs="?" if reading else None,
         metavar="IDN",
-        help="S-0-0047, P-0-0100" + (" (default: all that the drive lists)" if reading else ""),
+        help="an IDN such as S-0-0047 or P-0-0100"
+        + (" (default: all that the drive lists)" if reading else ""),
     )
     if not reading:
         command.add_argument(
-            "value", metavar="VALUE", help="number, text, list as 1,2,3, or bytes as hex:04 00"
+            "value",
+            metavar="VALUE",
+            help="a number, text, a list such as 1,2,3, or bytes such as 'hex:04 00'",
         )
     command.add_argument(
         "--drive",

@@ -85,13 +85,15 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments of the command."""
     command.epilog = _ACTIONS
     command.formatter_class = argparse.RawDescriptionHelpFormatter
-    command.add_argument("action", choices=_RUN, metavar="ACTION", help="see below")
-    command.add_argument("slave", nargs="?", type=slave, metavar="SLAVE", help="position or name")
+    command.add_argument("action", choices=_RUN, metavar="ACTION", help="one of the actions below")
+    command.add_argument(
+        "slave", nargs="?", type=slave, metavar="SLAVE", help="the slave, by position or name"
+    )
     command.add_argument(
         "--config",
         metavar="FILE",
         type=Path,
-        help="verify: a configuration; without it, the one that the daemon uses",
+        help="verify: a configuration (default: the one that the daemon uses)",
     )
     command.add_argument(
         "--esi",

@@ -27,12 +27,12 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         nargs="?",
         default="*",
         metavar="PATTERN",
-        help="SLAVE/ENTRY with * and ?, as for read (default: all)",
+        help="entries to choose, as for `ecatctl read` (default: all)",
     )
     command.add_argument(
-        "--hz", type=float, default=2.0, metavar="N", help="how often a second (default: 2)"
+        "--hz", type=float, default=2.0, metavar="N", help="updates per second (default: 2)"
     )
-    command.add_argument("--count", type=times, metavar="N", help="end after N times")
+    command.add_argument("--count", type=times, metavar="N", help="stop after N updates")
 
 
 def watch(options: argparse.Namespace) -> None:

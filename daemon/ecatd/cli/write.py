@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ecatd.client import Client
     from ecatd.client.signals import Signal
 
-COMMANDS = {"values": {"write": "Hold values at outputs, by names."}}
+COMMANDS = {"values": {"write": "Hold outputs, chosen by name, at given values."}}
 
 _LEASE = 1.0
 """Seconds after which outputs are safe if this command hangs or is killed."""
@@ -33,10 +33,10 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "values",
         nargs="+",
         metavar="NAME=VALUE",
-        help="an output, as 'drive/Target velocity', and its value in its unit",
+        help="an output and the value in its unit, such as 'drive/Target velocity=5'",
     )
-    command.add_argument("--raw", action="store_true", help="values are raw, without unit")
-    add_for(command, "give the outputs back after S seconds (default: with Ctrl-C)")
+    command.add_argument("--raw", action="store_true", help="give raw values, without units")
+    add_for(command, "release the outputs after S seconds (default: when you press Ctrl-C)")
     add_yes(command)
 
 

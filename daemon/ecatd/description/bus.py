@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Any
 
+from ecatd.base.close_names import did_you_mean
 from ecatd.base.dataclass_maps import to_maps
 from ecatd.base.errors import StateError
 from ecatd.base.sanitized_output import printable
@@ -232,9 +233,9 @@ class Bus:
                 f"slaves {positions} are all '{slave}': give the position instead, or give them "
                 "names in the configuration"
             )
-        raise StateError(
-            f"there is no slave '{slave}': {here}; `ecatctl slaves` lists positions and names"
-        )
+        names = {name for item in self.slaves for name in (item.given_name, item.name) if name}
+        hint = did_you_mean(slave, names) or "`ecatctl slaves` lists positions and names"
+        raise StateError(f"bus '{self.name}' has no slave '{slave}': {hint}")
 
     def find_coe(self, slave: int | str) -> Slave:
         """Finds a slave with an object dictionary, as `find` does.

@@ -44,12 +44,14 @@ def make_parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="ecatd",
-        description="EtherCAT daemon: runs the bus and shares its process image.",
+        description="Run an EtherCAT bus and share its process image.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     source = parser.add_mutually_exclusive_group()
-    source.add_argument("--interface", metavar="IF", help="network interface with the slaves")
+    source.add_argument(
+        "--interface", metavar="IF", help="network interface to which the slaves are connected"
+    )
     source.add_argument(
         "--simulate", metavar="RIG", help="run a simulated rig instead of hardware (see ecatsim)"
     )
@@ -57,7 +59,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--replay",
         metavar="FILE",
         type=Path,
-        help="with --simulate: give the inputs the values of a recording (`ecatctl record --raw`)",
+        help="with --simulate: play a recording (`ecatctl record --raw`) into the inputs",
     )
     source.add_argument(
         "--only-gateway",
@@ -67,9 +69,9 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--no-gateway",
         action="store_true",
-        help="run no gateway, because it is a service of its own",
+        help="run no gateway, because a service of its own runs it",
     )
-    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration in TOML")
+    parser.add_argument("--config", metavar="FILE", type=Path, help="configuration file (TOML)")
     parser.add_argument(
         "--check-config", action="store_true", help="check the configuration and exit"
     )
@@ -84,7 +86,9 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("-v", "--verbose", action="store_true", help="log details")
     parser.add_argument("-q", "--quiet", action="store_true", help="log only warnings and errors")
-    parser.add_argument("--version", action="version", version=f"ecatd {VERSION}")
+    parser.add_argument(
+        "--version", action="version", version=f"ecatd {VERSION}", help="print the version"
+    )
     return parser
 
 

@@ -18,9 +18,9 @@ def add_arguments(parser: Parser, command: str) -> None:
     """Adds the arguments of the command to its parser."""
     del command
     parser.description = (
-        "Scans a real segment and writes a rig file that simulates it: EEPROM images, slave "
-        "controllers, topology, PDOs and object dictionaries. The slaves go to PREOP, and "
-        "afterwards to the state they were in."
+        "Scan a real segment and write a rig file that simulates it: EEPROM images, slave "
+        "controllers, topology, PDOs and object dictionaries. ecatsim brings the slaves to "
+        "PREOP, and afterwards back to the state they were in."
     )
     parser.add_argument(
         "--interface", metavar="IF", required=True, help="network interface of the slaves"
@@ -31,7 +31,7 @@ def add_arguments(parser: Parser, command: str) -> None:
         dest="output",
         type=Path,
         required=True,
-        help="rig file to write, in .toml",
+        help="rig file to write; its name ends in .toml",
     )
     parser.add_argument("--force", action="store_true", help="overwrite FILE")
     parser.add_argument(

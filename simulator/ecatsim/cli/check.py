@@ -34,8 +34,8 @@ class _Row:
 def add_arguments(parser: Parser, command: str) -> None:
     """Adds the arguments of the command to its parser."""
     del command
-    parser.description = "Checks whether `ecatsim run` can simulate a rig, and lists its slaves."
-    parser.add_argument("rig", metavar="RIG", help="name (see `ecatsim rigs`) or file")
+    parser.description = "Check whether `ecatsim run` can simulate a rig, and list its slaves."
+    parser.add_argument("rig", metavar="RIG", help="name of a rig (see `ecatsim rigs`), or a file")
     parser.add_argument("--json", action="store_true", help="print JSON for programs")
     add_strict(parser)
     parser.set_defaults(execute=_check)

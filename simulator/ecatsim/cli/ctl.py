@@ -24,7 +24,7 @@ _DIGITS_A_LINE = 32
 def add_arguments(parser: Parser, command: str) -> None:
     """Adds the arguments of the command to its parser."""
     del command
-    parser.description = "Controls a running simulator (`ecatsim run`) of the same user."
+    parser.description = "Control a running simulator (`ecatsim run`) of the same user."
     _add_common(parser, name=None, json=False)
     inner = parser.add_subparsers(
         dest="request", required=True, metavar="COMMAND", parser_class=Parser

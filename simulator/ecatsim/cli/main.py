@@ -20,13 +20,13 @@ from ..files import python_file
 from .options import Command, Parser
 
 _COMMANDS = (
-    ("run", "run", "simulate a rig"),
-    ("capture", "capture", "write a rig file from a real segment"),
-    ("pcap", "pcap", "say what is in a capture, and make a rig of it"),
-    ("check", "check", "check a rig and list its slaves"),
-    ("ctl", "ctl", "control a running simulator: faults, values, status"),
-    ("rigs", "show", "list the rigs that come with ecatsim"),
-    ("devices", "show", "list the devices that come with ecatsim"),
+    ("run", "run", "Simulate a rig."),
+    ("capture", "capture", "Write a rig file from a real segment."),
+    ("pcap", "pcap", "Say what is in a capture of frames, and make a rig of it."),
+    ("check", "check", "Check a rig and list its slaves."),
+    ("ctl", "ctl", "Control a running simulator: faults, values, status."),
+    ("rigs", "show", "List the rigs that come with ecatsim."),
+    ("devices", "show", "List the devices that come with ecatsim."),
 )
 """Name, module and summary of each command."""
 
@@ -37,14 +37,22 @@ _INTERRUPTED = 128 + signal.SIGINT
 def make_parser() -> Parser:
     """Makes the parser of the command line."""
     parser = Parser(
-        prog="ecatsim", description="An EtherCAT segment in software, on a virtual interface."
+        prog="ecatsim", description="Simulate an EtherCAT segment on a virtual network interface."
     )
-    parser.add_argument("--version", action="version", version=f"ecatsim {VERSION}")
+    parser.add_argument(
+        "--version", action="version", version=f"ecatsim {VERSION}", help="print the version"
+    )
     commands = parser.add_subparsers(
-        dest="command", required=True, metavar="COMMAND", parser_class=Command
+        title="commands", dest="command", required=True, metavar="COMMAND", parser_class=Command
     )
     for name, module, summary in _COMMANDS:
-        commands.add_parser(name, command=name, module=f"{__package__}.{module}", help=summary)
+        commands.add_parser(
+            name,
+            command=name,
+            module=f"{__package__}.{module}",
+            help=summary,
+            description=summary,
+        )
     return parser
 
 

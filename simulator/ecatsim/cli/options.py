@@ -6,15 +6,16 @@ import argparse
 from typing import NoReturn, TypeAlias
 
 from ecatd.base.errors import UsageError
-from ecatd.base.lazy_command import LazyCommand
+from ecatd.base.lazy_command import CommandLine, LazyCommand
 
 
-class Parser(argparse.ArgumentParser):
+class Parser(CommandLine):
     """A parser that reports wrong arguments in one line, like all other errors."""
 
     def error(self, message: str) -> NoReturn:
         """Raises `UsageError`."""
-        raise UsageError(f"{message}; see `{self.prog} --help`")
+        says_more = message.endswith("?") or "--help`" in message
+        raise UsageError(message if says_more else f"{message}; see `{self.prog} --help`")
 
 
 class Command(LazyCommand, Parser):

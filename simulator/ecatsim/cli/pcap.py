@@ -18,9 +18,9 @@ def add_arguments(parser: Parser, command: str) -> None:
     """Adds the arguments of the command to its parser."""
     del command
     parser.description = (
-        "Says what a capture of a real segment has in it: slaves, AL states, process data, SDOs "
-        "and faults. With -o it writes a rig file of it, as far as the capture goes; comments in "
-        "the file name what it does not tell."
+        "Say what is in a capture of frames from a real segment: slaves, AL states, process "
+        "data, SDOs and faults. With -o, also write a rig file with everything that the capture "
+        "shows; comments in that file name what is missing."
     )
     parser.add_argument(
         "file",
@@ -29,7 +29,11 @@ def add_arguments(parser: Parser, command: str) -> None:
         help="a file of Wireshark, tcpdump or 'ecatctl capture' (pcapng or pcap)",
     )
     parser.add_argument(
-        "-o", metavar="RIG", dest="output", type=Path, help="rig file to write, in .toml"
+        "-o",
+        metavar="RIG",
+        dest="output",
+        type=Path,
+        help="rig file to write; its name ends in .toml",
     )
     parser.add_argument("--force", action="store_true", help="overwrite RIG")
     parser.add_argument("--json", action="store_true", help="print JSON for programs")

@@ -38,32 +38,38 @@ _MAX_DESCRIPTOR = 2**31 - 1
 def add_arguments(parser: Parser, command: str) -> None:
     """Adds the arguments of the command to its parser."""
     del command
-    parser.description = "Simulates a rig until it is interrupted, or until COMMAND ends."
+    parser.description = "Simulate a rig until you press Ctrl-C, or until COMMAND ends."
     parser.epilog = (
-        f"Without --interface the segment is reachable on {MASTER_END}, a ring also on "
-        f"{MASTER_END}{SECOND}, in a network namespace of its own; COMMAND runs in there. The exit "
-        "status is that of COMMAND."
+        "Without --interface, ecatsim makes a network namespace, and COMMAND runs in it. There, "
+        f"a master reaches the segment on the interface {MASTER_END}, and the other end of a ring "
+        f"on {MASTER_END}{SECOND}. The exit status is that of COMMAND."
     )
     parser.add_argument(
-        "rig", metavar="RIG", help="name (see `ecatsim rigs`) or file, TOML or Python"
+        "rig", metavar="RIG", help="name of a rig (see `ecatsim rigs`), or a file in TOML or Python"
     )
-    parser.add_argument("--interface", metavar="IF", help="serve an existing interface")
+    parser.add_argument(
+        "--interface", metavar="IF", help="answer on this interface, which exists already"
+    )
     parser.add_argument("--ring", action="store_true", help="close a ring with a second interface")
     parser.add_argument("--second", metavar="IF", help="with --interface: the other end of a ring")
-    parser.add_argument("--trace", metavar="FILE", type=Path, help="record the plant as CSV")
+    parser.add_argument(
+        "--trace", metavar="FILE", type=Path, help="record the plant in this CSV file"
+    )
     parser.add_argument(
         "--replay",
         metavar="FILE",
         type=Path,
-        help="give inputs the values of a recording (`ecatctl record --raw`)",
+        help="play a recording (`ecatctl record --raw`) into the inputs",
     )
-    parser.add_argument("--repeat", action="store_true", help="with --replay: again and again")
+    parser.add_argument(
+        "--repeat", action="store_true", help="with --replay: play it again and again"
+    )
     parser.add_argument(
         "--step-time-us",
         metavar="US",
         type=int,
         default=STEP_TIMES_US.start,
-        help="time between two steps of devices and plants (default and least: %(default)s)",
+        help="time between two steps of devices and plants (default and minimum: %(default)s)",
     )
     parser.add_argument(
         "--name", metavar="NAME", help="name for `ecatsim ctl --name` (default: its process id)"
@@ -72,14 +78,19 @@ def add_arguments(parser: Parser, command: str) -> None:
         "--ready-fd",
         metavar="N",
         type=int,
-        help="file descriptor for a line of JSON when the segment answers, or with `error`",
+        help="when the segment answers, or in case of an error, write a line of JSON to this "
+        "file descriptor",
     )
     parser.add_argument(
         "--die-with-parent", action="store_true", help="end when the calling process ends"
     )
     add_strict(parser)
     parser.add_argument(
-        "child", metavar="-- COMMAND", nargs="*", default=[], help="command to run beside it"
+        "child",
+        metavar="-- COMMAND",
+        nargs="*",
+        default=[],
+        help="command to run while the simulation runs",
     )
     parser.set_defaults(execute=_run)
 

@@ -9,12 +9,12 @@ Rig files, programs and `ecatsim devices` find them here:
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 
+from ecatd.base.close_names import did_you_mean
 from ecatd.base.errors import UsageError
 
 from ..slave.device import Device
@@ -102,9 +102,8 @@ def _find(name: str) -> tuple[type[Device], str]:
     known = names.get(name.casefold())
     if known is not None:
         return _CLASSES[known], known
-    close = difflib.get_close_matches(name.casefold(), names, n=3)
-    hint = f"did you mean {' or '.join(names[match] for match in close)}? " if close else ""
-    raise UsageError(f"there is no device '{name}': {hint}The library has {', '.join(_CLASSES)}")
+    hint = did_you_mean(name, _CLASSES, most=3) or "`ecatsim devices` lists all devices"
+    raise UsageError(f"there is no device '{name}': {hint}")
 
 
 def _parameters(kind: type[Device]) -> tuple[Parameter, ...]:

@@ -13,7 +13,6 @@ FMPy, which loads and calls the FMU, is installed with `pip install ecatd[fmu]`.
 from __future__ import annotations
 
 import contextlib
-import difflib
 import shutil
 import sys
 import time
@@ -23,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ecatd.base.close_names import did_you_mean
 from ecatd.base.errors import ConfigError, EcatError, StateError, UsageError
 from ecatd.etg.scaling import to_physical
 
@@ -225,8 +225,7 @@ class FmuPlant:
         """
         variable = self._variables.get(name)
         if variable is None:
-            close = difflib.get_close_matches(name, self._variables, n=3, cutoff=0.5)
-            hint = f"did you mean {' or '.join(close)}?" if close else self._connectable()
+            hint = did_you_mean(name, self._variables, most=3, cutoff=0.5) or self._connectable()
             raise ConfigError(f"{self._path}: the FMU has no variable '{name}': {hint}")
         if variable.type in ("String", "Binary", "Clock") or getattr(variable, "shape", None):
             raise ConfigError(f"{self._path}: variable '{name}' is not a single number")

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from ecatd.base.close_names import did_you_mean
 from ecatd.base.errors import ConfigError, UsageError
 
 from ..rig import Rig
@@ -114,10 +115,11 @@ def make(name: str) -> Rig:
             f"'{name}' is not a rig: write one in a TOML file, with [[slave]] and {key} = "
             f'"{Path(name).name}"'
         )
-    names = ", ".join(usage for usage, _ in library())
+    if hint := did_you_mean(name, (usage for usage, _ in library())):
+        raise UsageError(f"there is no rig '{name}': {hint}")
     raise UsageError(
-        f"there is no rig '{name}': use one of {names}, or a file: TOML, or Python that defines "
-        "rig()"
+        f"there is no rig '{name}'. `ecatsim rigs` lists all rigs. To use your own, give a .toml "
+        "file, or a .py file that defines rig()"
     )
 
 
