@@ -26,8 +26,8 @@ static const char *instance(const ecat_t *bus) { return at(bus)[0] ? bus->name :
 
 static int not_running(ecat_t *bus) {
   return ecat_fail(bus, ECAT_EDOWN,
-                   "no ecatd serves bus '%s'; start it with 'systemctl start ecatd%s%s', or without "
-                   "hardware 'ecatd --simulate troll%s%s'",
+                   "bus '%s' is not running; start it with 'systemctl start ecatd%s%s', or "
+                   "without hardware with 'ecatd --simulate troll%s%s'",
                    bus->name, at(bus), instance(bus), at(bus)[0] ? " --bus " : "", instance(bus));
 }
 

@@ -145,7 +145,7 @@ def _all_slaves(bus: Bus, library: Code, blocks: Sequence[Block]) -> Example:
         name=Code("AllSlaves"),
         description="Read every input of the bus while all outputs are zero",
         paragraphs=(
-            "Simulate the model while ecatd serves the bus, and plot the outputs of the blocks. "
+            "Simulate the model while ecatd runs the bus, and plot the outputs of the blocks. "
             "All outputs of the bus are owned by the model and kept at zero.",
         ),
         components=tuple(diagram.components),

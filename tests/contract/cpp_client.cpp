@@ -154,7 +154,7 @@ static void requests(ecat::Client& bus) {
 
 int main(int argc, char** argv) {
   const char* name = argc > 1 ? argv[1] : "ecat0";
-  expect_error(ECAT_EDOWN, "no ecatd serves bus 'nobody'", [] { ecat::Client("nobody"); });
+  expect_error(ECAT_EDOWN, "bus 'nobody' is not running", [] { ecat::Client("nobody"); });
   try {
     ecat::Client opened(name);
     ecat::Client bus = std::move(opened);

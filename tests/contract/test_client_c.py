@@ -115,7 +115,7 @@ def test_a_program_drives_an_output_and_reads_it_back(program: Path, troll: Daem
 def test_a_program_without_a_daemon_is_told_what_to_do(program: Path) -> None:
     result = subprocess.run([program, "nobody"], text=True, capture_output=True, check=False)
     assert result.returncode == 3
-    names(result.stdout, "no ecatd", "'nobody'", "systemctl start ecatd@nobody'")
+    names(result.stdout, "not running", "'nobody'", "systemctl start ecatd@nobody'")
 
 
 def test_the_hot_path_makes_no_system_call(troll: Daemon, tmp_path: Path) -> None:

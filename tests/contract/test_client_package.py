@@ -132,7 +132,7 @@ def test_pkg_config_finds_the_client(
     (tmp_path / "program.c").write_text(PROGRAM)
     run("gcc", tmp_path / "program.c", *flags, "-o", tmp_path / "program")
     library = run(tool("pkg-config"), "--variable=libdir", "ecat", env=paths).strip()
-    assert "no ecatd serves" in run(tmp_path / "program", env={"LD_LIBRARY_PATH": library})
+    assert "is not running" in run(tmp_path / "program", env={"LD_LIBRARY_PATH": library})
 
 
 def test_the_lines_of_the_page(wheel: Path, tmp_path: Path) -> None:

@@ -194,7 +194,7 @@ def test_a_model_waits_for_the_bus_at_the_start(
     status, said = running.end()
     assert status == 0
     waits, *_, there = said.splitlines()
-    names(waits, "EtherCAT: ", "no ecatd", f"'{name}'", "waits")
+    names(waits, "EtherCAT: ", "not running", f"'{name}'", "waits")
     names(there, "EtherCAT: ", f"'{name}'", "is there")
 
 
@@ -205,7 +205,12 @@ def test_patience_ends(model: Start, name: str) -> None:
     first, last = said.splitlines()
     names(first, "waits", "0.05 s")
     names(
-        last, "EtherCAT: ", "no ecatd", f"'{name}'", f"'systemctl start ecatd@{name}'", "patience"
+        last,
+        "EtherCAT: ",
+        "not running",
+        f"'{name}'",
+        f"'systemctl start ecatd@{name}'",
+        "patience",
     )
 
 

@@ -79,7 +79,9 @@ def test_objects_may_be_destroyed_in_any_order(build: Callable[..., Path], out: 
 
 
 def test_no_bus(opener: Path) -> None:
-    names(sentence(run(opener, "nobody")), "no ecatd", "'nobody'", "systemctl start ecatd@nobody'")
+    names(
+        sentence(run(opener, "nobody")), "not running", "'nobody'", "systemctl start ecatd@nobody'"
+    )
 
 
 def test_another_slave(opener: Path) -> None:

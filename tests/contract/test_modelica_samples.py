@@ -354,7 +354,7 @@ def test_an_error_that_jumps_to_the_tool_leaves_nothing_behind(
         result = run(program, name)
     assert (result.returncode, result.stderr) == (0, "")
     expected = (
-        *("no ecatd serves bus", "there is no domain 2", "slave 1 of bus", "no input 0x1234:00"),
+        *("is not running", "there is no domain 2", "slave 1 of bus", "no input 0x1234:00"),
         *("cannot be scaled by 0", "was generated for 32 bits"),
     )
     for line, text in zip(result.stdout.splitlines(), expected, strict=True):

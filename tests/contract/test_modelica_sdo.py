@@ -270,7 +270,7 @@ BAD = [
     ('ecatm_once_read_string(argv[1], 0, "0x2008:00", 8);', "dataType | String"),
     (
         'ecatm_once_read_real("no_such_bus", 0, "0x1000:00", 7);',
-        "no ecatd | 'no_such_bus' | 'systemctl start ecatd@no_such_bus'",
+        "not running | 'no_such_bus' | 'systemctl start ecatd@no_such_bus'",
     ),
 ]
 

@@ -70,7 +70,7 @@ def test_a_request_without_a_bus_fails_with_the_reason(tmp_path: Path, compiler:
     assert len(found) == 3
     for answer in found:
         assert (answer.state, answer.code, answer.count) == (State.FAILED, -2, 0)
-        names(answer.text, "no ecatd", f"'{NO_BUS}'")
+        names(answer.text, "not running", f"'{NO_BUS}'")
 
 
 def test_a_list_without_a_bus_fails_with_the_reason(tmp_path: Path, compiler: str) -> None:
@@ -89,7 +89,7 @@ def test_a_list_without_a_bus_fails_with_the_reason(tmp_path: Path, compiler: st
     )
     (answer,) = answers(run(program, NO_BUS))
     assert (answer.state, answer.code) == (State.FAILED, -2)
-    names(answer.text, "entry 1 of 1", "no ecatd", f"'{NO_BUS}'")
+    names(answer.text, "entry 1 of 1", "not running", f"'{NO_BUS}'")
 
 
 GOES_AND_COMES = f"""

@@ -71,7 +71,7 @@ def test_a_model_begins_without_a_bus(
         serve(name)
         log, _ = process.communicate()
     assert process.returncode == 0, log
-    names(log, "no ecatd", f"'{name}'", "goes on", "is there")
+    names(log, "not running", f"'{name}'", "goes on", "is there")
     rows = read_csv(result_of(program))
     assert history(rows)[0] == (0, MISSING, 0, 0, NOT_AVAILABLE)
     assert history(rows)[-1] == (1, OPERATIONAL, 8, 8, OP)

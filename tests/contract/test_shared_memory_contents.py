@@ -236,7 +236,7 @@ def test_a_leftover_is_shown_and_what_to_do_with_it(shared: SharedMemory) -> Non
         text = "\n".join(contents_lines(found))
         assert "NO DAEMON" in text
         assert f"rm -f {path} {path}.out" in text
-        with pytest.raises(UnreachableError, match=naming("no ecatd", f"'{name}'")):
+        with pytest.raises(UnreachableError, match=naming("not running", f"'{name}'")):
             read_claims(name)
         path.with_name(f"{path.name}.out").unlink()
         assert contents(name)["slots"] == []

@@ -64,7 +64,7 @@ def look():
                 said.append("found")
         except EcatError as error:
             said.append(f"{type(error).__name__}: {error}")
-    assert said[0] == said[1] or all("no ecatd serves" in text for text in said), said
+    assert said[0] == said[1] or all("is not running" in text for text in said), said
     print(said[0])
 
 def make():
@@ -124,7 +124,7 @@ look()
     own = "/dev/shm/ecat" if os.geteuid() == 0 else f"/dev/shm/ecat-{os.geteuid()}"
     assert (folder, mode) == (own, "0o40755" if os.geteuid() == 0 else "0o40700")
     assert found == "found"
-    names(gone, "UnreachableError", "no ecatd serves bus")
+    names(gone, "UnreachableError", "not", "running")
 
 
 @only_root

@@ -109,7 +109,7 @@ def test_fresh_shared_memory_is_all_zero(shared: SharedMemory) -> None:
 
 def test_who_is_not_there_is_told(shared: SharedMemory) -> None:
     with pytest.raises(
-        UnreachableError, match=naming("no ecatd", "'nobody'", "systemctl start ecatd@nobody'")
+        UnreachableError, match=naming("not running", "'nobody'", "systemctl start ecatd@nobody'")
     ):
         read("nobody")
     for name in ("../x", "", "a" * 32, "a/b"):
@@ -119,10 +119,10 @@ def test_who_is_not_there_is_told(shared: SharedMemory) -> None:
     left = SHM / f"{name}x"
     try:
         left.write_bytes(shared.path.read_bytes())  # nobody holds its lock
-        with pytest.raises(UnreachableError, match=naming("no ecatd", f"'{name}x'")):
+        with pytest.raises(UnreachableError, match=naming("not running", f"'{name}x'")):
             read(f"{name}x")
         left.write_bytes(b"")
-        with pytest.raises(UnreachableError, match=naming("no ecatd", f"'{name}x'")):
+        with pytest.raises(UnreachableError, match=naming("not running", f"'{name}x'")):
             read(f"{name}x")
         left.unlink()
         left.symlink_to(shared.path)

@@ -92,7 +92,7 @@ def test_no_message_writes_a_time_by_itself() -> None:
         (Config().state_timeout, "10 s (state_timeout_s above all tables)"),
         (Config().dc.timeout, "5 s (timeout_s in [dc])"),
         (MailboxQueue().patience(), "1 s (mailbox_timeout_ms in its [[slave]] table)"),
-        (Timeout(0.5), "0.5 s (fixed)"),
+        (Timeout(0.5), "0.5 s"),
     ],
 )
 def test_a_time_with_its_key(patience: Timeout, text: str) -> None:

@@ -145,7 +145,7 @@ def test_sdo_in_every_kind(troll: Daemon) -> None:
         ("doctor --bus=-x", 2, "'-x' | bus name"),
         ("slaves --connect nonsense", 2, "nonsense | Zenoh"),
         ("slaves --connect tcp/127.0.0.1:1", 3, "no ecatd | answers"),
-        ("slaves --bus nobody", 3, "no ecatd | 'nobody' | running"),
+        ("slaves --bus nobody", 3, "not running | 'nobody' | running"),
     ],
 )
 def test_errors_say_what_and_why(troll: Daemon, arguments: str, status: int, what: str) -> None:

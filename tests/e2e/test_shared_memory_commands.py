@@ -172,7 +172,7 @@ def test_shared_memory_that_was_left_behind(start_daemon: Callable[..., Daemon])
     assert json.loads(daemon.ctl("shm", "--json", check=False).stdout)["alive"] is False
     claims = daemon.ctl("claims", check=False)
     assert claims.returncode == 3
-    names(one_line_error(claims.stderr, "ecatctl"), "no ecatd", f"'{daemon.bus}'")
+    names(one_line_error(claims.stderr, "ecatctl"), "not running", f"'{daemon.bus}'")
     file = SHM / daemon.bus
     data = bytearray(file.read_bytes())
     data[0] ^= 0xFF
@@ -195,7 +195,7 @@ def test_wrong_usage_and_nobody_there(troll: Daemon, command: str) -> None:
     nobody = run_module("ecatd.cli", command, "--bus", "nobody", env=troll.env)
     assert nobody.returncode == 3
     said = one_line_error(nobody.stderr, "ecatctl")
-    names(said, "no ecatd", "'nobody'", "systemctl start ecatd")
+    names(said, "not running", "'nobody'", "systemctl start ecatd")
 
 
 @pytest.mark.parametrize(("variables", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False)])

@@ -200,7 +200,7 @@ def test_without_a_daemon_there_is_nothing_to_watch(tmp_path: Path) -> None:
         result = run_module("ecatd.cli", *command, "--bus", "nobody", env=env)
         assert result.returncode == 3
         said = one_line_error(result.stderr, "ecatctl")
-        names(said, "no ecatd", "'nobody'", "systemctl start ecatd")
+        names(said, "not running", "'nobody'", "systemctl start ecatd")
         wrong = run_module("ecatd.cli", *command, "--bus", "../x", env=env)
         assert wrong.returncode == 2
 
@@ -240,7 +240,7 @@ def test_watch_outlives_the_daemon(start_daemon: Callable[..., Daemon]) -> None:
         while "error" not in (gone := next_document(process)):
             pass
         assert gone["error"]["name"] == "unreachable"
-        names(gone["error"]["message"], "no ecatd", f"'{daemon.bus}'")
+        names(gone["error"]["message"], "not running", f"'{daemon.bus}'")
         start_daemon("troll", "--bus", daemon.bus)
         while "error" in (back := next_document(process)):
             pass

@@ -20,8 +20,8 @@ from ecatd.config import load_config
 pytestmark = pytest.mark.long
 
 REMEDY = re.compile(
-    r"did you mean|the keys here are|must (be|have)|belongs (in front|before)|needs|is for|allowed|at most|"
-    r"at least|there are|stands in place|is not valid TOML|"
+    r"did you mean|the keys here are|must (be|have)|belongs (in front|before)|needs|is for|"
+    r"allowed|at most|at least|there are|stands in place|is not valid TOML|"
     r"(?<!\w)(write|add|leave|remove|correct|choose|put|use)(?!\w)"
 )
 """What a message says about what to do: a verb, or what is allowed."""

@@ -152,14 +152,14 @@ def refuse(plan: Plan) -> None:
     path = plan.folder.path
     if plan.folder.problem:
         raise StateError(
-            f"{path} {plan.folder.problem}: move it away, choose another directory, or add "
-            f"--force, which keeps what is in the way as '…{_COPY}'; nothing was written"
+            f"nothing was written, because {path} {plan.folder.problem}. Move it away, choose "
+            f"another folder, or add --force, which keeps the files there as FILE{_COPY}"
         )
     if plan.conflicts:
         named = [f"{item} ({why})" for item, why in sorted(plan.conflicts.items())]
         text = ", ".join(named[:_NAMED])
         text += f" and {len(named) - _NAMED} more" if len(named) > _NAMED else ""
         raise StateError(
-            f"{path} holds files of yours that stand in the way: {text}. Move them away, or add "
-            f"--force, which keeps them as '…{_COPY}'; nothing was written"
+            f"nothing was written, because {path} has files that you have made or changed: "
+            f"{text}. Move them away, or add --force, which keeps them as FILE{_COPY}"
         )

@@ -9,7 +9,7 @@ class Timeout(NamedTuple):
     """How long something is waited for, and what changes that.
 
     In a message: `f"no answer within {timeout}"` becomes "no answer within 5 s (timeout_s in
-    [dc])", or "no answer within 2 s (fixed)" if nothing changes it.
+    [dc])", or "no answer within 2 s" if nothing changes it.
 
     Attributes:
         seconds: How long.
@@ -21,4 +21,5 @@ class Timeout(NamedTuple):
     changed_by: str = ""
 
     def __str__(self) -> str:
-        return f"{self.seconds:g} s ({self.changed_by or 'fixed'})"
+        changed_by = f" ({self.changed_by})" if self.changed_by else ""
+        return f"{self.seconds:g} s{changed_by}"

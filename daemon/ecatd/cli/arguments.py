@@ -25,7 +25,7 @@ def number(text: str) -> int:
     try:
         return int(text, 0)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is no number (10 or 0x0A)") from None
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number such as 10 or 0x0A") from None
 
 
 def bounded(low: int, high: int) -> Callable[[str], int]:
@@ -46,11 +46,16 @@ def slave(text: str) -> int | str:
     """Converts a slave: its position, 0 to 65535, or its name."""
     if not text[:1].isdigit() and not text.startswith("-"):
         if not text or set(text) & set("/*$#?"):  # it becomes a part of a Zenoh key
-            raise argparse.ArgumentTypeError(f"'{text}' is no name of a slave")
+            raise argparse.ArgumentTypeError(
+                f"'{text}' cannot be the name of a slave: a name has none of / * $ # ?"
+            )
         return text
     value = number(text)
     if not 0 <= value <= 0xFFFF:
-        raise argparse.ArgumentTypeError(f"'{text}' is no position: slaves count from 0")
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is not a position: the first slave has "
+            "position 0, and the last at most 65535"
+        )
     return value
 
 
@@ -62,7 +67,7 @@ def seconds(text: str) -> float:
         value = math.nan
     if not 0 < value <= 3600:
         raise argparse.ArgumentTypeError(
-            f"'{text}' is no time: give seconds, more than 0 and at most 3600"
+            f"'{text}' is not a time: give seconds, more than 0 and at most 3600"
         )
     return value
 
@@ -123,7 +128,7 @@ def hex_bytes(text: str) -> bytes | None:
     try:
         return bytes.fromhex(text[4:])
     except ValueError:
-        raise UsageError(f"'{text}' is no row of bytes: write it as 'hex:04 00'") from None
+        raise UsageError(f"'{text}' is not a row of bytes such as 'hex:04 00'") from None
 
 
 def connect(options: argparse.Namespace) -> Remote:
@@ -152,7 +157,10 @@ def confirm(options: argparse.Namespace, about: str) -> None:
         return
     can_be_asked = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
     if not can_be_asked:
-        raise UsageError(f"{about} Nothing was done, because nobody can be asked: add --yes.")
+        raise UsageError(
+            f"{about} Nothing was done, because there is no terminal for the "
+            "question: add --yes to do it."
+        )
     print(f"{about} Continue? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in _YES:
         raise UsageError("nothing was done")

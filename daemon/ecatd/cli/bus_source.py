@@ -156,19 +156,19 @@ def check_options(options: argparse.Namespace) -> list[Kind]:
     kinds = [_kind(source) for source in options.sources]
     kind = kinds[0] if kinds else "live"
     if len(kinds) > 1 and set(kinds) != {"esi"}:
-        raise UsageError("only ESI files can be given with several --from: give one --from")
+        raise UsageError("several --from are possible only with ESI files: give one --from")
     if kinds and options.connect is not None:
         raise UsageError("--connect asks a daemon, and --from needs none: give only one of them")
     if options.config is not None and kind not in ("rig", "esi"):
         what = "a saved scan" if kind == "scan" else "a running bus"
-        raise UsageError(f"--config goes with a rig or ESI files: {what} is configured already")
+        raise UsageError(f"--config is only for a rig or ESI files: {what} is configured already")
     if kind == "esi" and not options.devices and options.config is None:
         raise UsageError(
             "an ESI file describes devices, but not which of them are on the bus: add --devices, "
             "as in --devices EK1100,EL1018,3*EL2008, or --config FILE with the expected slaves"
         )
     if options.devices and kind != "esi":
-        raise UsageError("--devices goes with ESI files: add --from FILE.xml")
+        raise UsageError("--devices is only for ESI files: add --from FILE.xml")
     return kinds
 
 

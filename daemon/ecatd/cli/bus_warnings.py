@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 _NAMED_MAX, _WARNED_MAX = 8, 10
 _NO_SLAVE = (
-    "check cable and power of the first slave; `ecatctl info` shows whether the interface is up"
+    "check the cable and the power of the first slave; `ecatctl info` shows whether the "
+    "interface is up"
 )
 
 

@@ -27,9 +27,12 @@ def buses(options: argparse.Namespace) -> None:
         head = ("BUS", "HOST", "INTERFACE", "CYCLE", "SINCE", "SLAVES")
         print_table(head, map(_cells, rows))
     elif options.connect:
-        print(f"no bus is reached at {options.connect}, or none that lets this user in")
+        print(f"no bus answers at {options.connect}, or none of them lets this user in")
     else:
-        print("no bus is served on this machine; --connect asks for buses of other machines")
+        print(
+            "no bus is running on this machine; --connect ENDPOINT lists the buses of another "
+            "machine"
+        )
 
 
 def _here(options: argparse.Namespace) -> Iterator[dict[str, Any]]:

@@ -85,13 +85,13 @@ def config(options: argparse.Namespace) -> int:
         raise UsageError(f"config {options.action} takes no FILE{what}")
     writes = options.action in ("init", "from-eni")
     if not writes and (options.out is not None or options.force):
-        raise UsageError("-o and --force go with config init and config from-eni")
+        raise UsageError("-o and --force are only for config init and config from-eni")
     if options.action == "from-eni" and (
         options.sources or options.devices or options.config or options.connect
     ):
         raise UsageError("config from-eni reads only FILE: leave other sources out")
     if options.esi is not None and options.action not in ("init", "check"):
-        raise UsageError("--esi goes with config init and config check")
+        raise UsageError("--esi is only for config init and config check")
     if options.action in ("diff", "show") and (
         options.sources or options.devices or options.config
     ):

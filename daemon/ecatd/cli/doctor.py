@@ -123,8 +123,10 @@ def _look(options: argparse.Namespace, config: Config | None) -> Iterator[Findin
     for name in names:
         yield from look_at(name, cpu)
     if not names:
-        text = "none was checked: no configuration and no bus that answers names one that is here"
-        yield Finding("interface", "name", Level.HINT, text, "`ecatctl doctor --interface IF`")
+        text = "no interface was checked, because no configuration and no running bus names one"
+        yield Finding(
+            "interface", "name", Level.HINT, text, "name it: `ecatctl doctor --interface IF`"
+        )
     yield from look_at_processors(cpu, service_group())
     yield from look_at_service(options.bus)
     yield from look_at_rights(options.bus)

@@ -64,7 +64,9 @@ def _kind(text: str) -> str:
     """Checks that there are events of a kind: one that does not exist would filter all out."""
     if text not in PUBLISHED:
         known = ", ".join(sorted(PUBLISHED))
-        raise argparse.ArgumentTypeError(f"there are no events of kind '{text}', only {known}")
+        raise argparse.ArgumentTypeError(
+            f"there are no events of kind '{text}': choose from {known}"
+        )
     return text
 
 
@@ -78,7 +80,7 @@ def _time(text: str) -> float:
         if hour < 24 and minute < 60 and second < 60:
             today = time.localtime(now)
             return time.mktime((*today[:3], hour, minute, second, 0, 0, -1))
-    raise argparse.ArgumentTypeError(f"'{text}' is no time: write it as 10m, 2h, 1d or 10:02")
+    raise argparse.ArgumentTypeError(f"'{text}' is not a time such as 10m, 2h, 1d or 10:02")
 
 
 def events(options: argparse.Namespace) -> None:

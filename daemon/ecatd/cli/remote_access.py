@@ -275,7 +275,10 @@ def _user(options: argparse.Namespace) -> _Done:
 def _show(options: argparse.Namespace) -> _Done:
     identity = read_identity(Path(options.name)) if options.name else find_identity(None)
     if identity is None:
-        raise UsageError("there is no identity: give a FILE, --identity or $ECATD_IDENTITY")
+        raise UsageError(
+            "you have no identity here: name its file as FILE, with --identity, or "
+            "in $ECATD_IDENTITY"
+        )
     with tempfile.TemporaryDirectory() as scratch:
         certificate, key, authority = (Path(scratch, part) for part in "cka")
         certificate.write_text(identity.certificate)

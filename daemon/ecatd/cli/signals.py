@@ -44,8 +44,9 @@ def open_client(options: argparse.Namespace) -> Iterator[Client]:
     """
     if options.connect is not None:
         raise UsageError(
-            "only the machine of the daemon has the values in shared memory: leave --connect "
-            "out, or run the command there; `ecatctl watch` shows values of other machines"
+            "this command reads shared memory, which only the machine of the daemon has. Leave "
+            "--connect out, or run the command there. `ecatctl watch` shows values of other "
+            "machines"
         )
     from ecatd.client import Client
 

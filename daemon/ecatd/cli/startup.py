@@ -108,7 +108,7 @@ def startup(options: argparse.Namespace) -> int:
     if options.action == "capture" and options.slave is None:
         raise UsageError("startup capture needs SLAVE: the position or name of the slave")
     if options.action == "capture" and options.config is not None:
-        raise UsageError("--config goes with startup verify")
+        raise UsageError("--config is only for startup verify")
     if options.action == "verify" and (options.esi is not None or options.out is not None):
         raise UsageError("--esi and -o go with startup capture")
     if options.out is not None and options.out.is_file():

@@ -67,7 +67,7 @@ def write(options: argparse.Namespace) -> None:
         if options.json:
             print_json({"bus": client.name, "written": rows})
         else:
-            print("the outputs have no owner any more, and their safe values again")
+            print("the outputs are released, and have their safe values again")
 
 
 def _assigned(client: Client, text: str, *, raw: bool) -> tuple[Signal, float]:
@@ -88,7 +88,7 @@ def _assigned(client: Client, text: str, *, raw: bool) -> tuple[Signal, float]:
             equals = ""
     if not equals or not name:
         raise UsageError(
-            f"'{text}' is no output with a value: write it as 'drive/Target velocity=5'"
+            f"'{text}' is not an output with a value such as 'drive/Target velocity=5'"
         )
     output = find_output(client, name)
     whole = not output.real and (raw or not is_physical(output))

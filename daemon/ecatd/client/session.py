@@ -219,8 +219,8 @@ class Session:
         alive = self.full_name in buses
         if buses and not alive and not self._is_local:
             return UnreachableError(
-                f"no ecatd serves bus '{self.bus}' there, or its machine cannot be reached now; "
-                f"--bus may be {', '.join(buses)}"
+                f"bus '{self.bus}' is not running there, or its machine cannot be reached now; "
+                f"running: {', '.join(buses)}; choose one with --bus"
             )
         if not alive and self.user:
             return NotPermittedError(
@@ -232,7 +232,7 @@ class Session:
             return _why_no_daemon(self.bus)
         if not alive:
             start = how_to_start(self.bus.rpartition("/")[2])
-            return UnreachableError(f"no ecatd serves bus '{self.bus}' there; {start}")
+            return UnreachableError(f"bus '{self.bus}' is not running there; {start}")
         silent = f"the daemon of bus '{self.bus}' gave no answer"
         if key[0] == AS and not self._is_known:
             assert self._identity is not None, "only a user has such keys"

@@ -43,7 +43,10 @@ def why_no_connection(endpoint: str, identity: Identity | None, timeout: float) 
     protocol, host, port = place.protocol, place.host, place.port
     nobody = f"no ecatd answers at {endpoint}"
     if protocol not in _LOOKED_AT or not port.isdecimal():
-        return UnreachableError(f"{nobody}; is it running, and does it listen there?")
+        return UnreachableError(
+            f"{nobody}; start ecatd there, and check the address and "
+            "`gateway.listen` of its configuration"
+        )
     changed_by = "--timeout" if timeout < _PATIENCE_S else ""
     patience = Timeout(min(timeout, _PATIENCE_S), changed_by)
     try:
@@ -54,7 +57,10 @@ def why_no_connection(endpoint: str, identity: Identity | None, timeout: float) 
         )
     except (OSError, UnicodeError, OverflowError) as error:
         why = getattr(error, "strerror", None) or str(error)
-        return UnreachableError(f"{nobody}: {why}; is it running, and does it listen there?")
+        return UnreachableError(
+            f"{nobody}: {why}; start ecatd there, and check the address and "
+            "`gateway.listen` of its configuration"
+        )
     with connection:
         if protocol == _TLS:
             return _shake_hands(connection, host, endpoint, identity, patience)

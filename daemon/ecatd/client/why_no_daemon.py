@@ -51,10 +51,10 @@ def why_no_daemon(bus: str) -> EcatError:
         except EcatError as error:
             return error
     others = _running()
-    hint = f" (running are: {', '.join(others)}; choose with --bus)" if others else ""
+    hint = f" (running: {', '.join(others)}; choose one with --bus)" if others else ""
     advice = why_not_running(bus)
     why = f": {advice.text}; {advice.remedy}" if advice else f"; {how_to_start(bus)}"
-    return UnreachableError(f"no ecatd serves bus '{bus}'{hint}{why}")
+    return UnreachableError(f"bus '{bus}' is not running{hint}{why}")
 
 
 def _without_gateway(bus: str, header: Any) -> EcatError:

@@ -301,8 +301,8 @@ def read_slaves(top: Table, key: Key) -> list[SlaveConfig]:
         if not found and "position" not in row:
             row.fail(
                 "position",
-                "is missing: write where the slave stands, or the alias or the identification by "
-                "which it is found",
+                "is missing: write the position of the slave, or the `alias` or the "
+                "`identification` by which ecatd finds it",
             )
         values = row.read(rules)
         _check_identity(row)

@@ -78,8 +78,8 @@ def how_to_start(bus: str) -> str:
     """Returns advice for messages if no daemon runs."""
     name = "" if bus == "ecat0" else f" --bus {bus}"
     return (
-        f"start it with 'systemctl start {service(bus)}', or without hardware: "
-        f"'ecatd --simulate troll{name}'"
+        f"start it with 'systemctl start {service(bus)}', or without hardware with 'ecatd "
+        f"--simulate troll{name}'"
     )
 
 

@@ -433,21 +433,20 @@ def _why_none(interfaces: Sequence[str]) -> str:
             else f'write second_interface = "{end.interface}"'
         )
         return (
-            f"{none}, because the slaves form a ring: frames that are sent on {first} pass "
-            f"{end.slaves} slaves and come out at {end.interface}: {remedy}, or unplug one end"
+            f"{none}, because the slaves form a ring. Frames sent on {first} pass {end.slaves} "
+            f"slaves and arrive at {end.interface}: {remedy}, or unplug one end"
         )
     if end is not None:
         return (
-            f"{none}: frames that are sent on {first} come out at {end.interface}, and no slave "
-            f"has processed them: either both are connected without a slave, or {first} is the far "
-            f'end of a ring: then write interface = "{end.interface}" and second_interface = '
-            f'"{first}"'
+            f"{none}. Frames sent on {first} arrive at {end.interface}, and no slave has processed "
+            f"them. If no slave is between the two, check the cables. If {first} is the far end of "
+            f'a ring, write interface = "{end.interface}" and second_interface = "{first}"'
         )
     said = _said(states)
     more = f" ({said})" if said else ""
     return (
-        f"{none}: check cable and power of the first slave, and that this is the right interface"
-        f"{more}"
+        f"{none}: check the cable and the power of the first slave, and that this is the right "
+        f"interface{more}"
     )
 
 

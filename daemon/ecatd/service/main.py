@@ -108,11 +108,11 @@ def _configuration(options: argparse.Namespace) -> tuple[Config, Origins]:
     if given:
         config = read_config({**config.to_dict(), **given}, COMMAND_LINE, texts(origins))
     if options.replay and not options.simulate:
-        raise UsageError("--replay gives values to the slaves of a simulated rig: add --simulate")
+        raise UsageError("--replay needs a simulated rig: add --simulate RIG")
     if not (config.interface or options.simulate or options.check_config):
         raise UsageError(
-            "no bus is given: give --interface IF, or --simulate troll to try it without "
-            "hardware, or --config FILE with the key 'interface'"
+            "ecatd does not know where the slaves are: give --interface IF, or --config FILE "
+            "with the key 'interface', or --simulate troll to try it without hardware"
         )
     return config, origins
 

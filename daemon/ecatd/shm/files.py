@@ -254,6 +254,6 @@ def already_served(bus: str, fd: int) -> StateError:
     if len(header) == shm.size("ecat_shm_header"):
         pid = f" (pid {shm.struct('ecat_shm_header').from_buffer_copy(header).pid})"
     return StateError(
-        f"bus '{bus}' is already served by another ecatd{pid}; stop it first ('systemctl stop "
-        f"{service(bus)}' if it is the service), or give this one another name with --bus"
+        f"another ecatd{pid} already runs bus '{bus}'; stop it first ('systemctl stop "
+        f"{service(bus)}' if it is the service), or give this bus another name with --bus"
     )

@@ -69,7 +69,7 @@ def opened(bus: str) -> Iterator[Reader]:
 
 
 def _not_running(bus: str) -> UnreachableError:
-    return UnreachableError(f"no ecatd serves bus '{bus}'; {how_to_start(bus)}")
+    return UnreachableError(f"bus '{bus}' is not running; {how_to_start(bus)}")
 
 
 def version(layout: int) -> str:

@@ -105,7 +105,8 @@ def _link(area: Area, state: InterfaceState) -> Iterator[Finding]:
         text = "it is switched off; ecatd switches it on when it starts"
         yield area.ok("link", text)
     elif not state.carrier:
-        remedy = "check cable and power of the first slave, and that this is the right interface"
+        remedy = "check the cable and the power of the first slave, and that this is the right "
+        "interface"
         yield area.problem("link", "no carrier", remedy)
     elif not any(item.topic in _OF_LINK for item in found):
         speed = f"{state.speed} Mbit/s, {state.duplex} duplex" if state.speed else "carrier"

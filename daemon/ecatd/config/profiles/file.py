@@ -55,9 +55,8 @@ def _folder(folder: Path) -> Iterator[DeviceProfile]:
         return
     except OSError as error:
         raise ConfigError(
-            f"the folder '{folder}', which may have device profiles, cannot be read: "
-            f"{error.strerror}; let the user who runs ecatd read it, or set HOME to a folder of "
-            "this user"
+            f"the folder of device profiles '{folder}' cannot be read: {error.strerror}; let the "
+            "user who runs ecatd read it, or set HOME to a folder of this user"
         ) from error
     for file in files:
         yield from read_toml(file).read({"device": _devices}).get("device", ())

@@ -79,8 +79,8 @@ def wait_for_carriers(interfaces: Sequence[str], cancelled: Callable[[], bool]) 
     if not any(found):
         names = " and ".join(f"'{name}'" for name in interfaces)
         raise UnreachableError(
-            f"no carrier on {names} within {_CARRIER}: check cable and power of the first slave, "
-            f"and that this is the right interface"
+            f"{names} had no carrier for {_CARRIER}: check the cable and the power of the first "
+            "slave, and that this is the right interface"
         )
 
 
@@ -189,7 +189,7 @@ def _reserve(interface: str) -> socket.socket:
     except OSError as error:
         reservation.close()
         raise StateError(
-            f"interface '{interface}' is used by another ecatd already; stop that one first"
+            f"another ecatd already uses interface '{interface}'; stop it first"
         ) from error
     return reservation
 
@@ -203,7 +203,7 @@ def _flags(interface: str) -> int:
         except OSError as error:
             names = ", ".join(name for _, name in socket.if_nameindex())
             raise UnreachableError(
-                f"there is no network interface '{interface}'; there are: {names}"
+                f"there is no network interface '{interface}'; this machine has {names}"
             ) from error
         return flags
 

@@ -323,7 +323,7 @@ class ExchangeWatch:
         known.exonerated = False
         expected = next((n.wkc_expected for n in domain.datagrams if n.offset == offset), 0)
         counter = f"{expected + wrong_by} instead of {expected}"
-        known.reason = f"the counter was {counter} at last: {finding.text(self._bus, wrong_by)}"
+        known.reason = f"the counter was {counter}: {finding.text(self._bus, wrong_by)}"
         known.slaves = tuple(item.position for item in finding.suspects)
         return known.reason != before
 

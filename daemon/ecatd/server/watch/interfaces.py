@@ -31,6 +31,18 @@ _SETTLED = 0.1
 
 _COUNTERS = {item.name: item for item in shm.COUNTERS if item.severity == "warning"}
 """Those that stand still on a healthy bus."""
+_AMOUNTS = {
+    "wkc_bad": "{unit} with a wrong working counter",
+    "mailbox_lost": "lost mailbox {unit}",
+}
+"""What is counted, where it is not the name of the counter and its unit, such as `lost frames`."""
+
+
+def _amount(counter: shm.Counter, count: int) -> str:
+    """How much a counter has grown, such as `1 lost frame`, `2 missed cycles`."""
+    unit = counter.unit.removesuffix("s") if count == 1 else counter.unit
+    return f"{count} {_AMOUNTS.get(counter.name, f'{counter.label} {{unit}}').format(unit=unit)}"
+
 
 _LINKS = {
     shm.Link.UP: "the link is up",
@@ -195,12 +207,15 @@ class InterfaceWatch:
 
     def _report_counters(self, rise: Rise) -> None:
         text = ", ".join(
-            f"{item.label} {rise.counts[name]} {item.unit}"
+            _amount(item, rise.counts[name])
             for name, item in _COUNTERS.items()
             if name in rise.counts
         )
-        begin = "a disturbance of" if rise.over else "in the last"
-        text = f"{begin} {rise.seconds:.0f} s{' is over' * rise.over}: {text}"
+        text = (
+            f"the exchange is undisturbed again, after {rise.seconds:.0f} s with {text}"
+            if rise.over
+            else f"in the last {rise.seconds:.0f} s: {text}"
+        )
         self._report("disturbance", text, asdict(rise), good=rise.over)
 
     def _look_for_others(self, number: int, now: float) -> None:

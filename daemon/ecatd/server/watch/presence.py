@@ -135,7 +135,7 @@ class Presence:
                     f"exchanged{ask}"
                 )
             case Wrong.BLIND:
-                return f"no slave answers, since no frame comes back: {self.blinding}"
+                return f"no slave answers, because no frame comes back: {self.blinding}"
             case Wrong.SILENT:
                 return (
                     f"no slave answers: check the cable to {bus.slaves[0].label} and the power; "
@@ -145,11 +145,12 @@ class Presence:
         changed, restart = f"slave count changed: {count}, now {found}", restart_without(lost)
         if lost == (*range(lost[0], count),):
             before, first = bus.slaves[lost[0] - 1].label, bus.slaves[lost[0]].label
+            behind = "" if one else " and all slaves behind it"
             return (
-                f"{changed}: no answer from {first} on: {missing}; check the cable behind "
+                f"{changed}: no answer from {first}{behind}, {missing}; check the cable behind "
                 f"{before}, and the power of {first}{restart}"
             )
         return (
-            f"{changed}: no answer from {name_slaves(bus, lost)}: {missing}; check cables and "
-            f"power{restart}"
+            f"{changed}: no answer from {name_slaves(bus, lost)}, {missing}; check their cables "
+            f"and their power{restart}"
         )

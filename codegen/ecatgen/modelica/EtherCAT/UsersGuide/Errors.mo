@@ -11,7 +11,7 @@ behaviour without a bus.
 </p>
 <table border=\"1\" cellspacing=\"0\" cellpadding=\"2\">
 <tr><th>message</th><th>what to do</th></tr>
-<tr><td>no ecatd serves bus ...</td><td>Start the daemon; check the parameter <code>bus</code> of the
+<tr><td>bus ... is not running</td><td>Start the daemon; check the parameter <code>bus</code> of the
 EtherCATMaster.</td></tr>
 <tr><td>no right to read bus ...</td><td>Become a member of the group of the daemon
 (<code>sudo usermod -aG ecat $USER</code>), and log in again.</td></tr>
