@@ -29,7 +29,7 @@ static int find_slave(ecat_t *bus, const char *part, size_t length) {
     found = i;
   }
   if (found >= 0) return found;
-  return ecat_fail(bus, ECAT_EBUS, "bus '%s' has no slave '%.*s'; 'ecatctl slaves' lists them",
+  return ecat_fail(bus, ECAT_EBUS, "bus '%s' has no slave '%.*s'; 'ecatctl slaves' lists its slaves",
                    bus->name, (int)length, part);
 }
 
@@ -100,7 +100,7 @@ int ecat_lookup(ecat_t *bus, const char *name, int direction) {
   }
   if (found >= 0) return found;
   return ecat_fail(bus, ECAT_ESIGNAL, "slave %d (%s) of bus '%s' has no %s '%s' in its process data; "
-                   "'ecatctl pdos %d' lists what it has", position, ecat_shown(slave->name), bus->name,
+                   "'ecatctl pdos %d' lists its entries", position, ecat_shown(slave->name), bus->name,
                    direction == ECAT_INPUT ? "input" : direction == ECAT_OUTPUT ? "output" : "entry",
                    slash + 1, position);
 }

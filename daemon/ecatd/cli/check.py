@@ -53,7 +53,8 @@ def check(options: argparse.Namespace) -> int:
 def _line(bus: str, problems: list[str], slaves: Health | None) -> str:
     facts = [slaves.counts] if slaves else []
     facts += first_of(problems, _SHOWN, " (--json lists all)")
-    return f"bus {bus}, {'; '.join(facts)}"
+    line = "; ".join(facts)
+    return line if f"bus '{bus}'" in line else f"bus {bus}, {line}"
 
 
 def _look(source: Source) -> tuple[int, list[str], Health | None]:

@@ -38,16 +38,17 @@ SETTINGS = {
     Setting.SCHEDULING: Words(
         "SCHED_FIFO",
         "priority {}",
-        "comes before all ordinary programs",
+        "runs before all ordinary programs",
         "cycles are late when others are busy",
-        "needs CAP_SYS_NICE, or RLIMIT_RTPRIO of at least the priority: the service has it; by "
-        "hand use sudo, or a line '@ecat - rtprio 98' in /etc/security/limits.conf",
+        "needs CAP_SYS_NICE, or RLIMIT_RTPRIO of at least the priority: the service has it; when "
+        "you start ecatd yourself, use sudo, or add the line '@ecat - rtprio 98' to "
+        "/etc/security/limits.conf",
     ),
     Setting.AFFINITY: Words(
         "CPU",
         "{}",
         "stays on its CPU; best an isolated one",
-        "may move between CPUs: some µs each time",
+        "may move between CPUs; each move costs some µs",
         "set realtime.cpu to a CPU that exists and that the service may use (CPUAffinity=, "
         "AllowedCPUs= in the unit)",
     ),
@@ -56,22 +57,22 @@ SETTINGS = {
         "yes",
         "the bus server is never swapped out",
         "a page fault may cost a cycle",
-        "needs CAP_IPC_LOCK, or RLIMIT_MEMLOCK without limit: the service has it; by hand use "
-        "sudo, or 'ulimit -l unlimited'",
+        "needs CAP_IPC_LOCK, or RLIMIT_MEMLOCK without limit: the service has it; when you start "
+        "ecatd yourself, use sudo, or 'ulimit -l unlimited'",
     ),
     Setting.TIMER_SLACK: Words(
         "timer slack",
         "{} ns",
-        "the timer rings when it should",
-        "up to 50 µs later without SCHED_FIFO",
+        "timers end on time",
+        "timers end up to 50 µs late without SCHED_FIFO",
         "prctl(PR_SET_TIMERSLACK) was refused: see the system calls that the unit allows "
         "(SystemCallFilter=)",
     ),
     Setting.DMA_LATENCY: Words(
         "DMA latency",
         "{} µs",
-        "no deep sleep of CPUs: power, heat",
-        "CPUs sleep deeply: late by 1 to 200 µs",
+        "CPUs do not sleep deeply, and need more power",
+        "CPUs sleep deeply, and wake up 1 to 200 µs late",
         "needs the right to write /dev/cpu_dma_latency: run as root, or give the file to the "
         "group of the service (udev rule); in the unit DeviceAllow=/dev/cpu_dma_latency rw",
     ),
@@ -79,7 +80,7 @@ SETTINGS = {
         "busy receive",
         "yes",
         "one core is always busy",
-        "some µs more for each exchange",
+        "each exchange takes some µs more",
         "set realtime.busy_receive, and give the engine a CPU of its own (realtime.cpu)",
     ),
 }

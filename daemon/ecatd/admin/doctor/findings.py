@@ -82,14 +82,14 @@ class Cost(NamedTuple):
 
     def __str__(self) -> str:
         worse, better = self.exchange_us
-        where = " beside busy programs" if self.load == "busy" else ""
+        where = " while other programs were busy" if self.load == "busy" else ""
         text = (
-            f"on our test machine, the exchange took {worse:g} µs in place of {better:g} µs{where} "
+            f"on our test machine, the exchange took {worse:g} µs instead of {better:g} µs{where} "
             "(99th percentile)"
         )
         worse, better = self.missed
         if worse >= 2 * better and worse >= 1:
-            text += f", and {worse:g} of 1000 cycles were missed in place of {better:g}"
+            text += f", and missed {worse:g} of 1000 cycles instead of {better:g}"
         return text
 
 

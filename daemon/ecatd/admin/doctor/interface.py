@@ -85,8 +85,9 @@ def _area(interface: str) -> Area:
 def _driver(area: Area, folder: Path) -> Finding:
     driver = folder / "device/driver"
     if not driver.exists():
-        text = "it is a virtual interface, which has no card"
-        remedy = "for slaves that are no simulation, name an Ethernet port of this machine"
+        text = "it is a virtual interface, without a network card"
+        remedy = "this is right for a simulation; for real slaves, name an Ethernet port of this "
+        "machine"
         return area.hint("driver", text, remedy)
     name = driver.resolve().name
     if (folder / "wireless").exists():

@@ -76,7 +76,7 @@ def _raw_frames() -> Finding:
         f"no {' and no '.join(missing)}: an ecatd that this user starts cannot use an interface, "
         "but the service can"
     )
-    return _AREA.hint("raw frames", text, "start the service, or ecatd with sudo")
+    return _AREA.hint("raw frames", text, "start the service, or start ecatd with sudo")
 
 
 def _membership(bus: str) -> Finding:
@@ -88,7 +88,11 @@ def _membership(bus: str) -> Finding:
         return _AREA.ok(name, "may write outputs and send requests")
     group = service_group()
     if group is None:
-        return _AREA.hint(name, "the group 'ecat' does not exist", "install the service")
+        return _AREA.hint(
+            name,
+            "the group 'ecat' does not exist",
+            "install the service: `ecatctl service install`",
+        )
     if group in os.getgroups():
         return _AREA.ok(name, "member of the group 'ecat'")
     return _AREA.problem(name, "not a member of the group 'ecat'", JOIN)

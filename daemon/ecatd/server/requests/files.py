@@ -279,7 +279,9 @@ class Files:
                 "the SHA-256 of the file differs from the one that the client has announced; "
                 "send it again"
             )
-            self._record(item, f"has not begun, by {request.by}: {item.error}", failed=True)
+            self._record(
+                item, f"has not begun (asked for by {request.by}): {item.error}", failed=True
+            )
             self._forget_later(item)
             return
         self._begin(item, FileWrite(request.file, request.password, data))
@@ -288,7 +290,7 @@ class Files:
         item.file, item.began, item.step = file, time.monotonic(), _Step.TRANSFERRING
         size = f" ({item.announced})" if item.request.write else ""
         boot = " in BOOT" if item.request.boot else ""
-        self._record(item, f"begins{size}{boot}, by {item.request.by}")
+        self._record(item, f"begins{size}{boot} (asked for by {item.request.by})")
         item.task = asyncio.create_task(self._run(item, file))
 
     @handles(TakeFoe)
@@ -341,7 +343,7 @@ class Files:
         finally:
             self._forget_later(item)
         more = f"; {item.note}" if item.note else ""
-        end = f"after {time.monotonic() - item.began:.1f} s, by {item.request.by}"
+        end = f"after {time.monotonic() - item.began:.1f} s (asked for by {item.request.by})"
         if item.error:
             moved = f"{file.moved} bytes were transferred{more}"
             self._record(item, f"has failed {end}: {item.error}; {moved}", failed=True)

@@ -257,7 +257,7 @@ class ExchangeWatch:
         what = f"{self._label(domain)}: {_words(kind, counts, lasted)}"
         known.fault = Fault(
             kind,
-            f"{what}: {known.reason}",
+            f"{what}; {known.reason}",
             known.since,
             None if domain is None else domain.number,
             share=round(counts.share(kind), 6),

@@ -276,10 +276,10 @@ class SlaveWatch:
         self._presence = presence
         self._expectation.note()
         text = presence.text(self._restart_without)
-        line = text or f"all {len(slaves) - len(absent)} slaves answer, and no others"
-        self._report.write("slaves", line, lost, good=not text)
+        good = not text
+        text = text or f"all {len(slaves) - len(absent)} slaves answer, and no others"
         facts = {"found": found, "expected": len(slaves), "missing": lost}
-        self._report.publish("slaves", **facts, text=text)
+        self._report("slaves", text, facts, lost, good=good)
 
     def _report_absent(self, absent: list[int]) -> None:
         """Reports that optional slaves have left; recovery reports that they are back."""
