@@ -119,7 +119,7 @@ def identifier(text: str) -> Code:
     if isinstance(text, Code):
         return text
     if not _IDENTIFIER.fullmatch(text):
-        raise ValueError(f"{text[:40]!r} is no name: a name has letters, digits and '_'")
+        raise ValueError(f"{text[:40]!r} is not a name: a name has letters, digits and '_'")
     return Code(text)
 
 
@@ -190,5 +190,5 @@ def table_word(text: str) -> Code:
     """
     word = one_line(text)
     if not word or " " in word:
-        raise ValueError(f"{text[:40]!r} is no word")
+        raise ValueError(f"{text[:40]!r} is not a word")
     return Code(word, Language.TABLE)

@@ -450,7 +450,7 @@ def test_r20_a_cycle_that_is_held_up_is_counted(bench: Bench) -> None:
     time.sleep(0.05)  # less than the watchdog of the slaves
     os.kill(bench.server, signal.SIGCONT)
     bench.wait_for(lambda: bench.health().missed >= before + 40)
-    bench.wait_for_log(": missed ")
+    bench.wait_for_log(" missed cycles")
     bench.wait_for_event("disturbance")
     bench.wait_for_data()
 

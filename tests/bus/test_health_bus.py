@@ -228,7 +228,7 @@ def test_a_ring_with_one_interface_or_exchanged_ones(
     ("more", "port", "tokens"),
     [
         ((), MASTER, (f"{MASTER} is a part of br0", f"`ip link set {MASTER} nomaster`")),
-        (("--ring",), SECOND, ("come out at br0", "this bridge", "`ip link set PORT nomaster`")),
+        (("--ring",), SECOND, ("arrive at br0", "this bridge", "`ip link set PORT nomaster`")),
     ],
 )
 def test_a_bridge_is_no_end_of_a_ring(

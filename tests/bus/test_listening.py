@@ -52,7 +52,7 @@ def test_an_address_that_comes_later_costs_nothing(tmp_path: Path) -> None:
     try:
         (told,) = (line for line in daemon.log.splitlines() if LATE in line)
         names(told, "not listening", "the address", "tried again")
-        names(daemon.log, "'nowhere.invalid:1' is no address", "'a..b:1' is no address")
+        names(daemon.log, "'nowhere.invalid:1' is not an address", "'a..b:1' is not an address")
         assert len(daemon.slave_rows()) == 1
         assert slaves(daemon, "127.0.0.1") == 1
         inside(daemon, "ip", "address", "add", f"{LATE}/32", "dev", "lo")

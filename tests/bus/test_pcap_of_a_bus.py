@@ -79,4 +79,4 @@ def test_a_rig_of_a_capture_is_the_same_bus(
     assert rows[0] == rows[1]
     assert again.stop() == 0
     refused = pcap(str(rig), status=2)
-    assert "this is no capture" in one_line_error(refused.stderr, "ecatsim")
+    assert "this is not a capture" in one_line_error(refused.stderr, "ecatsim")

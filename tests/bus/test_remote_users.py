@@ -473,8 +473,8 @@ def test_slaves_of_users_that_do_not_exist_are_named(
 @pytest.mark.parametrize(
     ("text", "tokens"),
     [
-        ("", ("is no identity", "ecatd user:")),
-        ("ecatd user: anna\n", ("is no identity",)),
+        ("", ("is not an identity", "ecatd user:")),
+        ("ecatd user: anna\n", ("is not an identity",)),
         (None, ("cannot be read",)),
     ],
 )

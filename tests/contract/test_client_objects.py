@@ -168,9 +168,9 @@ def test_validity_is_an_enumeration(bus: Bus, memory: SharedMemory) -> None:
 @pytest.mark.parametrize("value", ["5", None, [1], 1 << 2000])
 def test_what_is_no_number_is_told(shared: Client, value: object) -> None:
     signal = shared.signal("0/out/i16")
-    with pytest.raises(UsageError, match="is no number"):
+    with pytest.raises(UsageError, match="is not a number"):
         signal.raw = value
-    with pytest.raises(UsageError, match="is no number"):
+    with pytest.raises(UsageError, match="is not a number"):
         signal.value = value  # type: ignore[assignment]
 
 

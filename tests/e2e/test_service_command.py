@@ -329,7 +329,7 @@ def test_it_removes_what_it_wrote_and_nothing_else(tmp_path: Path) -> None:
 def test_what_cannot_be_done_is_refused(tmp_path: Path) -> None:
     assert "no service is installed" in service(tmp_path, "upgrade", status=7)
     assert "no service is installed" in service(tmp_path, "uninstall", status=7)
-    assert "is no folder" in service(tmp_path / "absent", "install", status=2)
+    assert "is not a folder" in service(tmp_path / "absent", "install", status=2)
     assert "network interface" in service(tmp_path, "install", "--interface", 'a"b', status=2)
     assert "bus name" in service(tmp_path, "install", "--bus", "a/b", status=2)
     assert "is for install" in service(tmp_path, "upgrade", "--interface", "eth7", status=2)

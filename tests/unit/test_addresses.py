@@ -54,9 +54,9 @@ def test_a_number_with_one_reading_is_taken(text: str, what: str, most: int, val
         ("0x10000", "index", 0xFFFF, ("0x10000", "0xFFFF")),
         ("65536", "index", 0xFFFF, ("65536", "65535")),
         ("256", "subindex", 0xFF, ("256", "255")),
-        ("-1", "index", 0xFFFF, ("'-1'", "no index")),
-        ("1_0", "index", 0xFFFF, ("'1_0'", "no index")),
-        ("0b1", "index", 0xFFFF, ("'0b1'", "no index")),
+        ("-1", "index", 0xFFFF, ("'-1'", "index")),
+        ("1_0", "index", 0xFFFF, ("'1_0'", "index")),
+        ("0b1", "index", 0xFFFF, ("'0b1'", "index")),
     ],
 )
 def test_other_numbers_are_refused(text: str, what: str, most: int, facts: tuple[str, ...]) -> None:

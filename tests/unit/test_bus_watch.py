@@ -116,7 +116,7 @@ def test_who_goes_on_is_told_less_and_less() -> None:
         (
             2,
             [2, 3],
-            "4, now 2 | slave 2 (EL2) on | 2 slaves missing | cable",
+            "4, now 2 | slave 2 (EL2) | behind | 2 slaves missing | cable",
         ),
         (2, [1, 2], "4, now 2 | slaves 1-2 | 2 slaves missing"),
         (4, [2], "slave 2 (EL2) | address | 4 slaves"),

@@ -568,7 +568,7 @@ def test_wires_of_a_rig_without_slaves(tmp_path: Path) -> None:
 
 def test_names_of_rigs() -> None:
     assert rigs.make("empty").devices == []
-    with pytest.raises(UsageError, match=naming("no rig", "'nothing'", "troll")):
+    with pytest.raises(UsageError, match=naming("no rig", "'nothing'", "ecatsim rigs")):
         rigs.make("nothing")
     with pytest.raises(ConfigError, match=naming("nothing.toml:", "No such file")):
         rigs.make("nothing.toml")

@@ -70,8 +70,8 @@ def test_an_untidy_folder(sample: Path, tmp_path: Path, capsys: pytest.CaptureFi
         ("foreign.xml", "<Network/>"),
         ("cut.xml", SAMPLE[:900]),
         ("modules.xml", "<EtherCATModule/>"),
-        ("readme.txt", "no XML"),
-        (".hidden.xml", "no XML"),
+        ("readme.txt", "not XML"),
+        (".hidden.xml", "not XML"),
     ):
         (folder / name).write_text(text, "utf-8")
     (row,) = slaves("DI4:#x1", folder)

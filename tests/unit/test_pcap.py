@@ -118,8 +118,8 @@ def test_what_the_capture_lacks_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (b"", "this is no capture"),
-        (b"#!/bin/sh\n", "this is no capture"),
+        (b"", "this is not a capture"),
+        (b"#!/bin/sh\n", "this is not a capture"),
         (b"\x1f\x8b\x08\0rest", "unpack it first"),
     ],
 )

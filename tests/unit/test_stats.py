@@ -105,7 +105,7 @@ def test_rare_times_are_seen_in_many_samples() -> None:
         assert exact <= made.quantile(q) <= exact * 33 / 32
     assert made.quantile(0.9999) >= 5_000_000 > made.quantile(0.999)
     for q in (-0.1, 1.1, math.nan):
-        with pytest.raises(UsageError, match="is no quantile"):
+        with pytest.raises(UsageError, match="is not a quantile"):
             made.quantile(q)
 
 

@@ -52,18 +52,19 @@ def parse_number(text: str, what: str, most: int) -> int:
     if match := _HEXADECIMAL.fullmatch(text):
         value = int(match[1], 16)
         if value > most:
-            raise UsageError(f"{text} is no {what}: 0x0 to 0x{most:X} are possible")
+            raise UsageError(f"{text} is not a possible {what}: use 0x0 to 0x{most:X}")
         return value
     if not _DECIMAL.fullmatch(text):
         hint = ""
         if _DIGITS.fullmatch(text) and int(text, 16) <= most:
             hint = f"; if it is hexadecimal, write 0x{text.upper():0>{digits}}"
         raise UsageError(
-            f"'{text[:40]}' is no {what}: write a number, decimal or with 0x in front{hint}"
+            f"'{text[:40]}' is not a possible {what}: write a number, decimal or with 0x in "
+            f"front{hint}"
         )
     value = int(text)
     if value > most:
-        raise UsageError(f"{text} is no {what}: 0 to {most} are possible")
+        raise UsageError(f"{text} is not a possible {what}: use 0 to {most}")
     as_hexadecimal = int(text, 16)
     if value != as_hexadecimal <= most:
         raise UsageError(

@@ -22,7 +22,7 @@ def check_bus_name(name: str) -> str:
         UsageError: A bus cannot have this name.
     """
     if not BUS_NAME.fullmatch(name):
-        raise UsageError(f"{name[:40]!r} is no bus name: it {BUS_NAME_RULE}")
+        raise UsageError(f"{name[:40]!r} is not a bus name: it {BUS_NAME_RULE}")
     return name
 
 
@@ -34,6 +34,6 @@ def check_full_bus_name(name: str) -> str:
     """
     host, slash, bus = name.rpartition("/")
     if slash and not HOST_NAME.fullmatch(host):
-        raise UsageError(f"{name[:80]!r} is no HOST/BUS: the host {HOST_NAME_RULE}")
+        raise UsageError(f"{name[:80]!r} is not HOST/BUS: the host {HOST_NAME_RULE}")
     check_bus_name(bus)
     return name

@@ -89,7 +89,7 @@ class PcapReader:
             raise ConfigError(f"{self.path}: cannot be read: {error.strerror}") from error
         packed = "; unpack it first" if magic[:2] == b"\x1f\x8b" else ""
         raise ConfigError(
-            f"{self.path}: this is no capture: a file of Wireshark or tcpdump (pcapng or pcap) "
+            f"{self.path}: this is not a capture: a file of Wireshark or tcpdump (pcapng or pcap) "
             f"begins otherwise{packed}"
         )
 

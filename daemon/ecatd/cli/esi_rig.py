@@ -171,9 +171,9 @@ def _listed(devices: str) -> Iterator[Wanted]:
             kind, product, revision = parse_name(match[2])
         except UsageError:
             raise UsageError(
-                f"{where}: '{text}' is no device: write EL1018, 3*EL1018, EL1018:0x00110000 (with "
-                "its revision) or 0x03FA3052 (its product code), and a comma between two; the "
-                "modules in its slots follow in brackets, as in Island[DI8, -, AI2]"
+                f"{where}: '{text}' is not a device: write EL1018, 3*EL1018, EL1018:0x00110000 "
+                "(with its revision) or 0x03FA3052 (its product code), and a comma between two; "
+                "the modules in its slots follow in brackets, as in Island[DI8, -, AI2]"
             ) from None
         modules = [_module(item.strip()) for item in match[3].split(",")] if match[3] else []
         yield Wanted("--devices", text, count, kind, product, revision, modules)

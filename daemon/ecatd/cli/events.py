@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from ecatd.base.close_names import did_you_mean
 from ecatd.description.bus import Bus
 from ecatd.operations.bus import Events, ReadEvents
 from ecatd.operations.events import PUBLISHED, SEVERITIES
@@ -63,10 +64,8 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 def _kind(text: str) -> str:
     """Checks that there are events of a kind: one that does not exist would filter all out."""
     if text not in PUBLISHED:
-        known = ", ".join(sorted(PUBLISHED))
-        raise argparse.ArgumentTypeError(
-            f"there are no events of kind '{text}': choose from {known}"
-        )
+        hint = did_you_mean(text, PUBLISHED) or f"choose from {', '.join(sorted(PUBLISHED))}"
+        raise argparse.ArgumentTypeError(f"there are no events of kind '{text}': {hint}")
     return text
 
 

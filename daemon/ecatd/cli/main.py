@@ -28,7 +28,7 @@ exit status:
   1 a difference (generate --check, library --check, config diff) or a problem (doctor)
   `ecatctl check` has its own: 0 well, 1 degraded, 2 down, 3 no right to look
 
-`ecatctl COMMAND --help` shows the arguments of a command.
+Each command explains its arguments: `ecatctl write --help`.
 """
 
 _ALIASES = {"state": ["states"], "sdo-read": ["upload"], "sdo-write": ["download"]}

@@ -170,7 +170,7 @@ def _data(text: str, size: int) -> bytes:
     try:
         return int(text, 0).to_bytes(size, "little")
     except ValueError:
-        raise UsageError(f"'{text}' is no number (10 or 0x0A)") from None
+        raise UsageError(f"'{text}' is not a number (10 or 0x0A)") from None
     except OverflowError:
         raise UsageError(
             f"{text} does not fit into {size} byte{'s' * (size != 1)}: give another --size"

@@ -184,7 +184,8 @@ def sdo_write(remote: Remote, options: argparse.Namespace) -> None:
     )
     if subindex is None:
         raise UsageError(
-            f"the subindex is missing: write {address_text(options.index, 0)}, or another one"
+            "the subindex is missing: write an object with it, such as "
+            f"{address_text(options.index, 0)}"
         )
     options.subindex = subindex
     data = _data(remote, options, chosen)

@@ -64,9 +64,9 @@ def service(options: argparse.Namespace) -> None:
     try:
         root = Path(options.root).resolve(strict=True)
     except (OSError, RuntimeError, ValueError) as error:
-        raise UsageError(f"--root {options.root!r} is no folder: {error}") from error
+        raise UsageError(f"--root {options.root!r} is not a folder: {error}") from error
     if not options.root or not root.is_dir():
-        raise UsageError(f"--root {options.root!r} is no folder")
+        raise UsageError(f"--root {options.root!r} is not a folder")
     if options.interface is not None and options.action != "install":
         raise UsageError(f"--interface is for install, not for {options.action}")
     if options.purge and options.action != "uninstall":

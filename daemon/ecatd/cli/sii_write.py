@@ -114,8 +114,8 @@ def _read(path: Path) -> bytes:
     least = 2 * FIRST_CATEGORY
     if len(image) % 2 or not least <= len(image) <= MAX_IMAGE:
         raise UsageError(
-            f"{path} is no EEPROM: it has {len(image)} bytes, but an EEPROM has words of 2 bytes, "
-            f"at least {least} and at most {MAX_IMAGE} bytes"
+            f"{path} is not an EEPROM: it has {len(image)} bytes, but an EEPROM has words of 2 "
+            f"bytes, at least {least} and at most {MAX_IMAGE} bytes"
         )
     return image
 

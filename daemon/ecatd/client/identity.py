@@ -84,7 +84,7 @@ def read_identity(path: Path) -> Identity:
     user = _USER.search(text)
     if user is None or len(certificates) < 2 or len(keys) != 1:
         raise UsageError(
-            f"{path} is no identity: it needs a line '{USER_LINE.strip().format('NAME')}', the "
+            f"{path} is not an identity: it needs a line '{USER_LINE.strip().format('NAME')}', the "
             "certificate of the user, its private key, and the certificate of the authority that "
             "signs those of daemons, in this order, as `ecatctl remote user` writes them"
         )

@@ -134,7 +134,9 @@ class Session:
         try:
             config = session_config("client", settings)
         except zenoh.ZError as error:
-            raise UsageError(f"'{endpoint}' is no Zenoh endpoint such as tcp/host:7447") from error
+            raise UsageError(
+                f"'{endpoint}' is not a Zenoh endpoint such as tcp/host:7447"
+            ) from error
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:

@@ -299,4 +299,4 @@ def number_of(value: object) -> float:
             return float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
         pass
-    raise UsageError(f"{reprlib.repr(value)} is no number that an output can have")
+    raise UsageError(f"{reprlib.repr(value)} is not a number that an output can have")

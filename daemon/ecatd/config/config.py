@@ -37,7 +37,7 @@ def _bus(table: Table, key: Key) -> str:
 def _folder(table: Table, key: Key) -> str:
     folder = table.text(key)
     if not folder or not folder.isprintable():
-        table.fail(key, f"{show(folder)} is no folder: write its path in quotes")
+        table.fail(key, f"{show(folder)} is not a folder: write its path in quotes")
     return folder
 
 

@@ -103,7 +103,7 @@ def _position_row(items: Table, key: Key) -> range:
     if not 0 <= first <= last <= POSITION_MAX and first not in dict(named).values():
         items.fail(
             key,
-            f"{items.show(key)} is no slave: write a position, 0 to {POSITION_MAX}, a row such as "
-            f'"5-7", or the name of a [[slave]]{known_names(items)}',
+            f"{items.show(key)} is not a slave: write a position, 0 to {POSITION_MAX}, a row such "
+            f'as "5-7", or the name of a [[slave]]{known_names(items)}',
         )
     return range(first, last + 1)

@@ -26,7 +26,7 @@ USER_NAME_RULE = "letters, digits, and behind the first one also _ . @ -, at mos
 def _host(table: Table, key: Key) -> str:
     text = table.text(key)
     if text and not HOST_NAME.fullmatch(text):
-        table.fail(key, f"{show(text)} is no name of a machine: it {HOST_NAME_RULE}")
+        table.fail(key, f"{show(text)} cannot be the name of a machine: it {HOST_NAME_RULE}")
     return text
 
 
@@ -50,7 +50,7 @@ _ROUTER_NAMES = accepts("names of hosts")(lambda table, key: table.array(key, _r
 
 def _check_socket_path(table: Table, key: Key, path: str) -> None:
     if not path.startswith("/") or path.endswith("/") or not path.isprintable():
-        table.fail(key, f"{show(path)} is no path of a socket: write its whole path")
+        table.fail(key, f"{show(path)} is not the path of a socket: write an absolute path")
     if len(path.encode()) > _SOCKET_PATH_MAX:
         table.fail(key, f"{show(path)} is too long for a socket: at most {_SOCKET_PATH_MAX} bytes")
 
@@ -58,7 +58,7 @@ def _check_socket_path(table: Table, key: Key, path: str) -> None:
 def _router_name(table: Table, key: Key) -> str:
     text = table.text(key)
     if not HOST_NAME.fullmatch(text):
-        table.fail(key, f"{show(text)} is no name of a router: it {HOST_NAME_RULE}")
+        table.fail(key, f"{show(text)} cannot be the name of a router: it {HOST_NAME_RULE}")
     return text
 
 
@@ -71,13 +71,13 @@ def _check_endpoint(table: Table, key: Key) -> None:
     if place.protocol not in PROTOCOLS or not place.host:
         table.fail(
             key,
-            f"{show(endpoint)} is no Zenoh endpoint: write PROTOCOL/HOST:PORT, such as "
+            f"{show(endpoint)} is not a Zenoh endpoint: write PROTOCOL/HOST:PORT, such as "
             f'"{LOOPBACK}", with one of the protocols {", ".join(PROTOCOLS)}; or '
             f'"{LOCAL}//PATH"',
         )
     if not _is_port(place.port):
         port = show(place.port)
-        table.fail(key, f"{show(endpoint)}: {port} is no port: write one from 1 to 65535")
+        table.fail(key, f"{show(endpoint)}: {port} is not a port: write one from 1 to 65535")
 
 
 def _is_port(text: str) -> bool:
@@ -103,7 +103,7 @@ def _metrics_address(table: Table, key: Key) -> str:
     if not _is_port(port):
         table.fail(
             key,
-            f'{show(text)} is no address: write "127.0.0.1:9754", or '
+            f'{show(text)} is not an address: write "127.0.0.1:9754", or '
             f'"unix:/run/ecatd/ecat0/gateway/metrics"',
         )
     if not _is_loopback(host.strip("[]")):
@@ -119,7 +119,7 @@ def _metrics_address(table: Table, key: Key) -> str:
 def _path(table: Table, key: Key) -> str:
     text = table.text(key)
     if text and not text.startswith("/"):
-        table.fail(key, f"{show(text)} is no whole path: it must begin with /")
+        table.fail(key, f"{show(text)} is not an absolute path: it must begin with /")
     return text
 
 
@@ -127,7 +127,7 @@ def _path(table: Table, key: Key) -> str:
 def _user_name(table: Table, key: Key) -> str:
     text = table.text(key)
     if not USER_NAME.fullmatch(text):
-        table.fail(key, f"{show(text)} is no name of a user: {USER_NAME_RULE}")
+        table.fail(key, f"{show(text)} cannot be the name of a user: {USER_NAME_RULE}")
     return text
 
 
@@ -287,7 +287,7 @@ def _check_routers(table: Table, config: GatewayConfig) -> None:
     elements = table.elements("connect")
     for at, endpoint in enumerate(config.connect):
         if Endpoint.of(endpoint).protocol == LOCAL:
-            elements.fail(at, f"{show(endpoint)} is no router: write tls/HOST:PORT")
+            elements.fail(at, f"{show(endpoint)} is not a router: write tls/HOST:PORT")
         if not (Endpoint.of(endpoint).is_encrypted or config.anonymous_reading):
             elements.fail(
                 at,

@@ -45,5 +45,7 @@ def read_interface(table: Table, key: Key) -> str:
     if len(name.encode("utf-8", "replace")) > _BYTES:
         table.fail(key, f"an interface name has at most {_BYTES} characters")
     if not _NAME.fullmatch(name) or not name.isprintable():
-        table.fail(key, f"{show(name)} is no name of a network interface: `ip link` lists them")
+        table.fail(
+            key, f"{show(name)} cannot be the name of a network interface: `ip link` lists them"
+        )
     return name

@@ -33,7 +33,7 @@ def read_pdo_index(table: Table, key: Key) -> int:
     if type(value) is not int or value not in (*OUTPUT_PDOS, *INPUT_PDOS):
         table.fail(
             key,
-            f"{table.show(key)} is no PDO: write 0x1600 to 0x17FF for outputs, 0x1A00 to 0x1BFF "
+            f"{table.show(key)} is not a PDO: write 0x1600 to 0x17FF for outputs, 0x1A00 to 0x1BFF "
             "for inputs",
         )
     return value

@@ -49,7 +49,7 @@ def read_values(table: Table, key: Key) -> list[Value]:
             names.fail(text, "is no whole number: write one, such as 5 or 0x10")
         name = names.text(text)
         if not name or not name.isprintable():
-            names.fail(text, f"{show(name)} is no name: it must be printable")
+            names.fail(text, f"{show(name)} is not a name: it must be printable")
         value = Value(int(text, 16 if text.startswith("0x") else 10), name)
         if value.number in values:
             names.fail(text, "is named twice: remove one")
@@ -61,7 +61,7 @@ def read_values(table: Table, key: Key) -> list[Value]:
 def _type(table: Table, key: Key) -> str:
     name = table.text(key)
     if not bit_length(table.explain(key, lambda: parse_type(name))):
-        table.fail(key, f'\'{name}\' is no number: write one such as "int16" or "real"')
+        table.fail(key, f'\'{name}\' is not a number: write one such as "int16" or "real"')
     return name
 
 

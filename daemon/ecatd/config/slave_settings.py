@@ -61,7 +61,7 @@ def _position(table: Table, key: Key) -> int:
 def _file(table: Table, key: Key) -> str:
     path = table.text(key)
     if path and not path.isprintable():
-        table.fail(key, f"{show(path)} is no file: write its path in quotes")
+        table.fail(key, f"{show(path)} is not a file: write its path in quotes")
     return path
 
 
@@ -71,8 +71,8 @@ def _name(table: Table, key: Key) -> str:
     if name and not is_slave_name(name):
         table.fail(
             key,
-            f"{show(name)} is no name for a {'group' if key == 'group' else 'slave'}: write a "
-            f"letter, then letters, digits, '_' and '-', at most {SLAVE_NAME_BYTES} bytes",
+            f"{show(name)} cannot be the name of a {'group' if key == 'group' else 'slave'}: "
+            f"write a letter, then letters, digits, '_' and '-', at most {SLAVE_NAME_BYTES} bytes",
         )
     return name
 

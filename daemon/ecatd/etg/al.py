@@ -29,7 +29,9 @@ class AlState(IntEnum):
         except KeyError:
             state = cls.NONE
         if state is cls.NONE:
-            raise UsageError(f"{text[:40]!r} is no AL state: use INIT, PREOP, BOOT, SAFEOP or OP")
+            raise UsageError(
+                f"{text[:40]!r} is not an AL state: use INIT, PREOP, BOOT, SAFEOP or OP"
+            )
         return state
 
 

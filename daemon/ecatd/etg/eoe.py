@@ -259,11 +259,11 @@ def parse_mac(text: str) -> str:
     except ValueError:
         data = b""
     if len(data) != 6 or any(len(part) != 2 for part in parts):
-        raise UsageError(f"{_shown(text)} is no MAC address: write it as 02:00:00:00:00:01")
+        raise UsageError(f"{_shown(text)} is not a MAC address: write it as 02:00:00:00:00:01")
     if data[0] & 1 or not any(data):
         raise UsageError(
-            f"{_shown(text)} is no MAC address of a device: its first byte must be even, and one "
-            "byte at least must not be 0"
+            f"{_shown(text)} is not a MAC address of a device: its first byte must be even, and "
+            "one byte at least must not be 0"
         )
     return data.hex(":")
 
@@ -277,7 +277,7 @@ def parse_interface(text: str) -> tuple[IPv4Address, IPv4Address]:
     address, _, size = text.partition("/")
     if not (size.isascii() and size.isdigit() and 1 <= int(size) <= 31):
         raise UsageError(
-            f"{_shown(text)} is no address with its network: write it as 192.168.7.2/24"
+            f"{_shown(text)} is not an address with its network: write it as 192.168.7.2/24"
         )
     found = IPv4Interface((parse_address(address), int(size)))
     if size != "31" and found.ip in (found.network[0], found.network[-1]):
@@ -296,10 +296,10 @@ def parse_address(text: str) -> IPv4Address:
     try:
         address = IPv4Address(text)
     except AddressValueError:
-        raise UsageError(f"{_shown(text)} is no IP address: write it as 192.168.7.2") from None
+        raise UsageError(f"{_shown(text)} is not an IP address: write it as 192.168.7.2") from None
     wrong = address.is_multicast or address.is_unspecified or address.is_loopback
     if wrong or address.is_reserved:
-        raise UsageError(f"{address} is no IP address of a device: choose another one")
+        raise UsageError(f"{address} is not an IP address of a device: choose another one")
     return address
 
 
@@ -312,6 +312,7 @@ def parse_name(text: str) -> str:
     allowed = all(letter.isalnum() or letter in "-." for letter in text)
     if not text or not allowed or not text.isascii() or len(text) > NAME_MAX:
         raise UsageError(
-            f"{_shown(text)} is no DNS name: write letters, digits, '-' and '.', at most {NAME_MAX}"
+            f"{_shown(text)} is not a DNS name: write letters, digits, '-' and '.', at most "
+            f"{NAME_MAX}"
         )
     return text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ecatd.base.close_names import did_you_mean
 from ecatd.base.errors import UsageError
 
 
@@ -89,10 +90,9 @@ def find_register(name: str) -> Register:
     for item in REGISTERS:
         if item.name == name.lower().replace("-", "_"):
             return item
-    raise UsageError(
-        f"there is no register '{name}': give its address, as 0x0130, or one of "
-        + ", ".join(item.name for item in REGISTERS)
-    )
+    hint = did_you_mean(name, (item.name for item in REGISTERS))
+    hint = hint or "give an address such as 0x0130; `ecatctl reg-read SLAVE` lists all names"
+    raise UsageError(f"there is no register '{name}': {hint}")
 
 
 def register_at(address: int) -> Register | None:

@@ -34,7 +34,7 @@ def wrong_certificates(config: GatewayConfig) -> str:
             context.load_cert_chain(config.certificate, config.key)
     except (ssl.SSLError, OSError, ValueError) as error:
         apart = getattr(error, "reason", "") in _APART
-        why = "do not belong together" if apart else "are no PEM files"
+        why = "do not belong together" if apart else "are not PEM files"
         return (
             f"gateway.certificate {config.certificate} and gateway.key {config.key} {why}: "
             "`ecatctl remote init` makes such a pair"

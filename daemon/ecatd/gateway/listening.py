@@ -83,9 +83,9 @@ def find_problem(endpoint: str) -> str:
             if probe.type == socket.SOCK_STREAM:
                 probe.listen(1)
     except socket.gaierror as error:
-        return f"'{rest}' is no address here: {error.strerror}"
+        return f"'{rest}' is not an address here: {error.strerror}"
     except (UnicodeError, OverflowError):
-        return f"'{rest}' is no address"
+        return f"'{rest}' is not an address"
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
             return _IN_USE

@@ -147,15 +147,15 @@ def _sharing(state: InterfaceState) -> Iterator[Remark]:
         below = state.below or "the interface below"
         yield Remark(
             "vlan",
-            f"{name} is no Ethernet port but a {state.kind} on {below}, which changes the frames "
-            f"or shares the cable with others",
+            f"{name} is not an Ethernet port but a {state.kind} on {below}, which changes the "
+            "frames or shares the cable with others",
             f"use {below} itself",
         )
     elif state.kind in ("bridge", "bond", "team"):
         yield Remark(
             "bridge",
-            f"{name} is no Ethernet port but a {state.kind}, which sends frames of its own, and "
-            f"frames of other computers, to the slaves",
+            f"{name} is not an Ethernet port but a {state.kind}, which sends frames of its own, "
+            "and frames of other computers, to the slaves",
             "use the port with the slaves itself",
         )
 

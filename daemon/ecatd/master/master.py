@@ -439,8 +439,8 @@ def _why_none(interfaces: Sequence[str]) -> str:
     if end is not None:
         return (
             f"{none}. Frames sent on {first} arrive at {end.interface}, and no slave has processed "
-            f"them. If no slave is between the two, check the cables. If {first} is the far end of "
-            f'a ring, write interface = "{end.interface}" and second_interface = "{first}"'
+            f"them. If no slave is between the two, connect the slaves. If {first} is the far end "
+            f'of a ring, write interface = "{end.interface}" and second_interface = "{first}"'
         )
     said = _said(states)
     more = f" ({said})" if said else ""

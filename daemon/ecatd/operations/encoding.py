@@ -36,7 +36,9 @@ def unpack(data: bytes, limit: int = MAX_MESSAGE) -> dict[str, Any]:
     try:
         message = msgpack.unpackb(data)
     except (ValueError, msgpack.UnpackException) as error:
-        raise UsageError(f"this is no msgpack message: {error or type(error).__name__}") from error
+        raise UsageError(
+            f"this is not a msgpack message: {error or type(error).__name__}"
+        ) from error
     if not isinstance(message, dict) or not all(isinstance(key, str) for key in message):
         raise UsageError("a message is a map with string keys")
     return message

@@ -31,11 +31,11 @@ FACTS: Mapping[str, Fact] = {
     "domain": Fact(int | None, "number of the domain; None if it is about none", subject=True),
     "interface": Fact(str, "name of the interface", subject=True),
     "slot": Fact(int, "slot of the client in the shared memory", subject=True),
-    "program": Fact(str, "program of the client, as it says itself"),
-    "pid": Fact(int, "its process, as it says itself"),
-    "programs": Fact(list[str], "processes that can have written into the file, or have it open"),
+    "program": Fact(str, "program of the client, by its own account"),
+    "pid": Fact(int, "its process ID, by its own account"),
+    "programs": Fact(list[str], "processes that may have written into the file, or have it open"),
     "owner": Fact(str, "the client that owns the output"),
-    "entry": Fact(str, "address of the entry, as `0x7000:01`"),
+    "entry": Fact(str, "address of the entry, such as `0x7000:01`"),
     "file": Fact(str, "path of the file", subject=True),
     "what": Fact(str, "what was changed", subject=True),
     "by": Fact(str, "who has asked for it"),
@@ -45,7 +45,7 @@ FACTS: Mapping[str, Fact] = {
     "al_code": Fact(int, "AL status code (register 0x0134)"),
     "code": Fact(int, "error code"),
     "register": Fact(int, "error register"),
-    "error": Fact(str, "why the system refuses them; empty: it takes them again"),
+    "error": Fact(str, "why the system refuses them; empty: it accepts them again"),
     "damage": Fact(str, "what was done to it"),
     "reason": Fact(str, "why, as in `ecatctl claims --json`"),
     "fault": Fact(str, "what fails"),
@@ -53,7 +53,7 @@ FACTS: Mapping[str, Fact] = {
     "counts": Fact(dict[str, int], "by how much each counter has grown"),
     "count": Fact(int, "frames"),
     "source": Fact(str, "source address of the frames"),
-    "wrote": Fact(list[str], "what it has written, as `FMMUs (0x0600) of all slaves`"),
+    "wrote": Fact(list[str], "what it has written, such as `FMMUs (0x0600) of all slaves`"),
     "share": Fact(float, "share of the exchanges that fail, 0 to 1"),
     "exchanges": Fact(int, "exchanges that were counted"),
     "failures": Fact(int, "how many of them have failed"),
@@ -98,8 +98,8 @@ KINDS: Mapping[str, Kind] = {
             "warning",
             "The AL state of a slave has changed",
             "It has left OP or come back to it, or has reported an error (AL status code). ecatd "
-            "brings a slave without an error of its own back. Otherwise the text has the reason "
-            "and what to do; then: `ecatctl state {slave} OP`.",
+            "brings a slave without an error of its own back. Otherwise the text says why, and "
+            "what to do. Then run `ecatctl state {slave} OP`.",
             ("slave", "al_state", "al_code"),
         ),
         Kind(
@@ -120,9 +120,9 @@ KINDS: Mapping[str, Kind] = {
         Kind(
             "recovery",
             "error",
-            "A slave is brought back to OP, or that does not work",
-            "A slave that is `refused` has a reason of its own: mend it, then: `ecatctl state "
-            "{slave} OP`.",
+            "ecatd brings a slave back to OP, or cannot do so",
+            "A slave with the state `refused` has a fault of its own. Mend it, then run `ecatctl "
+            "state {slave} OP`.",
             ("slave", "state", "seconds?"),
             {
                 "state": (
@@ -152,7 +152,7 @@ KINDS: Mapping[str, Kind] = {
         Kind(
             "sending",
             "error",
-            "An interface refuses frames, or takes them again",
+            "An interface refuses frames, or accepts them again",
             "The text has the reason of the system. `ecatctl stats` counts them as `unsent`.",
             ("interface", "error", "cycle"),
         ),
@@ -168,7 +168,7 @@ KINDS: Mapping[str, Kind] = {
         Kind(
             "disturbance",
             "warning",
-            "Counters of errors are rising, or stand still again",
+            "Error counters are rising, or have stopped rising",
             "Frames did not come back in their cycle, or the computer did not get to the cycle in "
             "time. Cables and plugs cause lost frames; other programs, power management and "
             "drivers cause missed cycles. See: `ecatctl stats`, `ecatctl info`.",
@@ -204,7 +204,7 @@ KINDS: Mapping[str, Kind] = {
         Kind(
             "interface",
             "warning",
-            "Something is wrong with an interface, or no longer",
+            "An interface has a problem, or no longer has it",
             "The text says what, and what to do. See: `ecatctl doctor`.",
             ("interface", "topic", "over"),
             {"topic": "`mtu`, `duplex`, `speed`, `bridge`, `vlan` or `offload`"},
@@ -212,7 +212,7 @@ KINDS: Mapping[str, Kind] = {
         Kind(
             "clock",
             "warning",
-            "The cycle follows the reference clock, or does not any more",
+            "The cycle follows the reference clock, or no longer does",
             "Without it, slaves with SYNC signals may leave OP. See: `ecatctl dc`, and "
             "[distributed clocks](distributed-clocks.md).",
             ("state", "offset_ns", "drift_ppb", "cycle"),
@@ -227,7 +227,7 @@ KINDS: Mapping[str, Kind] = {
         Kind(
             "expected_bus",
             "error",
-            "The bus is not as the configuration expects it, or is so again",
+            "The bus differs from the configuration, or matches it again",
             "Its slaves differ from the tables `[[slave]]` of [the expected "
             "bus](configuration.md#the-expected-bus). See: `ecatctl config check FILE`.",
             ("differences",),
@@ -265,9 +265,9 @@ KINDS: Mapping[str, Kind] = {
         Kind(
             "conflict",
             "info",
-            "A client was refused outputs that another one owns",
-            "The text names both. Release the outputs in the other one, or have only one of them "
-            "write. See: `ecatctl claims`.",
+            "A client was refused outputs that another client owns",
+            "The text names both. Release the outputs in the other client, or let only one of "
+            "them write. See: `ecatctl claims`.",
             ("slave", "entry", "owner", "slot", "program", "pid", "cycle"),
         ),
         Kind(
@@ -290,7 +290,7 @@ KINDS: Mapping[str, Kind] = {
         Kind(
             "refused",
             "warning",
-            "A client wrote a value out of its declared range",
+            "A client wrote a value outside its declared range",
             "It was not sent. Mend the client, or the limits in the configuration.",
             ("slave", "entry", "slot", "program", "pid", "programs", "cycle"),
         ),
@@ -298,18 +298,18 @@ KINDS: Mapping[str, Kind] = {
             "malformed",
             "warning",
             "A client slot contains data that no client library writes",
-            "It was not used. The text names the programs that can have done it, as far as the "
-            "user of ecatd may see them. A service sees none of other users. This lists all that "
-            "have the file open now: `sudo fuser -v /dev/shm/ecat/{bus}.out`.",
+            "It was not used. The text names the programs that may have done it, except those "
+            "that ecatd cannot see: a service sees no programs of other users. To list all "
+            "programs that have the file open now, run `sudo fuser -v /dev/shm/ecat/{bus}.out`.",
             ("slot", "program", "pid", "programs", "cycle"),
         ),
         Kind(
             "tampered",
             "warning",
             "A file of the shared memory was changed by another process",
-            "The text names the programs that have it open, as far as the user of ecatd may see "
-            "them. A service sees none of other users. This lists all that have it open now: "
-            "`sudo fuser -v /dev/shm/ecat/{bus}*`.",
+            "The text names the programs that have it open, except those that ecatd cannot see: "
+            "a service sees no programs of other users. To list all programs that have it open "
+            "now, run `sudo fuser -v /dev/shm/ecat/{bus}*`.",
             ("file", "damage", "programs"),
             {
                 "damage": (
@@ -344,8 +344,9 @@ KINDS: Mapping[str, Kind] = {
             "hung",
             "error",
             "A process of ecatd hangs",
-            "It did not answer for ten seconds, so it is killed, and systemd starts the service "
-            "again. Please report this, with the log, unless somebody has stopped the process.",
+            "It did not answer for ten seconds, so ecatd kills it, and systemd starts the "
+            "service again. Please report this, with the log, unless somebody has stopped the "
+            "process.",
             published=False,
         ),
         Kind(

@@ -189,7 +189,7 @@ def _from_text(name: str, text: str, field: Field, where: str) -> Any:
     if "float" in types:
         with suppress(ValueError):
             return float(text)
-        raise UsageError(f"{name}={text[:40]} in {where} is no number")
+        raise UsageError(f"{name}={text[:40]} in {where} is not a number")
     if "int" in types:
         with suppress(ValueError):
             return int(text, 0)

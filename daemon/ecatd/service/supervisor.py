@@ -224,7 +224,7 @@ class Supervisor:
             if self._config.second_interface and not settings["second_interface"]:
                 self._log.warning(
                     f"second_interface = '{self._config.second_interface}' has no effect: rig "
-                    f"'{self._rig}' is no ring, so there is no cable redundancy (write ring = "
+                    f"'{self._rig}' is not a ring, so there is no cable redundancy (write ring = "
                     "true into its rig file)"
                 )
             settings["namespace_of"] = ready["pid"]

@@ -32,7 +32,7 @@ def read_raw(bus: str, table: str) -> list[Any]:
         EcatError: It cannot be read, as `contents.contents`.
     """
     if table not in NAMES:
-        raise UsageError(f"'{table}' is no table: use one of {', '.join(NAMES)}")
+        raise UsageError(f"'{table}' is not a table: use one of {', '.join(NAMES)}")
     with opened(bus) as shared:
         head = shared.header(leftover=True)
         if table == "header":

@@ -48,7 +48,7 @@ SETTINGS = {
         "CPU",
         "{}",
         "stays on its CPU; best an isolated one",
-        "may move between CPUs; each move costs some µs",
+        "may move between CPUs, at some µs each",
         "set realtime.cpu to a CPU that exists and that the service may use (CPUAffinity=, "
         "AllowedCPUs= in the unit)",
     ),
@@ -64,15 +64,15 @@ SETTINGS = {
         "timer slack",
         "{} ns",
         "timers end on time",
-        "timers end up to 50 µs late without SCHED_FIFO",
+        "up to 50 µs late without SCHED_FIFO",
         "prctl(PR_SET_TIMERSLACK) was refused: see the system calls that the unit allows "
         "(SystemCallFilter=)",
     ),
     Setting.DMA_LATENCY: Words(
         "DMA latency",
         "{} µs",
-        "CPUs do not sleep deeply, and need more power",
-        "CPUs sleep deeply, and wake up 1 to 200 µs late",
+        "CPUs sleep lightly, and need more power",
+        "CPUs sleep deeply, wake 1 to 200 µs late",
         "needs the right to write /dev/cpu_dma_latency: run as root, or give the file to the "
         "group of the service (udev rule); in the unit DeviceAllow=/dev/cpu_dma_latency rw",
     ),

@@ -201,7 +201,9 @@ def _only_one() -> str:
         return there[0]
     if there:
         raise UsageError(f"{len(there)} simulators are running; name one of {', '.join(there)}")
-    raise UnreachableError(f"no simulator is running (looked in {sockets.folder()})")
+    raise UnreachableError(
+        f"no simulator is running (looked in {sockets.folder()}): start one with `ecatsim run RIG`"
+    )
 
 
 def _connect(name: str) -> socket.socket:

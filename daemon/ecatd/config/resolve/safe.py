@@ -233,7 +233,9 @@ class _SlaveOutputs:
         if rule.address is not None:
             axes = [n for n in axes if (_CONTROLWORD + n * _AXIS_OBJECTS, 0) == rule.address]
         if not axes:
-            entry = f"{rule.entry} is no controlword in" if rule.entry else "no controlword is in"
+            entry = (
+                f"{rule.entry} is not a controlword in" if rule.entry else "no controlword is in"
+            )
             rule.table.fail(
                 "entry" if rule.entry else "value",
                 f'"{rule.value}" is for drives of CiA 402, but {entry} the outputs of '

@@ -119,8 +119,8 @@ class Assignment(SlaveMailbox):
                     self._look_at_direction(f"0x{list_:04X}:{at:02X}", index, usage, told)
                     if index != value:
                         told.notes.append(
-                            f"0x{list_:04X}:{at:02X} is 0x{value:04X}, which is no PDO, so it is "
-                            f"taken for 0x{index:04X} with its bytes exchanged"
+                            f"0x{list_:04X}:{at:02X} is 0x{value:04X}, which is not a PDO, so it "
+                            f"is taken for 0x{index:04X} with its bytes exchanged"
                         )
                     try:
                         pdos.append((yield from self.pdo(index, number)))

@@ -146,7 +146,7 @@ class ExpectationWatch:
         for item in added:
             if _identity(item) not in self._added:
                 identity = device(item.vendor, item.product)
-                where = f"{self._before(item.position)} is no part of the bus"
+                where = f"{self._before(item.position)} is not part of the bus"
                 text = f"{item.label} {where} ({identity}): restart ecatd to use it"
                 self._report.write("expected_bus", text, good=True)
         now = {_identity(item) for item in added}

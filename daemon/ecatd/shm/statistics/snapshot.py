@@ -71,7 +71,7 @@ class Histogram:
             UsageError: `q` is not within 0 to 1.
         """
         if not 0 <= q <= 1:
-            raise UsageError(f"{q} is no quantile: use 0 to 1, for example 0.99")
+            raise UsageError(f"{q} is not a quantile: use 0 to 1, for example 0.99")
         raw = shm.struct("ecat_shm_histogram")(max_ns=self.max_ns)
         raw.buckets[:] = self.buckets
         return shm.quantile(raw, q)

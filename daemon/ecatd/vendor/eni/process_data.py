@@ -156,7 +156,7 @@ def _take_assignment(
     pdos = outputs + inputs
     strange = [index for index in pdos if index not in (*OUTPUT_PDOS, *INPUT_PDOS)]
     if strange:
-        found.problems.append((line, f"0x{strange[0]:04X} is assigned, which is no PDO"))
+        found.problems.append((line, f"0x{strange[0]:04X} is assigned, which is not a PDO"))
     elif len(set(pdos)) < len(pdos):
         found.problems.append((line, "one PDO is assigned twice"))
     elif len(pdos) > PDOS_MAX:

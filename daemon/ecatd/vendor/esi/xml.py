@@ -323,7 +323,7 @@ class _Builder:
         except expat.ExpatError as error:
             line = error.lineno + self._text_of_file.first_line
             if self._root is None or self._stack:
-                text = f"this is no XML: {expat.ErrorString(error.code)}; {_DAMAGED}"
+                text = f"this is not XML: {expat.ErrorString(error.code)}; {_DAMAGED}"
                 raise MalformedError(self._path, line, text) from None
             self._tell(line, f"something follows the end of <{self._root.tag}>", LEFT_OUT)
         assert self._root is not None
