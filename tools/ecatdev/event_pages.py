@@ -22,6 +22,9 @@ CATALOG = _ROOT / "systemd" / "ecatd.catalog"
 PAGE = _ROOT / "docs" / "troubleshooting.md"
 _BEGIN, _END = "<!-- events -->\n\n", "\n\n<!-- /events -->"
 
+_NO_BREAK = "\N{NO-BREAK SPACE}"
+"""Stands in commands while lines are broken, so that a command can be copied from one line."""
+
 _HEAD = """\
 # Explanations for `journalctl -x`; install as /usr/lib/systemd/catalog/ecatd.catalog, then run
 # `journalctl --update-catalog`. It is made from daemon/ecatd/operations/events.py by
@@ -36,9 +39,11 @@ def catalog() -> str:
 
 def _entry(kind: Kind) -> str:
     where = "Bus @ECAT_BUS@" + ", slave @ECAT_SLAVE@" * ("slave" in kind.facts)
-    plain = re.sub(r"\[([^]\[]+)\]\([^)]+\)", r"\1", kind.advice).replace("`", "")
-    text = plain.format(bus="@ECAT_BUS@", slave="@ECAT_SLAVE@")
-    lines = textwrap.wrap(text, 100, break_long_words=False, break_on_hyphens=False)
+    plain = re.sub(r"\[([^]\[]+)\]\([^)]+\)", r"\1", kind.advice)
+    whole = re.sub(r"`([^`]+)`", lambda code: code[1].replace(" ", _NO_BREAK), plain)
+    text = whole.format(bus="@ECAT_BUS@", slave="@ECAT_SLAVE@")
+    wrapped = textwrap.wrap(text, 100, break_long_words=False, break_on_hyphens=False)
+    lines = [line.replace(_NO_BREAK, " ") for line in wrapped]
     first = [f"-- {message_id(kind.name)}", f"Subject: {kind.subject}", "Defined-By: ecatd", ""]
     return "\n".join([*first, f"{where}.", *lines, ""])
 

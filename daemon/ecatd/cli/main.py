@@ -187,8 +187,8 @@ def _main() -> int:
             check_full_bus_name(options.bus)
         elif "/" in options.bus:
             raise UsageError(
-                f"{options.bus[:80]!r} is not the name of a bus on this machine. HOST/BUS names a "
-                "bus of another machine: add --connect ENDPOINT"
+                f"{options.bus[:80]!r} is not a bus name of this machine. HOST/BUS names a bus of "
+                "another machine: add --connect ENDPOINT"
             )
         else:
             check_bus_name(options.bus)
