@@ -349,7 +349,7 @@ def test_modules_are_not_taken_from_the_current_directory(
 def test_unknown_rig(env: dict[str, str]) -> None:
     result = run_module("ecatd.service", "--simulate", "nonsense", env=env)
     assert result.returncode == 2
-    names(result.stderr, "rig", "'nonsense'", "troll")
+    names(result.stderr, "rig", "'nonsense'", "ecatsim rigs")
 
 
 @pytest.mark.parametrize(
