@@ -22,8 +22,19 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.bus
 
 MAILBOXES = Path(__file__).parents[1] / "rigs" / "mailboxes.py"
+_TRIES = 5
 LAST = 7
 """The last slave of `troll`; from its port 1 a cable leads to the second interface of a ring."""
+
+
+def scan_by_soem(simulator: Simulator, *interfaces: str) -> list[Any]:
+    """As `scan`; again where SOEM has lost frames, which happens on a busy machine."""
+    found = scan(simulator, *interfaces)
+    for _ in range(_TRIES):
+        if not found[0]:
+            break
+        found = scan(simulator, *interfaces)
+    return found
 
 
 def scan(simulator: Simulator, *interfaces: str) -> list[Any]:
@@ -46,12 +57,12 @@ def scan(simulator: Simulator, *interfaces: str) -> list[Any]:
 
 def master_on_rings() -> Any:
     with Simulator() as simulator:
-        found = [scan(simulator, FIRST, SECOND)]
+        found = [scan_by_soem(simulator, FIRST, SECOND)]
         for place in range(LAST + 2):
             cable = (place, 0) if place <= LAST else (LAST, 1)
             simulator.faults.break_link(*cable)
             wait_for_link(simulator, *cable, False)
-            found.append(scan(simulator, FIRST, SECOND))
+            found.append(scan_by_soem(simulator, FIRST, SECOND))
             simulator.faults.heal_link(*cable)
             wait_for_link(simulator, *cable, True)
     return found

@@ -52,7 +52,8 @@ def timeless(frames: list[bytes]) -> list[list[Datagram]]:
 
 def test_a_replay_is_repeatable(start_up: list[Exchange]) -> None:
     assert len(start_up) > 500
-    assert timeless(answers(start_up)) == timeless(answers(start_up))
+    first, second = (timeless(answers(start_up)) for _ in range(2))
+    assert [pair for pair in zip(first, second, strict=True) if pair[0] != pair[1]][:1] == []
 
 
 def test_a_replay_answers_as_recorded(start_up: list[Exchange]) -> None:

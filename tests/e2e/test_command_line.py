@@ -1,7 +1,9 @@
 """`ecatctl` against a live daemon: what it prints, and its exit statuses."""
 
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -377,3 +379,14 @@ def test_an_error_as_json_that_cannot_be_written_keeps_its_status(troll: Daemon)
         )
     assert result.returncode == 5
     names(one_line_error(result.stderr, "ecatctl"), "0x06020000")
+
+
+@pytest.mark.parametrize("program", ["ecatd.service", "ecatd.cli", "ecatsim"])
+def test_a_help_whose_reader_has_gone_ends_without_a_traceback(program: str) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", program, "--help"]
+    result = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, check=False)
+    os.close(write)
+    assert result.stderr == b""
+    assert result.returncode in (0, 128 + signal.SIGPIPE)

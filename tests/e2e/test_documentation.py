@@ -90,7 +90,8 @@ def test_the_rig_and_device_files(tmp_path: Path) -> None:
         "wait = lambda: (m.send_processdata(), m.receive_processdata(10_000), time.sleep(0.001)); "
         # Ends with the first OP: without process data the watchdog would take the slaves out of it.
         "any(m.state_check(8, 1000) == 8 or not wait() for _ in range(2000)); "
-        "m.slaves[1].output = valve.output = b'\\x01'; [wait() for _ in range(100)]; "
+        "m.slaves[1].output = valve.output = b'\\x01'; "
+        "any(valve.input[0] == 3 or not wait() for _ in range(2000)); "
         "pressure = int.from_bytes(valve.input[2:], 'little'); "
         "print(valve.input[0], 4000 <= pressure <= 8000, valve.sdo_read(0x8000, 0).hex()); "
         "m.state = 1; m.write_state(); m.close()"
