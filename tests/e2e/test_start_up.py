@@ -501,6 +501,36 @@ def test_closed_standard_streams_become_no_other_files(tmp_path: Path) -> None:
     assert daemon.returncode == 0
 
 
+def test_a_log_on_a_full_disk_ends_no_bus(tmp_path: Path) -> None:
+    bus = f"full{os.getpid()}"
+    env = {**os.environ, "ECATD_RUNTIME_DIR": str(tmp_path)}
+    command = [sys.executable, "-m", "ecatd.service", "--simulate", "troll", "--bus", bus]
+    with Path("/dev/full").open("w") as full:
+        daemon = subprocess.Popen(command, env=env, stderr=full)
+    with daemon:
+        try:
+            while run_module("ecatd.cli", "check", "--bus", bus, env=env).returncode:
+                assert daemon.poll() is None
+        finally:
+            daemon.terminate()
+    assert daemon.returncode == 0
+
+
+@pytest.mark.parametrize("option", ["--check-config", "--describe"])
+def test_an_output_that_cannot_be_written(option: str) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "ecatd.service", option, "--simulate", "line:1"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 7
+    assert "Traceback" not in done.stderr
+    assert "the output cannot be written: No space left" in done.stderr
+
+
 def test_setpriv_and_unshare_are_there() -> None:
     """They come with util-linux, which every Debian has; the tests above rely on them."""
     assert shutil.which("unshare")

@@ -1,9 +1,11 @@
 """The log: what the journal gets, and that every event has an explanation for `journalctl -x`."""
 
+import os
 import re
 import shutil
 import socket
 import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from time import sleep
@@ -12,6 +14,7 @@ import pytest
 
 from ecatd.base.log import STORM_MAX, Log, message_id
 from ecatd.base.log_levels import PARTS
+from ecatd.base.sanitized_output import write_no_more
 
 ROOT = Path(__file__).parents[2]
 CATALOG = ROOT / "systemd" / "ecatd.catalog"
@@ -53,6 +56,16 @@ def test_without_the_journal_nothing_is_lost(
 ) -> None:
     Log("ecatd", journal=tmp_path / "gone").error("no carrier", "link")
     assert capsys.readouterr().err == "<3>no carrier\n"
+
+
+def test_a_full_disk_or_a_closed_pipe_ends_no_bus(monkeypatch: pytest.MonkeyPatch) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    with Path("/dev/full").open("w") as full, os.fdopen(write, "w") as closed:
+        for stderr in (full, closed):
+            monkeypatch.setattr(sys, "stderr", stderr)
+            Log("ecatd").warning("no carrier")
+            write_no_more(stderr)
 
 
 def test_a_level_leaves_out_what_is_less_important(capsys: pytest.CaptureFixture[str]) -> None:

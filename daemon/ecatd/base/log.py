@@ -15,6 +15,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from .log_levels import DEFAULTS, PARTS, Levels, level_of
@@ -214,8 +215,9 @@ class _Writer:
                 return
         else:
             line = f"{self._name}: {'' if level == 'info' else level + ': '}{error_text(text)}\n"
-        sys.stderr.write(line)
-        sys.stderr.flush()
+        with suppress(OSError):  # a full disk or a closed pipe: the bus goes on without its log
+            sys.stderr.write(line)
+            sys.stderr.flush()
 
     def audit(self, text: str) -> None:
         """Adds a line to the audit file, if there is one. Opens it each time: it may be rotated."""

@@ -9,6 +9,7 @@ of its own (`ecatgen.text`).
 from __future__ import annotations
 
 import json
+import os
 import re
 import sys
 from collections.abc import Iterable, Iterator
@@ -16,6 +17,8 @@ from contextlib import contextmanager
 from html import escape
 from typing import Any, TextIO, cast
 from unicodedata import category
+
+from .errors import StateError
 
 _SEPARATORS = re.compile(r"([\n\t])")
 
@@ -77,6 +80,25 @@ def sanitized_output() -> Iterator[None]:
         yield
     finally:
         sys.stdout, sys.stderr = streams
+
+
+def print_output(text: str) -> None:
+    """Writes to stdout what a command was asked for.
+
+    Raises:
+        StateError: It cannot be written, because a disk is full or the reader has ended.
+    """
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except OSError as error:
+        write_no_more(sys.stdout)
+        raise StateError(f"the output cannot be written: {error.strerror}") from error
+
+
+def write_no_more(stream: TextIO) -> None:
+    """Redirects a stream to /dev/null, so that flushing its buffer at the end cannot fail."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def printable(text: str) -> str:

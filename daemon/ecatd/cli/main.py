@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 from ecatd.base.bus_name import check_bus_name, check_full_bus_name
 from ecatd.base.errors import EcatError, StateError, UsageError
 from ecatd.base.lazy_command import CommandLine, LazyCommand
-from ecatd.base.sanitized_output import error_text, sanitized_output
+from ecatd.base.sanitized_output import error_text, sanitized_output, write_no_more
 from ecatd.base.version import VERSION
 
 from .arguments import connect, seconds
@@ -151,11 +151,6 @@ def _run(options: argparse.Namespace) -> int:
         return options.run(remote, options) or 0
 
 
-def _write_no_more() -> None:
-    """Redirects stdout to /dev/null, so that flushing its buffer at the end cannot fail."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
 def main() -> int:
     """Runs one command; returns the exit status."""
     if sys.stdout is None:  # closed: `>&-`
@@ -167,6 +162,9 @@ def main() -> int:
             return _main()
         except KeyboardInterrupt:
             return 130
+        except BrokenPipeError:  # the reader of a help text has gone
+            write_no_more(sys.stdout)
+            return 0
         except Exception:  # Python's own exit status would be 1, which is a result of --check
             import traceback
 
@@ -200,15 +198,15 @@ def _main() -> int:
                 _print_error(error)
                 sys.stdout.flush()
             except OSError:  # the status says what has failed
-                _write_no_more()
+                write_no_more(sys.stdout)
         with suppress(OSError):
             print(f"ecatctl: {error_text(error)}", file=sys.stderr, flush=True)
         return error.exit_code
     except BrokenPipeError:
-        _write_no_more()
+        write_no_more(sys.stdout)
         return 0
     except OSError as error:
-        _write_no_more()
+        write_no_more(sys.stdout)
         where = error_text(error.filename) if error.filename else "the output cannot be written"
         print(f"ecatctl: {where}: {error.strerror}", file=sys.stderr)
         return StateError.exit_code

@@ -6,16 +6,17 @@ import argparse
 import json
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from ecatd.base.bus_name import check_bus_name
-from ecatd.base.errors import EcatError, UsageError
+from ecatd.base.errors import EcatError, StateError, UsageError
 from ecatd.base.log import Log
 from ecatd.base.log_levels import OTHERS
 from ecatd.base.paths import profile_folders
 from ecatd.base.process import open_standard_streams
-from ecatd.base.sanitized_output import sanitized_output
+from ecatd.base.sanitized_output import print_output, sanitized_output, write_no_more
 from ecatd.base.version import VERSION
 from ecatd.config import Config, load_config, read_config
 from ecatd.config.origins import COMMAND_LINE, Origin, Origins, find_origins, texts
@@ -137,6 +138,11 @@ def main() -> int:
             return _main()
     except KeyboardInterrupt:  # before the supervisor handles signals
         return 0
+    finally:
+        try:
+            sys.stderr.flush()
+        except OSError:  # Python's own exit status would be 120
+            write_no_more(sys.stderr)
 
 
 def _become_gateway(options: argparse.Namespace) -> None:
@@ -164,7 +170,7 @@ def _main() -> int:
             _check_files(config)
             for warning in alike_slaves(config) + missing_folders(config):
                 log.warning(warning)
-            print(f"{options.config or 'the default configuration'} is valid")
+            print_output(f"{options.config or 'the default configuration'} is valid\n")
             return 0
         supervisor = Supervisor(
             config,
@@ -180,7 +186,8 @@ def _main() -> int:
     except EcatError as error:
         log.error(str(error))
         if options.describe:
-            print(json.dumps({"error": error.to_reply()}))
+            with suppress(StateError):  # the status says what has failed
+                print_output(json.dumps({"error": error.to_reply()}) + "\n")
         return error.exit_code
 
 

@@ -88,8 +88,9 @@ def fork(command: tuple[str, ...], run: Callable[[], int], others: Iterable[Proc
         OSError: The system has not the memory for it.
     """
     (stdin, to_stdin), (from_stdout, stdout) = os.pipe(), os.pipe()
-    sys.stdout.flush()
-    sys.stderr.flush()
+    with suppress(OSError):  # what cannot be written ends no bus
+        sys.stdout.flush()
+        sys.stderr.flush()
     signal.pthread_sigmask(signal.SIG_BLOCK, OF_THE_SERVICE)
     try:
         pid = os.fork()

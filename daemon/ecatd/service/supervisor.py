@@ -17,9 +17,9 @@ import asyncio
 import json
 import os
 import signal
-import sys
 import time
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,6 +28,7 @@ from ecatd.base.log import Log
 from ecatd.base.notify import is_managed, notify
 from ecatd.base.paths import make_dir, remove_dir, user_dir
 from ecatd.base.process import leave_processor, offer_to_oom_killer
+from ecatd.base.sanitized_output import print_output
 from ecatd.base.supervised_process import HANG_S
 from ecatd.base.timeouts import Timeout
 from ecatd.config import Config
@@ -171,13 +172,15 @@ class Supervisor:
         except _EndedError as ended:
             status = ended.status
             if self._describe:
-                sys.stdout.write(ended.output)
+                with suppress(StateError):  # the status says what has failed
+                    print_output(ended.output)
             wait_s = self._wait_s(status)
         except EcatError as error:  # before there is a child
             self._log.error(str(error))
             self._report_failure(str(error))
             if self._describe:
-                print(json.dumps({"error": error.to_reply()}))
+                with suppress(StateError):
+                    print_output(json.dumps({"error": error.to_reply()}) + "\n")
             status = error.exit_code
             wait_s = self._wait_s(status)
         finally:
@@ -260,7 +263,7 @@ class Supervisor:
         output = await self._or_stop(server.output())
         if status := await server.end:
             raise _EndedError(_status(status), output)
-        sys.stdout.write(output)
+        print_output(output)
 
     async def _start_simulator(self) -> tuple[Child, dict[str, Any]]:
         child = self._child(SIMULATOR)

@@ -6,14 +6,13 @@ arguments to the parser and sets `execute`, a function from the options to the e
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import traceback
 from collections.abc import Sequence
 
 from ecatd.base.errors import EcatError, UsageError
-from ecatd.base.sanitized_output import error_text, sanitized_output
+from ecatd.base.sanitized_output import error_text, sanitized_output, write_no_more
 from ecatd.base.version import VERSION
 
 from ..files import python_file
@@ -86,7 +85,7 @@ def _main(arguments: Sequence[str] | None) -> int:
     except KeyboardInterrupt:
         return _INTERRUPTED
     except BrokenPipeError:  # the reader of our output has closed the pipe
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        write_no_more(sys.stdout)
         return _BROKEN_PIPE
     except Exception as error:
         line = python_file.report(error)
