@@ -4,15 +4,35 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
 from .close_names import did_you_mean
+from .errors import StateError
+from .sanitized_output import write_no_more
 
 
 class CommandLine(argparse.ArgumentParser):
-    """A parser whose message about a wrong choice suggests the right one."""
+    """A parser whose message about a wrong choice suggests the right one.
+
+    A help text that cannot be written ends the program without a traceback.
+    """
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        stream = file or sys.stderr
+        try:
+            super()._print_message(message, file)
+            stream.flush()
+        except OSError as error:
+            write_no_more(stream)
+            if stream is sys.stderr:
+                return  # the exit status says that the arguments are wrong
+            if isinstance(error, BrokenPipeError):  # its reader has seen enough
+                self.exit(0)
+            why = f"{self.prog}: the output cannot be written: {error.strerror}\n"
+            self.exit(StateError.exit_code, why)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Checks a value with choices.

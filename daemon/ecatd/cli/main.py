@@ -162,9 +162,6 @@ def main() -> int:
             return _main()
         except KeyboardInterrupt:
             return 130
-        except BrokenPipeError:  # the reader of a help text has gone
-            write_no_more(sys.stdout)
-            return 0
         except Exception:  # Python's own exit status would be 1, which is a result of --check
             import traceback
 

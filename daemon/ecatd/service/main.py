@@ -12,6 +12,7 @@ from typing import Any
 
 from ecatd.base.bus_name import check_bus_name
 from ecatd.base.errors import EcatError, StateError, UsageError
+from ecatd.base.lazy_command import CommandLine
 from ecatd.base.log import Log
 from ecatd.base.log_levels import OTHERS
 from ecatd.base.paths import profile_folders
@@ -43,7 +44,7 @@ exit status:
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
-    parser = argparse.ArgumentParser(
+    parser = CommandLine(
         prog="ecatd",
         description="Run an EtherCAT bus and share its process image.",
         epilog=_EPILOG,
