@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -499,6 +500,30 @@ def test_closed_standard_streams_become_no_other_files(tmp_path: Path) -> None:
         finally:
             daemon.terminate()
     assert daemon.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("title", "name"),
+    [("ecatsim", "simulator"), ("ecatd.server", "bus server"), ("ecatd.gateway", "gateway")],
+)
+def test_a_child_that_is_killed_while_the_bus_starts_is_named(
+    title: str, name: str, tmp_path: Path
+) -> None:
+    env = {**os.environ, "ECATD_RUNTIME_DIR": str(tmp_path)}
+    command = [sys.executable, "-m", "ecatd.service", "--simulate", "line:1"]
+    with subprocess.Popen(
+        [*command, "--bus", f"early{os.getpid()}"], env=env, stderr=subprocess.PIPE, text=True
+    ) as daemon:
+        killed = False
+        while not killed and daemon.poll() is None:
+            for pid in children(daemon.pid):
+                with suppress(FileNotFoundError):
+                    if Path(f"/proc/{pid}/cmdline").read_text().startswith(f"{title}\0"):
+                        os.kill(pid, signal.SIGKILL)
+                        killed = True
+        _, log = daemon.communicate()
+    assert daemon.returncode == 70
+    assert f"the {name} has ended unexpectedly (signal 9)" in log
 
 
 def test_a_log_on_a_full_disk_ends_no_bus(tmp_path: Path) -> None:

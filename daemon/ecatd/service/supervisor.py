@@ -261,8 +261,8 @@ class Supervisor:
 
     async def _print_description(self, server: Child) -> None:
         output = await self._or_stop(server.output())
-        if status := await server.end:
-            raise _EndedError(_status(status), output)
+        if await server.end:
+            raise await self._ended(server, output)
         print_output(output)
 
     async def _start_simulator(self) -> tuple[Child, dict[str, Any]]:
@@ -273,7 +273,7 @@ class Supervisor:
         if "error" in ready:
             self._report_failure(ready["error"]["message"])
         if "error" in ready or not ready:
-            raise _EndedError(await child.end or 70, line)
+            raise await self._ended(child, line)
         return child, ready
 
     async def _ready(self, child: Child) -> str:
@@ -284,10 +284,22 @@ class Supervisor:
         """
         word, text = await self._or_stop(child.first_line())
         if word != "ready":
-            status = _status(await child.end)
-            self._report_failure(text or self._failure)
-            raise _EndedError(status)
+            if text:
+                self._report_failure(text)
+            raise await self._ended(child)
         self._log.debug(f"{child} is ready")
+        return text
+
+    async def _ended(self, child: Child, output: str = "") -> _EndedError:
+        """The error of a child that has ended; it has reported why, unless a signal ended it."""
+        status = await child.end
+        if status <= 0 and not self._is_ready:
+            self._report_failure(self._report_end(child, status))
+        return _EndedError(_status(status) or StateError.exit_code, output)
+
+    def _report_end(self, child: Child, status: int) -> str:
+        text = f"{child.name} has ended unexpectedly ({_cause(status)})"
+        self._log.error(f"{text}; {_again()}", "ended")
         return text
 
     async def _gets_ready(self, gateway: Child) -> bool:
@@ -330,10 +342,8 @@ class Supervisor:
             if not task.cancelled():
                 task.result()  # raises
         child = next(ends[end] for end in ends if end.done())
-        status = child.end.result()
-        text = f"{child.name} has ended unexpectedly ({_cause(status)})"
-        self._log.error(f"{text}; {_again()}", "ended")
-        raise _EndedError(_status(status) or StateError.exit_code)
+        self._report_end(child, child.end.result())
+        raise await self._ended(child)
 
     async def _watch_server(self, server: Child, begin: str) -> None:
         """Asks the bus server every second, and reports the bus to the service manager.
