@@ -240,5 +240,7 @@ class Monitor:
             except StateError:
                 await asyncio.sleep(0.1)  # the worker is busy: the next look is soon
             except Exception as error:
+                if self._stopping.is_set():
+                    return  # what it looks at is closed already
                 self._log.error(f"defect in ecatd while watching the bus: {error!r}")
                 await asyncio.sleep(1)
