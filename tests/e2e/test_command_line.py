@@ -209,6 +209,7 @@ def test_every_exit_status_is_in_the_help(module: str) -> None:
 def test_options_may_stand_before_the_command(troll: Daemon) -> None:
     before = troll.ctl("--bus", troll.bus, "--json", "pdos")
     assert before.stdout == troll.ctl("pdos", "--json").stdout
+    assert "flags" in json.loads(troll.ctl("--json", "client-flags").stdout)
     assert json.loads(troll.ctl("--bus", troll.bus, "--json", "info").stdout)["bus"] == troll.bus
 
 

@@ -63,7 +63,12 @@ class _CommandParser(LazyCommand, _Parser):
         self._is_declared = True
         name = self._command
         if name in _WITHOUT_BUS:
-            self.add_argument("--json", action="store_true", help="print JSON for programs")
+            self.add_argument(
+                "--json",
+                action="store_true",
+                default=argparse.SUPPRESS,
+                help="print JSON for programs",
+            )
         else:
             _add_common(self, defaults=False)
         screen = import_module(self._module)
