@@ -1,12 +1,13 @@
 """Starts that fail: each says in one line what, where, why and what to do, and leaves nothing."""
 
+import contextlib
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -502,14 +503,10 @@ def test_closed_standard_streams_become_no_other_files(tmp_path: Path) -> None:
     assert daemon.returncode == 0
 
 
-@pytest.mark.parametrize(
-    ("title", "name"),
-    [("ecatsim", "simulator"), ("ecatd.server", "bus server"), ("ecatd.gateway", "gateway")],
-)
-def test_a_child_that_is_killed_while_the_bus_starts_is_named(
-    title: str, name: str, tmp_path: Path
-) -> None:
-    env = {**os.environ, "ECATD_RUNTIME_DIR": str(tmp_path)}
+@contextlib.contextmanager
+def killed_early(title: str, runtime: Path) -> Iterator[subprocess.Popen[str]]:
+    """An `ecatd` whose child of this title is killed while the bus starts."""
+    env = {**os.environ, "ECATD_RUNTIME_DIR": str(runtime)}
     command = [sys.executable, "-m", "ecatd.service", "--simulate", "line:1"]
     with subprocess.Popen(
         [*command, "--bus", f"early{os.getpid()}"], env=env, stderr=subprocess.PIPE, text=True
@@ -521,10 +518,35 @@ def test_a_child_that_is_killed_while_the_bus_starts_is_named(
                     if Path(f"/proc/{pid}/cmdline").read_text().startswith(f"{title}\0"):
                         os.kill(pid, signal.SIGKILL)
                         killed = True
+        yield daemon
+
+
+@pytest.mark.parametrize(
+    ("title", "name"), [("ecatsim", "simulator"), ("ecatd.server", "bus server")]
+)
+def test_a_child_that_is_killed_while_the_bus_starts_is_named(
+    title: str, name: str, tmp_path: Path
+) -> None:
+    with killed_early(title, tmp_path) as daemon:
         _, log = daemon.communicate()
     assert daemon.returncode == 70
     assert f"the {name} has ended unexpectedly (signal 9)" in log
-    assert "defect" not in log  # of the bus server, which ends in order
+
+
+def test_r18_a_gateway_that_is_killed_while_the_bus_starts_is_started_again(
+    tmp_path: Path,
+) -> None:
+    with killed_early("ecatd.gateway", tmp_path) as daemon:
+        assert daemon.stderr is not None
+        lines = []
+        for line in daemon.stderr:
+            lines.append(line)
+            if "is in OP" in line:
+                daemon.terminate()
+        log = "".join(lines)
+        names(log, "the gateway has ended (signal 9)", "starts it again", "is in OP")
+        assert "defect" not in log
+    assert daemon.returncode == 0
 
 
 def test_a_log_on_a_full_disk_ends_no_bus(tmp_path: Path) -> None:

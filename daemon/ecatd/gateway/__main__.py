@@ -31,6 +31,7 @@ from ecatd.base.process import (
     leave_processor,
     leave_signals_to_the_service,
     offer_to_oom_killer,
+    set_title,
 )
 from ecatd.base.supervised_process import answer_pings, read_settings, report
 from ecatd.config import GatewayConfig
@@ -115,6 +116,7 @@ def _other_version(bus: str) -> str:
 def main() -> int:
     """Runs the gateway; returns the exit code, which says why it ended."""
     bus, alone = sys.argv[1], "--alone" in sys.argv[2:]
+    set_title(("ecatd.gateway", *sys.argv[1:]))
     leave_signals_to_the_service()
     offer_to_oom_killer(_OOM_SCORE)
     drop_rights()  # before there are other threads: each thread has its own rights

@@ -42,7 +42,7 @@ class Child:
         stdout: asyncio.StreamReader,
     ) -> None:
         self.name = name
-        self.end = asyncio.ensure_future(_end_of(process.pid))
+        self.end = asyncio.ensure_future(_end_of(process))
         self.report: dict[str, Any] = {}
         self.on_levels: Callable[[dict[str, str]], None] = lambda levels: None
         self.on_starting: Callable[[], None] = lambda: None
@@ -167,14 +167,13 @@ class Child:
         return f"{self.name} (process {self._pid})"
 
 
-async def _end_of(pid: int) -> int:
+async def _end_of(process: Process) -> int:
     """Waits until a child process has ended; returns its exit status, or -SIGNAL."""
     loop, ended = asyncio.get_running_loop(), asyncio.Event()
-    watch = os.pidfd_open(pid)
-    loop.add_reader(watch, ended.set)
+    loop.add_reader(process.end, ended.set)
     try:
         await ended.wait()
     finally:
-        loop.remove_reader(watch)
-        os.close(watch)
-    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+        loop.remove_reader(process.end)
+        os.close(process.end)
+    return os.waitstatus_to_exitcode(os.waitpid(process.pid, 0)[1])

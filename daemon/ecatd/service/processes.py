@@ -32,16 +32,18 @@ class Process:
         pid: Its process ID.
         stdin: The pipe to its stdin.
         stdout: The pipe from its stdout.
+        end: File descriptor that can be read when it has ended (pidfd_open(2)).
     """
 
     pid: int
     stdin: IO[bytes]
     stdout: IO[bytes]
+    end: int
 
     @classmethod
     def of(cls, pid: int, stdin: int, stdout: int) -> Process:
         """A process with these descriptors of its pipes."""
-        return cls(pid, os.fdopen(stdin, "wb", 0), os.fdopen(stdout, "rb", 0))
+        return cls(pid, os.fdopen(stdin, "wb", 0), os.fdopen(stdout, "rb", 0), os.pidfd_open(pid))
 
 
 def spawn(*command: str) -> Process:
@@ -98,6 +100,7 @@ def fork(command: tuple[str, ...], run: Callable[[], int], others: Iterable[Proc
             for other in others:
                 other.stdin.close()
                 other.stdout.close()
+                os.close(other.end)
             os.close(to_stdin)
             os.close(from_stdout)
             _become(command, run, stdin, stdout)

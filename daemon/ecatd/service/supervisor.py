@@ -247,7 +247,6 @@ class Supervisor:
         if gateway is not None:
             gateway.give({"parent": os.getpid()})
             while not await self._gets_ready(gateway):
-                await self._kill_gateway(gateway)
                 gateway = await self._replace(gateway)
         # Not earlier: a program that reads that the bus is in OP may ask the gateway about it.
         self._is_ready = True
@@ -303,12 +302,21 @@ class Supervisor:
         return text
 
     async def _gets_ready(self, gateway: Child) -> bool:
-        """Waits until the gateway is ready; returns False if it hangs. Raises as `_ready`."""
+        """Waits until the gateway is ready; returns False if it was killed. Raises as `_ready`."""
         try:
-            await asyncio.wait_for(self._ready(gateway), _GATEWAY_START)
+            word, _ = await asyncio.wait_for(self._or_stop(gateway.first_line()), _GATEWAY_START)
         except TimeoutError:
+            await self._kill_gateway(gateway)
             return False
+        if not word and (status := await gateway.end) < 0:
+            self._report_gateway(status)
+            return False
+        await self._ready(gateway)
         return True
+
+    def _report_gateway(self, status: int) -> None:
+        text = f"the gateway has ended ({_cause(status)}); ecatd starts it again"
+        self._log.warning(text, "gateway")
 
     async def _or_stop(self, work: Awaitable[T]) -> T:
         """Waits for a child that starts; a signal meanwhile ends the daemon."""
@@ -387,8 +395,7 @@ class Supervisor:
             if not gateway.end.done():
                 await self._kill_gateway(gateway)
             elif status := gateway.end.result():  # status 0: it ends to use other settings
-                text = f"the gateway has ended ({_cause(status)}); ecatd starts it again"
-                self._log.warning(text, "gateway")
+                self._report_gateway(status)
             gateway = await self._replace(gateway)
 
     async def _replace(self, gateway: Child) -> Child:
