@@ -488,7 +488,7 @@ def test_a_dark_slave_without_a_place_is_told_when_it_comes(start: Start) -> Non
         rig.faults.heal_link(3)
         wait_for(lambda: "restart ecatd to use it" in daemon.log, daemon)
     (line,) = [line for line in daemon.log.splitlines() if "restart ecatd to use it" in line]
-    names(line, "slave 3 (EL3008)", "no part")
+    names(line, "slave 3 (EL3008)", "restart")
 
 
 @pytest.mark.long

@@ -106,7 +106,7 @@ def test_slaves_have_names(start: Start) -> None:
     assert states == ["OP", "PREOP", "OP", "OP"]
     refused = daemon.ctl("sdo-read", "pressure", "0x1018", "1", check=False)
     assert refused.returncode == 7
-    names(one_line_error(refused.stderr, "ecatctl"), "'pressure'", "4", "`ecatctl slaves`")
+    names(one_line_error(refused.stderr, "ecatctl"), "'pressure'", "'pressures'")
     with daemon.client() as client:
         supply = client.signal("pressures/supply")
         assert (supply.slave, supply.unit) == (3, "bar")

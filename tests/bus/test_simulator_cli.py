@@ -156,7 +156,7 @@ def test_check_lists_what_is_in_a_rig(tmp_path):
         (
             ["run", "nonsense"],
             2,
-            "no rig | 'nonsense' | troll | line:N | terminals:N | branches | empty",
+            "no rig | 'nonsense' | ecatsim rigs",
         ),
         (["run", "line:9999"], 2, "line:9999 | 1 | 1024"),
         (["run", "missing.py"], 2, "no rig file | 'missing.py'"),

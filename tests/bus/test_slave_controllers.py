@@ -137,7 +137,7 @@ def test_registers_are_read_and_written(bus: Daemon) -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "tokens"),
     [
-        ("reg-read 0 nonsense", 2, ("'nonsense'", "al_status")),
+        ("reg-read 0 nonsense", 2, ("'nonsense'", "reg-read SLAVE")),
         ("reg-read 0 0x0FFF 2", 2, ("0x0FFF", "0x1000")),
         ("reg-read 99 al_status", 7, ("slave 99",)),
         ("reg-write 0 0x0012 0x12345 --yes", 2, ("0x12345", "2 bytes")),
