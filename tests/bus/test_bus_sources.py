@@ -219,7 +219,7 @@ def test_a_scan_in_json_and_under_another_name(troll: Daemon, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("arguments", "message", "status"),
     [
-        ("--from nothing", "rig | 'nothing' | troll | line:N", 2),
+        ("--from nothing", "rig | 'nothing' | ecatsim rigs", 2),
         ("--from ./nothing", "no file | './nothing'", 2),
         ("--from {readme}", "{readme} | saved scan", 2),
         ("--from {esi}", "ESI file | --devices", 2),
@@ -227,7 +227,7 @@ def test_a_scan_in_json_and_under_another_name(troll: Daemon, tmp_path: Path) ->
         ("--from {esi} --devices DI5", "no device | 'DI5'", 2),
         ("--from {rig}", "{rig}:2: colour: | not a key", 2),
         ("--from empty", "no EtherCAT slave answers", 3),
-        ("--from troll --from troll", "only ESI files", 2),
+        ("--from troll --from troll", "ESI files", 2),
         ("--from troll --devices DI4", "--devices | ESI files", 2),
         ("--devices DI4", "--devices | ESI files", 2),
         ("--from troll --config {rig}", "{rig}:1: name: | not a key", 2),

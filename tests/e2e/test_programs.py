@@ -233,11 +233,11 @@ def test_the_drive_turns(programs: Path, troll: Daemon) -> None:
 
 def test_examples_say_in_one_line_what_is_wrong(programs: Path, troll: Daemon) -> None:
     for command, part in (
-        ([programs / "digital_io", "nobody"], "no ecatd | 'nobody'"),
+        ([programs / "digital_io", "nobody"], "'nobody'"),
         ([programs / "digital_io", troll.bus, "EL9999"], "no slave | 'EL9999'"),
         ([programs / "drive_velocity", troll.bus, "3"], "slave 3 (EL2008) | output 0x6040:00"),
         ([sys.executable, EXAMPLES / "logger.py", "--bus", troll.bus, "x"], "'x' | entry"),
-        ([sys.executable, EXAMPLES / "logger.py", "--bus", "nobody", "0/x"], "no ecatd | 'nobody'"),
+        ([sys.executable, EXAMPLES / "logger.py", "--bus", "nobody", "0/x"], "'nobody'"),
     ):
         result = subprocess.run(command, text=True, capture_output=True, check=False)
         assert result.returncode != 0

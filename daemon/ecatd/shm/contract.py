@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
+from itertools import islice
 from typing import Any, NamedTuple, Self
 
 from ecatd.base import native
@@ -106,71 +107,72 @@ class _Open(IntEnum):
         return cls[name.upper()]
 
 
-def _values(enumeration: str) -> tuple[int, ...]:
-    """The values of an enumeration, in its order."""
-    return tuple(
-        item.value for item in DEFINITION if item.kind == "value" and item.of == enumeration
-    )
+def _values(enumeration: str, count: int) -> list[int]:
+    """The first values of an enumeration, in its order: a later contract may have more."""
+    found = (item.value for item in DEFINITION if item.kind == "value" and item.of == enumeration)
+    return [*islice(found, count)]
 
 
 class BusState(_Open):
     """`ecat_bus_state`: what the daemon is doing."""
 
-    STARTING, RUNNING, STOPPING, STOPPED = _values("ecat_bus_state")
+    STARTING, RUNNING, STOPPING, STOPPED = _values("ecat_bus_state", 4)
 
 
 class WkcState(_Open):
     """`ecat_wkc_state`: how many slaves took part in a domain's exchange."""
 
-    ZERO, INCOMPLETE, COMPLETE = _values("ecat_wkc_state")
+    ZERO, INCOMPLETE, COMPLETE = _values("ecat_wkc_state", 3)
 
 
 class Ring(_Open):
     """`ecat_ring`: whether the ring is closed, as the second interface sees it."""
 
-    NONE, CLOSED, OPEN = _values("ecat_ring")
+    NONE, CLOSED, OPEN = _values("ecat_ring", 3)
 
 
 class Link(_Open):
     """`ecat_link`: state of a network interface."""
 
-    UNUSED, UP, NO_CARRIER, DOWN, GONE = _values("ecat_link")
+    UNUSED, UP, NO_CARRIER, DOWN, GONE = _values("ecat_link", 5)
 
 
 class DcState(_Open):
     """`ecat_dc_state`: whether the cycle follows the reference clock."""
 
-    OFF, LOCKING, LOCKED = _values("ecat_dc_state")
+    OFF, LOCKING, LOCKED = _values("ecat_dc_state", 3)
 
 
 class Setting(_Open):
     """`ecat_setting`: the real-time settings."""
 
-    SCHEDULING, AFFINITY, MEMORY, TIMER_SLACK, DMA_LATENCY, BUSY_RECEIVE = _values("ecat_setting")
+    SCHEDULING, AFFINITY, MEMORY, TIMER_SLACK, DMA_LATENCY, BUSY_RECEIVE = _values(
+        "ecat_setting", 6
+    )
 
 
 class Outputs(_Open):
     """`ecat_outputs`: the source of the value of an output."""
 
-    SAFE, CLAIMED, ACTIVE, STOPPING, COPIED = _values("ecat_outputs")
+    SAFE, CLAIMED, ACTIVE, STOPPING, COPIED = _values("ecat_outputs", 5)
 
 
 class Reason(_Open):
     """`ecat_reason`: why an output is, or was last, at its safe value."""
 
-    START, RELEASED, LAPSED, GONE, STOPPING, WKC, SOURCE, DIED = _values("ecat_reason")
+    START, RELEASED, LAPSED, GONE, STOPPING, WKC, SOURCE, DIED = _values("ecat_reason", 8)
 
 
 class Request(_Open):
     """`ecat_request_op`: the kinds of requests of a client to the worker."""
 
-    UPLOAD, DOWNLOAD, STATE = _values("ecat_request_op")
+    UPLOAD, DOWNLOAD, STATE = _values("ecat_request_op", 3)
 
 
 class SlotState(_Open):
     """`ecat_slot_state`: state of a client slot."""
 
-    FREE, ACTIVE, LAPSED = _values("ecat_slot_state")
+    FREE, ACTIVE, LAPSED = _values("ecat_slot_state", 3)
 
 
 class Errno(_Open):
@@ -195,19 +197,19 @@ class Errno(_Open):
         EBUSY,
         ESYS,
         ESTATE,
-    ) = _values("ecat_errno")
+    ) = _values("ecat_errno", 18)
 
 
 class Direction(_Open):
     """`ecat_direction`: selects the input or the output where one address has both."""
 
-    INPUT, OUTPUT, ANY = _values("ecat_direction")
+    INPUT, OUTPUT, ANY = _values("ecat_direction", 3)
 
 
 class Validity(_Open):
     """`ecat_validity`: whether the value of an entry in the last sample can be trusted."""
 
-    VALID, NEVER, STALE, INCOMPLETE, NOT_OPERATIONAL = _values("ecat_validity")
+    VALID, NEVER, STALE, INCOMPLETE, NOT_OPERATIONAL = _values("ecat_validity", 5)
 
 
 ENUMS: dict[str, type[IntEnum]] = {
