@@ -93,7 +93,7 @@ def process(machine: Machine, module: str) -> str:
     return (
         main
         if module in ("main", "ecatd.gateway")
-        else machine.text(f"pgrep -P {main} -f 'm {module}$'")
+        else machine.text(f"pgrep -P {main} -f '^{module}'")
     )
 
 
