@@ -329,6 +329,7 @@ def test_lines_of_the_log_are_published_without_values_of_objects(
     daemon.ctl("state", "3", "SAFEOP", "--yes")
     daemon.ctl("state", "3", "OP")
     wait_for(lambda: any(line["event"] == "al_state" for line in heard), daemon)
+    wait_for(lambda: any("0x6060:00" in str(line["text"]) for line in heard), daemon)
     subscriber.undeclare()
     (change,) = (line for line in heard if "0x6060:00" in str(line["text"]))
     assert (change["level"], change["part"], change["slaves"]) == ("notice", "service", [])
