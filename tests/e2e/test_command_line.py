@@ -389,7 +389,7 @@ def test_a_help_whose_reader_has_gone_ends_without_a_traceback(program: str) -> 
     result = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, check=False)
     os.close(write)
     assert (result.returncode, result.stderr) == (0, b"")
-    with open("/dev/full", "w") as full:  # noqa: PTH123
+    with Path("/dev/full").open("w") as full:
         result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, check=False)
     assert result.returncode == StateError.exit_code
     assert result.stderr.count(b"\n") == 1

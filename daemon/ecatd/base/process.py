@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
-import sys
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -37,20 +36,6 @@ OF_THE_SERVICE = (signal.SIGINT, signal.SIGHUP)
 they would end a child that has not called `leave_signals_to_the_service` yet."""
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
-
-
-def open_standard_streams() -> None:
-    """Opens those of stdin, stdout and stderr that are closed, on /dev/null.
-
-    Otherwise the next files that are opened get their numbers, and what is printed lands in them.
-    """
-    for number, name in enumerate(("stdin", "stdout", "stderr")):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
-        if getattr(sys, name) is None:
-            setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
 
 
 def set_title(command: Sequence[str]) -> None:

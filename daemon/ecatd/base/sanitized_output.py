@@ -21,6 +21,8 @@ from unicodedata import category
 from .errors import StateError
 
 _SEPARATORS = re.compile(r"([\n\t])")
+_closed: set[str] = set()
+"""Names of the streams that were closed when the command began."""
 
 
 def sanitized(text: str) -> str:
@@ -73,13 +75,37 @@ def write_controls(stream: TextIO, text: str) -> None:
 
 @contextmanager
 def sanitized_output() -> Iterator[None]:
-    """Has `sys.stdout` and `sys.stderr` write sanitized text, for the time of a command."""
+    """Has `sys.stdout` and `sys.stderr` write sanitized text, for the time of a command.
+
+    Streams that are closed (`>&-`) lead to nowhere.
+    """
+    _open_closed_streams()
     streams = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = (cast("TextIO", item and _SanitizedStream(item)) for item in streams)
+    sys.stdout, sys.stderr = (cast("TextIO", _SanitizedStream(item)) for item in streams)
     try:
         yield
     finally:
         sys.stdout, sys.stderr = streams
+
+
+def _open_closed_streams() -> None:
+    """Opens those of stdin, stdout and stderr that are closed.
+
+    Otherwise the next files that are opened get their numbers, and what is printed lands in them.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+        if getattr(sys, name) is None:
+            _closed.add(name)
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
+
+
+def nobody_reads() -> bool:
+    """Whether stdout was closed when the command began."""
+    return "stdout" in _closed
 
 
 def print_output(text: str) -> None:

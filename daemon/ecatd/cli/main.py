@@ -158,10 +158,6 @@ def _run(options: argparse.Namespace) -> int:
 
 def main() -> int:
     """Runs one command; returns the exit status."""
-    if sys.stdout is None:  # closed: `>&-`
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  it is open until the end
-    if sys.stderr is None:  # closed: `2>&-`
-        sys.stderr = open(os.devnull, "w")  # noqa: SIM115, PTH123
     with sanitized_output():
         try:
             return _main()

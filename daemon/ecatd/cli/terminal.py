@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from typing import Self
 
 from ecatd.base.errors import StateError
-from ecatd.base.sanitized_output import printable, write_controls
+from ecatd.base.sanitized_output import nobody_reads, printable, write_controls
 
 _HIDE, _SHOW = "\033[?25l", "\033[?25h"
 _HOME, _CLEAR = "\033[H", "\033[2J"
@@ -51,7 +51,7 @@ def check_stdout() -> None:
     Raises:
         StateError: stdout is closed.
     """
-    if sys.stdout.name == os.devnull:  # `main` has opened it in place of a closed one
+    if nobody_reads():
         raise StateError("stdout is closed, so nobody sees the output")
 
 

@@ -16,7 +16,6 @@ from ecatd.base.lazy_command import CommandLine
 from ecatd.base.log import Log
 from ecatd.base.log_levels import OTHERS
 from ecatd.base.paths import profile_folders
-from ecatd.base.process import open_standard_streams
 from ecatd.base.sanitized_output import print_output, sanitized_output, write_no_more
 from ecatd.base.version import VERSION
 from ecatd.config import Config, load_config, read_config
@@ -133,7 +132,6 @@ def _check_files(config: Config) -> None:
 
 def main() -> int:
     """Runs the daemon until a signal ends it; returns the exit status. SIGHUP is ignored so far."""
-    open_standard_streams()
     try:
         with sanitized_output():
             return _main()

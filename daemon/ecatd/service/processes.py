@@ -1,7 +1,7 @@
 """Starts the processes of the daemon.
 
 Those of a start are copies of the service (`fork`): they find most modules loaded, which saves a
-third of the processor time of a start. This is only possible before the service has an event loop.
+fifth of the processor time of a start. This is only possible before the service has an event loop.
 A process that is started again later is a new program (`spawn`).
 """
 
@@ -40,10 +40,41 @@ class Process:
     stdout: IO[bytes]
     end: int
 
+
+@dataclass(frozen=True, slots=True)
+class _Pipes:
+    """The pipes of a process: its own ends, and ours."""
+
+    stdin: int
+    to_stdin: int
+    from_stdout: int
+    stdout: int
+
     @classmethod
-    def of(cls, pid: int, stdin: int, stdout: int) -> Process:
-        """A process with these descriptors of its pipes."""
-        return cls(pid, os.fdopen(stdin, "wb", 0), os.fdopen(stdout, "rb", 0), os.pidfd_open(pid))
+    def open(cls) -> _Pipes:
+        first = os.pipe()
+        try:
+            return cls(*first, *os.pipe())
+        except OSError:
+            _close(*first)
+            raise
+
+    def process(self, pid: int) -> Process:
+        """The process that has the other ends; it is killed if it cannot be watched."""
+        try:
+            end = os.pidfd_open(pid)
+        except OSError:
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+            _close(self.to_stdin, self.from_stdout)
+            raise
+        stdin, stdout = os.fdopen(self.to_stdin, "wb", 0), os.fdopen(self.from_stdout, "rb", 0)
+        return Process(pid, stdin, stdout, end)
+
+
+def _close(*descriptors: int) -> None:
+    for descriptor in descriptors:
+        os.close(descriptor)
 
 
 def spawn(*command: str) -> Process:
@@ -53,9 +84,9 @@ def spawn(*command: str) -> Process:
         command: The module and its arguments.
 
     Raises:
-        OSError: The system has not the memory for it.
+        OSError: The system has not the memory or the descriptors for it.
     """
-    (stdin, to_stdin), (from_stdout, stdout) = os.pipe(), os.pipe()
+    pipes = _Pipes.open()
     try:
         # The child has a session of its own, so that Ctrl-C reaches only the service, which ends
         # its children in order.
@@ -63,18 +94,19 @@ def spawn(*command: str) -> Process:
             PYTHON[0],
             (*PYTHON, *command),
             os.environ,
-            file_actions=[(os.POSIX_SPAWN_DUP2, stdin, 0), (os.POSIX_SPAWN_DUP2, stdout, 1)],
+            file_actions=[
+                (os.POSIX_SPAWN_DUP2, pipes.stdin, 0),
+                (os.POSIX_SPAWN_DUP2, pipes.stdout, 1),
+            ],
             setsid=True,
             setsigmask=OF_THE_SERVICE,
         )
     except OSError:
-        os.close(to_stdin)
-        os.close(from_stdout)
+        _close(pipes.to_stdin, pipes.from_stdout)
         raise
     finally:
-        os.close(stdin)
-        os.close(stdout)
-    return Process.of(pid, to_stdin, from_stdout)
+        _close(pipes.stdin, pipes.stdout)
+    return pipes.process(pid)
 
 
 def fork(command: tuple[str, ...], run: Callable[[], int], others: Iterable[Process]) -> Process:
@@ -87,9 +119,9 @@ def fork(command: tuple[str, ...], run: Callable[[], int], others: Iterable[Proc
             would keep them alive otherwise.
 
     Raises:
-        OSError: The system has not the memory for it.
+        OSError: The system has not the memory or the descriptors for it.
     """
-    (stdin, to_stdin), (from_stdout, stdout) = os.pipe(), os.pipe()
+    pipes = _Pipes.open()
     with suppress(OSError):  # what cannot be written ends no bus
         sys.stdout.flush()
         sys.stderr.flush()
@@ -101,14 +133,12 @@ def fork(command: tuple[str, ...], run: Callable[[], int], others: Iterable[Proc
                 other.stdin.close()
                 other.stdout.close()
                 os.close(other.end)
-            os.close(to_stdin)
-            os.close(from_stdout)
-            _become(command, run, stdin, stdout)
+            _close(pipes.to_stdin, pipes.from_stdout)
+            _become(command, run, pipes.stdin, pipes.stdout)
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, OF_THE_SERVICE)
-    os.close(stdin)
-    os.close(stdout)
-    return Process.of(pid, to_stdin, from_stdout)
+    _close(pipes.stdin, pipes.stdout)
+    return pipes.process(pid)
 
 
 def module_main(module: str) -> Callable[[], int]:
