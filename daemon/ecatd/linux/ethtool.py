@@ -15,6 +15,8 @@ _GET_COALESCE, _SET_COALESCE = 0x0E, 0x0F
 _RX_USECS, _TX_USECS, _ADAPTIVE_RX, _ADAPTIVE_TX = 1, 5, 10, 11
 _LINK = struct.Struct("3IH6B2IH2B3I")  # ethtool_cmd
 _GET_LINK, _SPEED, _DUPLEX, _SPEED_HIGH = 0x01, 3, 4, 12
+_VALUE = struct.Struct("2I")  # ethtool_value
+_HAS_LINK = 0x0A
 _DUPLEX_WORDS = {0: "half", 1: "full"}
 
 
@@ -30,8 +32,8 @@ class _Switch(NamedTuple):
 
 _SWITCHES = {
     "eee": _Switch(struct.Struct("10I"), 0x44, 0x45, 5, 1),  # eee_enabled of ethtool_eee
-    "gro": _Switch(struct.Struct("2I"), 0x2B, 0x2C, 1, 1),  # ethtool_value
-    "lro": _Switch(struct.Struct("2I"), 0x25, 0x26, 1, 1 << 15),  # ETH_FLAG_LRO
+    "gro": _Switch(_VALUE, 0x2B, 0x2C, 1, 1),
+    "lro": _Switch(_VALUE, 0x25, 0x26, 1, 1 << 15),  # ETH_FLAG_LRO
 }
 
 SETTINGS = ("coalescing", *_SWITCHES)
@@ -49,6 +51,15 @@ def speed(interface: str) -> tuple[int, str]:
     values = _ask(interface, _LINK, _GET_LINK)
     mbit = values[_SPEED] | values[_SPEED_HIGH] << 16
     return (0 if mbit >= 0xFFFFFFFF else mbit), _DUPLEX_WORDS.get(values[_DUPLEX], "")
+
+
+def has_link(interface: str) -> bool:
+    """Whether an interface has a link now; its flags say that up to a second later.
+
+    Raises:
+        OSError: The driver does not report it.
+    """
+    return bool(_ask(interface, _VALUE, _HAS_LINK)[1])
 
 
 def read(interface: str, setting: str) -> str:

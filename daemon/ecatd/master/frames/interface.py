@@ -13,6 +13,7 @@ from ecatd.base.errors import NotPermittedError, StateError, UnreachableError
 from ecatd.base.log import Log
 from ecatd.base.process import CAP_NET_ADMIN, raised
 from ecatd.base.timeouts import Timeout
+from ecatd.linux import ethtool
 from ecatd.linux.interface_state import LEAST_MTU
 
 from ..engine.engine import Index, open_socket
@@ -70,7 +71,7 @@ def wait_for_carriers(interfaces: Sequence[str], cancelled: Callable[[], bool]) 
         StateError: `cancelled` returned true.
     """
     deadline = time.monotonic() + _CARRIER.seconds
-    while not all(found := [bool(_flags(name) & _IFF_RUNNING) for name in interfaces]):
+    while not all(found := [_has_carrier(name) for name in interfaces]):
         if cancelled():
             raise StateError("stopped while the interface was waiting for a carrier")
         if time.monotonic() > deadline:
@@ -192,6 +193,16 @@ def _reserve(interface: str) -> socket.socket:
             f"another ecatd already uses interface '{interface}'; stop it first"
         ) from error
     return reservation
+
+
+def _has_carrier(interface: str) -> bool:
+    """Whether flags and driver say so. Of an interface that was just off, flags may be old."""
+    if not _flags(interface) & _IFF_RUNNING:
+        return False
+    try:
+        return ethtool.has_link(interface)
+    except OSError:  # not every driver reports it
+        return True
 
 
 def _flags(interface: str) -> int:
