@@ -11,6 +11,7 @@ reads the tables in their source texts, and only the screen of the given command
 from __future__ import annotations
 
 import os
+from ast import literal_eval
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -47,7 +48,7 @@ def _found() -> Iterator[Command]:
         if end == ".py":
             with open(os.path.join(folder, file), "rb") as source:  # noqa: PTH118, PTH123
                 _, mark, table = source.read(_HEAD).partition(_MARK)
-            groups = eval(table.partition(_END)[0], {}) if mark else {}
+            groups = literal_eval(table.partition(_END)[0].decode()) if mark else {}
             for group, commands in groups.items():
                 for name, summary in commands.items():
                     yield Command(name, group, summary, module)
