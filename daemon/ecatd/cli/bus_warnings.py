@@ -43,7 +43,7 @@ def check_slaves(health: Health) -> int:
     if not expected or any(row["al_state"] for row in expected):
         return 0
     dead = "; ".join(fault.text for fault in health.faults if fault.blinds)
-    why = f", since no frame comes back: {dead}" if dead else f": {_NO_SLAVE}"
+    why = f", because no frame comes back: {dead}" if dead else f": {_NO_SLAVE}"
     return _say(UnreachableError(f"no slave answers{why}"))
 
 
