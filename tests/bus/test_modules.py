@@ -116,7 +116,8 @@ def test_a_module_is_exchanged_while_the_bus_runs(start: Start, tmp_path: Path) 
     daemon = start(config=CONFIG.replace("[gateway]", "[recovery]\nretry_s = 0.5\n[gateway]"))
     with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
         simulator.faults.module(1, 2, "AO2")
-        wait_for(lambda: "refused" in daemon.ctl("info").stdout, daemon)
+        wait_for(lambda: "0x00000402" in daemon.log, daemon)
+        assert "refused" in daemon.ctl("info").stdout
         names(daemon.log, "slave 1 (island, ModularIO)", "slot 2", "DO8 (0x00000208)", "0x00000402")
         assert [row["text"] for row in daemon.slave_rows("state")] == ["OP", "PREOP"]
         checked = daemon.ctl("config", "check", str(daemon.config_file), check=False)

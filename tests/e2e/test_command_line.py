@@ -381,6 +381,14 @@ def test_an_error_as_json_that_cannot_be_written_keeps_its_status(troll: Daemon)
     names(one_line_error(result.stderr, "ecatctl"), "0x06020000")
 
 
+def test_a_list_of_rigs_that_cannot_be_written() -> None:
+    command = [sys.executable, "-m", "ecatsim", "rigs"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == StateError.exit_code
+    names(one_line_error(done.stderr, "ecatsim"), "output", "No space left")
+
+
 @pytest.mark.parametrize("program", ["ecatd.service", "ecatd.cli", "ecatsim"])
 def test_a_help_whose_reader_has_gone_ends_without_a_traceback(program: str) -> None:
     read, write = os.pipe()

@@ -125,7 +125,7 @@ def test_an_upgrade_brings_files_up_to_date_and_keeps_what_is_yours(tmp_path: Pa
     own = tmp_path / UNIT_OF_BUS
     own.write_text("# written by the administrator\n")
     told = service(tmp_path, "upgrade")
-    assert b"older" not in (tmp_path / UNIT).read_bytes()
+    assert b"Description=older" not in (tmp_path / UNIT).read_bytes()
     assert (tmp_path / "etc/udev/rules.d/70-ecatd.rules").read_text() == "mine\n"
     assert not (tmp_path / f"{UNIT}.ecatd-old").exists()
     saved = tmp_path / f"{UNIT_OF_BUS}.ecatd-old"

@@ -127,6 +127,17 @@ def write_no_more(stream: TextIO) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
+def report_os_error(program: str, error: OSError) -> int:
+    """Says on stderr what the system has refused; returns the exit status.
+
+    Without the name of a file it was the output: what opens files turns errors into `EcatError`.
+    """
+    write_no_more(sys.stdout)
+    where = error_text(error.filename) if error.filename else "the output cannot be written"
+    print(f"{program}: {where}: {error.strerror}", file=sys.stderr)
+    return StateError.exit_code
+
+
 def printable(text: str) -> str:
     """The text with `?` for what controls a terminal, ends a line, or has no glyph.
 

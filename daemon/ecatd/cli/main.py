@@ -13,9 +13,14 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from ecatd.base.bus_name import check_bus_name, check_full_bus_name
-from ecatd.base.errors import EcatError, StateError, UsageError
+from ecatd.base.errors import EcatError, UsageError
 from ecatd.base.lazy_command import CommandLine, LazyCommand
-from ecatd.base.sanitized_output import error_text, sanitized_output, write_no_more
+from ecatd.base.sanitized_output import (
+    error_text,
+    report_os_error,
+    sanitized_output,
+    write_no_more,
+)
 from ecatd.base.version import VERSION
 
 from .arguments import connect, seconds
@@ -204,10 +209,7 @@ def _main() -> int:
         write_no_more(sys.stdout)
         return 0
     except OSError as error:
-        write_no_more(sys.stdout)
-        where = error_text(error.filename) if error.filename else "the output cannot be written"
-        print(f"ecatctl: {where}: {error.strerror}", file=sys.stderr)
-        return StateError.exit_code
+        return report_os_error("ecatctl", error)
     return status
 
 

@@ -6,13 +6,19 @@ arguments to the parser and sets `execute`, a function from the options to the e
 
 from __future__ import annotations
 
+import errno
 import signal
 import sys
 import traceback
 from collections.abc import Sequence
 
 from ecatd.base.errors import EcatError, UsageError
-from ecatd.base.sanitized_output import error_text, sanitized_output, write_no_more
+from ecatd.base.sanitized_output import (
+    error_text,
+    report_os_error,
+    sanitized_output,
+    write_no_more,
+)
 from ecatd.base.version import VERSION
 
 from ..files import python_file
@@ -31,6 +37,8 @@ _COMMANDS = (
 
 _BROKEN_PIPE = 128 + signal.SIGPIPE
 _INTERRUPTED = 128 + signal.SIGINT
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""Errors of a write. All files but the output have names in their errors."""
 
 
 def make_parser() -> Parser:
@@ -78,6 +86,7 @@ def _main(arguments: Sequence[str] | None) -> int:
             raise UsageError("put `--` in front of the command to run")
         options.child = child
         status: int = options.execute(options)
+        sys.stdout.flush()  # so that a failed write is reported here
         return status
     except EcatError as error:
         print(f"ecatsim: {error_text(python_file.report(error))}", file=sys.stderr)
@@ -92,6 +101,8 @@ def _main(arguments: Sequence[str] | None) -> int:
         if line:
             print(f"ecatsim: {error_text(line)}", file=sys.stderr)
             return EcatError.exit_code
+        if isinstance(error, OSError) and error.errno in _FULL:
+            return report_os_error("ecatsim", error)
         traceback.print_exc()
         print("ecatsim: defect; the lines above say where", file=sys.stderr)
         return EcatError.exit_code
