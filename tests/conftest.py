@@ -45,6 +45,7 @@ PYTHON = shlex.quote(sys.executable)
 settings.register_profile("ecatd", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("ecatd")
 
+SERVICE = "ecatd.service"
 CYCLE_TIME_US = 8000
 """Cycle time of the daemons that tests start, if neither test nor configuration says another.
 Cycles cost processor time, and most tests are not about how many there are in a second."""
@@ -132,21 +133,21 @@ class Daemon:
         self._socket.bind(address)
         self._status: list[str] = []
         self._log = folder / "ecatd.base.log"
+        arguments = [
+            *(("--simulate", rig) if rig else ()),
+            *("--bus", self.bus),
+            *("--config", str(file)),
+            *options,
+        ]
+        env = {**self.env, "NOTIFY_SOCKET": address}
+        self.process: subprocess.Popen[bytes] | launcher.Process
         with self._log.open("w") as log:
-            self.process = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-m",
-                    "ecatd.service",
-                    *(("--simulate", rig) if rig else ()),
-                    *("--bus", self.bus),
-                    *("--config", str(file)),
-                    *options,
-                ],
-                env={**self.env, "NOTIFY_SOCKET": address},
-                stderr=log,
-                preexec_fn=preexec,
-            )
+            if preexec is None and launcher.can_run(env):
+                streams = [0, 1, log.fileno()]
+                self.process = launcher.Process(SERVICE, *arguments, env=env, streams=streams)
+            else:
+                command = [sys.executable, "-m", SERVICE, *arguments]
+                self.process = subprocess.Popen(command, env=env, stderr=log, preexec_fn=preexec)
 
     @property
     def log(self) -> str:

@@ -1,17 +1,19 @@
-"""Runs our commands as `python -m` does, each in a process forked from one that has loaded them.
+"""Runs our programs as `python -m` does, each in a process forked from one that has loaded them.
 
 Most of the processor time of a command is loading its modules, and the tests run a thousand
-commands. The process has arguments, environment, folder and streams of its own, and ends as any
-other: exit handlers run, and an exception shows its traceback.
+commands and hundreds of daemons. The process has arguments, environment, folder and streams of its
+own, and ends as any other: exit handlers run, and an exception shows its traceback.
 """
 
 import atexit
+import contextlib
 import gc
 import importlib
 import json
 import os
 import pkgutil
 import runpy
+import select
 import signal
 import socket
 import subprocess
@@ -22,32 +24,77 @@ from collections.abc import Mapping
 from pathlib import Path
 
 PACKAGES = ("ecatd.cli", "ecatd.service", "ecatsim.cli")
-OTHERS = ("ecatd.client.remote", "zenoh", "jinja2")
-"""What commands load beside the modules of their package."""
+OTHERS = (
+    *("ecatd.client.remote", "zenoh", "jinja2"),
+    *("ecatd.server.control", "ecatd.gateway.gateway", "ecatsim.rigs.library"),
+)
+"""What they load beside the modules of their package."""
 _AT_THE_START = ("PYTHON", "LC_", "LANG", "MALLOC_", "LD_")
 """Variables that a process reads when it starts, and not later."""
 _STREAMS = (0, 1, 2)
+_NUMBER = 32
+"""Bytes of a process ID or an exit status in the pipe."""
 _launcher: list[tuple[socket.socket, subprocess.Popen[bytes]]] = []
 _lock = threading.Lock()
 
 
-def run(module: str, *arguments: str, env: Mapping[str, str]) -> tuple[int, str, str]:
-    """Runs a command to its end: exit status, stdout and stderr."""
-    request = {
-        "module": module,
-        "arguments": arguments,
-        "env": dict(env),
-        "folder": str(Path.cwd()),
-    }
-    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
-        read, write = os.pipe()
+class Process:
+    """A process that was started here, with what tests use of `subprocess.Popen`.
+
+    Attributes:
+        pid: Its process ID.
+        returncode: Its exit status; None until `poll` or `wait` has seen its end.
+    """
+
+    def __init__(
+        self, module: str, *arguments: str, env: Mapping[str, str], streams: list[int]
+    ) -> None:
+        request = {
+            "module": module,
+            "arguments": arguments,
+            "env": dict(env),
+            "folder": str(Path.cwd()),
+        }
+        self._told, write = os.pipe()
         try:
-            streams = [0, output.fileno(), errors.fileno()]
             socket.send_fds(_start(), [json.dumps(request).encode()], [*streams, write])
         finally:
             os.close(write)
-        with os.fdopen(read) as end:
-            status = int(end.read())
+        self.pid = int(os.read(self._told, _NUMBER))
+        self.returncode: int | None = None
+
+    def poll(self) -> int | None:
+        return self._look(0)
+
+    def wait(self, timeout: float | None = None) -> int:
+        status = self._look(timeout)
+        if status is None:
+            raise subprocess.TimeoutExpired(str(self.pid), timeout or 0)
+        return status
+
+    def _look(self, timeout: float | None) -> int | None:
+        if self.returncode is None and select.select([self._told], [], [], timeout)[0]:
+            self.returncode = int(os.read(self._told, _NUMBER))
+            os.close(self._told)
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        self.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+def run(module: str, *arguments: str, env: Mapping[str, str]) -> tuple[int, str, str]:
+    """Runs a command to its end: exit status, stdout and stderr."""
+    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
+        streams = [0, output.fileno(), errors.fileno()]
+        status = Process(module, *arguments, env=env, streams=streams).wait()
         output.seek(0)
         errors.seek(0)
         return status, _text(output.read()), _text(errors.read())
@@ -106,13 +153,13 @@ def _serve(requests: socket.socket) -> None:
 
 
 def _answer(request: dict[str, object], *descriptors: int) -> None:
-    """Runs a command in a child, and writes its exit status to the last of the descriptors."""
+    """Runs a program in a child; process ID and exit status go to the last descriptor."""
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     *streams, end = descriptors
     child = os.fork()
     if child:
-        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        os.write(end, str(status).encode())
+        os.write(end, _number(child))
+        os.write(end, _number(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])))
         os._exit(0)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for stream, descriptor in zip(_STREAMS, streams, strict=True):
@@ -138,6 +185,10 @@ def _answer(request: dict[str, object], *descriptors: int) -> None:
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)
+
+
+def _number(number: int) -> bytes:
+    return str(number).encode().ljust(_NUMBER)
 
 
 def _status(code: object) -> int:
