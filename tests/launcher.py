@@ -22,6 +22,7 @@ import tempfile
 import threading
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, NoReturn
 
 PACKAGES = ("ecatd.cli", "ecatd.service", "ecatsim.cli")
 OTHERS = (
@@ -139,30 +140,42 @@ def _serve(requests: socket.socket) -> None:
         importlib.import_module(other)
     gc.freeze()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    watched = select.poll()
+    watched.register(requests, select.POLLIN)
+    running: dict[int, tuple[int, int]] = {}  # process ID and `end` by pidfd
     while True:
-        message, descriptors, _, _ = socket.recv_fds(requests, 1 << 20, 4)
-        if not message:
-            return
-        if os.fork() == 0:
-            requests.close()
-            _answer(json.loads(message), *descriptors)
-            return
-        for descriptor in descriptors:
-            os.close(descriptor)
+        for ready, _ in watched.poll():
+            if ready in running:
+                watched.unregister(ready)
+                pid, end = running.pop(ready)
+                os.close(ready)
+                _tell(end, os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+                os.close(end)
+                continue
+            message, descriptors, _, _ = socket.recv_fds(requests, 1 << 20, 4)
+            if not message:
+                return
+            *streams, end = descriptors
+            pid = os.fork()
+            if pid == 0:
+                requests.close()
+                os.close(end)
+                for handle, (_, other) in running.items():
+                    os.close(handle)
+                    os.close(other)
+                _run(json.loads(message), streams)
+            for stream in streams:
+                os.close(stream)
+            _tell(end, pid)
+            handle = os.pidfd_open(pid)
+            running[handle] = pid, end
+            watched.register(handle, select.POLLIN)
 
 
-def _answer(request: dict[str, object], *descriptors: int) -> None:
-    """Runs a program in a child; process ID and exit status go to the last descriptor."""
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-    *streams, end = descriptors
-    child = os.fork()
-    if child:
-        os.write(end, _number(child))
-        os.write(end, _number(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])))
-        os._exit(0)
+def _run(request: dict[str, Any], descriptors: list[int]) -> NoReturn:
+    """Runs a program in a child."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    for stream, descriptor in zip(_STREAMS, streams, strict=True):
+    for stream, descriptor in zip(_STREAMS, descriptors, strict=True):
         os.dup2(descriptor, stream)
     for descriptor in descriptors:
         os.close(descriptor)
@@ -187,8 +200,9 @@ def _answer(request: dict[str, object], *descriptors: int) -> None:
     os._exit(status)
 
 
-def _number(number: int) -> bytes:
-    return str(number).encode().ljust(_NUMBER)
+def _tell(end: int, number: int) -> None:
+    with contextlib.suppress(BrokenPipeError):  # a test that was ended asks no more
+        os.write(end, str(number).encode().ljust(_NUMBER))
 
 
 def _status(code: object) -> int:
