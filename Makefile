@@ -86,9 +86,8 @@ screens: $(VENV)/.test
 # Most people start as an ordinary user, so root tries the first steps as one, too: in a user namespace in
 # which this process is user 1000 and has no rights beyond it. An ordinary user runs all tests so.
 FIRST_STEPS := $(addprefix tests/e2e/test_,start_up.py figure9.py)
-# $(call parallel,PROCESSES): so many processes for two processors. Tests wait a third of their time, so
-# there are three; long ones wait longer, so there are four. Files stay whole, and begin in the order of
-# `testpaths`.
+# $(call parallel,PROCESSES): so many processes for two processors. Tests wait half of their time, so there
+# are four. Files stay whole, and begin in the order of `testpaths`.
 parallel = --numprocesses $(shell echo $$(( ($$(nproc) * $(1) + 1) / 2 ))) --dist loadfile --no-loadscope-reorder
 
 # A single test that fails is run once more, alone, and the output says so: some tests are about real
@@ -99,7 +98,7 @@ TRIES := 2
 # Where the environment forbids bytecode, each process would compile all tests anew.
 pytest = env -u PYTHONDONTWRITEBYTECODE $(BIN)/python tests/guard.py $(BIN)/python -m pytest -o cache_dir=.pytest_cache/$(1)
 define run_tests
-rm -f .pytest_cache/$(1)/v/cache/lastfailed; $(2) $(call pytest,$(1)) $(call parallel,$(if $(filter long,$(1)),4,3)) $(3) || { [ $$? = 1 ] && \
+rm -f .pytest_cache/$(1)/v/cache/lastfailed; $(2) $(call pytest,$(1)) $(call parallel,4) $(3) || { [ $$? = 1 ] && \
   [ "$(TRIES)" != 1 ] && \
   failed=$$(sed -n 's/^ *"\(.*\)": true,*$$/\1/p' .pytest_cache/$(1)/v/cache/lastfailed) && \
   [ "$$(echo "$$failed" | grep -c .)" = 1 ] && \

@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -63,8 +64,13 @@ def reports(call: ast.Call) -> Iterator[Use]:
         yield Use(name, EITHER if other else KINDS[name].severity, frozenset(), False)
 
 
-def uses() -> Iterator[Use]:
+@cache
+def uses() -> list[Use]:
     """Every place that publishes an event of a kind, or gives it to the log."""
+    return [*find_uses()]
+
+
+def find_uses() -> Iterator[Use]:
     for file in (ROOT / "daemon" / "ecatd").rglob("*.py"):
         nodes = list(ast.walk(ast.parse(file.read_text())))
         for node in nodes:
@@ -92,17 +98,14 @@ def uses() -> Iterator[Use]:
                         yield Use(part.attr.lower(), EITHER, frozenset(), False)
 
 
-USES = [*uses()]
-
-
 def test_r44_every_event_of_the_code_is_a_kind() -> None:
-    assert {use.kind for use in USES if not use.level} == PUBLISHED
+    assert {use.kind for use in uses() if not use.level} == PUBLISHED
     logged = {name for name, kind in KINDS.items() if kind.logged}
-    assert {use.kind for use in USES if use.level} == logged
+    assert {use.kind for use in uses() if use.level} == logged
 
 
 def test_the_facts_of_the_code_are_those_of_the_kind() -> None:
-    for use in USES:
+    for use in uses():
         known = set(KINDS[use.kind].facts)
         always = {name for name in known if not name.endswith("?")}
         assert use.facts <= {name.rstrip("?") for name in known} | COMMON, use
@@ -117,7 +120,7 @@ def test_the_severity_is_that_of_the_worst_line() -> None:
     for name, kind in KINDS.items():
         assert kind.severity in SEVERITIES, name
         assert new_event(name, text="x")["severity"] == kind.severity
-        levels = [use.level for use in USES if use.kind == name and use.level]
+        levels = [use.level for use in uses() if use.kind == name and use.level]
         sure = [ORDER.index(level) for level in levels if level != EITHER]
         severity = ORDER.index(kind.severity)
         assert severity >= max(sure, default=0), name
