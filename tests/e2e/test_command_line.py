@@ -129,13 +129,17 @@ def test_sdo_in_every_kind(troll: Daemon) -> None:
 @pytest.mark.parametrize(
     ("arguments", "status", "what"),
     [
-        ("sdo-read 0 0x7777", 5, "SDO abort 0x06020000 | 0x7777:00"),
+        ("sdo-read 0 0x7777", 5, "SDO abort 0x06020000 | 0x7777:00 | `ecatctl sdos SLAVE`"),
         ("sdo-read 0 1018:63", 5, "SDO abort 0x06090011 | 0x1018:63"),
         ("sdo-read 0 Statuswort", 2, "slave 0 | 'Statuswort' | `ecatctl pdos 0`"),
         ("sdo-read 0 6060:00 1", 2, "0x6060:00 | subindex"),
         ("sdo-write 0 0x6060 1", 2, "0x6060:00 | subindex"),
         ("reg-read 0 130", 2, "0x0130 | 0x0082"),
-        ("sdo-write 0 0x1018 1 5", 5, "SDO abort 0x06010002 | 0x1018:01"),
+        (
+            "sdo-write 0 0x1018 1 5",
+            5,
+            "SDO abort 0x06010002 | 0x1018:01 | `ecatctl sdos SLAVE OBJECT`",
+        ),
         ("sdo-read 9 0x1018", 7, "slave 9"),
         ("sdo-read 2 0x1018", 7, "slave 2 (EL1018) | object dictionary"),
         ("pdos 8", 7, "slave 8"),

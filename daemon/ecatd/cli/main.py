@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from ecatd.base.bus_name import check_bus_name, check_full_bus_name
-from ecatd.base.errors import EcatError, UsageError
+from ecatd.base.errors import EcatError, SdoAbortError, UsageError
 from ecatd.base.lazy_command import CommandLine, LazyCommand
 from ecatd.base.sanitized_output import (
     error_text,
@@ -88,6 +88,16 @@ def _print_error(error: EcatError) -> None:
     from .output import print_json_line
 
     print_json_line({"error": error.to_reply()})
+
+
+def _with_advice(error: EcatError) -> EcatError:
+    """Adds what to do to the refusal of a slave, which says only what it refuses."""
+    if not isinstance(error, SdoAbortError):
+        return error
+    from ecatd.etg.error_codes import abort_advice
+
+    advice = abort_advice(error.code)
+    return SdoAbortError(error.code, f"{error}; {advice}" if advice else str(error), error.text)
 
 
 def _add_common(parser: argparse.ArgumentParser, *, defaults: bool) -> None:
@@ -195,7 +205,8 @@ def _main() -> int:
             check_bus_name(options.bus)
         status = _run(options)
         sys.stdout.flush()  # so that a failed write is reported here, not by a traceback at the end
-    except EcatError as error:
+    except EcatError as refused:
+        error = _with_advice(refused)
         if options.json:
             try:
                 _print_error(error)

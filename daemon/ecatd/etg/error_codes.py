@@ -67,6 +67,27 @@ _ABORT_TEXTS = {
 }
 
 
+_ABORT_ADVICE = {
+    "`ecatctl sdos SLAVE` lists the objects of the slave": (NO_OBJECT, NO_SUBINDEX),
+    "`ecatctl sdos SLAVE OBJECT` shows which values it takes and who may read and write it": (
+        *(READ_ONLY, WRITE_ONLY, UNSUPPORTED_ACCESS, COUNT_NOT_ZERO),
+        *(LENGTH_MISMATCH, LENGTH_TOO_HIGH, LENGTH_TOO_LOW),
+        *(VALUE_RANGE, VALUE_TOO_HIGH, VALUE_TOO_LOW),
+    ),
+    "read or write its subindices one by one": (NO_COMPLETE_ACCESS,),
+    "many slaves allow this in PREOP only": (DEVICE_STATE, LOCAL_CONTROL, CANNOT_TRANSFER),
+    "try again": (TOGGLE, TIMED_OUT),
+    "the manual of the slave says when it refuses this": (
+        *(PARAMETER_INCOMPATIBLE, INTERNAL_INCOMPATIBLE, GENERAL),
+    ),
+}
+
+
+def abort_advice(code: int) -> str:
+    """What somebody does next who has asked by hand; empty if there is nothing to say."""
+    return next((advice for advice, codes in _ABORT_ADVICE.items() if code in codes), "")
+
+
 def abort_text(code: int) -> str:
     """The standard text of an abort code; for other codes a text that says so."""
     return _ABORT_TEXTS.get(code, "not a standard abort code; see the manual of the slave")
