@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from conftest import PYTHON, SHM, Daemon, names
-from ecatd.admin.doctor.findings import COSTS
+from ecatd.admin.doctor.costs import COSTS
 
 pytestmark = pytest.mark.bus
 

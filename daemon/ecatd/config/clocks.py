@@ -9,8 +9,8 @@ from ecatd.base.timeouts import Timeout
 from ecatd.base.toml_file import Key, Table, accepts, number, zero_or
 from ecatd.description.limits import POSITION_MAX
 
-from .key_rules import slave_reference
 from .placed import Placed, each, read, rules_of
+from .references import slave_reference
 
 SYNC_MIN_US, SYNC_MAX_US = 0.001, 4_000_000
 """Bounds of the times of SYNC signals: registers 0x09A0 and 0x09A4 have nanoseconds in 32 bits."""

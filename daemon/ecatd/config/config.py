@@ -17,9 +17,9 @@ from .copies import ABSENT, CopyConfig, read_copies
 from .domains import DomainConfig, read_domains
 from .eoe import EoeConfig, read_eoe
 from .gateway import GatewayConfig, read_gateway
-from .key_rules import read_interface
 from .outputs import OutputsConfig, SafeConfig
 from .placed import Placed, one
+from .references import read_interface
 from .signals import SignalConfig, read_signals
 from .slave_settings import ExpectedConfig, SlaveConfig, read_slaves
 

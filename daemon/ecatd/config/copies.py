@@ -8,8 +8,8 @@ from typing import Annotated
 from ecatd.base.addresses import parse_address
 from ecatd.base.toml_file import Key, Table, number
 
-from .key_rules import slave_reference
 from .placed import Placed, read
+from .references import slave_reference
 from .signals import read_entry, read_scale
 
 ABSENT = -1

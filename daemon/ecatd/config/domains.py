@@ -9,8 +9,8 @@ from typing import Annotated
 from ecatd.base.toml_file import Key, Table, accepts, integer, printable
 from ecatd.description.limits import DOMAIN_NAME_BYTES, DOMAINS_MAX, POSITION_MAX
 
-from .key_rules import known_names, slave_reference
 from .placed import Placed, rules_of
+from .references import known_names, slave_reference
 
 """Most bytes of the name of a domain in UTF-8."""
 

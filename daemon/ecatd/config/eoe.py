@@ -18,8 +18,8 @@ from ecatd.etg.eoe import (
     parse_name,
 )
 
-from .key_rules import read_interface
 from .placed import Placed, read
+from .references import read_interface
 
 
 def _text(parse: Callable[[str], object], words: str) -> Limits[str]:

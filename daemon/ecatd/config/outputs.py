@@ -8,8 +8,8 @@ from typing import Annotated
 from ecatd.base.addresses import parse_address
 from ecatd.base.toml_file import Key, Table, accepts, integer, number, one_of, show
 
-from .key_rules import slave_reference
 from .placed import Placed, read
+from .references import slave_reference
 from .signals import ADDRESS, read_entry
 
 STOPS = ("quick_stop", "disable")

@@ -13,8 +13,8 @@ from ecatd.description.limits import SIGNAL_NAME_BYTES, UNIT_BYTES
 from ecatd.etg.datatypes import bit_length, parse_type
 from ecatd.etg.pdo import Entry, Value
 
-from .key_rules import slave_reference
 from .placed import Placed, read, rules_of
+from .references import slave_reference
 
 """Most bytes of a name and of a unit in UTF-8: the room in the signal table of shared memory."""
 

@@ -1,4 +1,4 @@
-"""Rules for keys of several tables: which slave is meant, and the name of an interface."""
+"""References to slaves and interfaces, which keys of several tables have."""
 
 from __future__ import annotations
 
