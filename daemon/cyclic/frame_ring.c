@@ -78,8 +78,9 @@ static uint64_t bytes_at(const cyclic_frame_ring_t *ring, uint64_t at) {
 }
 
 void cyclic_frame_ring_write(cyclic_frame_ring_t *ring, const uint8_t *frame, size_t length, uint32_t port,
-                             int sent) {
-  cyclic_frame_record record = {.length = (uint32_t)length, .port = (uint8_t)port, .sent = sent != 0};
+                             int sent, uint64_t cycle) {
+  cyclic_frame_record record = {
+      .length = (uint32_t)length, .port = (uint8_t)port, .sent = sent != 0, .cycle = (uint16_t)cycle};
   uint64_t need, tail;
   if (ring == NULL) return;
   record.time_ns = cyclic_now();
@@ -122,4 +123,8 @@ uint32_t cyclic_frame_ring_read(const cyclic_frame_ring_t *ring, uint64_t *posit
   bytes = whole_records(to, bytes - (uint32_t)skip);
   *position = (tail > from ? tail : from) + bytes;
   return bytes;
+}
+
+uint64_t cyclic_frame_ring_end(const cyclic_frame_ring_t *ring) {
+  return __atomic_load_n(&ring->head, __ATOMIC_ACQUIRE);
 }

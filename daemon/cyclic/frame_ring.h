@@ -16,7 +16,7 @@ typedef struct cyclic_frame_record {
   uint32_t length;  /* bytes of the frame */
   uint8_t port;     /* 0 or 1 */
   uint8_t sent;     /* 1: sent, 0: received */
-  uint16_t unused;
+  uint16_t cycle;   /* the low bits of the number of the cycle; frames of the relay: 0 */
 } cyclic_frame_record;
 
 /* Makes a ring of this many bytes, at least 16384. Returns NULL on failure, and sets errno. */
@@ -31,10 +31,12 @@ CYCLIC_API void cyclic_relay_set_frame_ring(cyclic_relay_t *r, cyclic_frame_ring
  * that is left; then `*position` advances by more than the returned number. */
 CYCLIC_API uint32_t cyclic_frame_ring_read(const cyclic_frame_ring_t *ring, uint64_t *position, void *to,
                                            uint32_t room);
+/* The position behind the newest record. */
+CYCLIC_API uint64_t cyclic_frame_ring_end(const cyclic_frame_ring_t *ring);
 CYCLIC_API void cyclic_frame_ring_free(cyclic_frame_ring_t *ring);
 
 /* Writes a frame; does nothing if `ring` is NULL. For the thread that owns the ring. */
 void cyclic_frame_ring_write(cyclic_frame_ring_t *ring, const uint8_t *frame, size_t length, uint32_t port,
-                             int sent);
+                             int sent, uint64_t cycle);
 
 #endif

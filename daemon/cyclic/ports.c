@@ -67,7 +67,7 @@ static int send_copy(cyclic_t *c, struct frame *frame, uint32_t port) {
   if (send(c->fd[port], frame->bytes, frame->length, MSG_DONTWAIT) != (ssize_t)frame->length)
     return errno;
   frame->pending |= (uint8_t)(1u << port);
-  cyclic_frame_ring_write(c->frame_ring, frame->bytes, frame->length, port, 1);
+  cyclic_frame_ring_write(c->frame_ring, frame->bytes, frame->length, port, 1, c->cycle);
   counter_add(&c->health->frames, 1);
   return 0;
 }
@@ -117,7 +117,7 @@ static void accept_frame(cyclic_t *c, uint32_t port, size_t length) {
   const uint8_t *bytes = c->receive_buffer;
   struct frame *frame;
   uint32_t number, sent_by = bytes[SOURCE_PORT_AT] & 1u;
-  cyclic_frame_ring_write(c->frame_ring, bytes, length, port, 0);
+  cyclic_frame_ring_write(c->frame_ring, bytes, length, port, 0, c->cycle);
   if (length <= INDEX_AT) return;
   if (memcmp(bytes + SOURCE_RUN_AT, c->source + 1, 4) != 0 || sent_by >= c->ports) return;
   number = (bytes[INDEX_AT] - (c->sent - c->frames)) & 0x7F;

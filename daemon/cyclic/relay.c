@@ -111,7 +111,7 @@ static void send_copy(cyclic_relay_t *r, uint32_t port) {
   mark(r->frame, port);
   if (send(r->port[port], r->frame, r->length, MSG_DONTWAIT) == (ssize_t)r->length) {
     r->pending |= 1u << port;
-    cyclic_frame_ring_write(r->frame_ring, r->frame, r->length, port, 1);
+    cyclic_frame_ring_write(r->frame_ring, r->frame, r->length, port, 1, 0);
   }
   mark(r->frame, port);
 }
@@ -199,7 +199,7 @@ static int take(cyclic_relay_t *r, uint32_t port) {
     if (length < 0 && errno == EINTR) continue;
     if (length < 0) return errno == EAGAIN; /* others, such as ENETDOWN: cannot be used */
     if (length == 0) return 0;
-    cyclic_frame_ring_write(r->frame_ring, r->received, (size_t)length, port, 0);
+    cyclic_frame_ring_write(r->frame_ring, r->received, (size_t)length, port, 0, 0);
     if (!is_answer(r, r->received, (size_t)length)) continue;
     sent_by = r->received[SOURCE_PORT_AT] != r->frame[SOURCE_PORT_AT];
     if (!(r->pending >> sent_by & 1)) continue; /* the copy has come already */

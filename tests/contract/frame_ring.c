@@ -25,7 +25,7 @@ static void *write_all(void *ring) {
   uint8_t frame[2048];
   uint64_t number;
   for (number = 1; number <= FRAMES; number++)
-    cyclic_frame_ring_write(ring, frame, make(frame, number), number & 1, number & 2);
+    cyclic_frame_ring_write(ring, frame, make(frame, number), number & 1, number & 2, number);
   return NULL;
 }
 

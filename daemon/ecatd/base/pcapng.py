@@ -25,23 +25,25 @@ class Frame(NamedTuple):
         port: 0 for the first interface, 1 for the second.
         sent: Whether it was sent; otherwise it was received.
         data: The frame from the destination address on, without the frame check sequence.
+        cycle: The low 16 bits of the number of its cycle; 0 for frames of the control side.
     """
 
     time_ns: int
     port: int
     sent: bool
     data: bytes
+    cycle: int = 0
 
 
 def read_records(records: bytes) -> Iterator[Frame]:
     """Yields the frames of records from `FrameRing.read`; ends at a malformed record."""
     at = 0
     while at + _RECORD.size <= len(records):
-        time_ns, length, port, sent, _ = _RECORD.unpack_from(records, at)
+        time_ns, length, port, sent, cycle = _RECORD.unpack_from(records, at)
         at += _RECORD.size
         if at + length > len(records):
             return
-        yield Frame(time_ns, port, bool(sent), records[at : at + length])
+        yield Frame(time_ns, port, bool(sent), records[at : at + length], cycle)
         at += _padded(length)
 
 

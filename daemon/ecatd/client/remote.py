@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ecatd.base.errors import NotPermittedError
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from .file_transfer import FileTransfer
     from .stream import Stream
+    from .trace import Trace
 
 A = TypeVar("A")
 
@@ -125,6 +126,22 @@ class Remote(Session):
 
         opened = self.request(OpenStream(pattern, real("rate", rate)))
         return Stream(self.zenoh, opened, self.timeout)
+
+    def trace(self, patterns: Sequence[str]) -> Trace:
+        """The values of entries in every cycle, as the frames have carried them.
+
+        Args:
+            patterns: SLAVE/ENTRY with * and ?; see `find_signals`.
+
+        Raises:
+            UsageError: There are too many entries.
+            StateError: No entry fits a pattern, or the daemon keeps no frames.
+        """
+        from ecatd.operations.traces import OpenTrace
+
+        from .trace import Trace
+
+        return Trace(self.zenoh, self.request(OpenTrace("\n".join(patterns))), self.timeout)
 
     def stats(self) -> Snapshot:
         """Statistics of the bus since the start of the exchange."""

@@ -21,39 +21,32 @@ _LINES, _PAUSE = 1000, 0.05
 """Lines of the log that may wait, and seconds between two looks for one."""
 
 
-class Stream:
-    """Values of some entries at regular intervals.
+class Published:
+    """Messages that a gateway publishes under a key as long as somebody listens.
 
-    Iterating gives maps with `cycle`, the number of the last cycle, and `values`: for each entry
-    its minimum, mean and maximum (None if it could not be trusted in any cycle), and the number of
-    cycles in which it could be trusted.
+    Iterating gives maps, in order; it waits for the next one.
 
     Args:
         session: The session.
-        opened: The answer of the daemon.
-        patience_s: Seconds for which a row may be late, in addition to the time between two.
-
-    Attributes:
-        signals: The entries, in the order of the values: `name`, `slave`, `address`, `unit`.
-        rate: Rows a second.
-        cycles: Number of cycles that each row covers.
+        key: The key.
+        waiting: How many messages may wait; older ones are dropped.
+        patience: How long a message may take to come.
+        pause: Seconds between two looks for a message.
 
     Raises:
         UnreachableError: While iterating: the gateway has ended, or the connection is broken.
-        NoAnswerError: As above; no row comes any more.
+        NoAnswerError: As above; no message comes any more.
     """
 
-    def __init__(self, session: zenoh.Session, opened: Opened, patience_s: float) -> None:
-        self.signals = list(opened["signals"])
-        self.rate = float(opened["rate"])
-        self.cycles = int(opened["cycles"])
-        self._patience = Timeout(patience_s + 1 / self.rate, "--timeout")
-        self._subscriber = session.declare_subscriber(
-            opened["key"], zenoh.handlers.RingChannel(_ROWS)
-        )
+    def __init__(
+        self, session: zenoh.Session, key: str, waiting: int, patience: Timeout, pause: float
+    ) -> None:
+        self._patience = patience
+        self._pause = pause
+        self._subscriber = session.declare_subscriber(key, zenoh.handlers.RingChannel(waiting))
         self._has_ended = threading.Event()
         self._token = session.liveliness().declare_subscriber(
-            bus_key(bus_of(opened["key"]), "alive"),
+            bus_key(bus_of(key), "alive"),
             self._look_at,
             history=True,  # else nobody tells of the end of a token that is there already
         )
@@ -72,7 +65,7 @@ class Stream:
                         f"no values have come for {self._patience}: the daemon stands still, "
                         "or the connection is broken"
                     )
-                time.sleep(min(0.01, 0.2 / self.rate))
+                time.sleep(self._pause)
             yield unpack(bytes(sample.payload), MAX_REPLY)
 
     def _look_at(self, token: zenoh.Sample) -> None:
@@ -85,6 +78,36 @@ class Stream:
     def __exit__(self, *_: object) -> None:
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
         self._token.undeclare()  # type: ignore[no-untyped-call]
+
+
+class Stream(Published):
+    """Values of some entries at regular intervals.
+
+    Iterating gives maps with `cycle`, the number of the last cycle, and `values`: for each entry
+    its minimum, mean and maximum (None if it could not be trusted in any cycle), and the number of
+    cycles in which it could be trusted.
+
+    Args:
+        session: The session.
+        opened: The answer of the daemon.
+        patience_s: Seconds for which a row may be late, in addition to the time between two.
+
+    Attributes:
+        signals: The entries, in the order of the values: `name`, `slave`, `address`, `unit`.
+        rate: Rows a second.
+        cycles: Number of cycles that each row covers.
+
+    Raises:
+        UnreachableError: See `Published`.
+        NoAnswerError: See `Published`.
+    """
+
+    def __init__(self, session: zenoh.Session, opened: Opened, patience_s: float) -> None:
+        self.signals = list(opened["signals"])
+        self.rate = float(opened["rate"])
+        self.cycles = int(opened["cycles"])
+        patience = Timeout(patience_s + 1 / self.rate, "--timeout")
+        super().__init__(session, opened["key"], _ROWS, patience, min(0.01, 0.2 / self.rate))
 
 
 def log_lines(session: zenoh.Session, bus: str) -> Iterator[dict[str, Any]]:

@@ -31,6 +31,7 @@ from ecatd.operations.operation import Operation, needs_right, on_behalf
 from ecatd.operations.query import from_query
 from ecatd.operations.statistics import Clocks, ReadClocks, ReadStats, Statistics
 from ecatd.operations.streams import OpenStream, Stream
+from ecatd.operations.traces import OpenTrace, Trace
 from ecatd.operations.zenoh_keys import AS, SCHEMA, bus_key, full_name, session_config
 from ecatd.shm.statistics import read, to_map
 from ecatd.shm.statistics.clocks import read_clocks
@@ -56,6 +57,7 @@ from .replies import TAKEN_WITHIN_S, Replies
 from .routers import watch_routers
 from .sessions import Sessions
 from .streams import Streams
+from .traces import Traces
 
 _OPEN_PATIENCE, _OPEN_PAUSE = Timeout(5.0), 0.005
 """Seconds that Zenoh has to listen on the local socket, and seconds between two looks."""
@@ -95,6 +97,7 @@ class Gateway:
         self._admission: Admission | None = None
         self._metrics: MetricsServer | None = None
         self._streams: Streams | None = None
+        self._traces: Traces | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
         self._rates: dict[str, Rate] = {}
         self._refusals = Refusals(log)
@@ -159,6 +162,7 @@ class Gateway:
         self._keep(asyncio.create_task(listening.watch()))
         self._keep(asyncio.create_task(watch_routers(sessions.network, in_use, self._log)))
         self._streams = Streams(sessions, self._name, self._full_name)
+        self._traces = Traces(sessions, self._bus, self._name, self._full_name, self._log)
         loop = asyncio.get_running_loop()
 
         def receive(query: zenoh.Query, replies: Replies) -> None:
@@ -355,6 +359,11 @@ class Gateway:
         assert self._streams is not None, "asked before the session was opened"
         return await asyncio.to_thread(self._streams.open, request.pattern, float(request.hz))
 
+    @handles(OpenTrace)
+    async def _open_trace(self, request: OpenTrace) -> Trace:
+        assert self._traces is not None, "asked before the session was opened"
+        return await self._traces.open(request.patterns)
+
     @handles(ReadStats)
     def _read_stats(self, request: ReadStats) -> Statistics:
         return cast("Statistics", to_map(read(self._name), buckets=request.buckets))
@@ -434,6 +443,8 @@ class Gateway:
             self._metrics.close()
         if self._streams is not None:
             self._streams.close()
+        if self._traces is not None:
+            self._traces.close()
         self._bus.close()
         if self._admission is not None:
             self._admission.close()

@@ -18,16 +18,18 @@ from . import (
     files,
     frames,
     idns,
+    image,
     log,
     objects,
     registers,
     statistics,
     streams,
+    traces,
 )
 from .operation import Operation, needs_right, right_of
 
 _MODULES = (
-    *(bus, description, statistics, log, frames, streams),
+    *(bus, description, statistics, log, frames, image, streams, traces),
     *(objects, registers, eeproms, ethernet, idns, files),
 )
 

@@ -19,6 +19,8 @@ FILE_MAX = 64 << 20
 """Bytes of a file that is transferred."""
 TRANSFER_MAX = 1 << 53
 """Highest number of a transfer."""
+COUNT_MAX = 1 << 62
+"""Highest number of what is counted."""
 
 
 _SPECIAL = frozenset("/*$#?%")
@@ -76,7 +78,7 @@ WordCount = Annotated[int, Limits(1, 256)]
 FileSize = Annotated[int, Limits(0, FILE_MAX)]
 TransferNumber = Annotated[int, Limits(1, TRANSFER_MAX)]
 Password = Annotated[int, Limits(0, 0xFFFFFFFF)]
-Count = Annotated[int, Limits(0, 1 << 62)]
+Count = Annotated[int, Limits(0, COUNT_MAX)]
 ClientName = Annotated[str, Printable(BY_MAX)]
 """The name that the client of a change gives itself, for the log; its daemon adds who it is."""
 UserName = Annotated[str, Verbatim(64)]

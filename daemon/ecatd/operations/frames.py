@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from ecatd.base.errors import UsageError
 
-from .fields import Count
+from .fields import COUNT_MAX, Count
 from .operation import Map, Operation
 
+NEWEST = COUNT_MAX
+"""`position` behind the newest frame."""
 RINGS = ("cycle", "control")
 """Kinds of frames: those of the cyclic exchange, and all others."""
 
@@ -36,7 +38,8 @@ class ReadFrames(Operation[Frames]):
     key = "rw/frames/{ring}"
     is_repeatable = True
     ring: str  #: `cycle`, or `control` for all others than those of the cyclic exchange.
-    position: Count = 0  #: Where to begin: 0 for the oldest, or `position` of the last answer.
+    #: Where to begin: 0 for the oldest, 2^62 behind the newest, or `position` of the last answer.
+    position: Count = 0
 
     def _check(self) -> None:
         if self.ring not in RINGS:

@@ -47,6 +47,7 @@ from ecatd.operations.events import new_event
 from ecatd.operations.frames import Frames, ReadFrames
 from ecatd.operations.handlers import handles
 from ecatd.operations.health import look_at
+from ecatd.operations.image import ProcessImage, ReadImage
 from ecatd.operations.log import LogLevels, ReadLogLevels, SetLogLevel
 from ecatd.operations.operation import Operation
 from ecatd.shm import contract as shm
@@ -255,6 +256,10 @@ class BusServer:
     @handles(ReadFrames)
     def _read_frames(self, request: ReadFrames) -> Frames:
         return read_frames(self._running.frame_rings, self._running.master.interfaces, request)
+
+    @handles(ReadImage)
+    def _read_image(self, _: ReadImage) -> ProcessImage:
+        return self._running.data.image.to_map()
 
     @handles(ReadInfo)
     def _info(self, _: ReadInfo) -> Info:

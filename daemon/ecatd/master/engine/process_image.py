@@ -31,6 +31,7 @@ from ecatd.base.errors import StateError
 from ecatd.description.bus import Bus, Domain, Slave
 from ecatd.etg.frame_sizes import DATAGRAM_FRAMING, DATAGRAM_MAX, PAYLOAD_MAX
 from ecatd.etg.pdo_layout import sync_manager_bytes
+from ecatd.operations.image import ProcessImage
 from ecatd.shm.contract import MAX_GROUPS
 
 STATUS_BYTES = 2
@@ -128,6 +129,30 @@ class Image:
     def output_bytes(self) -> int:
         """Bytes of outputs of all domains together, as clients commit them."""
         return sum(domain.output_bytes for domain in self.domains)
+
+    def to_map(self) -> ProcessImage:
+        """The form that clients get."""
+        return {
+            "domains": [
+                {
+                    "output_bytes": domain.output_bytes,
+                    "input_bytes": domain.input_bytes,
+                    "datagrams": [
+                        {
+                            "command": datagram.command,
+                            "address": domain.address + datagram.offset,
+                            "offset": datagram.offset,
+                            "length": datagram.length,
+                            "wkc_expected": datagram.wkc_expected,
+                            "group": datagram.group,
+                            "split": datagram.split,
+                        }
+                        for datagram in domain.datagrams
+                    ],
+                }
+                for domain in self.domains
+            ]
+        }
 
 
 def lay_out(bus: Bus, without_lrw: Set[int]) -> Image:

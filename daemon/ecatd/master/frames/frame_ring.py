@@ -20,6 +20,8 @@ def _declare(lib: ctypes.CDLL) -> ctypes.CDLL:
     lib.cyclic_frame_ring_read.argtypes = [
         *(pointer, ctypes.POINTER(u64), ctypes.c_char_p, ctypes.c_uint32)
     ]
+    lib.cyclic_frame_ring_end.restype = u64
+    lib.cyclic_frame_ring_end.argtypes = [pointer]
     for name in ("set_frame_ring", "relay_set_frame_ring"):
         getattr(lib, f"cyclic_{name}").argtypes = [pointer, pointer]
         getattr(lib, f"cyclic_{name}").restype = None
@@ -72,6 +74,11 @@ class FrameRing:
         buffer = ctypes.create_string_buffer(room)
         length = _LIB.cyclic_frame_ring_read(self._ring, ctypes.byref(at), buffer, room)
         return at.value, buffer.raw[:length]
+
+    @property
+    def end(self) -> int:
+        """The position behind the newest record."""
+        return int(_LIB.cyclic_frame_ring_end(self._ring))
 
     def close(self) -> None:
         """Frees the memory. Close the engine or relay that writes into it before."""

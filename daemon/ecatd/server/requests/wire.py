@@ -17,7 +17,7 @@ from ecatd.master.wire_scan import scanning_wire
 from ecatd.master.worker import Worker
 from ecatd.operations.bus import Device, Rescan
 from ecatd.operations.bus import Wire as WireAnswer
-from ecatd.operations.frames import Frames, ReadFrames
+from ecatd.operations.frames import NEWEST, Frames, ReadFrames
 from ecatd.operations.handlers import handles
 
 _TRIES = 3
@@ -100,12 +100,14 @@ def read_frames(
             "ecatd keeps no frames, because capture.memory_mb of the configuration is 0"
         )
     now_ns = time.monotonic_ns()
-    position, records = rings[request.ring].read(request.position, _ROOM)
+    ring = rings[request.ring]
+    begin = ring.end if request.position == NEWEST else request.position
+    position, records = ring.read(begin, _ROOM)
     return {
         "records": records,
         "position": position,
         "more": len(records) > _ROOM // 2,
-        "overwritten": position - len(records) - request.position,
+        "overwritten": position - len(records) - begin,
         "now_ns": now_ns,
         "clock_ns": time.time_ns() - time.monotonic_ns(),
         "interfaces": [*interfaces],

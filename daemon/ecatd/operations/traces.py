@@ -1,0 +1,55 @@
+"""Traces: the value of each of some entries in every cycle."""
+
+from __future__ import annotations
+
+from .operation import Map, Operation
+
+
+class TraceSignal(Map):
+    """An entry of a trace."""
+
+    name: str  #: SLAVE/ENTRY.
+    slave: int  #: Position of the slave.
+    address: str  #: Its address, as `0x6041:00`.
+    output: bool  #: Whether it is an output.
+    #: The type of its values in batches: `int8` to `int64`, `uint8` to `uint64`, `float32` or
+    #: `float64`.
+    type: str
+    scale: float  #: Physical value = value * scale + offset.
+    offset: float  #: See `scale`.
+    unit: str  #: Unit of the physical value; may be empty.
+
+
+class Trace(Map):
+    """A trace that was opened."""
+
+    key: str  #: The key under which its batches are published.
+    cycle_time_us: int  #: The base cycle.
+    signals: list[TraceSignal]  #: Its entries.
+
+
+class TraceBatch(Map):
+    """Some cycles of a trace, one after the other. All numbers in bytes are little endian."""
+
+    #: Their numbers, 8 bytes each. A number is missing if no frame of its cycle was sent.
+    cycles: bytes
+    times_ns: bytes  #: CLOCK_MONOTONIC when the values came, in ns: 8 bytes each.
+    clock_ns: int  #: These times plus this are Unix time.
+    columns: list[bytes]  #: For each entry of the trace its values, as its type says.
+    #: Where the value of an entry is an older one, since its slave did not take part: the place of
+    #: the entry in the trace, and the places of such cycles in the batch.
+    invalid: list[list[int]]
+    #: Whether cycles before the first one were lost, since the gateway got no processor for long.
+    lost: bool
+
+
+class OpenTrace(Operation[Trace]):
+    """Opens a trace of entries; it ends 5 s after the last reader has left.
+
+    Readers with the same patterns share a trace.
+    """
+
+    op = "trace"
+    key = "ro/trace"
+    #: SLAVE/ENTRY with `*` and `?`, percent-encoded: `4%2F*`. Several stand in lines (`%0A`).
+    patterns: str = "*"

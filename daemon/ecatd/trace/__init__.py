@@ -1,0 +1,1 @@
+"""The values of every cycle, out of the frames that carried them."""

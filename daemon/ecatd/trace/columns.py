@@ -1,0 +1,160 @@
+"""Columns of values: for each of some entries, what it was in each cycle, as it is in the image."""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ecatd.client import Signal
+from ecatd.client.signals import letter
+from ecatd.operations.image import DomainImage
+
+from .cycles import PADDING, Cycle
+
+_LETTERS = {8: "B", 16: "H", 32: "I", 64: "Q"}
+_TYPES = {
+    "b": "int8",
+    "h": "int16",
+    "i": "int32",
+    "q": "int64",
+    "B": "uint8",
+    "H": "uint16",
+    "I": "uint32",
+    "Q": "uint64",
+    "f": "float32",
+    "d": "float64",
+}
+
+
+def column_type(signal: Signal) -> str:
+    """The type of the values of an entry in a column, such as `uint16`: the least that has them."""
+    return _TYPES[_letter(signal)]
+
+
+def _letter(signal: Signal) -> str:
+    if signal.real:
+        return "f" if signal.bit_length == 32 else "d"
+    bits = next(bits for bits in _LETTERS if signal.bit_length <= bits)
+    return _LETTERS[bits].lower() if signal.signed else _LETTERS[bits]
+
+
+class Batch(NamedTuple):
+    """Some cycles, one after the other.
+
+    Attributes:
+        cycles: Their numbers; cycles without frames are missing.
+        times_ns: CLOCK_MONOTONIC of each.
+        columns: For each entry its value in each of these cycles.
+        invalid: For each entry the places of cycles in which it was not valid.
+    """
+
+    cycles: array[int]
+    times_ns: array[int]
+    columns: list[array[float]]
+    invalid: list[list[int]]
+
+
+class Columns:
+    """Collects the values of some entries.
+
+    Args:
+        signals: The entries.
+        layout: Which datagrams carry which bytes of the image of each domain.
+    """
+
+    def __init__(self, signals: Sequence[Signal], layout: Sequence[DomainImage]) -> None:
+        self._signals = signals
+        self._groups = [_group(signal, layout[signal.domain]) for signal in signals]
+        self._whole = [
+            _Words(domain, signals) for domain in sorted({signal.domain for signal in signals})
+        ]
+        self._odd = [
+            (number, signal) for number, signal in enumerate(signals) if not letter(signal)
+        ]
+        self._begin()
+
+    def _begin(self) -> None:
+        self._batch = Batch(
+            array("Q"),
+            array("q"),
+            [array(_letter(signal)) for signal in self._signals],
+            [[] for _ in self._signals],
+        )
+
+    def add(self, cycle: Cycle, images: Sequence[bytearray]) -> None:
+        """Adds the values of a cycle.
+
+        Args:
+            cycle: The cycle.
+            images: The image of each domain, as `CycleReader` has them then.
+        """
+        batch, place = self._batch, len(self._batch.cycles)
+        batch.cycles.append(cycle.number)
+        batch.times_ns.append(cycle.time_ns)
+        columns = batch.columns
+        for words in self._whole:
+            for number, value in zip(words.places, words.read(images[words.domain]), strict=True):
+                columns[number].append(value)
+        for number, signal in self._odd:
+            columns[number].append(_bits(images[signal.domain], signal))
+        if any(not state.is_complete or state.absent for state in cycle.domains):
+            self._mark(cycle, place)
+
+    def _mark(self, cycle: Cycle, place: int) -> None:
+        for number, (signal, group) in enumerate(zip(self._signals, self._groups, strict=True)):
+            state = cycle.domains[signal.domain]
+            missing = state.absent >> group & 1 if group >= 0 else not state.is_complete
+            if missing and not signal.output:
+                self._batch.invalid[number].append(place)
+
+    def take(self) -> Batch:
+        """Returns what was collected since the last call."""
+        batch = self._batch
+        self._begin()
+        return batch
+
+
+def _group(signal: Signal, domain: DomainImage) -> int:
+    """The group of optional slaves that an entry belongs to; -1 if its slave must be there."""
+    byte = signal.bit_offset // 8
+    return next(
+        item["group"]
+        for item in domain["datagrams"]
+        if item["offset"] <= byte < item["offset"] + item["length"]
+    )
+
+
+class _Words:
+    """The entries of a domain that begin and end with whole bytes, read at once."""
+
+    def __init__(self, domain: int, signals: Sequence[Signal]) -> None:
+        mine = [(n, s) for n, s in enumerate(signals) if s.domain == domain and letter(s)]
+        offsets = sorted({signal.bit_offset for _, signal in mine})
+        at, form = 0, "<"
+        for offset in offsets:
+            signal = next(signal for _, signal in mine if signal.bit_offset == offset)
+            form += f"{offset // 8 - at}x{letter(signal)}"
+            at = (offset + signal.bit_length) // 8
+        self.domain = domain
+        self.places = [number for number, _ in mine]
+        self._order = [offsets.index(signal.bit_offset) for _, signal in mine]
+        self._unpack = struct.Struct(form).unpack_from
+
+    def read(self, image: bytearray) -> list[float]:
+        """The values of the entries at `places`."""
+        words = self._unpack(image)
+        return [words[place] for place in self._order]
+
+
+def _bits(image: bytearray, signal: Signal) -> float:
+    """The value of an entry that begins or ends within a byte."""
+    first, shift = divmod(signal.bit_offset, 8)
+    bits = signal.bit_length
+    word = int.from_bytes(image[first : first + PADDING + 1], "little") >> shift & (1 << bits) - 1
+    if signal.real:
+        data = word.to_bytes(bits // 8, "little")
+        value: float = struct.unpack("<f" if bits == 32 else "<d", data)[0]
+        return value
+    return word - (1 << bits) if signal.signed and word >> bits - 1 else word

@@ -1,0 +1,258 @@
+"""Makes the process image of each cycle of the frames that carried it.
+
+The bus server keeps the last frames of the cycle anyway. So somebody who wants the values of every
+cycle need not wake up in each, and misses none if it gets no processor for a while: it reads the
+frames later. The rules by which an answer counts are those of the engine (`daemon/cyclic/frames.c`,
+`cyclic_frame_take` and `cyclic_frame_merge`); a test compares both.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from ecatd.base.pcapng import Frame, read_records
+from ecatd.etg.frame_sizes import DATAGRAM_HEADER, DATAGRAM_WKC, FIRST_DATAGRAM
+from ecatd.operations.image import DomainImage, ImageDatagram
+
+PADDING = 8
+"""Bytes behind each image, so that the last entries can be read as words."""
+_PORT_AT, _INDEX_AT = 11, FIRST_DATAGRAM + 1
+"""Where a frame of the engine says its port (in the lowest bit) and its number."""
+_HEADER = struct.Struct("<BBIH")
+_WKC = struct.Struct("<H")
+_LENGTH, _MORE = 0x07FF, 0x8000
+_STAMPS = 1 << 16
+"""Numbers of cycles that a frame can distinguish."""
+
+
+class DomainState(NamedTuple):
+    """What has become of a domain in a cycle.
+
+    Attributes:
+        is_due: Whether frames with its data were sent.
+        is_complete: Whether all slaves that must be there took part: the inputs are of this cycle.
+        absent: A bit for each group of optional slaves that did not take part.
+    """
+
+    is_due: bool
+    is_complete: bool
+    absent: int
+
+
+class Cycle(NamedTuple):
+    """A cycle of which frames were found.
+
+    Attributes:
+        number: Its number.
+        time_ns: CLOCK_MONOTONIC of its last answer; of its first frame if none came.
+        domains: Its domains, by number.
+    """
+
+    number: int
+    time_ns: int
+    domains: tuple[DomainState, ...]
+
+
+@dataclass(slots=True)
+class _Exchange:
+    """A frame of a cycle, and the answer to it."""
+
+    sent: bytes
+    ports: int = 1
+    answer: bytes = b""
+    back: set[int] = field(default_factory=set)
+    """The ports by which the copies left that have come back."""
+
+
+class CycleReader:
+    """Reads frames, and has the images as they were at the end of each cycle.
+
+    Args:
+        layout: Which datagrams carry which bytes of the image of each domain.
+        cycle_time_ns: The base cycle.
+        newest: Number of a cycle that has just ended.
+        now_ns: CLOCK_MONOTONIC of its end, about.
+
+    Attributes:
+        images: The image of each domain, with `PADDING` bytes behind it: the outputs as they were
+            sent, and the inputs that came last. Zeros before that.
+    """
+
+    def __init__(
+        self, layout: Sequence[DomainImage], cycle_time_ns: int, newest: int, now_ns: int
+    ) -> None:
+        self._domains = layout
+        self.images = [
+            bytearray(domain["output_bytes"] + domain["input_bytes"] + PADDING)
+            for domain in self._domains
+        ]
+        self._carried: dict[int, tuple[int, ImageDatagram]] = {
+            datagram["address"]: (number, datagram)
+            for number, domain in enumerate(self._domains)
+            for datagram in domain["datagrams"]
+        }
+        self._cycle_time_ns = cycle_time_ns
+        self._known = newest, now_ns
+        self._number: int | None = None
+        self._time_ns = 0
+        self._exchanges: dict[int, _Exchange] = {}
+
+    def read(self, records: bytes) -> Iterator[Cycle]:
+        """Yields each cycle that ends in some records; `images` are those of this cycle then.
+
+        Args:
+            records: Those behind the ones of the call before, as `ReadFrames` returns them.
+        """
+        for frame in read_records(records):
+            number = self._number_of(frame)
+            if number != self._number:
+                if self._number is not None:
+                    yield self._end()
+                self._number, self._time_ns = number, frame.time_ns
+                self._exchanges = {}
+            self._take(frame)
+
+    def restart(self) -> None:
+        """Forgets the cycle whose frames were read last: those that follow it were overwritten."""
+        if self._number is not None:
+            self._known = self._number, self._time_ns
+        self._number = None
+
+    def _number_of(self, frame: Frame) -> int:
+        """The number of the cycle of a frame, of which it has only the lower bits."""
+        if self._number is not None:
+            return self._number + (frame.cycle - self._number) % _STAMPS
+        number, at_ns = self._known
+        guess = number - round((at_ns - frame.time_ns) / self._cycle_time_ns)
+        half = _STAMPS // 2
+        return guess + (frame.cycle - guess + half) % _STAMPS - half
+
+    def _take(self, frame: Frame) -> None:
+        data = frame.data
+        if len(data) <= _INDEX_AT:
+            return
+        exchange = self._exchanges.get(data[_INDEX_AT])
+        if frame.sent:
+            if exchange is None:
+                self._exchanges[data[_INDEX_AT]] = _Exchange(data)
+            else:
+                exchange.ports += 1
+            return
+        port = data[_PORT_AT] & 1
+        if exchange is None or port in exchange.back or not _answers(exchange.sent, data):
+            return  # late, of somebody else, or a copy that has come already
+        if exchange.ports == 1 and exchange.back:
+            return
+        exchange.answer = _merged(exchange, data) if exchange.answer else data
+        exchange.back.add(port)
+        self._time_ns = frame.time_ns
+
+    def _end(self) -> Cycle:
+        """Takes the data of a cycle over."""
+        assert self._number is not None
+        states = [_State(domain) for domain in self._domains]
+        for exchange in self._exchanges.values():
+            for at, command, address in _datagrams(exchange.sent):
+                domain, datagram = self._carried.get(address, (0, None))
+                if datagram is None:
+                    continue  # the AL status, or the clock
+                if command == datagram["command"]:
+                    states[domain].take(self.images[domain], datagram, exchange, at)
+                else:
+                    states[domain].leave_out()
+        domains = tuple(state.end(image) for state, image in zip(states, self.images, strict=True))
+        return Cycle(self._number, self._time_ns, domains)
+
+
+def _datagrams(frame: bytes) -> Iterator[tuple[int, int, int]]:
+    """The data of each datagram of a frame: where they begin, command, address."""
+    at = FIRST_DATAGRAM
+    while at + DATAGRAM_HEADER <= len(frame):
+        command, _, address, length = _HEADER.unpack_from(frame, at)
+        at += DATAGRAM_HEADER
+        if at + (length & _LENGTH) + DATAGRAM_WKC > len(frame):
+            return
+        yield at, command, address
+        if not length & _MORE:
+            return
+        at += (length & _LENGTH) + DATAGRAM_WKC
+
+
+def _answers(sent: bytes, back: bytes) -> bool:
+    """Whether a frame is the answer to another one: all headers but positions are the same."""
+    if len(back) < len(sent) or (sent[_PORT_AT] ^ back[_PORT_AT]) & ~1:
+        return False
+    for at, _, _ in _datagrams(sent):
+        head = slice(at - DATAGRAM_HEADER, at)
+        if sent[head] != back[head]:
+            # Each slave increments the position of a broadcast, which is the first datagram.
+            if at != FIRST_DATAGRAM + DATAGRAM_HEADER:
+                return False
+            if (sent[at - 10 : at - 8], sent[at - 6 : at]) != (
+                back[at - 10 : at - 8],
+                back[at - 6 : at],
+            ):
+                return False
+    return True
+
+
+def _merged(exchange: _Exchange, more: bytes) -> bytes:
+    """Both copies of a frame on a ring that is open.
+
+    Inputs are sent as zeros, and only one slave writes each bit.
+    """
+    merged = bytearray(exchange.answer)
+    for at, _, _ in _datagrams(exchange.sent):
+        (length,) = _WKC.unpack_from(merged, at - 4)
+        end = at + (length & _LENGTH)
+        for place in range(at, end):
+            merged[place] |= more[place]
+        wkc = _WKC.unpack_from(merged, end)[0] + _WKC.unpack_from(more, end)[0]
+        _WKC.pack_into(merged, end, wkc & 0xFFFF)
+    return bytes(merged)
+
+
+class _State:
+    """What is known of a domain before all frames of a cycle were looked at."""
+
+    def __init__(self, domain: DomainImage) -> None:
+        self._output_bytes = domain["output_bytes"]
+        self._splits = {
+            split: [item for item in domain["datagrams"] if item["split"] == split]
+            for split in {item["split"] for item in domain["datagrams"]} - {0}
+        }
+        self._pieces: dict[int, list[tuple[int, bytes]]] = {}
+        self._is_due, self._is_complete, self._absent = False, True, 0
+
+    def take(self, image: bytearray, datagram: ImageDatagram, exchange: _Exchange, at: int) -> None:
+        """Takes a datagram whose data begin at `at`."""
+        self._is_due = True
+        offset, length = datagram["offset"], datagram["length"]
+        outputs = min(max(self._output_bytes - offset, 0), length)
+        image[offset : offset + outputs] = exchange.sent[at : at + outputs]
+        answer = exchange.answer
+        if answer and _WKC.unpack_from(answer, at + length)[0] == datagram["wkc_expected"]:
+            data = answer[at + outputs : at + length]
+            if datagram["split"]:
+                self._pieces.setdefault(datagram["split"], []).append((offset + outputs, data))
+            else:
+                image[offset + outputs : offset + length] = data
+        elif datagram["group"] >= 0:
+            self._absent |= 1 << datagram["group"]
+        else:
+            self._is_complete = False
+
+    def leave_out(self) -> None:
+        """The last outputs of a slave were not sent, since the others had not come back."""
+        self._is_due, self._is_complete = True, False
+
+    def end(self, image: bytearray) -> DomainState:
+        """Takes over what several datagrams have brought together."""
+        for split, pieces in self._pieces.items():
+            if len(pieces) == len(self._splits[split]):
+                for offset, data in pieces:
+                    image[offset : offset + len(data)] = data
+        return DomainState(self._is_due, self._is_complete, self._absent)
