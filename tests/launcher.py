@@ -127,8 +127,14 @@ def _start() -> socket.socket:
             others = {key: os.environ[key] for key in {*os.environ} - {*_at_the_start(os.environ)}}
             process = subprocess.Popen(command, env=others | _BEGUN, pass_fds=[its.fileno()])
             _launcher.append((ours, process))
+            atexit.register(_end, ours, process)
             its.close()
         return _launcher[0][0]
+
+
+def _end(requests: socket.socket, process: "subprocess.Popen[bytes]") -> None:
+    requests.close()
+    process.wait()
 
 
 def _serve(requests: socket.socket) -> None:

@@ -1,5 +1,6 @@
 """Streams of values over Zenoh: minimum, mean and maximum, so that no peak is lost."""
 
+import asyncio
 import itertools
 import json
 import os
@@ -85,7 +86,7 @@ def test_no_cycle_is_missed_while_a_row_is_published(
     listen = {"listen/endpoints": [f"unixsock-stream/{tmp_path / 'here'}"]}
     with zenoh.open(session_config("peer", listen)) as session:
         streams = Streams(Sessions([session]), bus.bus, bus.bus)
-        stream = streams.open("2/*", 20)
+        stream = asyncio.run(streams.open(OpenStream("2/*", 20)))
         try:
             with session.declare_subscriber(stream["key"]) as rows:
                 cycles = (unpack(bytes(row.payload))["cycle"] for row in rows)

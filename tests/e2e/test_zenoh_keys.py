@@ -33,6 +33,7 @@ CALLS: dict[str, list[tuple[str, dict[str, Any] | None]]] = {
         ("ro/stats?buckets=1", None),
         ("rw/frames/cycle", {}),
         ("ro/stream?pattern=4%2F*;hz=10", None),
+        ("ro/trace?patterns=4%2F*%0A2%2F*", None),
         ("ro/sdo/0/0x6064/0", None),
         ("ro/objects/0", None),
         ("ro/objects/0/0x1018", None),
@@ -163,6 +164,7 @@ def test_a_daemon_publishes_as_it_says(start_daemon: Callable[..., Daemon]) -> N
     caller = Caller(daemon)
     with caller.session:
         caller.ask("ro/stream?pattern=4%2F*;hz=10", None)
+        caller.ask("ro/trace?patterns=4%2F*", None)
         caller.ask("rw/log/dc", {"level": "debug"})
         daemon.config_file.write_text(
             "[gateway]\nlisten = []\n"

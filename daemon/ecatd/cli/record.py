@@ -5,16 +5,14 @@ from __future__ import annotations
 import argparse
 import fcntl
 import io
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from operator import attrgetter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ecatd.base.errors import NotPermittedError, StateError, UsageError
 from ecatd.base.files import open_new
-from ecatd.client.patterns import find_signals
+from ecatd.etg.scaling import to_physical
 
 from .arguments import times
 from .output import print_json
@@ -24,21 +22,19 @@ from .signals import (
     add_for,
     add_patterns,
     ended_by_signals,
-    is_physical,
-    open_client,
 )
 
 if TYPE_CHECKING:
-    from ecatd.client import Client
-    from ecatd.client.group import SignalGroup
-    from ecatd.client.signals import Signal
+    from ecatd.client.remote import Remote
+    from ecatd.client.trace import Batch, Trace
+    from ecatd.operations.traces import TraceSignal
 
 COMMANDS = {
     "values": {"record": "Record the values of each cycle in a file (CSV, MCAP or Parquet)."}
 }
 
-_PATIENCE, _PERIOD_MOST = 5.0, 3600.0
-"""Seconds for which a cycle may be late, and longest time between two lines in seconds."""
+_PERIOD_MOST = 3600.0
+"""Longest time between two lines in seconds."""
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
@@ -61,59 +57,65 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     add_for(command, "stop after S seconds (default: when you press Ctrl-C)")
 
 
-def record(options: argparse.Namespace) -> None:
+def record(remote: Remote, options: argparse.Namespace) -> None:
     """Writes the values of each cycle to a file, until it ends."""
     suffix = options.out.suffix.lower()
     check_format(suffix, options.out)
     check_target(options.out, force=options.force)
-    with open_client(options) as client:
-        chosen = find_signals(client, options.patterns)
-        period = options.every * client.cycle_time
-        if period > _PERIOD_MOST or (options.seconds is not None and period > options.seconds):
-            raise UsageError(
-                f"{options.every} cycles last {period:g} s: that is longer than "
-                f"{'--for' if period <= _PERIOD_MOST else f'{_PERIOD_MOST:g} s'}"
-            )
-        recording = None
-        try:
+    recording = None
+    try:
+        with remote.trace(options.patterns or ["*"]) as trace:
+            _check_period(options, trace.cycle_time)
             with _alone(options.out, force=options.force) as file, ended_by_signals():
-                columns = [_column(signal, options.raw) for signal in chosen]
-                recording = open_recording(suffix, file, options.bus, columns)
+                columns = [_Column(signal, options.raw) for signal in trace.signals]
+                heads = [column.head for column in columns]
+                recording = open_recording(suffix, file, options.bus, heads)
                 try:
-                    count, left_out, empty = _record(client, chosen, recording, options)
+                    told = _record(trace, columns, recording, options)
                 finally:
                     recording.end()
-        except FileExistsError as error:  # it was not there a moment ago
-            raise UsageError(f"{options.out}: {error.strerror}") from error
-        except PermissionError as error:
-            raise NotPermittedError(f"{options.out} cannot be written: {error.strerror}") from error
-        except OSError as error:
-            rows = recording.rows if recording else 0
-            if not rows and options.out.is_file():
-                options.out.unlink()
-            safe = f"{rows} cycles are safe in it" if rows else "nothing was recorded"
-            raise StateError(
-                f"{options.out} cannot be written: {error.strerror}; {safe}"
-            ) from error
+    except FileExistsError as error:  # it was not there a moment ago
+        raise UsageError(f"{options.out}: {error.strerror}") from error
+    except PermissionError as error:
+        raise NotPermittedError(f"{options.out} cannot be written: {error.strerror}") from error
+    except OSError as error:
+        rows = recording.rows if recording else 0
+        if not rows and options.out.is_file():
+            options.out.unlink()
+        safe = f"{rows} cycles are safe in it" if rows else "nothing was recorded"
+        raise StateError(f"{options.out} cannot be written: {error.strerror}; {safe}") from error
     if options.json:
         print_json(
             {
                 "bus": options.bus,
                 "file": str(options.out),
-                "cycles": count,
-                "left_out": left_out,
-                "empty": empty,
+                "cycles": told.cycles,
+                "left_out": told.left_out,
+                "lost": told.lost,
+                "empty": told.empty,
                 "infinite": recording.infinite,
             }
         )
         return
-    more = f"; {left_out} cycles were missed, because this program got no processor in time" * bool(
-        left_out
+    more = f"; {told.left_out} cycles are missing, since ecatd left them out" * bool(told.left_out)
+    more += f"; {told.lost} cycles are missing, since they were lost on the way here" * bool(
+        told.lost
     )
-    more += f"; {empty} fields are empty, because their values could not be trusted" * bool(empty)
+    more += f"; {told.empty} fields are empty, because their values could not be trusted" * bool(
+        told.empty
+    )
     if recording.infinite:
         more += f"; {recording.infinite} fields are empty, because JSON has no infinity: use CSV"
-    print(f"{options.out}: {count} cycles with {len(chosen)} values{more}")
+    print(f"{options.out}: {told.cycles} cycles with {len(columns)} values{more}")
+
+
+def _check_period(options: argparse.Namespace, cycle_time: float) -> None:
+    period = options.every * cycle_time
+    if period > _PERIOD_MOST or (options.seconds is not None and period > options.seconds):
+        raise UsageError(
+            f"{options.every} cycles last {period:g} s: that is longer than "
+            f"{'--for' if period <= _PERIOD_MOST else f'{_PERIOD_MOST:g} s'}"
+        )
 
 
 @contextmanager
@@ -136,59 +138,78 @@ def _alone(path: Path, *, force: bool) -> Iterator[io.FileIO]:
         yield file
 
 
-def _column(signal: Signal, raw: bool) -> Column:
-    """A column of the file; that of raw values has the address of the entry, for a replay."""
-    whole = "int64" if signal.signed else "uint64"
-    kind = "float64" if signal.real else whole
-    if raw:
-        return Column(f"{signal.path} ({signal.address})", "", kind)
-    return Column(signal.path, signal.unit, "float64" if is_physical(signal) else kind)
+class _Column:
+    """An entry in the file; that of raw values has its address in its name, for a replay.
+
+    Attributes:
+        head: The head of the column.
+    """
+
+    def __init__(self, signal: TraceSignal, raw: bool) -> None:
+        self._scale, self._offset = signal["scale"], signal["offset"]
+        self._is_physical = not raw and (self._scale, self._offset) != (1.0, 0.0)
+        is_real = signal["type"].startswith("float")
+        kind = "float64" if is_real or self._is_physical else signal["type"].rstrip("0123456789")
+        kind += "64" if kind in ("int", "uint") else ""
+        if raw:
+            self.head = Column(f"{signal['name']} ({signal['address']})", "", kind)
+        else:
+            self.head = Column(signal["name"], signal["unit"], kind)
+
+    def cells(self, values: Sequence[float], places: Sequence[int]) -> list[Cell]:
+        """The values of some cycles of a batch."""
+        if self._is_physical:
+            return [to_physical(values[at], self._scale, self._offset) for at in places]
+        return [values[at] for at in places]
+
+
+class _Told(NamedTuple):
+    """What the command says at its end."""
+
+    cycles: int  #: How many were recorded.
+    left_out: int  #: How many in between were not exchanged.
+    lost: int  #: How many in between did not come here.
+    empty: int  #: How many values could not be trusted.
 
 
 def _record(
-    client: Client, chosen: list[Signal], recording: Recording, options: argparse.Namespace
-) -> tuple[int, int, int]:
-    """Records cycles.
-
-    Returns:
-        How many, how many cycles were missed, and how many values could not be trusted.
-    """
-    group, step, count, left_out, empty = client.group(chosen), client.cycle_time, 0, 0, 0
-    patience = _PATIENCE + 2 * options.every * step
-    domains = {signal.domain for signal in chosen}
+    trace: Trace, columns: Sequence[_Column], recording: Recording, options: argparse.Namespace
+) -> _Told:
+    """Records cycles."""
+    every, step = options.every, trace.cycle_time
+    count = left_out = lost = empty = 0
     first = last = None
-    end = None if options.seconds is None else time.monotonic() + options.seconds
-    try:
-        while end is None or time.monotonic() < end:
-            client.wait(options.every, timeout=patience)
-            client.sample()
-            newest = max((client.domain(number) for number in domains), key=attrgetter("cycle"))
-            cycle = newest.cycle
+    with suppress(KeyboardInterrupt):
+        for batch in trace:
             if first is None:
-                first = cycle
-            elif last is not None:
-                left_out += max(0, (cycle - last) // options.every - 1)
-            cells = _cells(chosen, group, options.raw)
-            empty += cells.count(None)
-            age_ns = time.monotonic_ns() - newest.time_ns if newest.time_ns else 0
-            recording.add((cycle - first) * step, cycle, cells, time.time_ns() - age_ns)
-            last, count = cycle, count + 1
-    except KeyboardInterrupt:
-        pass
-    return count, left_out, empty
+                first = batch.cycles[0]
+            places = [at for at, cycle in enumerate(batch.cycles) if (cycle - first) % every == 0]
+            if options.seconds is not None:
+                end = first + max(1, round(options.seconds / step))
+                places = [at for at in places if batch.cycles[at] < end]
+            rows = _rows(batch, places, columns)
+            for at, cells in zip(places, rows, strict=True):
+                cycle = batch.cycles[at]
+                missed = (cycle - last) // every - 1 if last is not None else 0
+                if batch.lost and at == places[0]:
+                    lost += missed
+                else:
+                    left_out += missed
+                empty += cells.count(None)
+                recording.add((cycle - first) * step, cycle, cells, batch.utc_ns[at])
+                last, count = cycle, count + 1
+            if options.seconds is not None and batch.cycles[-1] + 1 >= end:
+                break
+    return _Told(count, left_out, lost, empty)
 
 
-def _cells(chosen: list[Signal], group: SignalGroup, only_raw: bool) -> list[Cell]:
-    """The values; that of an entry that cannot be trusted is None.
-
-    All entries of a slave in one direction can be trusted, or none of them.
-    """
-    worth: dict[tuple[int, bool], bool] = {}
-    cells: list[Cell] = []
-    for signal, raw, value in zip(chosen, group.raw, group.values, strict=True):
-        key = signal.slave, signal.output
-        if key not in worth:
-            worth[key] = signal.validity.name == "VALID"
-        physical = not only_raw and (is_physical(signal) or signal.real)
-        cells.append((value if physical else raw) if worth[key] else None)
-    return cells
+def _rows(batch: Batch, places: Sequence[int], columns: Sequence[_Column]) -> list[list[Cell]]:
+    """The cells of some cycles of a batch; None for values that cannot be trusted."""
+    cells = [
+        column.cells(values, places) for column, values in zip(columns, batch.columns, strict=True)
+    ]
+    for number, invalid in batch.invalid.items():
+        for row, at in enumerate(places):
+            if at in invalid:
+                cells[number][row] = None
+    return [list(row) for row in zip(*cells, strict=True)]

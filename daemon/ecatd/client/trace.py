@@ -27,13 +27,12 @@ class Batch(NamedTuple):
     """Some cycles, one after the other.
 
     Attributes:
-        cycles: Their numbers. A number is missing if no frame of its cycle was sent, or if it was
-            lost on the way.
+        cycles: Their numbers. A number is missing if no frame of its cycle was sent.
         utc_ns: When the values came: Unix time in ns.
         columns: For each entry its value in each of the cycles, as it is in the frame.
         invalid: Where an entry has an older value: its place among the entries, and the places of
             the cycles.
-        lost: Whether cycles before the first one were lost.
+        lost: Whether cycles between the batch before and this one were lost on the way.
     """
 
     cycles: array[int]
@@ -63,21 +62,24 @@ class Trace:
     def __init__(self, session: zenoh.Session, opened: Opened, patience_s: float) -> None:
         self.signals = list(opened["signals"])
         self.cycle_time = opened["cycle_time_us"] / 1e6
+        self._last = 0
         patience = Timeout(patience_s, "--timeout")
         self._messages = Published(session, opened["key"], _BATCHES, patience, _PAUSE)
 
     def __iter__(self) -> Iterator[Batch]:
         for message in self._messages:
-            clock_ns = message["clock_ns"]
+            clock_ns, cycles = message["clock_ns"], _numbers("Q", message["cycles"])
+            lost = message["lost"] or (self._last > 0 and message["after"] != self._last)
+            self._last = cycles[-1]
             yield Batch(
-                _numbers("Q", message["cycles"]),
+                cycles,
                 [clock_ns + at for at in _numbers("q", message["times_ns"])],
                 [
                     _numbers(_LETTERS[signal["type"]], column)
                     for signal, column in zip(self.signals, message["columns"], strict=True)
                 ],
                 {at: places for at, *places in message["invalid"]},
-                message["lost"],
+                lost,
             )
 
     def __enter__(self) -> Trace:

@@ -143,7 +143,7 @@ class CaptureConfig(Placed):
 
     Attributes:
         memory_mb: Memory of the bus server for them: half for the frames of the cycle, half for all
-            others. 0: keep none.
+            others. 0: keep none; then `ecatctl record` has no values.
         folder: Where the bus server writes the last frames after a fault, such as
             `"/var/lib/ecatd/ecat0"`, which the service can write. The start makes the folder, and
             members of the group `ecat` can read it. `""`: nowhere.

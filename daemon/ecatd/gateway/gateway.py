@@ -30,8 +30,6 @@ from ecatd.operations.log import ReadLogLevels
 from ecatd.operations.operation import Operation, needs_right, on_behalf
 from ecatd.operations.query import from_query
 from ecatd.operations.statistics import Clocks, ReadClocks, ReadStats, Statistics
-from ecatd.operations.streams import OpenStream, Stream
-from ecatd.operations.traces import OpenTrace, Trace
 from ecatd.operations.zenoh_keys import AS, SCHEMA, bus_key, full_name, session_config
 from ecatd.shm.statistics import read, to_map
 from ecatd.shm.statistics.clocks import read_clocks
@@ -101,7 +99,7 @@ class Gateway:
         self._tasks: set[asyncio.Task[Any]] = set()
         self._rates: dict[str, Rate] = {}
         self._refusals = Refusals(log)
-        self._handlers = Handlers(self)
+        self._handlers = Handlers()  # until the sessions are open
         self._description: Answer | None = None
         self._packed: tuple[Answer, bytes] | None = None
         self._slaves: dict[str, Any] = {}  # the last bus description
@@ -163,6 +161,7 @@ class Gateway:
         self._keep(asyncio.create_task(watch_routers(sessions.network, in_use, self._log)))
         self._streams = Streams(sessions, self._name, self._full_name)
         self._traces = Traces(sessions, self._bus, self._name, self._full_name, self._log)
+        self._handlers = Handlers(self, self._streams, self._traces)
         loop = asyncio.get_running_loop()
 
         def receive(query: zenoh.Query, replies: Replies) -> None:
@@ -353,16 +352,6 @@ class Gateway:
             if user.name == name:
                 return user
         raise NotPermittedError(f"user '{name}' is not in the configuration of the daemon")
-
-    @handles(OpenStream)
-    async def _open_stream(self, request: OpenStream) -> Stream:
-        assert self._streams is not None, "asked before the session was opened"
-        return await asyncio.to_thread(self._streams.open, request.pattern, float(request.hz))
-
-    @handles(OpenTrace)
-    async def _open_trace(self, request: OpenTrace) -> Trace:
-        assert self._traces is not None, "asked before the session was opened"
-        return await self._traces.open(request.patterns)
 
     @handles(ReadStats)
     def _read_stats(self, request: ReadStats) -> Statistics:

@@ -9,6 +9,7 @@ Readers with the same pattern and rate share a stream. A stream without readers 
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import queue
 import threading
@@ -20,7 +21,8 @@ from ecatd.base.errors import BusyError, EcatError, UsageError
 from ecatd.client import Client, Signal, Summaries
 from ecatd.client.patterns import find_signals
 from ecatd.operations.encoding import pack
-from ecatd.operations.streams import Stream, StreamSignal
+from ecatd.operations.handlers import handles
+from ecatd.operations.streams import OpenStream, Stream, StreamSignal
 from ecatd.operations.zenoh_keys import SCHEMA, bus_key
 
 from .sessions import Sessions
@@ -39,7 +41,7 @@ _WAITING_MAX = 20
 
 
 class Streams:
-    """All streams of a bus. It may be called in any thread.
+    """All streams of a bus.
 
     Args:
         session: The gateway's sessions.
@@ -54,18 +56,18 @@ class Streams:
         self._lock = threading.Lock()
         self._streams: dict[str, _Stream] = {}
 
-    def open(self, pattern: str, rate: float) -> Stream:
+    @handles(OpenStream)
+    async def open(self, request: OpenStream) -> Stream:
         """Opens a stream, or finds the one that is open already.
-
-        Args:
-            pattern: The pattern for the entries; see `find_signals`.
-            rate: How often values are published, in Hz.
 
         Raises:
             UsageError: The rate is out of range, or there are too many entries.
             StateError: No entry fits the pattern.
             BusyError: There are too many streams.
         """
+        return await asyncio.to_thread(self._open, request.pattern, float(request.hz))
+
+    def _open(self, pattern: str, rate: float) -> Stream:
         low, high = _RATES
         if not low <= rate <= high:
             raise UsageError(f"hz={rate:g}: {low:g} to {high:g} are possible")

@@ -20,8 +20,9 @@ from ecatd.client import Client, Signal
 from ecatd.client.patterns import find_signals
 from ecatd.operations.encoding import pack
 from ecatd.operations.frames import NEWEST, ReadFrames
+from ecatd.operations.handlers import handles
 from ecatd.operations.image import DomainImage, ReadImage
-from ecatd.operations.traces import Trace, TraceBatch, TraceSignal
+from ecatd.operations.traces import OpenTrace, Trace, TraceBatch, TraceSignal
 from ecatd.operations.zenoh_keys import SCHEMA, bus_key
 from ecatd.trace.columns import Columns, column_type
 from ecatd.trace.cycles import CycleReader
@@ -29,7 +30,7 @@ from ecatd.trace.cycles import CycleReader
 from .bus_client import BusClient
 from .sessions import Publisher, Sessions
 
-_TRACES_MAX, _SIGNALS_MAX = 8, 2000
+_TRACES_MAX, _SIGNALS_MAX = 8, 10000
 _PERIOD_S = 0.05
 """Seconds between two batches."""
 _ABANDONED_S = 5.0
@@ -61,21 +62,19 @@ class Traces:
         self._source: _Source | None = None
         self._task: asyncio.Task[None] | None = None
 
-    async def open(self, patterns: str) -> Trace:
+    @handles(OpenTrace)
+    async def open(self, request: OpenTrace) -> Trace:
         """Opens a trace, or finds the one that is open already.
-
-        Args:
-            patterns: Patterns for the entries, in lines; see `find_signals`.
 
         Raises:
             UsageError: There are too many entries.
             StateError: No entry fits a pattern, or the bus server keeps no frames.
             BusyError: There are too many traces.
         """
-        name = hashlib.sha256(patterns.encode()).hexdigest()[:16]
+        name = hashlib.sha256(request.patterns.encode()).hexdigest()[:16]
         async with self._opening:
             if name not in self._traces:
-                self._traces[name] = await self._make(name, patterns)
+                self._traces[name] = await self._make(name, request.patterns)
             trace = self._traces[name]
             trace.asked = time.monotonic()
         return trace.description
@@ -123,6 +122,8 @@ class Traces:
             self._log.warning(f"traces have ended: {error}")
         except zenoh.ZError:
             pass  # the gateway ends
+        except Exception as error:  # a defect in traces must not be silent
+            self._log.error(f"defect in a trace: {error!r}")
         finally:
             self._source = None
             self._traces.clear()
@@ -211,6 +212,7 @@ class _OpenTrace:
         self.columns = columns
         self.description = description
         self.asked = time.monotonic()
+        self._last = 0
 
     def publish(self, clock_ns: int, lost: bool) -> None:
         batch = self.columns.take()
@@ -222,8 +224,10 @@ class _OpenTrace:
             "clock_ns": clock_ns,
             "columns": [column.tobytes() for column in batch.columns],
             "invalid": [[at, *places] for at, places in enumerate(batch.invalid) if places],
+            "after": self._last,
             "lost": lost,
         }
+        self._last = batch.cycles[-1]
         self._publisher.put(pack({"schema": SCHEMA, **message}))
 
     def is_wanted(self) -> bool:

@@ -39,8 +39,10 @@ class TraceBatch(Map):
     #: Where the value of an entry is an older one, since its slave did not take part: the place of
     #: the entry in the trace, and the places of such cycles in the batch.
     invalid: list[list[int]]
-    #: Whether cycles before the first one were lost, since the gateway got no processor for long.
-    lost: bool
+    #: Number of the last cycle of the batch before; 0 for the first batch. If this is another cycle
+    #: than the last one that you have, batches were lost on the way.
+    after: int
+    lost: bool  #: Whether cycles in between are lost, since the gateway got no processor for long.
 
 
 class OpenTrace(Operation[Trace]):

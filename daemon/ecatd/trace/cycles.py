@@ -9,6 +9,7 @@ frames later. The rules by which an answer counts are those of the engine (`daem
 from __future__ import annotations
 
 import struct
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -24,6 +25,8 @@ _PORT_AT, _INDEX_AT = 11, FIRST_DATAGRAM + 1
 _HEADER = struct.Struct("<BBIH")
 _WKC = struct.Struct("<H")
 _LENGTH, _MORE = 0x07FF, 0x8000
+_EVENT = 2
+"""Bytes at the end of the header of a datagram that slaves change (ETG.1000.4, "IRQ")."""
 _STAMPS = 1 << 16
 """Numbers of cycles that a frame can distinguish."""
 
@@ -84,14 +87,11 @@ class CycleReader:
     def __init__(
         self, layout: Sequence[DomainImage], cycle_time_ns: int, newest: int, now_ns: int
     ) -> None:
-        self._domains = layout
-        self.images = [
-            bytearray(domain["output_bytes"] + domain["input_bytes"] + PADDING)
-            for domain in self._domains
-        ]
+        self._domains = [_Domain(domain) for domain in layout]
+        self.images = [domain.image for domain in self._domains]
         self._carried: dict[int, tuple[int, ImageDatagram]] = {
             datagram["address"]: (number, datagram)
-            for number, domain in enumerate(self._domains)
+            for number, domain in enumerate(layout)
             for datagram in domain["datagrams"]
         }
         self._cycle_time_ns = cycle_time_ns
@@ -153,17 +153,14 @@ class CycleReader:
     def _end(self) -> Cycle:
         """Takes the data of a cycle over."""
         assert self._number is not None
-        states = [_State(domain) for domain in self._domains]
         for exchange in self._exchanges.values():
             for at, command, address in _datagrams(exchange.sent):
                 domain, datagram = self._carried.get(address, (0, None))
                 if datagram is None:
                     continue  # the AL status, or the clock
-                if command == datagram["command"]:
-                    states[domain].take(self.images[domain], datagram, exchange, at)
-                else:
-                    states[domain].leave_out()
-        domains = tuple(state.end(image) for state, image in zip(states, self.images, strict=True))
+                is_sent = command == datagram["command"]
+                self._domains[domain].take(datagram, exchange, at, is_sent=is_sent)
+        domains = tuple(domain.end() for domain in self._domains)
         return Cycle(self._number, self._time_ns, domains)
 
 
@@ -186,16 +183,15 @@ def _answers(sent: bytes, back: bytes) -> bool:
     if len(back) < len(sent) or (sent[_PORT_AT] ^ back[_PORT_AT]) & ~1:
         return False
     for at, _, _ in _datagrams(sent):
-        head = slice(at - DATAGRAM_HEADER, at)
-        if sent[head] != back[head]:
-            # Each slave increments the position of a broadcast, which is the first datagram.
-            if at != FIRST_DATAGRAM + DATAGRAM_HEADER:
+        begin, end = at - DATAGRAM_HEADER, at - _EVENT
+        if (
+            at == FIRST_DATAGRAM + DATAGRAM_HEADER
+        ):  # a broadcast: each slave increments its position
+            if sent[begin : begin + 2] != back[begin : begin + 2]:
                 return False
-            if (sent[at - 10 : at - 8], sent[at - 6 : at]) != (
-                back[at - 10 : at - 8],
-                back[at - 6 : at],
-            ):
-                return False
+            begin += 4
+        if sent[begin:end] != back[begin:end]:
+            return False
     return True
 
 
@@ -215,44 +211,55 @@ def _merged(exchange: _Exchange, more: bytes) -> bytes:
     return bytes(merged)
 
 
-class _State:
-    """What is known of a domain before all frames of a cycle were looked at."""
+class _Domain:
+    """A domain, with what is known of it before all frames of a cycle were looked at.
 
-    def __init__(self, domain: DomainImage) -> None:
-        self._output_bytes = domain["output_bytes"]
-        self._splits = {
-            split: [item for item in domain["datagrams"] if item["split"] == split]
-            for split in {item["split"] for item in domain["datagrams"]} - {0}
-        }
+    Attributes:
+        image: Its image, and padding.
+    """
+
+    def __init__(self, layout: DomainImage) -> None:
+        self._output_bytes = layout["output_bytes"]
+        self.image = bytearray(layout["output_bytes"] + layout["input_bytes"] + PADDING)
+        self._pieces_of = Counter(item["split"] for item in layout["datagrams"])
+        self._begin()
+
+    def _begin(self) -> None:
         self._pieces: dict[int, list[tuple[int, bytes]]] = {}
         self._is_due, self._is_complete, self._absent = False, True, 0
 
-    def take(self, image: bytearray, datagram: ImageDatagram, exchange: _Exchange, at: int) -> None:
-        """Takes a datagram whose data begin at `at`."""
+    def take(self, datagram: ImageDatagram, exchange: _Exchange, at: int, *, is_sent: bool) -> None:
+        """Takes a datagram.
+
+        Args:
+            datagram: What it carries.
+            exchange: Its frame.
+            at: Where its data begin.
+            is_sent: Whether slaves obey it. Else these are the last outputs of a slave, and others
+                of it have not come back.
+        """
         self._is_due = True
         offset, length = datagram["offset"], datagram["length"]
         outputs = min(max(self._output_bytes - offset, 0), length)
-        image[offset : offset + outputs] = exchange.sent[at : at + outputs]
-        answer = exchange.answer
+        self.image[offset : offset + outputs] = exchange.sent[at : at + outputs]
+        answer = exchange.answer if is_sent else b""
         if answer and _WKC.unpack_from(answer, at + length)[0] == datagram["wkc_expected"]:
             data = answer[at + outputs : at + length]
             if datagram["split"]:
                 self._pieces.setdefault(datagram["split"], []).append((offset + outputs, data))
             else:
-                image[offset + outputs : offset + length] = data
+                self.image[offset + outputs : offset + length] = data
         elif datagram["group"] >= 0:
             self._absent |= 1 << datagram["group"]
         else:
             self._is_complete = False
 
-    def leave_out(self) -> None:
-        """The last outputs of a slave were not sent, since the others had not come back."""
-        self._is_due, self._is_complete = True, False
-
-    def end(self, image: bytearray) -> DomainState:
-        """Takes over what several datagrams have brought together."""
+    def end(self) -> DomainState:
+        """Takes over what several datagrams have brought together, and begins the next cycle."""
         for split, pieces in self._pieces.items():
-            if len(pieces) == len(self._splits[split]):
+            if len(pieces) == self._pieces_of[split]:
                 for offset, data in pieces:
-                    image[offset : offset + len(data)] = data
-        return DomainState(self._is_due, self._is_complete, self._absent)
+                    self.image[offset : offset + len(data)] = data
+        state = DomainState(self._is_due, self._is_complete, self._absent)
+        self._begin()
+        return state

@@ -23,6 +23,7 @@ from ecatd.operations.operation import Failure, Operation, needs_right
 from ecatd.operations.query import ALL
 from ecatd.operations.statistics import Statistics
 from ecatd.operations.streams import PdoValue, StreamRow
+from ecatd.operations.traces import TraceBatch
 
 from ..page_parts import head, row
 from .types import EVENTS, answer_of, attributes, keys_of, maps_in, name_of, summary
@@ -61,6 +62,7 @@ PUBLICATIONS: dict[str, tuple[type, str]] = {
     "ro/slaves": (BusDescription, "after a reload that has changed it"),
     "ro/stats": (Statistics, "every second while somebody subscribes, without `buckets`"),
     "ro/stream/{id}": (StreamRow, "a row of a stream"),
+    "ro/trace/{id}": (TraceBatch, "some cycles of a trace, about 20 times a second"),
 }
 """What is published under which key, and when."""
 _WITH_RIGHT = """\

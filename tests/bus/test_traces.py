@@ -1,0 +1,245 @@
+"""Traces: what the frames say of each cycle is what the engine has given to its clients."""
+
+import contextlib
+import csv
+import os
+import random
+import re
+import signal
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from conftest import CYCLE_TIME_US, PATIENCE, Daemon, free_port, names, wait_for
+from ecatd.base.errors import BusyError, LeaseError, StateError, UnreachableError, UsageError
+from ecatd.client.patterns import find_signals
+from ecatd.client.remote import Remote
+from ecatd.client.trace import Batch
+from ecatd.shm.contract import Validity
+from ecatsim.control import Simulator
+
+pytestmark = pytest.mark.bus
+RIGS = Path(__file__).parents[1] / "rigs"
+LOCAL = "[gateway]\nlisten = []\n"
+ENOUGH = 300
+"""Cycles that are compared."""
+
+MIXED = f"""
+cycle_time_us = 4000
+{LOCAL}
+[[domain]]
+name = "fast"
+[[domain]]
+divider = 4
+slaves = ["4-33"]
+[[domain]]
+divider = 10
+slaves = [34, "35-39"]
+"""
+"""The second domain is larger than a frame, and some slaves cannot do LRW."""
+
+RING = "name = 'ring'\nring = true\n" + "[[slave]]\ndevice = 'Loopback32'\n" * 5
+OPTIONAL = f"""
+{LOCAL}
+[recovery]
+retry_s = 0.5
+[[slave]]
+position = 2
+vendor = 0xFFFF
+product = 0x3232
+optional = true
+"""
+
+
+def remote(daemon: Daemon) -> Remote:
+    folder = daemon.env["ECATD_RUNTIME_DIR"]
+    return Remote(daemon.bus, f"unixsock-stream/{folder}/{daemon.bus}/gateway/zenoh", timeout=60)
+
+
+class Samples:
+    """What a client sees as often as it gets the processor, while it writes outputs.
+
+    Attributes:
+        seen: Raw value and validity of each entry, by domain and cycle of the exchange.
+    """
+
+    def __init__(self, daemon: Daemon, patterns: list[str]) -> None:
+        self.seen: dict[tuple[int, int], dict[int, tuple[float, bool]]] = {}
+        self._client = daemon.client()
+        self._entries = find_signals(self._client, patterns)
+        self._ends = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> "Samples":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ends.set()
+        self._thread.join()
+        self._client.close()
+
+    def _run(self) -> None:
+        chance = random.Random(1)
+        client, outputs = self._client, [entry for entry in self._entries if entry.output]
+        claim = None
+        while not self._ends.is_set():
+            with contextlib.suppress(LeaseError, StateError, UnreachableError):
+                client.wait()
+                client.sample()
+                self._note()
+                claim = claim or client.claim(outputs, lease=30)
+                for entry in outputs:
+                    entry.raw = chance.randrange(1 << entry.bit_length)
+                client.commit()
+
+    def _note(self) -> None:
+        for domain in {entry.domain for entry in self._entries}:
+            self.seen.setdefault(
+                (domain, self._client.domain(domain).cycle),
+                {
+                    place: (entry.raw, entry.output or entry.validity == Validity.VALID)
+                    for place, entry in enumerate(self._entries)
+                    if entry.domain == domain
+                },
+            )
+
+
+def compare(daemon: Daemon, *patterns: str) -> tuple[int, int]:
+    """Compares a trace with what a client sees meanwhile.
+
+    Returns:
+        How many exchanges were the same, and how many entries of them were not valid.
+    """
+    with remote(daemon) as session, session.trace(patterns) as trace:
+        found: dict[int, tuple[Batch, int]] = {}
+        with Samples(daemon, [*patterns]) as samples:
+            for batch in trace:
+                assert not batch.lost
+                found |= {cycle: (batch, at) for at, cycle in enumerate(batch.cycles)}
+                if len(samples.seen.keys()) > ENOUGH and len(found) > ENOUGH:
+                    break
+    same = invalid = 0
+    for (_, cycle), entries in samples.seen.items():
+        if cycle not in found:
+            continue
+        batch, at = found[cycle]
+        for place, (raw, is_valid) in entries.items():
+            signal = trace.signals[place]
+            assert batch.columns[place][at] == raw, (cycle, signal, daemon.log)
+            assert (at not in batch.invalid.get(place, ())) == is_valid, (cycle, signal)
+            invalid += not is_valid
+        same += 1
+    return same, invalid
+
+
+def test_a_trace_has_what_clients_see(start_daemon: Callable[..., Daemon]) -> None:
+    """With domains at several rates, and datagrams of several kinds."""
+    daemon = start_daemon(str(RIGS / "domains.py"), config=MIXED)
+    patterns = [f"{slave}/*:0[1-4]" for slave in (0, 1, 4, 10, 33, 34, 39)]
+    assert compare(daemon, *patterns)[0] > ENOUGH // 2
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.drop(all_frames=True, count=0, probability=0.03)
+        simulator.faults.drop(all_frames=True, count=0, probability=0.03, seed=2, way_back=True)
+        same, invalid = compare(daemon, *patterns)
+    assert same > ENOUGH // 2
+    assert invalid > 10
+
+
+def test_outputs_and_inputs_in_pieces(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon(str(RIGS / "large.py"))
+    patterns = ("1/*:01", "1/*:64", "3/*:01", "3/*:32", "4/*:01")
+    assert compare(daemon, *patterns)[0] > ENOUGH // 2
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.drop(every=1, count=0, probability=0.1, seed=7)
+        simulator.faults.drop(every=1, count=0, probability=0.05, seed=8, way_back=True)
+        assert compare(daemon, *patterns)[1] > 10
+
+
+def test_both_sides_of_a_broken_ring(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    rig = tmp_path / "ring.toml"
+    rig.write_text(RING)
+    daemon = start_daemon(str(rig))
+    assert compare(daemon, "*:0[1-4]") > (ENOUGH // 2, 0)
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.break_link(2, 0)
+        wait_for(lambda: "the ring is broken" in daemon.log, daemon)
+        assert compare(daemon, "*:0[1-4]")[0] > ENOUGH // 2
+
+
+def test_an_optional_slave_that_is_absent(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("line:3", config=OPTIONAL)
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.power_off(2)
+        wait_for(lambda: daemon.slave_rows("state")[2]["text"] != "OP", daemon)
+        assert compare(daemon, "0/*", "1/*:0[1-4]", "2/*:0[1-4]")[0] > ENOUGH // 2
+
+
+def test_what_cannot_be_traced(start_daemon: Callable[..., Daemon]) -> None:
+    daemon = start_daemon("line:160")
+    with remote(daemon) as session:
+        for pattern, error, *told in (
+            ("*", UsageError, "10000"),
+            ("7/nosuch", StateError, "nosuch"),
+        ):
+            with pytest.raises(error) as refused:
+                session.trace([pattern])
+            names(refused.value, *told)
+        with contextlib.ExitStack() as open_traces:
+            for slave in range(8):
+                open_traces.enter_context(session.trace([f"{slave}/*"]))
+            open_traces.enter_context(session.trace(["0/*"]))  # one that is open already
+            with pytest.raises(BusyError) as full:
+                session.trace(["8/*"])
+            names(full.value, 8)
+    assert daemon.stop() == 0
+    daemon = start_daemon("line:1", config=f"{LOCAL}[capture]\nmemory_mb = 0\n")
+    with remote(daemon) as session, pytest.raises(StateError) as none:
+        session.trace(["*"])
+    names(none.value, "capture.memory_mb", 0)
+
+
+def test_a_gateway_that_stood_still_says_what_is_lost(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    """Half a megabyte of frames are some 2000 cycles."""
+    config = f"cycle_time_us = 1000\n{LOCAL}[capture]\nmemory_mb = 1\n"
+    daemon = start_daemon("line:1", config=config)
+    with remote(daemon) as session, session.trace(["0/*:01"]) as trace:
+        batches = iter(trace)
+        next(batches)
+        for cycles, is_lost in ((500, False), (4000, True)):
+            gateway = daemon.child_pid("ecatd.gateway")
+            with daemon.client() as client:
+                os.kill(gateway, signal.SIGSTOP)
+                try:
+                    client.wait(cycles, timeout=PATIENCE)
+                    begin = client.cycle
+                finally:
+                    os.kill(gateway, signal.SIGCONT)
+            lost = False
+            for batch in batches:
+                lost = lost or batch.lost
+                if batch.cycles[0] > begin:
+                    break
+            assert lost == is_lost, cycles
+
+
+def test_a_recording_from_another_machine_has_every_cycle(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    daemon = start_daemon("troll", config=f'[gateway]\nlisten = ["tcp/127.0.0.1:{free_port()}"]\n')
+    address = re.search(r"tcp/[\d.:]+", daemon.config_file.read_text())
+    assert address is not None
+    file = tmp_path / "run.csv"
+    done = daemon.ctl_json(
+        *("--connect", address[0], "record", "4/*Value", "-o", str(file), "--for", "1")
+    )
+    with file.open(newline="") as lines:
+        rows = list(csv.DictReader(lines))
+    numbers = [int(row["cycle"]) for row in rows]
+    assert len(rows) == done["cycles"] == round(1e6 / CYCLE_TIME_US) - done["left_out"]
+    assert done["lost"] == 0
+    assert numbers == sorted(numbers)
