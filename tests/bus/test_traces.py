@@ -126,8 +126,11 @@ def compare(daemon: Daemon, *patterns: str) -> tuple[int, int]:
         if cycle not in found:
             continue
         batch, at = found[cycle]
+        is_complete = all(is_valid for _, is_valid in entries.values())
         for place, (raw, is_valid) in entries.items():
             signal = trace.signals[place]
+            if signal["output"] and not is_complete:
+                continue  # not sent in full, so the trace may have older ones
             assert batch.columns[place][at] == raw, (cycle, signal, daemon.log)
             assert (at not in batch.invalid.get(place, ())) == is_valid, (cycle, signal)
             invalid += not is_valid

@@ -11,6 +11,8 @@ from conftest import naming
 from ecatd.base.errors import ConfigError, EcatError, SdoAbortError, UsageError
 from ecatd.etg.error_codes import abort_error
 from ecatd.gateway.gateway import Gateway
+from ecatd.gateway.streams import Streams
+from ecatd.gateway.traces import Traces
 from ecatd.master.ethernet.traffic import EthernetTraffic
 from ecatd.operations.bus import ReadRights
 from ecatd.operations.catalog import OPERATIONS, parse
@@ -177,7 +179,7 @@ def test_every_operation_has_one_handler() -> None:
         kind
         for owner in (
             *(BusServer, Requests, EthernetTraffic, Gateway, Files, Objects, Dictionaries),
-            *(Registers, Eeproms, Ethernet, Idns, Wire),
+            *(Registers, Eeproms, Ethernet, Idns, Wire, Streams, Traces),
         )
         for method in vars(owner).values()
         if (kind := getattr(method, "handles", None)) is not None
