@@ -14,8 +14,13 @@ LAYOUT: list[DomainImage] = [
         "input_bytes": 2,
         "datagrams": [
             {
-                **{"command": LRW, "address": 0x100000, "offset": 0, "length": 4},
-                **{"wkc_expected": 3, "group": -1, "split": 0},
+                "command": LRW,
+                "address": 0x100000,
+                "offset": 0,
+                "length": 4,
+                "wkc_expected": 3,
+                "group": -1,
+                "split": 0,
             }
         ],
     }

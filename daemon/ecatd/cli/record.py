@@ -101,7 +101,7 @@ def record(remote: Remote, options: argparse.Namespace) -> None:
     more += f"; {told.lost} cycles are missing, since they were lost on the way here" * bool(
         told.lost
     )
-    more += f"; {told.empty} fields are empty, because their values could not be trusted" * bool(
+    more += f"; {told.empty} fields are empty, because their slaves did not take part" * bool(
         told.empty
     )
     if recording.infinite:
@@ -169,7 +169,7 @@ class _Told(NamedTuple):
     cycles: int  #: How many were recorded.
     left_out: int  #: How many in between were not exchanged.
     lost: int  #: How many in between did not come here.
-    empty: int  #: How many values could not be trusted.
+    empty: int  #: How many values are older ones, since their slaves did not take part.
 
 
 def _record(
@@ -204,7 +204,7 @@ def _record(
 
 
 def _rows(batch: Batch, places: Sequence[int], columns: Sequence[_Column]) -> list[list[Cell]]:
-    """The cells of some cycles of a batch; None for values that cannot be trusted."""
+    """The cells of some cycles of a batch; None for values that are older."""
     cells = [
         column.cells(values, places) for column, values in zip(columns, batch.columns, strict=True)
     ]

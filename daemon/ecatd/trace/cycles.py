@@ -222,11 +222,13 @@ class _Domain:
         self._output_bytes = layout["output_bytes"]
         self.image = bytearray(layout["output_bytes"] + layout["input_bytes"] + PADDING)
         self._pieces_of = Counter(item["split"] for item in layout["datagrams"])
+        self._count = len(layout["datagrams"])
         self._begin()
 
     def _begin(self) -> None:
         self._pieces: dict[int, list[tuple[int, bytes]]] = {}
         self._is_due, self._is_complete, self._absent = False, True, 0
+        self._answered = 0  # datagrams: all of them are due in the same cycles
 
     def take(self, datagram: ImageDatagram, exchange: _Exchange, at: int, *, is_sent: bool) -> None:
         """Takes a datagram.
@@ -242,8 +244,11 @@ class _Domain:
         offset, length = datagram["offset"], datagram["length"]
         outputs = min(max(self._output_bytes - offset, 0), length)
         self.image[offset : offset + outputs] = exchange.sent[at : at + outputs]
-        answer = exchange.answer if is_sent else b""
-        if answer and _WKC.unpack_from(answer, at + length)[0] == datagram["wkc_expected"]:
+        answer = exchange.answer
+        if not answer:
+            return
+        self._answered += 1
+        if is_sent and _WKC.unpack_from(answer, at + length)[0] == datagram["wkc_expected"]:
             data = answer[at + outputs : at + length]
             if datagram["split"]:
                 self._pieces.setdefault(datagram["split"], []).append((offset + outputs, data))
@@ -260,6 +265,7 @@ class _Domain:
             if len(pieces) == self._pieces_of[split]:
                 for offset, data in pieces:
                     self.image[offset : offset + len(data)] = data
-        state = DomainState(self._is_due, self._is_complete, self._absent)
+        is_complete = self._is_complete and self._answered == self._is_due * self._count
+        state = DomainState(self._is_due, is_complete, self._absent)
         self._begin()
         return state
