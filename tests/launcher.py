@@ -56,12 +56,12 @@ class Process:
             "env": dict(env),
             "folder": str(Path.cwd()),
         }
-        self._told, write = os.pipe()
+        self._reports, write = os.pipe()
         try:
             socket.send_fds(_start(), [json.dumps(request).encode()], [*streams, write])
         finally:
             os.close(write)
-        self.pid = int(os.read(self._told, _NUMBER))
+        self.pid = int(os.read(self._reports, _NUMBER))
         self.returncode: int | None = None
 
     def poll(self) -> int | None:
@@ -74,9 +74,9 @@ class Process:
         return status
 
     def _look(self, timeout: float | None) -> int | None:
-        if self.returncode is None and select.select([self._told], [], [], timeout)[0]:
-            self.returncode = int(os.read(self._told, _NUMBER))
-            os.close(self._told)
+        if self.returncode is None and select.select([self._reports], [], [], timeout)[0]:
+            self.returncode = int(os.read(self._reports, _NUMBER))
+            os.close(self._reports)
         return self.returncode
 
     def send_signal(self, number: int) -> None:
@@ -155,7 +155,7 @@ def _serve(requests: socket.socket) -> None:
                 watched.unregister(ready)
                 pid, end = running.pop(ready)
                 os.close(ready)
-                _tell(end, os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+                _report(end, os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
                 os.close(end)
                 continue
             message, descriptors, _, _ = socket.recv_fds(requests, 1 << 20, 4)
@@ -172,7 +172,7 @@ def _serve(requests: socket.socket) -> None:
                 _run(json.loads(message), streams)
             for stream in streams:
                 os.close(stream)
-            _tell(end, pid)
+            _report(end, pid)
             handle = os.pidfd_open(pid)
             running[handle] = pid, end
             watched.register(handle, select.POLLIN)
@@ -206,7 +206,7 @@ def _run(request: dict[str, Any], descriptors: list[int]) -> NoReturn:
     os._exit(status)
 
 
-def _tell(end: int, number: int) -> None:
+def _report(end: int, number: int) -> None:
     with contextlib.suppress(BrokenPipeError):  # a test that was ended asks no more
         os.write(end, str(number).encode().ljust(_NUMBER))
 

@@ -188,6 +188,7 @@ def test_what_cannot_be_traced(start_daemon: Callable[..., Daemon]) -> None:
         for pattern, error, *told in (
             ("*", UsageError, "10000"),
             ("7/nosuch", StateError, "nosuch"),
+            ("\n".join(["*"] * 101), UsageError, "101", "100"),
         ):
             with pytest.raises(error) as refused:
                 session.trace([pattern])

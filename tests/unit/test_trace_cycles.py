@@ -100,3 +100,27 @@ def test_an_answer_to_another_frame_does_not_count() -> None:
         (8, False, b"b2\0\0"),
         (9, True, b"b3B3"),
     ]
+
+
+def test_a_domain_is_unknown_until_its_first_exchange_and_old_after_a_bad_one() -> None:
+    """A cycle in which a slow domain is not due has what its last exchange has left."""
+    reader = CycleReader(LAYOUT, CYCLE_NS, newest=5, now_ns=5 * CYCLE_NS)
+    nothing = bytes(FIRST_DATAGRAM) + struct.pack("<BBIHHHH", 7, 0x85, 0, 2, 0, 0, 0)
+    records = (
+        record(5, nothing, sent=True)
+        + exchange(6, b"c1", b"C1", wkc=1)
+        + record(7, nothing, sent=True)
+        + exchange(8, b"c2", b"C2")
+        + record(9, nothing, sent=True)
+        + record(10, nothing, sent=True)
+    )
+    states = [cycle.domains[0] for cycle in reader.read(records)]
+    assert [(state.is_known, state.is_complete) for state in states] == [
+        *((False, False), (True, False), (True, False), (True, True), (True, True)),
+    ]
+    reader.restart()
+    states = [
+        cycle.domains[0]
+        for cycle in reader.read(record(20, nothing, sent=True) + record(21, nothing, sent=True))
+    ]
+    assert [state.is_known for state in states] == [False]

@@ -71,7 +71,7 @@ def record(remote: Remote, options: argparse.Namespace) -> None:
                 heads = [column.head for column in columns]
                 recording = open_recording(suffix, file, options.bus, heads)
                 try:
-                    told = _record(trace, columns, recording, options)
+                    counts = _record(trace, columns, recording, options)
                 finally:
                     recording.end()
     except FileExistsError as error:  # it was not there a moment ago
@@ -89,24 +89,26 @@ def record(remote: Remote, options: argparse.Namespace) -> None:
             {
                 "bus": options.bus,
                 "file": str(options.out),
-                "cycles": told.cycles,
-                "left_out": told.left_out,
-                "lost": told.lost,
-                "empty": told.empty,
+                "cycles": counts.cycles,
+                "left_out": counts.left_out,
+                "lost": counts.lost,
+                "empty": counts.empty,
                 "infinite": recording.infinite,
             }
         )
         return
-    more = f"; {told.left_out} cycles are missing, since ecatd left them out" * bool(told.left_out)
-    more += f"; {told.lost} cycles are missing, since they were lost on the way here" * bool(
-        told.lost
+    more = f"; {counts.left_out} cycles are missing, since ecatd left them out" * bool(
+        counts.left_out
     )
-    more += f"; {told.empty} fields are empty, because their slaves did not take part" * bool(
-        told.empty
+    more += f"; {counts.lost} cycles are missing, since they were lost on the way here" * bool(
+        counts.lost
+    )
+    more += f"; {counts.empty} fields are empty, because their slaves did not take part" * bool(
+        counts.empty
     )
     if recording.infinite:
         more += f"; {recording.infinite} fields are empty, because JSON has no infinity: use CSV"
-    print(f"{options.out}: {told.cycles} cycles with {len(columns)} values{more}")
+    print(f"{options.out}: {counts.cycles} cycles with {len(columns)} values{more}")
 
 
 def _check_period(options: argparse.Namespace, cycle_time: float) -> None:
@@ -163,8 +165,8 @@ class _Column:
         return [values[at] for at in places]
 
 
-class _Told(NamedTuple):
-    """What the command says at its end."""
+class _Counts(NamedTuple):
+    """How many there were of what, for the end of the command."""
 
     cycles: int  #: How many were recorded.
     left_out: int  #: How many in between were not exchanged.
@@ -174,11 +176,12 @@ class _Told(NamedTuple):
 
 def _record(
     trace: Trace, columns: Sequence[_Column], recording: Recording, options: argparse.Namespace
-) -> _Told:
+) -> _Counts:
     """Records cycles."""
     every, step = options.every, trace.cycle_time
     count = left_out = lost = empty = 0
     first = last = None
+    is_lost = False
     with suppress(KeyboardInterrupt):
         for batch in trace:
             if first is None:
@@ -188,19 +191,21 @@ def _record(
                 end = first + max(1, round(options.seconds / step))
                 places = [at for at in places if batch.cycles[at] < end]
             rows = _rows(batch, places, columns)
+            is_lost |= batch.lost
             for at, cells in zip(places, rows, strict=True):
                 cycle = batch.cycles[at]
                 missed = (cycle - last) // every - 1 if last is not None else 0
-                if batch.lost and at == places[0]:
+                if is_lost:
                     lost += missed
                 else:
                     left_out += missed
+                is_lost = False
                 empty += cells.count(None)
                 recording.add((cycle - first) * step, cycle, cells, batch.utc_ns[at])
                 last, count = cycle, count + 1
             if options.seconds is not None and batch.cycles[-1] + 1 >= end:
                 break
-    return _Told(count, left_out, lost, empty)
+    return _Counts(count, left_out, lost, empty)
 
 
 def _rows(batch: Batch, places: Sequence[int], columns: Sequence[_Column]) -> list[list[Cell]]:

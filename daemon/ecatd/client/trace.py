@@ -10,17 +10,13 @@ from typing import Any, NamedTuple
 import zenoh
 
 from ecatd.base.timeouts import Timeout
+from ecatd.operations.traces import TYPES
 from ecatd.operations.traces import Trace as Opened
 
 from .stream import Published
 
 _BATCHES, _PAUSE = 200, 0.01
 """Batches that may wait, and seconds between two looks for one."""
-_LETTERS = {
-    "int8": "b", "int16": "h", "int32": "i", "int64": "q",
-    "uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q",
-    "float32": "f", "float64": "d",
-}  # fmt: skip
 
 
 class Batch(NamedTuple):
@@ -75,7 +71,7 @@ class Trace:
                 cycles,
                 [clock_ns + at for at in _numbers("q", message["times_ns"])],
                 [
-                    _numbers(_LETTERS[signal["type"]], column)
+                    _numbers(TYPES[signal["type"]], column)
                     for signal, column in zip(self.signals, message["columns"], strict=True)
                 ],
                 {at: places for at, *places in message["invalid"]},

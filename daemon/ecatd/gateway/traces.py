@@ -30,7 +30,7 @@ from ecatd.trace.cycles import CycleReader
 from .bus_client import BusClient
 from .sessions import Publisher, Sessions
 
-_TRACES_MAX, _SIGNALS_MAX = 8, 10000
+_TRACES_MAX, _SIGNALS_MAX, _PATTERNS_MAX = 8, 10000, 100
 _PERIOD_S = 0.05
 """Seconds between two batches."""
 _ABANDONED_S = 5.0
@@ -87,20 +87,25 @@ class Traces:
         if self._source is None:
             self._source = await _Source.open(self._server, self._bus)
             self._task = asyncio.create_task(self._run(self._source))
-        client = self._source.client
-        signals = find_signals(client, patterns.split("\n"))
+        # With many entries it takes a while, in which others get their answers.
+        return await asyncio.to_thread(self._choose, self._source, name, patterns)
+
+    def _choose(self, source: _Source, name: str, patterns: str) -> _OpenTrace:
+        lines = patterns.split("\n")
+        if len(lines) > _PATTERNS_MAX:
+            raise UsageError(f"{len(lines)} patterns: at most {_PATTERNS_MAX} are possible")
+        signals = find_signals(source.client, lines)
         if len(signals) > _SIGNALS_MAX:
             raise UsageError(
                 f"{len(signals)} entries fit '{patterns}': at most {_SIGNALS_MAX} are possible"
             )
         key = bus_key(self._full_name, "ro", "trace", name)
-        columns = Columns(signals, self._source.layout)
         return _OpenTrace(
             self._session.publisher(key),
-            columns,
+            Columns(signals, source.layout),
             {
                 "key": key,
-                "cycle_time_us": round(client.cycle_time * 1e6),
+                "cycle_time_us": round(source.client.cycle_time * 1e6),
                 "signals": [_described(signal) for signal in signals],
             },
         )

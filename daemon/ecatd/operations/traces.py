@@ -4,6 +4,13 @@ from __future__ import annotations
 
 from .operation import Map, Operation
 
+TYPES = {
+    "int8": "b", "int16": "h", "int32": "i", "int64": "q",
+    "uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q",
+    "float32": "f", "float64": "d",
+}  # fmt: skip
+"""The types of values in columns, with their letters in `struct` and `array`."""
+
 
 class TraceSignal(Map):
     """An entry of a trace."""

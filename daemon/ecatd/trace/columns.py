@@ -10,22 +10,12 @@ from typing import NamedTuple
 from ecatd.client import Signal
 from ecatd.client.signals import letter
 from ecatd.operations.image import DomainImage
+from ecatd.operations.traces import TYPES
 
 from .cycles import PADDING, Cycle
 
 _LETTERS = {8: "B", 16: "H", 32: "I", 64: "Q"}
-_TYPES = {
-    "b": "int8",
-    "h": "int16",
-    "i": "int32",
-    "q": "int64",
-    "B": "uint8",
-    "H": "uint16",
-    "I": "uint32",
-    "Q": "uint64",
-    "f": "float32",
-    "d": "float64",
-}
+_TYPES = {letter: name for name, letter in TYPES.items()}
 
 
 def column_type(signal: Signal) -> str:
@@ -106,7 +96,7 @@ class Columns:
         for number, (signal, group) in enumerate(zip(self._signals, self._groups, strict=True)):
             state = cycle.domains[signal.domain]
             missing = state.absent >> group & 1 if group >= 0 else not state.is_complete
-            if missing and not signal.output:
+            if not state.is_known or (missing and not signal.output):
                 self._batch.invalid[number].append(place)
 
     def take(self) -> Batch:
@@ -131,15 +121,16 @@ class _Words:
 
     def __init__(self, domain: int, signals: Sequence[Signal]) -> None:
         mine = [(n, s) for n, s in enumerate(signals) if s.domain == domain and letter(s)]
-        offsets = sorted({signal.bit_offset for _, signal in mine})
+        first = {signal.bit_offset: signal for _, signal in reversed(mine)}
         at, form = 0, "<"
-        for offset in offsets:
-            signal = next(signal for _, signal in mine if signal.bit_offset == offset)
-            form += f"{offset // 8 - at}x{letter(signal)}"
-            at = (offset + signal.bit_length) // 8
+        order: dict[int, int] = {}
+        for offset in sorted(first):
+            form += f"{offset // 8 - at}x{letter(first[offset])}"
+            at = (offset + first[offset].bit_length) // 8
+            order[offset] = len(order)
         self.domain = domain
         self.places = [number for number, _ in mine]
-        self._order = [offsets.index(signal.bit_offset) for _, signal in mine]
+        self._order = [order[signal.bit_offset] for _, signal in mine]
         self._unpack = struct.Struct(form).unpack_from
 
     def read(self, image: bytearray) -> list[float]:

@@ -32,17 +32,20 @@ _STAMPS = 1 << 16
 
 
 class DomainState(NamedTuple):
-    """What has become of a domain in a cycle.
+    """What has become of a domain in its last exchange, in this cycle or before.
 
     Attributes:
-        is_due: Whether frames with its data were sent.
-        is_complete: Whether all slaves that must be there took part: the inputs are of this cycle.
+        is_known: Whether there was an exchange; if not, its image is still empty.
+        is_complete: Whether all slaves that must be there took part: the inputs are of it.
         absent: A bit for each group of optional slaves that did not take part.
     """
 
-    is_due: bool
+    is_known: bool
     is_complete: bool
     absent: int
+
+
+_UNKNOWN = DomainState(is_known=False, is_complete=False, absent=0)
 
 
 class Cycle(NamedTuple):
@@ -120,6 +123,9 @@ class CycleReader:
         if self._number is not None:
             self._known = self._number, self._time_ns
         self._number = None
+        self._exchanges = {}
+        for domain in self._domains:
+            domain.state = _UNKNOWN
 
     def _number_of(self, frame: Frame) -> int:
         """The number of the cycle of a frame, of which it has only the lower bits."""
@@ -184,9 +190,7 @@ def _answers(sent: bytes, back: bytes) -> bool:
         return False
     for at, _, _ in _datagrams(sent):
         begin, end = at - DATAGRAM_HEADER, at - _EVENT
-        if (
-            at == FIRST_DATAGRAM + DATAGRAM_HEADER
-        ):  # a broadcast: each slave increments its position
+        if begin == FIRST_DATAGRAM:  # a broadcast: each slave increments its position
             if sent[begin : begin + 2] != back[begin : begin + 2]:
                 return False
             begin += 4
@@ -216,6 +220,7 @@ class _Domain:
 
     Attributes:
         image: Its image, and padding.
+        state: What has become of it in its last exchange.
     """
 
     def __init__(self, layout: DomainImage) -> None:
@@ -223,6 +228,7 @@ class _Domain:
         self.image = bytearray(layout["output_bytes"] + layout["input_bytes"] + PADDING)
         self._pieces_of = Counter(item["split"] for item in layout["datagrams"])
         self._count = len(layout["datagrams"])
+        self.state = _UNKNOWN
         self._begin()
 
     def _begin(self) -> None:
@@ -265,7 +271,8 @@ class _Domain:
             if len(pieces) == self._pieces_of[split]:
                 for offset, data in pieces:
                     self.image[offset : offset + len(data)] = data
-        is_complete = self._is_complete and self._answered == self._is_due * self._count
-        state = DomainState(self._is_due, is_complete, self._absent)
+        if self._is_due:
+            is_complete = self._is_complete and self._answered == self._count
+            self.state = DomainState(is_known=True, is_complete=is_complete, absent=self._absent)
         self._begin()
-        return state
+        return self.state
