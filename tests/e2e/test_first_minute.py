@@ -30,20 +30,28 @@ if [ $OUTSIDE = 0 ]; then
   useradd --uid $user --no-create-home --home-dir $home --shell /bin/sh newbie
   chown newbie: $home
   be="setpriv --reuid $user --regid $user --clear-groups"
-  # Where others may not see the folder with this environment, as in /root, it alone is shown.
-  closed=
-  folder=$ENVIRONMENT
-  while [ "$folder" != / ]; do
-    folder=$(dirname "$folder")
-    $be test -x "$folder" || closed=$folder
+  # Where others may not see the folder of this environment or of its Python, as in /root, these
+  # alone are shown.
+  closed_above() {
+    closed= folder=$1
+    while [ "$folder" != / ]; do
+      folder=$(dirname "$folder")
+      $be test -x "$folder" || closed=$folder
+    done
+  }
+  for part in "$ENVIRONMENT" "$PYTHON_PREFIX"; do
+    mkdir -p "/run/shown$part"
+    mount --bind "$part" "/run/shown$part"
   done
-  if [ -n "$closed" ]; then
-    mkdir /run/environment
-    mount --bind "$ENVIRONMENT" /run/environment
-    mount -t tmpfs -o mode=755 none "$closed"
-    mkdir -p "$ENVIRONMENT"
-    mount --bind /run/environment "$ENVIRONMENT"
-  fi
+  for part in "$ENVIRONMENT" "$PYTHON_PREFIX"; do
+    if [ -e "$part" ]; then
+      closed_above "$part"
+      [ -n "$closed" ] || continue
+      mount -t tmpfs -o mode=755 none "$closed"
+    fi
+    mkdir -p "$part"
+    mount --bind "/run/shown$part" "$part"
+  done
 else
   user=$OUTSIDE
   be="unshare --user --map-user=$user --map-group=$user"
@@ -70,7 +78,12 @@ def machine(script: str) -> str:
     user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
     done = subprocess.run(
         ["unshare", *user, "--mount", "--net", "--ipc", "sh", "-ec", MACHINE + script],
-        env={**os.environ, "OUTSIDE": str(os.geteuid()), "ENVIRONMENT": sys.prefix},
+        env={
+            **os.environ,
+            "OUTSIDE": str(os.geteuid()),
+            "ENVIRONMENT": sys.prefix,
+            "PYTHON_PREFIX": sys.base_prefix,
+        },
         capture_output=True,
         text=True,
         check=False,
