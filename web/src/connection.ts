@@ -1,0 +1,108 @@
+// The WebSocket to `ecatctl web`: says hello, comes back after a loss, and asks.
+import type { Failure, Message, Request, Value } from "./protocol";
+
+const PAUSE_MS = 1000;
+
+/** An error of the daemon, or of the way to it. */
+export class AskError extends Error {
+  constructor(readonly failure: Failure) {
+    super(failure.message);
+  }
+}
+
+interface Waiting {
+  resolve(answer: Value): void;
+  reject(error: AskError): void;
+}
+
+export interface Listener {
+  /** The connection to `ecatctl web` has come, gone, or needs the token that this prints. */
+  connected(state: "open" | "lost" | "refused"): void;
+  message(message: Message): void;
+  /** A batch of a trace; see `readBatch`. */
+  batch(data: ArrayBuffer): void;
+}
+
+export class Connection {
+  private socket: WebSocket | null = null;
+  private number = 0;
+  private readonly waiting = new Map<number, Waiting>();
+  private trace: { signals: string[]; generation: number } = { signals: [], generation: 0 };
+
+  constructor(private readonly listener: Listener) {}
+
+  /** Changes the token of the address into a cookie, if there is one, and connects. */
+  async open(): Promise<void> {
+    const token = new URLSearchParams(location.hash.slice(1)).get("token");
+    if (token !== null) {
+      history.replaceState(null, "", location.pathname + location.search);
+      await fetch("/login", { headers: { Authorization: `Bearer ${token}` } }).catch(() => null);
+    }
+    this.connect();
+  }
+
+  /** Asks a query of docs/zenoh-keys.md. Rejects with `AskError`. */
+  ask(key: string, parameters: Value = {}, payload: Value = {}): Promise<Value> {
+    const ask = ++this.number;
+    return new Promise((resolve, reject) => {
+      this.waiting.set(ask, { resolve, reject });
+      if (!this.send({ type: "ask", ask, key, parameters, payload })) {
+        this.waiting.delete(ask);
+        reject(lost());
+      }
+    });
+  }
+
+  /** Says which signals the page wants in each cycle; returns the generation of their batches. */
+  setTrace(signals: string[]): number {
+    this.trace = { signals, generation: this.trace.generation + 1 };
+    this.send({ type: "trace", ...this.trace });
+    return this.trace.generation;
+  }
+
+  private send(request: Request): boolean {
+    if (this.socket?.readyState !== WebSocket.OPEN) return false;
+    this.socket.send(JSON.stringify(request));
+    return true;
+  }
+
+  private connect(): void {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = new WebSocket(`${scheme}://${location.host}/socket`);
+    socket.binaryType = "arraybuffer";
+    this.socket = socket;
+    socket.onopen = () => {
+      this.listener.connected("open");
+      if (this.trace.signals.length > 0) this.send({ type: "trace", ...this.trace });
+    };
+    socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
+      if (typeof data === "string") this.take(JSON.parse(data) as Message);
+      else this.listener.batch(data);
+    };
+    socket.onclose = () => void this.lose();
+  }
+
+  private take(message: Message): void {
+    if (message.type === "answer" || message.type === "failure") {
+      const waiting = this.waiting.get(message.ask);
+      this.waiting.delete(message.ask);
+      if (message.type === "answer") waiting?.resolve(message.answer);
+      else waiting?.reject(new AskError(message.failure));
+    } else {
+      this.listener.message(message);
+    }
+  }
+
+  private async lose(): Promise<void> {
+    for (const { reject } of this.waiting.values()) reject(lost());
+    this.waiting.clear();
+    // A browser does not tell the page why a WebSocket was refused; `/login` without a token does.
+    const answer = await fetch("/login").catch(() => null);
+    this.listener.connected(answer?.status === 401 ? "refused" : "lost");
+    setTimeout(() => this.connect(), PAUSE_MS);
+  }
+}
+
+function lost(): AskError {
+  return new AskError({ name: "unreachable", message: "The connection to ecatctl web is lost." });
+}

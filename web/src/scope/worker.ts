@@ -1,0 +1,2 @@
+// The worker of the scope: keeps the samples, and draws.
+export {};
