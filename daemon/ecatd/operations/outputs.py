@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
-from typing import NotRequired
+import re
+from typing import NamedTuple, NotRequired
 
+from ecatd.base.addresses import parse_address
+from ecatd.base.errors import UsageError
+from ecatd.description.limits import POSITION_MAX
+
+from .fields import ClientName, OutputValues, WriterName
 from .operation import Map, Operation
+
+LEASE_S = 0.25
+"""Seconds for which outputs are held by hand after a request."""
 
 
 class OutputClient(Map):
@@ -17,9 +26,10 @@ class OutputClient(Map):
     #: Whether it sees the same processes as ecatd: in a container, `pid` means another process.
     #: None if this cannot be read.
     pid_is_ours: bool | None
-    #: Whether it holds outputs for somebody who asked over Zenoh; then `pid` is the gateway.
+    #: Whether it holds outputs for somebody who asked over Zenoh; then `pid` is a process of ecatd.
     by_hand: bool
-    user: str  #: Who holds outputs by hand; else empty.
+    #: Who holds outputs by hand: the first ten characters of the name of the user; else empty.
+    user: str
     state: str  #: `active`; or `lapsed`: it has lost its outputs, and may claim them again.
     reason: str  #: Why it has lost all outputs for the last time: as `cause` of Output.
     held: bool | None  #: Whether its process lives; None if this cannot be read.
@@ -81,3 +91,100 @@ class ReadOutputs(Operation[Outputs]):
     op = "outputs"
     key = "ro/outputs"
     names: bool = False  #: Whether to have names, units and physical values.
+
+
+class Place(NamedTuple):
+    """Where an output is."""
+
+    slave: int  #: Position of its slave.
+    object_index: int  #: Object index.
+    subindex: int  #: Object subindex.
+
+    @classmethod
+    def of(cls, name: str) -> Place:
+        """Takes a name of Output apart: `3/0x7000:01`.
+
+        Raises:
+            UsageError: It is no such name.
+        """
+        slave, _, entry = name.partition("/")
+        address = parse_address(entry)
+        if address is None or not re.fullmatch("[0-9]{1,5}", slave) or int(slave) > POSITION_MAX:
+            raise UsageError(
+                f"'{name[:80]}' is no output such as '3/0x7000:01': the position of its slave, and "
+                "the address of its entry, as `ro/outputs` names it"
+            )
+        return cls(int(slave), *address)
+
+
+class HeldOutput(Map):
+    """An output that is held by hand."""
+
+    name: str  #: Its name, as in Output.
+    value: float | None  #: The raw value that it is held at; None: it still has its safe value.
+
+
+class Held(Map):
+    """What somebody holds by hand now."""
+
+    outputs: list[HeldOutput]  #: The outputs.
+    lease_ms: float  #: Time within which the request must come again.
+
+
+class HoldOutputs(Operation[Held]):
+    """Holds outputs at values by hand, for 250 ms; repeat it in time to go on holding them.
+
+    Without another request in time, the outputs take their safe values, and renewals are refused:
+    whoever wants them again begins anew. An output that has an owner is never taken from it.
+    """
+
+    op = "hold_outputs"
+    key = "rw/outputs/hold/{writer}"
+    is_repeatable = True  # it says how everything is to be, and must not fill the kept answers
+    #: A name that the client gives to this holding: others of the same user are held separately.
+    writer: WriterName
+    #: All outputs that this writer holds from now on, by name such as `3/0x7000:01`; it releases
+    #: all others. A text is a value as a person types it: physical, with or without unit, or a
+    #: named value. A number is a raw value. None keeps the value, and is no change: a renewal has
+    #: only these.
+    values: OutputValues
+    #: Whether to begin, if this writer holds nothing now. Only the first request has it, so that a
+    #: late one cannot move anything after a lapse.
+    begin: bool = False
+    by: ClientName = ""  #: The name that the client gives itself, for the log.
+
+    def _check(self) -> None:
+        for name in self.values:
+            Place.of(name)
+
+    @property
+    def slaves(self) -> list[int | str | None]:
+        """See `Operation`."""
+        return [Place.of(name).slave for name in self.values]
+
+    @property
+    def is_change(self) -> bool:
+        """See `Operation`."""
+        return self.begin or any(value is not None for value in self.values.values())
+
+
+class Released(Map):
+    """Outputs that were released."""
+
+    outputs: list[str]  #: Their names, as in Output.
+
+
+class ReleaseOutputs(Operation[Released]):
+    """Releases outputs that are held by hand; they take their safe values at once."""
+
+    op = "release_outputs"
+    key = "rw/outputs/release/{writer}"
+    is_repeatable = True
+    #: The writer, as it has called itself; None for all writers of all users.
+    writer: WriterName | None
+    by: ClientName = ""  #: The name that the client gives itself, for the log.
+
+    @property
+    def slaves(self) -> list[int | str | None]:
+        """See `Operation`: whoever may hold outputs may also make all of them safe."""
+        return []

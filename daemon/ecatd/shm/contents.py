@@ -36,8 +36,10 @@ _WHY_SAFE = {
     "source": "the input that is copied to it is not valid",
 }
 """`ecat_reason` in words."""
-_BY_HAND = " by hand"
-"""How the name of a client ends that holds outputs for a user of Zenoh, whose name is before it."""
+_BY_HAND = "hand:"
+"""How the name of a client begins that holds outputs for a user of Zenoh, whose name follows."""
+_PROGRAM_MAX = 15
+"""Characters of the name of a process (prctl(2), PR_SET_NAME)."""
 _REALS = {(DataType.REAL32, 32): "<f", (DataType.REAL64, 64): "<d"}
 
 
@@ -377,7 +379,13 @@ class Contents:
 
 def hand_of(program: str) -> str | None:
     """The user for whom a client of this name holds outputs; None for any other client."""
-    return program.removesuffix(_BY_HAND) if program.endswith(_BY_HAND) else None
+    return program.removeprefix(_BY_HAND) if program.startswith(_BY_HAND) else None
+
+
+def hand_name(user: str) -> str:
+    """The name of a client that holds outputs for a user, as far as it has room."""
+    data = f"{_BY_HAND}{user}".encode()[:_PROGRAM_MAX]
+    return data.decode(errors="ignore")
 
 
 def _at(rows: list[_T], number: int) -> _T | None:
