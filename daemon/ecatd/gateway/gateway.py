@@ -28,9 +28,11 @@ from ecatd.operations.endpoints import LOCAL, Endpoint
 from ecatd.operations.handlers import Handlers, handles
 from ecatd.operations.log import ReadLogLevels
 from ecatd.operations.operation import Operation, needs_right, on_behalf
+from ecatd.operations.outputs import Outputs, ReadOutputs
 from ecatd.operations.query import from_query
 from ecatd.operations.statistics import Clocks, ReadClocks, ReadStats, Statistics
 from ecatd.operations.zenoh_keys import AS, SCHEMA, bus_key, full_name, session_config
+from ecatd.shm.contents import read_outputs
 from ecatd.shm.statistics import read, to_map
 from ecatd.shm.statistics.clocks import read_clocks
 
@@ -360,6 +362,10 @@ class Gateway:
     @handles(ReadClocks)
     def _read_clocks(self, _: ReadClocks) -> Clocks:
         return read_clocks(self._name)
+
+    @handles(ReadOutputs)
+    async def _read_outputs(self, request: ReadOutputs) -> Outputs:
+        return await asyncio.to_thread(lambda: read_outputs(self._name, names=request.names))
 
     @handles(ReadRights)
     def _read_rights(self, request: ReadRights) -> Rights:
