@@ -13,7 +13,7 @@ from typing import Any
 
 from ecatd.description.bus import Slave, display_name
 from ecatd.etg.al import AlState
-from ecatd.operations.bus import SlaveAlState
+from ecatd.operations.bus import CableState, SlaveAlState
 
 from .faults import Fault
 
@@ -37,8 +37,9 @@ class Health:
     #: A text for each slave that was missing at the start, and for devices that are no slaves of
     #: the bus.
     differences: list[str]
-    #: What is wrong with interfaces, exchange and clocks, causes before consequences.
+    #: What is wrong with interfaces, exchange, clocks and cables, causes before consequences.
     faults: list[Fault]
+    cables: list[CableState]  #: The verdicts on the cables.
     #: A text for each fault, for each slave with a problem, for each group of optional slaves of
     #: which only some are there, `differences`, and a main process that hangs. What a fault of an
     #: interface or of a slave explains is no problem of its own.
@@ -96,7 +97,7 @@ def look_at(reply: Mapping[str, Any]) -> Health:
     is_down = bool(expected and not in_op) or any(fault.stops for fault in causes)
     return Health(
         *(rows, count, len(in_op), left_out, absent),
-        *(differences, faults, problems, is_down),
+        *(differences, faults, list(reply.get("cables", ())), problems, is_down),
     )
 
 
