@@ -448,3 +448,15 @@ def rows(bus: Daemon) -> list[dict[str, Any]]:
     found = json.loads(bus.ctl("rescan", "--json", check=False).stdout)
     devices: list[dict[str, Any]] = found["devices"]
     return devices
+
+
+def test_a_sensor_drifts_while_the_bus_runs(bus: Daemon, simulator: Simulator) -> None:
+    def raw() -> int:
+        (row,) = bus.ctl_json("read", "9/0x6000:11")["values"]
+        return int(row["raw"])
+
+    true = raw()
+    simulator.faults.drift(9, "0x6000:11", per_second=-5000, limit=700)
+    wait_for(lambda: raw() == true - 700, bus)
+    simulator.faults.drift(9, "0x6000:11", per_second=0)
+    wait_for(lambda: raw() == true, bus)
