@@ -50,7 +50,7 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands buses graph slaves pdos state states read record watch write check dc info claims shm metrics stats sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis errors events waiting eoe eoe-read eoe-write foe-read foe-write sii-read sii-write alias soe-read soe-write identify reg-read reg-write rescan reboot config log log-level startup scan cstruct xml generate library client-flags capture doctor remote service
+set -g _shtab_ecatctl_commands buses graph slaves pdos state states read record watch write check dc info claims shm metrics stats top sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis errors events waiting eoe eoe-read eoe-write foe-read foe-write sii-read sii-write alias soe-read soe-write identify reg-read reg-write rescan reboot config log log-level startup scan cstruct xml generate library client-flags capture doctor remote service
 set -g _shtab_ecatctl_opts_with_value --address --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --raw --root --seconds --severity --since --size --templates --timeout --type --user --watch -n -o
 
 complete -c ecatctl -e
@@ -206,6 +206,13 @@ complete -c ecatctl -n '_shtab_ecatctl_using stats' -l json -d 'print JSON for p
 complete -c ecatctl -n '_shtab_ecatctl_using stats' -l watch -x -d 'repeat every SECONDS (default: 1); stats also counts the last interval'
 complete -c ecatctl -n '_shtab_ecatctl_using stats' -l count -x -d 'with --watch: stop after N times'
 complete -c ecatctl -n '_shtab_ecatctl_using stats' -l histogram -xka "wakeup exchange cycle delay dc_offset mailbox" -d 'show one time: wakeup, exchange, cycle, delay, dc_offset, mailbox'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a top -d 'Show lamps, slaves, signals, events and outputs live, in the whole terminal.'
+complete -c ecatctl -n '_shtab_ecatctl_using top' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using top' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using top' -l connect -x -d 'ask a daemon at this Zenoh endpoint, such as tls/host:7448 (default: the daemon of this machine)'
+complete -c ecatctl -n '_shtab_ecatctl_using top' -l identity -x -d 'your certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
+complete -c ecatctl -n '_shtab_ecatctl_using top' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using top' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a sdos -d 'List the objects of a slave: types, access rights, values.'
 complete -c ecatctl -n '_shtab_ecatctl_using sdos' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using sdos' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'

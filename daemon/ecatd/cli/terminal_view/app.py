@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import Counter, deque
+from collections.abc import Iterator
 from typing import Any, ClassVar
 
 from rich.text import Text
@@ -122,7 +123,7 @@ class Top(App[None]):
         self._lost = ""
         self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
         self._filter = ""
-        self._buses: list[str] = []
+        self._labels: dict[tuple[int, str], str] = {}  # names of entries for people
         self._opened: Opened | None = None
         self.feed: Feed
 
@@ -149,7 +150,7 @@ class Top(App[None]):
         heads = {
             "slave": (("#", 3), ("SLAVE", 22), ("STATE", 26), ("WHAT IS WRONG", None)),
             "event": (("TIME", 8), ("KIND", 16), ("WHAT", None)),
-            "output": (("OUTPUT", 28), ("VALUE", 12), ("OWNER", 22), ("SINCE", 8), ("WHY", None)),
+            "output": (("OUTPUT", 28), ("VALUE", 10), ("OWNER", 20), ("SINCE", 8), ("WHY", None)),
             "bus": (("BUS", 30), ("", None)),
         }
         for name, columns in heads.items():
@@ -218,27 +219,19 @@ class Top(App[None]):
             self._events.clear()
             self._table("event").clear()
         self._judge()
+        if is_other:
+            self._labels = dict(_labels(look.bus))
+            self._begin_signals()
         self._draw_slaves()
         self._draw_outputs()
         for event in look.events:
             self._events.append(event)
         if look.events:
             self._draw_events()
-        if is_other:
-            self._begin_signals()
 
     def _begin_signals(self) -> None:
-        if self._opened is None or self._bus is None:
-            return
-        labels = {}
-        for slave in self._bus.slaves:
-            for outputs in (False, True):
-                for pdo, entry, _ in slave.entries(outputs=outputs):
-                    address = f"0x{entry.index:04X}:{entry.subindex:02X}"
-                    names = dict.fromkeys(filter(None, (pdo.name, entry.name or address)))
-                    text = printable(" / ".join(names))
-                    labels[slave.position, address] = f"{slave.position} {text}"
-        self._main(Signals).begin(self._opened.signals, labels, self._opened.why_not)
+        if self._opened is not None and self._bus is not None:
+            self._main(Signals).begin(self._opened.signals, self._labels, self._opened.why_not)
 
     def _judge(self) -> None:
         look = self._look
@@ -296,7 +289,7 @@ class Top(App[None]):
             return
         rows = []
         for output in found["outputs"]:
-            name = f"{output['slave']}/{output.get('label') or output['address']}"
+            name = self._labels.get((output["slave"], output["address"]), output["name"])
             owner = owner_name(found["owners"][output["owner"]]) if output["owner"] >= 0 else ""
             if output["state"] == "copied":
                 owner = f"copy of {output['source']}"
@@ -441,6 +434,22 @@ class Top(App[None]):
         if self._opened is not None and not self._opened.signals:
             self.feed.choose(event.value)
         self.action_tab(self.query_one(TabbedContent).active)
+
+
+def _labels(bus: Bus) -> Iterator[tuple[tuple[int, str], str]]:
+    """Names of entries for people, by slave and address: `4 Value`.
+
+    Where a slave has several entries of a name, that of their PDO is before it.
+    """
+    for slave in bus.slaves:
+        found = [*slave.entries(outputs=True), *slave.entries(outputs=False)]
+        uses = Counter(entry.name for _, entry, _ in found)
+        for pdo, entry, _ in found:
+            address = f"0x{entry.index:04X}:{entry.subindex:02X}"
+            name = entry.name or address
+            if uses[entry.name] > 1 and pdo.name and pdo.name != name:
+                name = f"{pdo.name} / {name}"
+            yield (slave.position, address), printable(f"{slave.position} {name}")
 
 
 def _clock(moment: float) -> str:

@@ -36,31 +36,31 @@ class LampLine(Static):
 
     def __init__(self) -> None:
         super().__init__()
-        self._lamps: Sequence[Lamp] = ()
+        self.lamps: Sequence[Lamp] = ()
         self._chosen: int | None = None
         self._ends: list[int] = []
 
     def show(self, lamps: Sequence[Lamp]) -> None:
         """Draws lamps."""
-        self._lamps = lamps
+        self.lamps = lamps
         self._draw()
 
     def step(self, by: int) -> None:
         """Chooses the next lamp, or the one before."""
-        if self._lamps:
+        if self.lamps:
             self._chosen = ((self._chosen if self._chosen is not None else -1) + by) % len(
-                self._lamps
+                self.lamps
             )
             self._draw()
 
     @property
     def lamp(self) -> Lamp | None:
         """The chosen lamp, else the worst one."""
-        if not self._lamps:
+        if not self.lamps:
             return None
         if self._chosen is not None:
-            return self._lamps[self._chosen]
-        return min(self._lamps, key=lambda lamp: _ORDER.index(lamp["state"]))
+            return self.lamps[self._chosen]
+        return min(self.lamps, key=lambda lamp: _ORDER.index(lamp["state"]))
 
     def on_resize(self, _event: Resize) -> None:
         """Titles are short in a narrow terminal."""
@@ -78,9 +78,9 @@ class LampLine(Static):
             self.post_message(self.Chosen(lamp))
 
     def _draw(self) -> None:
-        long = self.size.width >= 100
+        long = self.size.width >= 108
         line, self._ends = Text(no_wrap=True), []
-        for number, lamp in enumerate(self._lamps):
+        for number, lamp in enumerate(self.lamps):
             title = lamp["title"] if long else _SHORT.get(lamp["id"], lamp["title"])
             style = STYLES[lamp["state"]]
             line.append(f"{MARKS[lamp['state']]} ", style)
@@ -89,7 +89,7 @@ class LampLine(Static):
             line.append("   " if long else "  ")
         sentence = Text()
         if (shown := self.lamp) is not None:
-            all_good = all(each["state"] == "good" for each in self._lamps)
+            all_good = all(each["state"] == "good" for each in self.lamps)
             if self._chosen is None and all_good:
                 sentence.append("All is well.", "green")
             else:
