@@ -214,7 +214,8 @@ def _library(path: Path, name: str) -> Any:
         return import_module(name)
     except ImportError as error:
         package = name.partition(".")[0]
+        extra = {"mcap": "record", "pyarrow": "parquet"}[package]
         raise StateError(
-            f"{path}: files of this kind need the package {package}: pip install 'ecatd[record]'; "
+            f"{path}: files of this kind need the package {package}: pip install 'ecatd[{extra}]'; "
             "CSV needs none"
         ) from error
