@@ -28,6 +28,7 @@ from ecatd.operations.idns import WriteIdn
 from ecatd.operations.log import SetLogLevel
 from ecatd.operations.objects import SdoWrite
 from ecatd.operations.operation import Operation
+from ecatd.operations.outputs import HoldOutputs, ReleaseOutputs
 from ecatd.operations.registers import ReadErrors, ResetErrors, WriteRegister
 from ecatsim.control import Simulator
 from rigs.everything import IDN, TEXT
@@ -209,8 +210,9 @@ CHANGES: dict[type[Operation], tuple[Operation, str, Sequence[str]]] = {
 }
 """A request of each kind, how its line begins, and what else is in the line."""
 
-APART = {PutFoe, CancelFoe}
-"""Kinds about a transfer that another request has started: they are in a test of their own."""
+APART = {PutFoe, CancelFoe, HoldOutputs, ReleaseOutputs}
+"""Kinds that others need before or after them: they are in tests of their own, those of outputs in
+`test_outputs_by_hand.py`."""
 NO_CHANGE = {ReadFrames}
 
 

@@ -150,6 +150,10 @@ def test_r06_a_slave_that_was_without_power(start: Start, clocks: bool, ring: bo
         in_op(bench)
     bench.wait_for_event("recovery", slave=last, state="set_up")
     bench.wait_for_event("recovery", slave=last, state="recovered")
+    cables = bench.daemon.ctl_json("errors")["links"]
+    assert len(cables) == SLAVES + ring  # that of the second interface, too
+    assert {row["verdict"] for row in cables} <= {"good", "unknown"}, cables  # no cable is blamed
+    assert not any(row["lost_links"] for row in cables), cables
 
 
 @everywhere

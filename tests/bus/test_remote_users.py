@@ -39,6 +39,7 @@ from ecatd.client.remote import Remote
 from ecatd.operations.bus import ReadEvents, ReadInfo, ReadStates, SetState
 from ecatd.operations.encoding import pack, unpack
 from ecatd.operations.log import SetLogLevel
+from ecatd.operations.outputs import HoldOutputs, ReadOutputs, ReleaseOutputs
 from ecatd.operations.registers import WriteRegister
 from ecatd.operations.zenoh_keys import bus_key, session_config
 
@@ -56,7 +57,7 @@ key = "{folder}/daemon.key"
 users_ca = "{folder}/authority.pem"
 [[gateway.user]]
 name = "anna"
-write = ["sdo", "state", "log"]
+write = ["sdo", "state", "log", "outputs"]
 slaves = [0, "EK1100"]
 [[gateway.user]]
 name = "bob"
@@ -119,7 +120,7 @@ def test_r36_a_user_reads_and_changes_what_the_configuration_says(site: Site) ->
         assert anna.rights() == {
             "user": "anna",
             "read": True,
-            "write": ["sdo", "state", "log"],
+            "write": ["sdo", "state", "log", "outputs"],
             "slaves": [0, "EK1100"],
             "schema": 1,
         }
@@ -139,6 +140,19 @@ def test_r36_a_user_reads_and_changes_what_the_configuration_says(site: Site) ->
                 change()
         with pytest.raises(NotPermittedError, match=naming("'anna'", "'register'", "sdo")):
             anna.request(WriteRegister(0, 0x0410, b"\0"))
+        # Outputs of his slaves, by hand.
+        drive, lamp = "0/0x60FF:00", "3/0x7000:01"
+        anna.request(HoldOutputs("page", {drive: "7"}, begin=True))
+        found = anna.request(ReadOutputs())
+        assert [row["user"] for row in found["owners"] if row["by_hand"]] == ["anna"]
+        anna.request(ReleaseOutputs("page"))
+        names(site.daemon.log, "0x60FF:00", "changed to 7 by user 'anna'", "by hand")
+        with pytest.raises(NotPermittedError, match=naming("'anna'", "EK1100", "slaves")):
+            anna.request(HoldOutputs("page", {drive: "7", lamp: "1"}, begin=True))
+        with site.as_user("dora") as dora:
+            for request in (HoldOutputs("page", {lamp: "1"}, begin=True), ReleaseOutputs(None)):
+                with pytest.raises(NotPermittedError, match=naming("'dora'", "'outputs'")):
+                    dora.request(request)
         with pytest.raises(StateError, match="slave 99"):
             anna.sdo_write(99, 0x6060, 0, b"\x09")
     rows = site.daemon.slave_rows

@@ -51,9 +51,9 @@ def test_damaged_frames_are_located(bus: Daemon, simulator: Simulator) -> None:
     place = max(position for position, _ in leads)  # in the last branch
     before = leads[place, 0]
     simulator.faults.noise(place, count=3)
-    wait_for(lambda: bool(bus.ctl_json("errors")["links"]), bus)
-    wait_for(lambda: bus.ctl_json("errors")["links"][0]["invalid"] == 3, bus)
-    (link,) = bus.ctl_json("errors")["links"]
+    wait_for(lambda: bool(bus.ctl_json("errors")["counted"]), bus)
+    wait_for(lambda: bus.ctl_json("errors")["counted"][0]["invalid"] == 3, bus)
+    (link,) = bus.ctl_json("errors")["counted"]
     assert [tuple(end) for end in link["ends"]] == [before, (place, 0)]
     labels = (f"slave {before[0]}", f"port {before[1]}", f"slave {place}", "3 damaged frames")
     names(bus.ctl("errors").stdout, *labels, "cable")
@@ -61,8 +61,48 @@ def test_damaged_frames_are_located(bus: Daemon, simulator: Simulator) -> None:
     for end in (before[0], place):
         names(bus.ctl("errors", str(end)).stdout, "3 damaged frames")
     names(bus.ctl("errors", "--reset").stdout, *labels, "cleared")
-    assert bus.ctl_json("errors")["links"] == []
+    assert bus.ctl_json("errors")["counted"] == []
     names(bus.log, "error counters of all slaves", "pid")
+
+
+def test_each_cable_has_a_verdict(bus: Daemon, simulator: Simulator, tmp_path: Path) -> None:
+    """A loose cable: bursts of errors, and the link is lost; then it is mended."""
+
+    def cable(slave: int) -> dict[str, Any]:
+        links = json.loads(bus.ctl("errors", "--json", check=False).stdout)["links"]
+        (found,) = [row for row in links if row["slave"] == slave]
+        return dict(found)
+
+    def told() -> list[dict[str, Any]]:
+        return list(bus.ctl_json("events", "--kind", "cable")["events"])
+
+    rows = bus.ctl_json("errors")["links"]
+    assert [(row["slave"], row["port"]) for row in rows] == [(n, 0) for n in range(11)]
+    assert (rows[0]["before"], rows[7]["before"], rows[7]["before_port"]) == (-1, 3, 1)
+    simulator.faults.noise(7, count=5)
+    wait_for(lambda: cable(7)["errors"] == 5, bus)
+    assert {cable(n)["verdict"] for n in range(11) if n != 7} <= {"good", "unknown"}
+    row = cable(7)
+    assert (row["verdict"], row["lost_links"], row["worse"]) == ("strained", 0, 0)
+    names(row["text"], "between slave 3 (EK1122) port 1 and slave 7", "5 errors", "reseat")
+    simulator.faults.noise(7, count=60)
+    wait_for(lambda: cable(7)["verdict"] == "bad", bus)
+    svg = tmp_path / "bus.svg"
+    bus.ctl("graph", "-o", str(svg))
+    assert svg.read_text().count('class="broken"') == 1
+    names(bus.ctl("graph").stdout.splitlines()[8], "bad", "errors")
+    names(bus.ctl("errors").stdout, "bad: between slave 3 (EK1122) port 1 and slave 7", "replace")
+    wait_for(lambda: any(row["verdict"] == "bad" for row in told()), bus, 20)
+    assert {row["slave"] for row in told()} == {7}
+    names(bus.log, "bad cable between slave 3 (EK1122) port 1")
+    simulator.faults.break_link(7)
+    wait_for(lambda: "there is no link now" in cable(7)["text"], bus)
+    assert cable(8)["verdict"] == "unknown"
+    simulator.faults.heal_link(7)
+    wait_for(lambda: all(row["text"] == "OP" for row in bus.slave_rows("state")), bus)
+    assert cable(7)["lost_links"] == 1
+    bus.ctl("errors", "--reset")
+    assert (cable(7)["verdict"], cable(7)["errors"]) == ("unknown", 0)  # watched anew
 
 
 def test_slaves_that_do_not_answer_are_named(bus: Daemon, simulator: Simulator) -> None:
@@ -84,7 +124,7 @@ def test_slaves_that_do_not_answer_are_named(bus: Daemon, simulator: Simulator) 
 
 def test_the_tree_is_drawn(bus: Daemon, simulator: Simulator, tmp_path: Path) -> None:
     simulator.faults.noise(5, count=3)
-    wait_for(lambda: bool(bus.ctl_json("errors")["links"]), bus)
+    wait_for(lambda: bool(bus.ctl_json("errors")["counted"]), bus)
     slaves = bus.ctl_json("graph")["slaves"]
     behind = {row["position"]: row["behind"] for row in slaves}
     assert behind[3] == [4, 7, 10]  # a junction: ports 3, 1 and 2
@@ -111,7 +151,7 @@ def test_new_errors_are_told_as_they_come(bus: Daemon, simulator: Simulator) -> 
     simulator.faults.clear()
     first, *later = [json.loads(line) for line in result.stdout.splitlines()]
     assert len(later) == 3
-    assert any(link["ends"][1] == [1, 0] for row in later for link in row["links"])
+    assert any(link["ends"][1] == [1, 0] for row in later for link in row["counted"])
     assert first["schema"] == 1
 
 
@@ -408,3 +448,15 @@ def rows(bus: Daemon) -> list[dict[str, Any]]:
     found = json.loads(bus.ctl("rescan", "--json", check=False).stdout)
     devices: list[dict[str, Any]] = found["devices"]
     return devices
+
+
+def test_a_sensor_drifts_while_the_bus_runs(bus: Daemon, simulator: Simulator) -> None:
+    def raw() -> int:
+        (row,) = bus.ctl_json("read", "9/0x6000:11")["values"]
+        return int(row["raw"])
+
+    true = raw()
+    simulator.faults.drift(9, "0x6000:11", per_second=-5000, limit=700)
+    wait_for(lambda: raw() == true - 700, bus)
+    simulator.faults.drift(9, "0x6000:11", per_second=0)
+    wait_for(lambda: raw() == true, bus)

@@ -99,6 +99,27 @@ def test_outputs_are_held_and_given_back(bus: Daemon, number: int) -> None:
     assert [row["value"] for row in done["written"]] == [1.0]
 
 
+def test_outputs_are_held_from_another_machine(bus: Daemon) -> None:
+    """By the socket of this machine, as by an encrypted address (test_remote_users.py)."""
+    socket = f"{bus.env['ECATD_RUNTIME_DIR']}/{bus.bus}/gateway/zenoh"
+    far = ("--connect", f"unixsock-stream/{socket}", "--yes")
+    command = [sys.executable, "-m", "ecatd.cli", "write", "el2008/Output=1", *far]
+    wrong = bus.ctl("write", "el2008/Output=1", *far, check=False)
+    names(one_line_error(wrong.stderr, "ecatctl"), "several", "3/0x7000:01", "3/0x7010:01")
+    command[4] = "el2008/7000:01=1"
+    with subprocess.Popen(command, env=bus.env, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            wait_for(lambda: value(bus, WIRED) == 1, bus)
+            second = bus.ctl("write", f"{OUTPUT}=0", "--yes", check=False)
+            names(one_line_error(second.stderr, "ecatctl"), "slave 3 (EL2008)", "hand:")
+            process.send_signal(signal.SIGINT)
+            text, _ = process.communicate()
+        finally:
+            process.kill()
+    assert (process.returncode, "safe" in text) == (0, True)
+    wait_for(lambda: value(bus, WIRED) == 0, bus)
+
+
 def test_outputs_that_do_not_reach_a_slave(bus: Daemon) -> None:
     bus.ctl("state", "3", "SAFEOP", "--yes")
     refused = bus.ctl("write", f"{OUTPUT}=1", "--yes", check=False)

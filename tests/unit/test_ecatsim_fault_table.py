@@ -34,6 +34,7 @@ SAMPLES = {
     "eeprom": {"slave": 0, "content": "image", "file": "/tmp/x.bin", "at_power_on": True},
     "clock": {"slave": 0, "step_ns": -5000, "drift_ppm": 12.5},
     "identification": {"slave": 1, "value": 42},
+    "drift": {"slave": 0, "entry": "0x6000:01", "per_second": -2.5, "limit": 100.0},
 }
 
 

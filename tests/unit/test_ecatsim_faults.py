@@ -535,3 +535,54 @@ def test_clock(bench):
     assert passed[1] - passed[0] == pytest.approx(500e-6 * passed[0], abs=20)
     with pytest.raises(UsageError, match=naming("clock: slave 2 (Simple)", "distributed clock")):
         b.faults.clock(2, step_ns=1)
+
+
+class Sensors(Device):
+    """A signed, an unsigned and a real input, and a switch."""
+
+    vendor, product, revision, order = 0x10, 0x22, 0x30, "Sensors"
+    tx_pdos = (
+        Pdo(
+            0x1A00,
+            "In",
+            3,
+            [
+                Entry(0x6000, 1, "Temperature", DataType.INTEGER16, 16),
+                Entry(0x6000, 2, "Level", DataType.UNSIGNED8, 8),
+                Entry(0x6000, 3, "Flow", DataType.REAL32, 32),
+                Entry(0x6000, 4, "Switch", DataType.BOOLEAN, 1),
+            ],
+        ),
+    )
+
+
+def test_a_sensor_drifts_until_it_is_true_again(bench):
+    b = bench(Sensors())
+    device = b.rig.devices[0]
+    device[0x6000, 1], device[0x6000, 2], device[0x6000, 3] = -5, 250, 0.5
+
+    def given(now):
+        """What the device gives in SAFEOP at a time."""
+        data = device._drifted(device.give(), now)
+        return struct.unpack("<hBf", data[:7])
+
+    assert given(0) == (-5, 250, 0.5)
+    b.faults.drift(0, "0x6000:01", per_second=-10, limit=100)
+    b.faults.drift(0, "0x6000:02", per_second=1)
+    b.faults.drift(0, "0x6000:03", per_second=0.25)
+    assert not device.sleeps
+    assert given(100) == (-5, 250, 0.5)  # it begins
+    assert given(104) == (-45, 254, 1.5)
+    assert given(200) == (-105, 255, 25.5)  # at its limit, and at the end of the type
+    device[0x6000, 1] = 7
+    assert given(200)[0] == -93  # the plant goes on
+    assert device[0x6000, 1] == 7  # objects keep the true value
+    b.faults.drift(0, "0x6000:01", per_second=0)
+    assert given(200)[0] == 7
+    for entry, words in (
+        ("0x6000:04", ("no numbers", "0x6000:01")),
+        ("0x7000:01", ("no mapped input", "0x6000:03")),
+        ("6000", ("no address", "0x6000:01")),
+    ):
+        with pytest.raises(UsageError, match=naming(*words)):
+            b.faults.drift(0, entry, per_second=1)

@@ -1,4 +1,4 @@
-"""Command `errors`: error counters of the slaves, and which links they are about."""
+"""Command `errors`: error counters of the slaves, and how good each cable is."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import NoAnswerError, UsageError
 from ecatd.description.bus import Bus
-from ecatd.etg.port_errors import LinkErrors, PortErrors, SlaveErrors, links_with_errors
+from ecatd.description.cables import BAD, STRAINED, LinkVerdict, risen
+from ecatd.etg.port_errors import LinkErrors, SlaveErrors, links_with_errors
 
 from .arguments import add_slave, add_watch
 from .output import print_json, print_json_line, print_table
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from ecatd.client.remote import Remote
 
 COMMANDS = {
-    "diagnosis": {"errors": "Show the error counters of the slaves, and which cables cause errors."}
+    "diagnosis": {"errors": "Show the error counters of the slaves, and how good each cable is."}
 }
 
 _PORTS = 4
@@ -46,9 +47,9 @@ def errors(remote: Remote, options: argparse.Namespace) -> int:
         raise UsageError("--reset and --watch: give one of them")
     bus = remote.describe()
     chosen = None if options.slave is None else bus.find(options.slave).position
-    found = remote.errors()
+    found, verdicts = remote.cables()
     silent = _silent(bus, chosen, found)
-    _print(bus, found, chosen, options)
+    _print(bus, found, _at(verdicts, chosen), chosen, options)
     for label in silent:
         print(f"ecatctl: {label} does not answer, so its counters are not known", file=sys.stderr)
     if options.reset:
@@ -61,13 +62,13 @@ def errors(remote: Remote, options: argparse.Namespace) -> int:
     done = 1
     while options.watch is not None and done != options.count:
         time.sleep(options.watch)
-        now = remote.errors()
-        new = list(_added(found, now))
+        now, verdicts = remote.cables()
+        new, of_links = list(risen(found, now)), _at(verdicts, chosen)
         if options.json:
-            print_json_line(_document(bus, new, chosen))
+            print_json_line(_document(bus, new, of_links, chosen))
         else:
             clock = time.strftime("%H:%M:%S")
-            for line in _sentences(bus, new, chosen):
+            for line in _counted(bus, new, of_links, chosen):
                 print(f"{clock} {line}", flush=True)
         found, done = now, done + 1
     return 0
@@ -85,27 +86,9 @@ def _silent(bus: Bus, chosen: int | None, found: Sequence[SlaveErrors]) -> list[
     ]
 
 
-def _added(before: Sequence[SlaveErrors], now: Sequence[SlaveErrors]) -> Iterator[SlaveErrors]:
-    """By how much the counters have risen. A smaller counter was cleared, so all of it counts."""
-    earlier = {item.position: item for item in before}
-    for item in now:
-        old = earlier.get(item.position)
-        if old is None:
-            yield item
-            continue
-        ports = [
-            PortErrors.of(port.port, map(_more, was.counts, port.counts), port.to)
-            for was, port in zip(old.ports, item.ports, strict=True)
-        ]
-        yield item._replace(
-            ports=ports,
-            processing=_more(old.processing, item.processing),
-            pdi=_more(old.pdi, item.pdi),
-        )
-
-
-def _more(before: int, now: int) -> int:
-    return now - before if now >= before else now
+def _at(verdicts: Sequence[LinkVerdict], chosen: int | None) -> list[LinkVerdict]:
+    """The verdicts on all links, or on those of one slave."""
+    return [item for item in verdicts if chosen in (None, item.slave, item.before)]
 
 
 def _links(found: Sequence[SlaveErrors], chosen: int | None) -> list[LinkErrors]:
@@ -121,23 +104,28 @@ def _of(chosen: int | None, found: Sequence[SlaveErrors]) -> list[SlaveErrors]:
     return [item for item in found if chosen in (None, item.position)]
 
 
-def _document(bus: Bus, found: Sequence[SlaveErrors], chosen: int | None) -> dict[str, Any]:
-    links = [item._asdict() for item in _links(found, chosen)]
-    slaves = [item.to_map() for item in _of(chosen, found)]
+def _document(
+    bus: Bus, found: Sequence[SlaveErrors], verdicts: Sequence[LinkVerdict], chosen: int | None
+) -> dict[str, Any]:
     return {
         "bus": bus.name,
-        "slaves": slaves,
-        "links": links,
+        "slaves": [item.to_map() for item in _of(chosen, found)],
+        "links": [item._asdict() for item in verdicts],
+        "counted": [item._asdict() for item in _links(found, chosen)],
         "silent": _silent(bus, chosen, found),
     }
 
 
 def _print(
-    bus: Bus, found: Sequence[SlaveErrors], chosen: int | None, options: argparse.Namespace
+    bus: Bus,
+    found: Sequence[SlaveErrors],
+    verdicts: Sequence[LinkVerdict],
+    chosen: int | None,
+    options: argparse.Namespace,
 ) -> None:
     if options.json:
         show = print_json if options.watch is None else print_json_line
-        show(_document(bus, found, chosen))
+        show(_document(bus, found, verdicts, chosen))
         return
     if options.all:
         print_table(
@@ -146,12 +134,17 @@ def _print(
             ">   >>>>",
         )
         print()
-    lines = list(_sentences(bus, found, chosen))
+    lines = [f"{item.verdict}: {item.text}" for item in verdicts if _is_told(item, options.all)]
+    counted = list(_counted(bus, found, verdicts, chosen))
     count = len(_of(chosen, found))
-    if lines:
-        print("\n".join(lines))
+    if lines or counted:
+        print("\n".join([*lines, *counted]))
     elif count:
         print(f"no errors at the ports of {count} slave{'s' * (count != 1)}")
+
+
+def _is_told(item: LinkVerdict, all_links: bool) -> bool:
+    return all_links or item.verdict in (STRAINED, BAD)
 
 
 def _rows(bus: Bus, found: Sequence[SlaveErrors]) -> Iterator[tuple[Any, ...]]:
@@ -164,11 +157,16 @@ def _rows(bus: Bus, found: Sequence[SlaveErrors]) -> Iterator[tuple[Any, ...]]:
             yield item.position, name, port.port, where, *port.counts
 
 
-def _sentences(bus: Bus, found: Sequence[SlaveErrors], chosen: int | None) -> Iterator[str]:
-    """What the counters mean, link by link and slave by slave."""
+def _counted(
+    bus: Bus, found: Sequence[SlaveErrors], verdicts: Sequence[LinkVerdict], chosen: int | None
+) -> Iterator[str]:
+    """What the counters have counted, link by link and slave by slave."""
     since = {item.position: item.since for item in found}
+    judged = {(item.slave, item.port): item.verdict for item in verdicts}
     for link in _links(found, chosen):
-        yield f"{_where(bus, link)}: {_counts(link)}{_since(since[link.ends[1][0]])}{_advice(link)}"
+        verdict = judged.get(link.ends[1])
+        counts = f"{_counts(link)}{_since(since[link.ends[1][0]])}"
+        yield f"{_where(bus, link)}: {counts}{f' (the cable: {verdict})' if verdict else ''}"
     for item in _of(chosen, found):
         label = bus.slaves[item.position].label
         if item.processing and not any(port.forwarded or port.damaged for port in item.ports):
@@ -216,9 +214,3 @@ def _since(when: float | None) -> str:
         return ""
     day = "" if time.time() - when < 86400 else "%Y-%m-%d "
     return time.strftime(f" since {day}%H:%M:%S", time.localtime(when))
-
-
-def _advice(link: LinkErrors) -> str:
-    if link.invalid or link.physical:
-        return ": check this cable, its plugs, and sources of interference near it"
-    return ": check this cable and its plugs, and the power of both sides"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ecatd.base.errors import UsageError
 from ecatd.base.sanitized_output import printable
 from ecatd.description.bus import Bus
+from ecatd.description.cables import BAD, STRAINED, LinkVerdict
 from ecatd.etg.al import al_state_text
 from ecatd.etg.port_errors import PORT_ORDER, SlaveErrors, links_with_errors
 from ecatd.operations.bus import ReadStates, SlaveAlState
@@ -25,6 +26,8 @@ COMMANDS = {
 }
 
 _AT_MASTER = (-1, 0)
+_COLORS = {STRAINED: "orange", BAD: "red"}
+"""Colors of links in Graphviz, by verdict."""
 _FORMATS = {".dot": "dot", ".gv": "dot", ".svg": "svg"}
 
 
@@ -39,7 +42,7 @@ def graph(remote: Remote, options: argparse.Namespace) -> None:
     if kind is None:
         raise UsageError(f"{options.out}: give a file name that ends with .dot or .svg")
     bus = remote.describe()
-    roots = _tree(bus, remote.errors(), remote.request(ReadStates())["slaves"])
+    roots = _tree(bus, *remote.cables(), remote.request(ReadStates())["slaves"])
     if kind:
         from .graph_svg import svg_text
 
@@ -53,7 +56,9 @@ def graph(remote: Remote, options: argparse.Namespace) -> None:
         print("\n".join(["master", *_lines(roots)]))
 
 
-def _tree(bus: Bus, found: list[SlaveErrors], states: list[SlaveAlState]) -> list[Node]:
+def _tree(
+    bus: Bus, found: list[SlaveErrors], cables: list[LinkVerdict], states: list[SlaveAlState]
+) -> list[Node]:
     """The slaves at the master: one, or several if it is not known where some are plugged in."""
     measured = any(slave.dc_delay_ns for slave in bus.slaves)  # if not, the clocks are not used
     nodes = {
@@ -65,6 +70,9 @@ def _tree(bus: Bus, found: list[SlaveErrors], states: list[SlaveAlState]) -> lis
         )
         for slave, row in zip(bus.slaves, states, strict=True)
     }
+    for item in cables:
+        if item.before_port == 0 or item.before >= 0:  # else the way back to the second interface
+            nodes[item.slave].cable = item
     for link in links_with_errors(found):
         first, (position, port) = link.ends
         if first is None:
@@ -73,15 +81,15 @@ def _tree(bus: Bus, found: list[SlaveErrors], states: list[SlaveAlState]) -> lis
             nodes[position].errors = link
     leads = {(item.position, port.port): port.to for item in found for port in item.ports}
     inside: set[int] = set()
-    for item in found:
+    for row in found:
         for port in PORT_ORDER:
-            to = leads[item.position, port]
+            to = leads[row.position, port]
             if to == _AT_MASTER:
-                nodes[item.position].known = True
-            if to is None or to[0] <= item.position:  # a slave behind it comes later on the wire
+                nodes[row.position].known = True
+            if to is None or to[0] <= row.position:  # a slave behind it comes later on the wire
                 continue
             nodes[to[0]].port, nodes[to[0]].known = port, True
-            nodes[item.position].behind.append(nodes[to[0]])
+            nodes[row.position].behind.append(nodes[to[0]])
             inside.add(to[0])
     return [node for position, node in nodes.items() if position not in inside]
 
@@ -104,6 +112,7 @@ def _document(node: Node) -> dict[str, Any]:
         "port": node.port,
         "behind": [item.position for item in node.behind],
         "known": node.known,
+        "cable": None if node.cable is None else node.cable._asdict(),
         "errors": None if node.errors is None else node.errors._asdict(),
         "loose": [{"port": port, **errors._asdict()} for port, errors in node.loose],
     }
@@ -145,7 +154,7 @@ def _dot(bus: Bus, roots: list[Node]) -> str:
     for node in filter(lambda node: node.known, _all(roots)):
         start = f"s{before[node.position]}" if node.position in before else "master"
         port = "" if node.port is None else f'taillabel="{node.port}", '
-        color = "red" if node.error_text else "black"
+        color = _COLORS.get(node.fault, "black")
         lines.append(
             f'  {start} -> s{node.position} [{port}label="{node.error_text}", color="{color}"];'
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ecatd.base.sanitized_output import xml_text
+from ecatd.description.cables import BAD, STRAINED
 
 from .slave_tree import Node, rows
 
@@ -17,11 +18,12 @@ rect { fill: #fff; stroke: #888 }
 .op { stroke: #2e7d32; stroke-width: 2 }
 .not-op { fill: #fdecea; stroke: #b00020; stroke-width: 2 }
 path { fill: none; stroke: #555; stroke-width: 2 }
-.errors { stroke: #b00020 }"""
+.strained { stroke: #e08a00; stroke-width: 3 }
+.broken { stroke: #b00020; stroke-width: 4 }"""
 
 
 def svg_text(name: str, roots: list[Node]) -> str:
-    """A picture with a box for each slave; a link with errors is red.
+    """A picture with a box for each slave; the color of a link says how it is: strained or bad.
 
     Args:
         name: Name of the bus.
@@ -53,7 +55,7 @@ def svg_text(name: str, roots: list[Node]) -> str:
 
 
 def _link(start: tuple[int, int], end: tuple[int, int], node: Node) -> Iterator[str]:
-    kind = ' class="errors"' if node.error_text else ""
+    kind = {STRAINED: ' class="strained"', BAD: ' class="broken"'}.get(node.fault, "")
     from_x, from_y, to_x = start[0] + 20, start[1] + _HEIGHT, end[0] + 20
     if from_x == to_x:
         yield f'<path{kind} d="M{from_x} {from_y} V{end[1]}"/>'

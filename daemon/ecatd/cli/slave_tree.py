@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from ecatd.description.cables import BAD, STRAINED, LinkVerdict
 from ecatd.etg.port_errors import LinkErrors
 
 
@@ -24,6 +25,8 @@ class Node:
     known: bool = False  #: Whether its place is known: it answers, and a link leads to it.
     #: The errors on its link to the slave before it; None for none.
     errors: LinkErrors | None = None
+    #: The verdict on that link; None if it is not known which one that is.
+    cable: LinkVerdict | None = None
     #: Errors at ports of it that lead nowhere now: the number of the port, and the errors.
     loose: list[tuple[int, LinkErrors]] = field(default_factory=list)
     #: The slaves that are plugged in at it, in the order of the frame.
@@ -31,8 +34,14 @@ class Node:
 
     @property
     def error_text(self) -> str:
-        """The errors on its link, in a few words; empty for none."""
-        return "" if self.errors is None else errors_text(self.errors)
+        """How its link is unless it is good, and the errors on it; empty for none."""
+        errors = "" if self.errors is None else errors_text(self.errors)
+        return ": ".join(filter(None, (self.fault, errors)))
+
+    @property
+    def fault(self) -> str:
+        """How its link is in a word, such as `strained`; empty if it is good, or not known."""
+        return self.cable.verdict if self.cable and self.cable.verdict in (STRAINED, BAD) else ""
 
     @property
     def all_errors(self) -> str:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING
 
 from ecatd.base.errors import LeaseError, UsageError
 from ecatd.client.outputs_in_op import check_in_op
 from ecatd.client.patterns import find_output
 
-from .arguments import add_yes, confirm
+from .arguments import add_yes, confirm, connect
 from .output import print_json
 from .signals import add_for, ended_by_signals, is_physical, open_client
 
@@ -42,6 +44,9 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
 
 def write(options: argparse.Namespace) -> None:
     """Becomes the owner of outputs, and keeps values there until it ends."""
+    if options.connect is not None:
+        _write_over_zenoh(options)
+        return
     with open_client(options) as client:
         wanted: dict[Signal, float] = {}
         for text in options.values:
@@ -52,9 +57,7 @@ def write(options: argparse.Namespace) -> None:
         check_in_op(client, wanted)
         slaves = {client.slaves()[output.slave].name: None for output in wanted}
         texts = [f"{output.path} = {value}" for output, value in wanted.items()]
-        about = f"This takes over {', '.join(texts)} ({', '.join(slaves)})"
-        until = "until Ctrl-C" if options.seconds is None else f"for {options.seconds:g} s"
-        confirm(options, f"{about} {until}. Then the outputs take their safe values.")
+        _confirm(options, texts, slaves)
         with ended_by_signals(), client.claim(wanted, lease=_LEASE):
             for output, value in wanted.items():
                 if options.raw or not is_physical(output):
@@ -63,11 +66,73 @@ def write(options: argparse.Namespace) -> None:
                     output.value = value
             client.commit()
             _hold(client, wanted, options.seconds)
-        rows = [{"output": output.path, "value": value} for output, value in wanted.items()]
-        if options.json:
-            print_json({"bus": client.name, "written": rows})
-        else:
-            print("the outputs are released, and have their safe values again")
+        _tell(options, {output.path: value for output, value in wanted.items()})
+
+
+def _write_over_zenoh(options: argparse.Namespace) -> None:
+    """The same by hand: the daemon owns the outputs, as long as this command says so."""
+    from ecatd.client.hold import Hold, find_output
+    from ecatd.operations.outputs import ReadOutputs
+
+    with connect(options) as remote:
+        outputs = remote.request(ReadOutputs(names=True))
+        wanted: dict[str, str | float] = {}
+        slaves: dict[str, None] = {}
+        for text in options.values:
+            name, value = _split(text)
+            output = find_output(outputs, name)
+            if output["name"] in wanted:
+                raise UsageError(f"{output['name']} is given twice")
+            wanted[output["name"]] = _number(text, value) if options.raw else value
+            slaves[outputs["slaves"][output["slave"]]["name"]] = None
+        _confirm(options, [f"{name} = {value}" for name, value in wanted.items()], slaves)
+        end = None if options.seconds is None else time.monotonic() + options.seconds
+        with ended_by_signals(), suppress(KeyboardInterrupt), Hold(remote, wanted) as hold:
+            while end is None or time.monotonic() < end:
+                hold.renew()
+        _tell(options, wanted)
+
+
+def _confirm(options: argparse.Namespace, texts: list[str], slaves: Iterable[str]) -> None:
+    about = f"This takes over {', '.join(texts)} ({', '.join(slaves)})"
+    until = "until Ctrl-C" if options.seconds is None else f"for {options.seconds:g} s"
+    confirm(options, f"{about} {until}. Then the outputs take their safe values.")
+
+
+def _tell(options: argparse.Namespace, written: Mapping[str, str | float]) -> None:
+    rows = [{"output": name, "value": value} for name, value in written.items()]
+    if options.json:
+        print_json({"bus": options.bus, "written": rows})
+    else:
+        print("the outputs are released, and have their safe values again")
+
+
+def _split(text: str) -> tuple[str, str]:
+    """The name and the value of an argument.
+
+    Raises:
+        UsageError: It has not both.
+    """
+    name, _, value = text.rpartition("=")
+    if not name or not value:
+        raise _no_value(text)
+    return name, value
+
+
+def _number(text: str, value: str) -> float:
+    """The value of an argument as a number; whole numbers keep all their digits.
+
+    Raises:
+        UsageError: It is none.
+    """
+    for kind in (partial(int, base=0), float):
+        with suppress(ValueError):
+            return kind(value)
+    raise _no_value(text)
+
+
+def _no_value(text: str) -> UsageError:
+    return UsageError(f"'{text}' is not an output with a value such as 'drive/Target velocity=5'")
 
 
 def _assigned(client: Client, text: str, *, raw: bool) -> tuple[Signal, float]:
@@ -77,19 +142,8 @@ def _assigned(client: Client, text: str, *, raw: bool) -> tuple[Signal, float]:
         UsageError: It is not an output with a value.
         StateError: There is no such entry.
     """
-    name, equals, value = text.rpartition("=")
-    number: float = 0
-    try:
-        number = int(value, 0)
-    except ValueError:
-        try:
-            number = float(value)
-        except ValueError:
-            equals = ""
-    if not equals or not name:
-        raise UsageError(
-            f"'{text}' is not an output with a value such as 'drive/Target velocity=5'"
-        )
+    name, value = _split(text)
+    number = _number(text, value)
     output = find_output(client, name)
     whole = not output.real and (raw or not is_physical(output))
     if whole and isinstance(number, float):

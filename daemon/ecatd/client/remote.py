@@ -14,6 +14,7 @@ from .session import Session
 if TYPE_CHECKING:
     from ecatd.config import Config
     from ecatd.description.bus import Bus
+    from ecatd.description.cables import LinkVerdict
     from ecatd.etg.dictionary import DictionaryObject
     from ecatd.etg.idns import IdnValue
     from ecatd.etg.port_errors import SlaveErrors
@@ -302,9 +303,16 @@ class Remote(Session):
 
     def errors(self) -> list[SlaveErrors]:
         """The error counters of all slaves that answer."""
+        return self.cables()[0]
+
+    def cables(self) -> tuple[list[SlaveErrors], list[LinkVerdict]]:
+        """As `errors`, and the verdict on each link of the bus."""
+        from ecatd.description.cables import LinkVerdict
         from ecatd.operations.registers import ReadErrors
 
-        return _slave_errors(self.request(ReadErrors()))
+        answer = self.request(ReadErrors())
+        maps: list[Any] = list(answer["links"])
+        return _slave_errors(answer), [LinkVerdict(**item) for item in maps]
 
     def reset_errors(self, slave: int | str | None = None) -> list[SlaveErrors]:
         """Clears the error counters of one slave, or of all; returns as `errors`.

@@ -10,7 +10,18 @@ from ecatd.base.bus_name import BUS_NAME_RULE, check_bus_name
 from ecatd.base.dataclass_maps import to_maps
 from ecatd.base.log_levels import DEFAULTS, LEVELS, OTHERS, PARTS
 from ecatd.base.timeouts import Timeout
-from ecatd.base.toml_file import Key, Limits, Rules, Table, accepts, integer, number, one_of, show
+from ecatd.base.toml_file import (
+    Key,
+    Limits,
+    Rules,
+    Table,
+    accepts,
+    integer,
+    number,
+    one_of,
+    show,
+    zero_or,
+)
 
 from .clocks import DcConfig, DcSlaveConfig, read_clocks
 from .copies import ABSENT, CopyConfig, read_copies
@@ -119,8 +130,8 @@ class MailboxConfig(Placed):
 class HealthConfig(Placed):
     """`[health]`: when ecatd says that the [exchange](troubleshooting.md#exchange) is not well.
 
-    The limits are shares of the exchanges of a domain within the window. What is said ends when the
-    share is below half of the limit. 1: only if no exchange succeeds.
+    The limits, but not `cable_factor`, are shares of the exchanges of a domain within the window.
+    What is said ends when the share is below half of the limit. 1: only if no exchange succeeds.
 
     Attributes:
         window_s: Time over which ecatd counts; for a slow domain, at least ten exchanges.
@@ -128,6 +139,8 @@ class HealthConfig(Placed):
         lost: Exchanges with a frame that does not come back.
         unsent: Exchanges with a frame that the interface does not take.
         late: Exchanges with a frame that comes back after its cycle.
+        cable_factor: A [cable](commissioning.md#which-cable) is much worse if it has so many times
+            as many errors in an hour as in the 24 hours before. 0: never.
     """
 
     window_s: Annotated[float, number(1, 600)] = 5.0
@@ -135,6 +148,7 @@ class HealthConfig(Placed):
     lost: Annotated[float, number(0.0001, 1)] = 0.01
     unsent: Annotated[float, number(0.0001, 1)] = 0.01
     late: Annotated[float, number(0.0001, 1)] = 0.01
+    cable_factor: Annotated[float, zero_or(2, 1000)] = 10.0
 
 
 @dataclass(slots=True)

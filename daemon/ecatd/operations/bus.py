@@ -96,14 +96,25 @@ class SlaveAlState(Map):
     read_at: float | None
 
 
+class CableState(Map):
+    """The verdict on a cable, in short; `ro/errors` has why, and what to do."""
+
+    slave: int  #: Position of the slave at the end away from the master.
+    port: int  #: Its port.
+    before: int  #: Position of the slave on the side of the master; -1 for the master itself.
+    before_port: int  #: Its port; of the master: 0 for the first interface, 1 for the second one.
+    verdict: str  #: `good`, `strained`, `bad` or `unknown`.
+
+
 class States(Map):
     """The AL states, which the daemon reads for this answer."""
 
     slaves: list[SlaveAlState]  #: Those of all slaves, by position.
     missing: list[MissingSlave]  #: Slaves that were missing at a tolerant start.
     others: str  #: A sentence about devices that are no slaves of the bus, or empty.
-    #: What is wrong with interfaces, exchange and clocks, causes before consequences.
+    #: What is wrong with interfaces, exchange, clocks and cables, causes before consequences.
     faults: list[Fault]
+    cables: list[CableState]  #: The cables; their counters are read every 10 s.
     #: Seconds since the main process has asked the bus server whether it works, which it does every
     #: second.
     service_silent_s: float

@@ -23,6 +23,13 @@ class Fact(NamedTuple):
 
 FACTS: Mapping[str, Fact] = {
     "slave": Fact(int, "position of the slave", subject=True),
+    "port": Fact(int, "port of the slave", subject=True),
+    "before": Fact(int, "position of the slave at the other end of the link; -1: the master"),
+    "before_port": Fact(int, "its port; of the master: 0, or 1 for the second interface"),
+    "verdict": Fact(str, "how the cable is"),
+    "worse": Fact(
+        float, "how many times as many errors as in the 24 hours before; 0: that is no alarm"
+    ),
     "slaves": Fact(list[int], "positions of the slaves that it concerns, or that explain it"),
     "missing": Fact(list[int], "positions of slaves that do not answer"),
     "found": Fact(int, "slaves that answer"),
@@ -173,6 +180,16 @@ KINDS: Mapping[str, Kind] = {
             "time. Cables and plugs cause lost frames; other programs, power management and "
             "drivers cause missed cycles. See: `ecatctl stats`, `ecatctl info`.",
             ("counts", "seconds", "over"),
+        ),
+        Kind(
+            "cable",
+            "warning",
+            "A cable has become strained or bad, or is good again",
+            "The error counters at its ends rise, or its link is lost now and then. The text says "
+            "which cable it is, and what to do: [which cable](commissioning.md#which-cable). See: "
+            "`ecatctl errors`.",
+            ("slave", "port", "before", "before_port", "verdict", "worse"),
+            {"verdict": "`good`, `strained` or `bad`"},
         ),
         Kind(
             "foreign_master",

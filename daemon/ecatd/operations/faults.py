@@ -9,6 +9,8 @@ from typing import Any
 WORKING_COUNTER, LOST, LATE, UNSENT = "working_counter", "lost", "late", "unsent"
 EXCHANGE = (UNSENT, LOST, LATE, WORKING_COUNTER)
 """Kinds of faults of the exchange, causes before consequences."""
+CABLE = "cable"
+"""The kind of fault of a cable that is much worse than it was."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +18,7 @@ class Fault:
     """Something that is wrong now."""
 
     #: One of `EXCHANGE`; or what is wrong with an interface: `link`, `sending`, `mtu`, `duplex`,
-    #: `speed`, `bridge`, `vlan`, `ring`, `foreign_master`; or `clock`.
+    #: `speed`, `bridge`, `vlan`, `ring`, `foreign_master`; `clock`; or `CABLE`.
     kind: str
     text: str  #: What is wrong, why, and what to do.
     since: float = 0.0  #: Unix time in seconds since which it is so.

@@ -13,7 +13,7 @@ from typing import Any
 
 from ecatd.description.bus import Slave, display_name
 from ecatd.etg.al import AlState
-from ecatd.operations.bus import SlaveAlState
+from ecatd.operations.bus import CableState, SlaveAlState
 
 from .faults import Fault
 
@@ -41,9 +41,10 @@ class Health:
     #: A text for each slave that was missing at the start, and for devices that are no slaves of
     #: the bus.
     differences: list[str]
-    #: What is wrong with interfaces, exchange and clocks, causes before consequences.
+    #: What is wrong with interfaces, exchange, clocks and cables, causes before consequences.
     faults: list[Fault]
     silence: str  #: That the main process of ecatd hangs, or empty.
+    cables: list[CableState]  #: The verdicts on the cables.
     #: A text for each fault, `unwell`, `incomplete`, `differences` and `silence`. What a fault of
     #: an interface or of a slave explains is no problem of its own.
     problems: list[str]
@@ -110,6 +111,7 @@ def look_at(reply: Mapping[str, Any]) -> Health:
         differences=differences,
         faults=faults,
         silence=silence,
+        cables=list(reply.get("cables", ())),
         problems=problems,
         is_down=is_down,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ecatd.base.errors import UsageError
+from ecatd.description.cables import LinkVerdict
 from ecatd.etg.port_errors import PortErrors
 
 from .fields import ByteCount, ClientName, Register, SlaveReference
@@ -29,9 +30,10 @@ class SlaveCounters(Map):
 
 
 class Errors(Map):
-    """Error counters."""
+    """Error counters, and what follows from them."""
 
     slaves: list[SlaveCounters]  #: Those of each slave that answers.
+    links: list[LinkVerdict]  #: What is known of each cable: each link of the bus once.
 
 
 class ReadRegister(Operation[Data]):
@@ -65,7 +67,7 @@ class WriteRegister(Operation[Data]):
 
 
 class ReadErrors(Operation[Errors]):
-    """Asks for the error counters of all slaves, and for the links between them."""
+    """Asks for the error counters of all slaves, and for a verdict on each link between them."""
 
     op = "read_errors"
     key = "ro/errors"

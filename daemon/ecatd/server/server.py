@@ -23,12 +23,14 @@ from ecatd.config import Config
 from ecatd.config.meanings import object_meaning
 from ecatd.config.resolve import missing_audit_folder
 from ecatd.description.bus import Slave
+from ecatd.description.cables import Cables
 from ecatd.etg.al import AlState
 from ecatd.etg.pdo import Entry
 from ecatd.master.al_states import SlaveState, states_text
 from ecatd.master.ethernet.traffic import EthernetTraffic
 from ecatd.master.worker import Worker
 from ecatd.operations.bus import (
+    CableState,
     Configuration,
     Events,
     Fault,
@@ -67,6 +69,7 @@ from .watch.monitor import Monitor
 _ATTEND_PERIOD = 1.0
 _ATTENDED_MIN = 3
 """Fewest cycles for which the engine goes on without a sign from the control side."""
+_CABLE_FACTS = ("slave", "port", "before", "before_port", "verdict")
 _SHOWN = 3
 """Most slaves that the status of the service names."""
 
@@ -118,15 +121,17 @@ class BusServer:
         self._events = EventHistory(publish, running.shared.header.instance)
         self._changes = Changes(log, self._events.publish)
         self._fault_files = FaultFiles(running, log)
+        self._cables = Cables(bus, config.health.cable_factor)
         self._monitor = Monitor(
-            *(running, self.answer, worker, log, self._events.publish, self._fault_files)
+            *(running, self.answer, worker, log, self._events.publish, self._fault_files),
+            self._cables,
         )
         note = self._monitor.emergencies.note
         self._ethernet = EthernetTraffic(config.eoe, bus, master, worker, note, log)
         conversations = Conversations(master, worker, note)
         self._requests = Requests(
             *(bus, master, config, worker, conversations, self._monitor.slaves, self._meaning),
-            *(self._changes, log, self, self._ethernet),
+            *(self._changes, log, self._cables, self, self._ethernet),
         )
         self._limits = OutputLimits(running)
         self._started = time.time()
@@ -182,6 +187,7 @@ class BusServer:
         self._config, self._in_force = config, in_force
         self._monitor.slaves.set_recovery(config.recovery)
         self._monitor.exchange.set_config(config.health)
+        self._monitor.cables.set_config(config.health)
         running.shared.set_leases(*leases(config))
         self._fault_files.set_config(config.capture)
         self._configured = config.log
@@ -278,12 +284,17 @@ class BusServer:
         return cast("Info", found)
 
     def _states(self) -> States:
+        now = time.monotonic()
         return {
             "slaves": [self._state_row(item) for item in self._monitor.slaves.states],
             "missing": cast("list[MissingSlave]", self._running.found.expectation.left_out),
             "others": self._monitor.slaves.others,
             "faults": [cast("Fault", fault.to_map()) for fault in self._monitor.faults],
-            "service_silent_s": time.monotonic() - self._asked_at,
+            "cables": [
+                cast("CableState", {name: getattr(item, name) for name in _CABLE_FACTS})
+                for item in self._cables.judge(now)
+            ],
+            "service_silent_s": now - self._asked_at,
         }
 
     def _state_row(self, item: SlaveState) -> SlaveAlState:

@@ -289,7 +289,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using diagnosis' -l json -d 'print JSON f
 complete -c ecatctl -n '_shtab_ecatctl_using diagnosis' -l esi -x -d 'take the texts from this ESI file, or a folder of them'
 complete -c ecatctl -n '_shtab_ecatctl_using diagnosis' -l clear -d 'delete all messages'
 complete -c ecatctl -n '_shtab_ecatctl_using diagnosis' -l yes -d 'do not ask for confirmation'
-complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a errors -d 'Show the error counters of the slaves, and which cables cause errors.'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a errors -d 'Show the error counters of the slaves, and how good each cable is.'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
 complete -c ecatctl -n '_shtab_ecatctl_using errors' -l connect -x -d 'ask a daemon at this Zenoh endpoint, such as tls/host:7448 (default: the daemon of this machine)'

@@ -50,8 +50,8 @@ function _shtab_ecatsim_using
   test "$_shtab_ecatsim_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatsim_commands run capture pcap check ctl 'ctl list' 'ctl status' 'ctl faults' 'ctl clear' 'ctl get' 'ctl set' 'ctl registers' 'ctl clocks' 'ctl stop' 'ctl drop' 'ctl delay' 'ctl duplicate' 'ctl corrupt' 'ctl noise' 'ctl wkc' 'ctl break-link' 'ctl heal-link' 'ctl power-off' 'ctl power-on' 'ctl swap' 'ctl module' 'ctl al-error' 'ctl emergency' 'ctl mailbox' 'ctl eeprom' 'ctl clock' 'ctl identification' rigs devices
-set -g _shtab_ecatsim_opts_with_value --at-cycle --bits --count --data --delay-s --drift-ppm --every --file --interface --name --port --probability --ready-fd --register --replay --second --seed --state --step-ns --step-time-us --trace -o
+set -g _shtab_ecatsim_commands run capture pcap check ctl 'ctl list' 'ctl status' 'ctl faults' 'ctl clear' 'ctl get' 'ctl set' 'ctl registers' 'ctl clocks' 'ctl stop' 'ctl drop' 'ctl delay' 'ctl duplicate' 'ctl corrupt' 'ctl noise' 'ctl wkc' 'ctl break-link' 'ctl heal-link' 'ctl power-off' 'ctl power-on' 'ctl swap' 'ctl module' 'ctl al-error' 'ctl emergency' 'ctl mailbox' 'ctl eeprom' 'ctl clock' 'ctl identification' 'ctl drift' rigs devices
+set -g _shtab_ecatsim_opts_with_value --at-cycle --bits --count --data --delay-s --drift-ppm --every --file --interface --limit --name --port --probability --ready-fd --register --replay --second --seed --state --step-ns --step-time-us --trace -o
 
 complete -c ecatsim -e
 complete -c ecatsim -f
@@ -307,6 +307,16 @@ complete -c ecatsim -n '_shtab_ecatsim_using ctl identification' -l probability 
 complete -c ecatsim -n '_shtab_ecatsim_using ctl identification' -l seed -x -d 'seed of the random numbers: an integer from 0 on (default 1)'
 complete -c ecatsim -n '_shtab_ecatsim_using ctl identification' -l name -x -d 'name of the simulator; not needed if only one is running'
 complete -c ecatsim -n '_shtab_ecatsim_using ctl identification' -l json -d 'print JSON for programs'
+complete -c ecatsim -n '_shtab_ecatsim_using ctl; and test $_shtab_ecatsim_npos -eq 0' -a drift -d 'The value of an input drifts away from the true one, as that of an ageing sensor. The process data have the wrong value; objects keep the true one. A rate of 0 ends it.'
+complete -c ecatsim -n '_shtab_ecatsim_using ctl drift' -s h -l help -d 'show this help message and exit'
+complete -c ecatsim -n '_shtab_ecatsim_using ctl drift' -l limit -x -d 'raw units at most; 0 = to the end of its type: a number from 0 to 1000000000 (default 0)'
+complete -c ecatsim -n '_shtab_ecatsim_using ctl drift' -l at-cycle -x -d 'cycle of the first strike; 0 = at once: an integer from 0 on (default 0)'
+complete -c ecatsim -n '_shtab_ecatsim_using ctl drift' -l every -x -d 'from one strike to the next: an integer from 1 on (cycles) (default 1)'
+complete -c ecatsim -n '_shtab_ecatsim_using ctl drift' -l count -x -d 'number of strikes; 0 = for ever: an integer from 0 on (default 1)'
+complete -c ecatsim -n '_shtab_ecatsim_using ctl drift' -l probability -x -d 'chance of each strike: a number from 0 to 1 (default 1)'
+complete -c ecatsim -n '_shtab_ecatsim_using ctl drift' -l seed -x -d 'seed of the random numbers: an integer from 0 on (default 1)'
+complete -c ecatsim -n '_shtab_ecatsim_using ctl drift' -l name -x -d 'name of the simulator; not needed if only one is running'
+complete -c ecatsim -n '_shtab_ecatsim_using ctl drift' -l json -d 'print JSON for programs'
 complete -c ecatsim -n '_shtab_ecatsim_using; and test $_shtab_ecatsim_npos -eq 0' -a rigs -d 'List the rigs that come with ecatsim.'
 complete -c ecatsim -n '_shtab_ecatsim_using rigs' -s h -l help -d 'show this help message and exit'
 complete -c ecatsim -n '_shtab_ecatsim_using rigs' -l json -d 'print JSON for programs'

@@ -59,6 +59,7 @@ class FaultMethods:
     eeprom = Method(slaves.Eeprom)
     clock = Method(slaves.Clock)
     identification = Method(slaves.Identification)
+    drift = Method(slaves.Drift)
 
     def add(self, fault: Fault) -> int:
         """Adds a fault and returns its number."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
+from ecatd.base.addresses import parse_address
 from ecatd.base.errors import StateError, UsageError
 from ecatd.etg.al import AlState
 
@@ -286,6 +287,42 @@ class Clock(SlaveFault):
             target.segment.set_clock(self.slave, drift_ppm=self.drift_ppm)
         if self.step_ns:
             target.segment.step_clock(self.slave, self.step_ns)
+
+
+@dataclass(frozen=True)
+class Drift(SlaveFault):
+    """The value of an input drifts away from the true one, as that of an ageing sensor.
+
+    The process data have the wrong value; objects keep the true one. A rate of 0 ends it.
+    """
+
+    kind: ClassVar[str] = "drift"
+    entry: Annotated[str, Is("address of a mapped input, such as 0x6000:01")]
+    per_second: Annotated[
+        float, Is("raw units in each second; 0 = true again", minimum=-1e9, maximum=1e9)
+    ]
+    limit: Annotated[
+        float, Is("raw units at most; 0 = to the end of its type", minimum=0, maximum=1e9)
+    ] = 0.0
+
+    @property
+    def address(self) -> tuple[int, int]:
+        """Index and subindex of the entry."""
+        found = parse_address(self.entry)
+        if found is None:
+            raise UsageError(f"{self.kind}: '{self.entry}' is no address: write 0x6000:01")
+        return found
+
+    def _validate(self) -> None:
+        _ = self.address  # raises
+
+    def check(self, target: Target) -> None:
+        """Checks that the slave has such an input."""
+        target.devices[self.slave].check_drift(self.address)
+
+    def strike(self, target: Target) -> None:
+        """Begins, changes or ends the drift."""
+        target.devices[self.slave].drift(self.address, self.per_second, self.limit)
 
 
 def _check_mailbox(fault: SlaveFault, target: Target) -> None:

@@ -13,6 +13,7 @@ from .slaves import (
     AlError,
     BreakLink,
     Clock,
+    Drift,
     Eeprom,
     Emergency,
     HealLink,
@@ -29,7 +30,7 @@ FAULTS: dict[str, type[Fault]] = {
     for cls in (
         *(Drop, Delay, Duplicate, Corrupt, Noise, Wkc),
         *(BreakLink, HealLink, PowerOff, PowerOn, Swap, Module),
-        *(AlError, Emergency, Mailbox, Eeprom, Clock, Identification),
+        *(AlError, Emergency, Mailbox, Eeprom, Clock, Identification, Drift),
     )
 }
 """The class of each fault, by the fault's name."""

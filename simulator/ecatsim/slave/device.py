@@ -18,6 +18,7 @@ from collections.abc import Iterable
 from copy import copy
 from dataclasses import replace
 
+from ecatd.base.addresses import address_text
 from ecatd.base.errors import UsageError
 from ecatd.etg.al import AlState
 from ecatd.etg.diagnosis import Kind
@@ -28,12 +29,14 @@ from ..esc import Event, Segment
 from . import emergency, standard_objects
 from .device_type import DeviceType
 from .diagnosis import DiagnosisHistory
+from .drift import Drift
 from .ethernet import EchoHost, TapHost
 from .mailbox import MailboxFault
 from .modules import ModuleSlots
 from .objects import Dictionary, Variable
 from .pdo_objects import mapping_value, tell_instead
 from .process_data import ProcessData
+from .process_image import is_number
 from .services import Services
 from .state_checks import StateChecks
 from .state_machine import AlCode, RefusedError, StateMachine
@@ -93,6 +96,7 @@ class Device(DeviceType):
         self._requested_at: float | None = None  # a request for a state waits for `state_delay`
         self._next_step = 0.0
         self._asleep_since = _WOKEN
+        self._drifts: dict[tuple[int, int], Drift] = {}
         self._last_outputs = b""
         self._slots: ModuleSlots | None = None
         self._sync = Synchronization(self.dc_modes, self.minimum_cycle_ns)
@@ -227,6 +231,37 @@ class Device(DeviceType):
         if self._services:
             self.wake()
             self._services.emergency(body)
+
+    def drift(self, address: tuple[int, int], per_second: float, limit: float) -> None:
+        """Lets a mapped input drift away from its true value from now on.
+
+        Args:
+            address: Index and subindex of the entry.
+            per_second: How far, in raw units a second; 0: it is true again.
+            limit: How far at most, in raw units; 0: to the end of its type.
+        """
+        self._drifts.pop(address, None)
+        if per_second:
+            self._drifts[address] = Drift(per_second, limit)
+        self.wake()
+
+    def check_drift(self, address: tuple[int, int]) -> None:
+        """Checks that an input can drift.
+
+        Raises:
+            UsageError: It is not mapped, or has no numbers.
+        """
+        there = {(item.index, item.subindex): item for item in self._process_data.inputs.variables}
+        numbers = sorted(key for key, item in there.items() if is_number(item))
+        if address in numbers:
+            return
+        what = "has no numbers" if address in there else "is no mapped input"
+        known = ", ".join(address_text(*key) for key in numbers[:8]) or "none"
+        more = f" and {len(numbers) - 8} more" if len(numbers) > 8 else ""
+        raise UsageError(
+            f"{address_text(*address)} {what} of slave {self.position} "
+            f"({self.order or self.name}); inputs with numbers: {known}{more}"
+        )
 
     def reset(self) -> None:
         """Returns to the state after power-on: INIT, empty mailboxes, initial values of objects.
@@ -430,10 +465,17 @@ class Device(DeviceType):
         size = self._process_data.inputs.size
         if size and self.machine.state >= AlState.SAFEOP:
             at = self._process_data.at[1]
-            self._segment.inputs[at : at + size] = self._given(size)
+            self._segment.inputs[at : at + size] = self._drifted(self._given(size), now)
         # Whoever has just been woken will probably be so again: the next step shows.
         if asleep_since != _WOKEN and changes == self.dictionary.changes and self._has_rest():
             self._asleep_since = changes
+
+    def _drifted(self, data: bytes, now: float) -> bytes:
+        """The inputs as sensors that drift tell them."""
+        if not self._drifts:
+            return data
+        offsets = {address: item.offset(now) for address, item in self._drifts.items()}
+        return self._process_data.inputs.shifted(data, offsets)
 
     def _has_rest(self) -> bool:
         """Whether the device has nothing to do at a later time."""
@@ -441,6 +483,7 @@ class Device(DeviceType):
         return (
             self._tells_rest
             and self.rests()
+            and not self._drifts
             and self._requested_at is None
             and machine.pending is None
             and not (self._sync.is_watched and machine.state == AlState.OP)

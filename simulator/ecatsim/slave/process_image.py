@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from ecatd.etg.datatypes import STRINGS, is_real, is_signed
+from ecatd.etg.datatypes import STRINGS, DataType, is_real, is_signed
 from ecatd.etg.pdo import Pdo
 from ecatd.etg.pdo_layout import byte_length, places, sync_manager_bytes
 
@@ -54,6 +54,31 @@ class ProcessImage:
                 size = (mask.bit_length() + 7) // 8
                 variable.value = variable.decode(raw.to_bytes(size, "little"))
 
+    def shifted(self, data: bytes, offsets: Mapping[tuple[int, int], float]) -> bytes:
+        """Adds offsets to values in process data; values stop at the ends of their types.
+
+        Args:
+            data: The process data.
+            offsets: Raw offsets, by index and subindex; those of entries that are not mapped, or
+                are no numbers, change nothing.
+        """
+        image = int.from_bytes(data, "little")
+        for variable, bit, mask, sign, plain in self._fields:
+            offset = offsets.get((variable.index, variable.subindex))
+            if offset is None or not is_number(variable):
+                continue
+            raw = image >> bit & mask
+            if plain:
+                value = round((raw ^ sign) - sign + offset)
+                new = min(max(value, -sign), mask - sign) & mask
+            else:
+                size = (mask.bit_length() + 7) // 8
+                was = variable.decode(raw.to_bytes(size, "little"))
+                assert isinstance(was, float)
+                new = int.from_bytes(variable.pack(was + offset), "little")
+            image ^= (raw ^ new) << bit
+        return image.to_bytes(self.size, "little")
+
     def pack(self) -> bytes:
         """Makes process data from the values of the dictionary."""
         image = 0
@@ -65,3 +90,8 @@ class ProcessImage:
                 value = int.from_bytes(variable.pack(value), "little")
             image |= (value & mask) << bit
         return image.to_bytes(self.size, "little")
+
+
+def is_number(variable: Variable) -> bool:
+    """Whether an entry has numbers, and not texts, bytes or a single bit."""
+    return variable.bits > 1 and variable.type not in STRINGS and variable.type != DataType.BOOLEAN

@@ -5,16 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import cast
+from typing import Any, cast
 
 from ecatd.base.coroutine_steps import Steps
 from ecatd.base.errors import NoAnswerError, StateError
 from ecatd.description.bus import Bus, Slave, positions_text
-from ecatd.etg.port_errors import PortErrors, SlaveErrors
+from ecatd.description.cables import Cables, LinkVerdict, Reading
 from ecatd.etg.registers import register_at
-from ecatd.master.frames.datagrams import Answer, fpwr
-from ecatd.master.frames.topology import Ports, links
+from ecatd.master.frames.datagrams import fpwr
 from ecatd.master.master import Master
+from ecatd.master.port_errors import read_port_errors
 from ecatd.master.worker import Worker
 from ecatd.operations.handlers import handles
 from ecatd.operations.registers import (
@@ -30,9 +30,6 @@ from ecatd.operations.registers import (
 from .changes import Changes, shown
 from .conversations import silent
 
-_DL_STATUS = 0x0110
-_COUNTERS, _COUNTERS_SIZE = 0x0300, 0x14
-_FORWARDED, _PROCESSING, _PDI, _LOST_LINKS = 0x08, 0x0C, 0x0D, 0x10
 _CLEARED = (0x0300, 0x030C, 0x030D, 0x0310)
 """A write to one of these clears a group of counters."""
 
@@ -59,10 +56,16 @@ class OverRegisters:
 
 
 class Registers(OverRegisters):
-    """The registers of all slaves."""
+    """The registers of all slaves.
 
-    def __init__(self, bus: Bus, master: Master, worker: Worker, changes: Changes) -> None:
-        super().__init__(bus, master, worker, changes)
+    Args:
+        cables: Gets the counters, and gives the verdicts.
+        others: The arguments of `OverRegisters`.
+    """
+
+    def __init__(self, cables: Cables, *others: Any) -> None:
+        super().__init__(*others)
+        self._cables = cables
         self._cleared: dict[int, float] = {}  # Unix time, by position
 
     @handles(ReadRegister)
@@ -121,9 +124,15 @@ class Registers(OverRegisters):
         return await self._errors()
 
     async def _errors(self) -> Errors:
-        """The reply has `slaves`: the counters of each slave that answers (`SlaveErrors`)."""
-        found = await self._worker.run(self._read_errors)
-        return {"slaves": [cast("SlaveCounters", item.to_map()) for item in found]}
+        """The reply has the counters of each slave that answers, and the verdict on each link."""
+        found, now = await self._worker.run(self._read_counters), time.monotonic()
+        self._cables.note(found, now)
+        return {
+            "slaves": [cast("SlaveCounters", item.to_map()) for item in found.slaves],
+            "links": cast(
+                "list[LinkVerdict]", [item._asdict() for item in self._cables.judge(now)]
+            ),
+        }
 
     @handles(ResetErrors)
     async def reset_errors(self, request: ResetErrors) -> Errors:
@@ -138,7 +147,7 @@ class Registers(OverRegisters):
         positions = [slave.position for slave in chosen]
 
         def clear() -> list[int]:
-            before = [item for item in self._read_errors() if item.position in positions]
+            before = [item for item in self._read_counters().slaves if item.position in positions]
             if before:  # else no slave answers
                 change.before = "; ".join(filter(None, (item.text for item in before))) or "0"
             return self._clear(positions)
@@ -151,7 +160,11 @@ class Registers(OverRegisters):
             if len(cleared) < len(positions):
                 change.what = f"error counters of slaves {positions_text(cleared) or 'none'}"
         self._cleared |= dict.fromkeys(cleared, time.time())
+        self._cables.forget(cleared, time.monotonic())
         return await self._errors()
+
+    def _read_counters(self) -> Reading:
+        return read_port_errors(self._master, self._cleared)
 
     def _clear(self, positions: Sequence[int]) -> list[int]:
         """Clears the counters of slaves; returns the positions of those that answered."""
@@ -160,49 +173,3 @@ class Registers(OverRegisters):
         answers = iter(self._master.registers.exchange(writes))
         answered = [(at, [next(answers).wkc for _ in _CLEARED]) for at in positions]
         return [at for at, counts in answered if all(counts)]
-
-    def _read_errors(self) -> list[SlaveErrors]:
-        registers, stations = self._master.registers, self._master.stations
-        counters = registers.read_all(stations, _COUNTERS, _COUNTERS_SIZE)
-        status = registers.read_all(stations, _DL_STATUS, 2)
-        there = [at for at in self._master.wire if counters[at].wkc and status[at].wkc]
-        leads = _leads(there, status)
-        return [self._slave_errors(at, counters[at].data, leads) for at in sorted(there)]
-
-    def _slave_errors(
-        self, position: int, data: bytes, leads: dict[tuple[int, int], tuple[int, int]]
-    ) -> SlaveErrors:
-        ports = [
-            PortErrors(
-                port,
-                data[2 * port],
-                data[2 * port + 1],
-                data[_FORWARDED + port],
-                data[_LOST_LINKS + port],
-                leads.get((position, port)),
-            )
-            for port in range(4)
-        ]
-        since = self._cleared.get(position)
-        return SlaveErrors(position, ports, data[_PROCESSING], data[_PDI], since)
-
-
-def _leads(
-    there: Sequence[int], status: Sequence[Answer]
-) -> dict[tuple[int, int], tuple[int, int]]:
-    """Returns where each port with a link leads: position and port; position -1 is the master.
-
-    Returns nothing if links and slaves contradict each other, as while a slave is being connected.
-    """
-    ports = [Ports.with_status(int.from_bytes(status[at].data, "little")) for at in there]
-    found: dict[tuple[int, int], tuple[int, int]] = {}
-    try:
-        for first, (place, port) in links(ports):
-            end = there[place], port
-            before = (-1, 0) if first is None else (there[first[0]], first[1])
-            found[end] = before
-            if first is not None:
-                found[before] = end
-    except StateError:
-        return {}
-    return found

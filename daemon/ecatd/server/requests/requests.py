@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from ecatd.base.log import Log
 from ecatd.config import Config
 from ecatd.description.bus import Bus, Slave
+from ecatd.description.cables import Cables
 from ecatd.master.master import Master
 from ecatd.master.worker import Worker
 from ecatd.operations.bus import ReadWaiting, Waiting
@@ -44,6 +45,7 @@ class Requests:
         meaning: See `Objects`.
         changes: Records changes.
         log: The log for transfers of files.
+        cables: The verdicts on the cables.
         others: Further objects that carry out operations.
     """
 
@@ -58,6 +60,7 @@ class Requests:
         meaning: Meaning,
         changes: Changes,
         log: Log,
+        cables: Cables,
         *others: object,
     ) -> None:
         self._bus = bus
@@ -70,7 +73,7 @@ class Requests:
         self._handlers = Handlers(
             *(self, self._wire, self._files, self._hands, dictionaries, *others),
             Objects(bus, conversations, dictionaries, meaning, changes),
-            Registers(bus, master, worker, changes),
+            Registers(cables, bus, master, worker, changes),
             Eeproms(bus, master, worker, changes),
             Ethernet(bus, conversations, changes),
             Idns(bus, conversations, changes),

@@ -16,14 +16,16 @@ from typing import Any
 from ecatd.base.batch import Batch
 from ecatd.base.errors import StateError
 from ecatd.base.log import Log
+from ecatd.description.cables import Cables
 from ecatd.master.emergencies import Emergency
 from ecatd.master.engine.engine import Event, EventType
 from ecatd.master.worker import Worker
 from ecatd.operations.events import new_event
-from ecatd.operations.faults import Fault
+from ecatd.operations.faults import LOST, Fault
 from ecatd.shm import contract as shm
 
 from ..start.running_bus import RunningBus
+from .cables import CableWatch
 from .clocks import ClockWatch
 from .exchange import ExchangeWatch
 from .fault_files import FaultFiles
@@ -64,10 +66,12 @@ class Monitor:
         log: The log for events.
         publish: Called with every event, as a map, on the event loop's thread.
         fault_files: Writes the frames of faults to files.
+        cables: The verdicts on the cables.
 
     Attributes:
         slaves: The watch over the slaves.
         exchange: The watch over the exchange.
+        cables: The watch over the cables.
     """
 
     def __init__(
@@ -78,6 +82,7 @@ class Monitor:
         log: Log,
         publish: Callable[[dict[str, Any]], None],
         fault_files: FaultFiles,
+        cables: Cables,
     ) -> None:
         self._bus = running.bus
         self._shared = running.shared
@@ -92,8 +97,9 @@ class Monitor:
         of_outputs, of_interfaces = report.of("outputs"), report.of("interfaces")
         self._outputs = OutputWatch(running, of_outputs)
         self._interfaces = InterfaceWatch(running, of_interfaces)
-        self.slaves = SlaveWatch(running, worker, report, self._interfaces)
-        self.exchange = ExchangeWatch(running, worker, of_interfaces, self._interfaces.explain)
+        self.slaves = SlaveWatch(running, worker, report, self._interfaces, cables.restarted)
+        self.cables = CableWatch(running, cables, worker, of_interfaces)
+        self.exchange = ExchangeWatch(running, worker, of_interfaces, self._explain)
         self._clocks = None
         if running.clocks is not None:
             self._clocks = ClockWatch(running.clocks, running.shared, worker, report.of("dc"))
@@ -114,9 +120,9 @@ class Monitor:
 
     @property
     def faults(self) -> list[Fault]:
-        """What is wrong with interfaces, exchange and clocks now, causes before consequences."""
+        """What is wrong with interfaces, exchange, clocks, cables: causes before consequences."""
         clocks = [] if self._clocks is None else self._clocks.faults
-        return [*self._interfaces.faults, *self.exchange.faults, *clocks]
+        return [*self._interfaces.faults, *self.exchange.faults, *clocks, *self.cables.faults]
 
     def describe(self) -> dict[str, Any]:
         """What `ecatctl info` shows of links and slaves, in addition to the shared memory."""
@@ -219,12 +225,19 @@ class Monitor:
         self._send(new_event(kind, **facts))
         self._fault_files.note(kind, facts)
 
+    async def _explain(self, kind: str) -> str:
+        """Why frames are not sent or get lost, as far as interfaces and cables know; else empty."""
+        return await self._interfaces.explain(kind) or (
+            await self.cables.explain() if kind == LOST else ""
+        )
+
     async def run(self) -> None:
         """Watches everything until the watch is stopped."""
         watches = [
             self.slaves.watch,
             self._interfaces.watch,
             self.exchange.watch,
+            self.cables.watch,
             self._mailboxes.watch,
             self._files.watch,
         ]

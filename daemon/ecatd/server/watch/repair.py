@@ -39,6 +39,7 @@ class Repair:
         worker: The worker on which it is done.
         report: Reports the recovery.
         look: Reads the AL states and reports changes.
+        restarted: Called on the worker with the position of a slave that has been without power.
     """
 
     def __init__(
@@ -47,12 +48,14 @@ class Repair:
         worker: Worker,
         report: Reporter,
         look: Callable[[], Awaitable[object]],
+        restarted: Callable[[int], None],
     ) -> None:
         self._running = running
         self._bus: Bus = running.bus
         self._worker = worker
         self._report = report
         self._look = look
+        self._restarted = restarted
         found, config = running.found, running.config.recovery
         self._retry_s = config.retry_s
         self._recovery = Recovery(
@@ -266,6 +269,7 @@ class Repair:
         if clocks is not None and clocks.reference.position == position:
             clocks.restart_reference(Place(place))
         self._running.finder.give_address(position, place)
+        self._restarted(position)
 
     def _begin(self, positions: list[int], steps: Steps[dict[int, Failure]]) -> None:
         task = asyncio.get_running_loop().create_task(self._carry_out(positions, steps))

@@ -7,7 +7,7 @@ changes, this module reads the AL status of all slaves to find the one that has 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from itertools import groupby
 from typing import Any
@@ -49,6 +49,7 @@ class SlaveWatch:
         report: Reports changes.
         interfaces: The watch over the interfaces: whether another master is at work, or no frame
             can come back.
+        restarted: See `Repair`.
 
     Attributes:
         repair: Brings slaves back to OP.
@@ -61,6 +62,7 @@ class SlaveWatch:
         worker: Worker,
         report: Reporter,
         interfaces: InterfaceWatch,
+        restarted: Callable[[int], None],
     ) -> None:
         self._bus = running.bus
         self._master = running.master
@@ -68,7 +70,7 @@ class SlaveWatch:
         self._rows = running.shared.slave_status
         self._worker = worker
         self._report = report
-        self.repair = Repair(running, worker, report.of("recovery"), self._look_again)
+        self.repair = Repair(running, worker, report.of("recovery"), self._look_again, restarted)
         self._expectation = ExpectationWatch(running, worker, report)
         self._by_hand = running.config.recovery.slaves != "all"
         self._interfaces = interfaces

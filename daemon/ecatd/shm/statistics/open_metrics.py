@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from ecatd.base.errors import EcatError
 from ecatd.base.sanitized_output import printable
 from ecatd.description.bus import display_name
+from ecatd.description.cables import BAD, GOOD, STRAINED, UNKNOWN
 from ecatd.etg.al import AlState
 from ecatd.operations.faults import EXCHANGE
 from ecatd.operations.health import Health, required
@@ -22,6 +23,7 @@ CONTENT_TYPE = "application/openmetrics-text; version=1.0.0; charset=utf-8"
 
 _BOUNDS_NS = tuple(step * 10**power for power in range(3, 9) for step in (1, 2, 5))
 """Upper bounds of the steps of all histograms: 1 µs to 0.5 s."""
+_VERDICTS = {GOOD: 0, STRAINED: 1, BAD: 2, UNKNOWN: -1}
 
 
 def write_metrics(snapshot: Snapshot, slaves: Health | EcatError) -> str:
@@ -143,10 +145,28 @@ def _faults(bus: Mapping[str, str], snapshot: Snapshot, health: Health) -> Itera
             for domain in snapshot.domains
         ],
     )
+    if health.cables:
+        yield from _gauge(
+            "ecat_cable_verdict",
+            "How a cable is: 0 good, 1 strained, 2 bad, -1 unknown. It ends at `port` of `slave`.",
+            [
+                (
+                    {
+                        **bus,
+                        "slave": str(item["slave"]),
+                        "port": str(item["port"]),
+                        "before": str(item["before"]),
+                        "before_port": str(item["before_port"]),
+                    },
+                    _VERDICTS[item["verdict"]],
+                )
+                for item in health.cables
+            ],
+        )
     if health.faults:
         yield from _gauge(
             "ecat_fault",
-            "Share of the exchanges that a fault spoils; 1 for faults of interfaces and clocks.",
+            "Share of the exchanges that a fault spoils; 1 for interfaces, clocks and cables.",
             [
                 (
                     {
