@@ -2,18 +2,28 @@
 import { render } from "preact";
 
 import { Connection } from "./connection";
-import { Scope, ScopeModel } from "./scope/scope";
+import { ScopeModel } from "./scope/scope";
+import { Page } from "./shell";
+import { State } from "./state";
+import { Traces } from "./traces";
 
 const connection: Connection = new Connection({
-  connected: () => {},
+  connected: (state_) => state.takeConnected(state_),
   message: (message) => {
+    state.take(message);
     if (message.type === "signals") scope.setSignals(message.signals);
     else if (message.type === "events") scope.takeEvents(message.events);
     else scope.takeMessage(message);
   },
-  batch: (data) => scope.takeBatch(data),
+  batch: (data) => {
+    // The scope may give the bytes away to its worker, so it comes last.
+    state.live.takeBatch(data);
+    scope.takeBatch(data);
+  },
 });
-const scope = new ScopeModel(connection);
+const traces = new Traces(connection);
+const scope = new ScopeModel(traces.part());
+const state = new State(connection, traces, scope);
 
-render(<Scope model={scope} />, document.getElementById("page")!);
+render(<Page state={state} />, document.getElementById("page")!);
 void connection.open();

@@ -1,10 +1,10 @@
 // The scope: signals over time, while they are recorded.
-import type { Connection } from "../connection";
 import type { BusEvent, Message, Signal } from "../protocol";
+import type { Tracer } from "../traces";
 
 /** What the rest of the page gives to the scope, and may ask of it. */
 export class ScopeModel {
-  constructor(private readonly connection: Connection) {}
+  constructor(private readonly connection: Tracer) {}
 
   /** All signals of the bus. */
   setSignals(_signals: Signal[]): void {}

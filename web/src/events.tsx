@@ -1,0 +1,67 @@
+// What has happened, the newest first.
+import { useState } from "preact/hooks";
+
+import type { BusEvent } from "./protocol";
+import type { State } from "./state";
+import { clock, counted, lasting } from "./text";
+
+const SEVERITIES = ["error", "warning", "notice", "info"] as const;
+const AT_ONCE = 200;
+
+function slaveOf(event: BusEvent): number | null {
+  const one = event["slave"] ?? (event["slaves"] as number[] | undefined)?.[0] ?? (event["missing"] as number[] | undefined)?.[0];
+  return typeof one === "number" ? one : null;
+}
+
+export function Events({ state }: { state: State }) {
+  const [least, setLeast] = useState<(typeof SEVERITIES)[number]>("info");
+  const [search, setSearch] = useState("");
+  const [most, setMost] = useState(AT_ONCE);
+  const wanted = search.toLowerCase();
+  const found = state.events.value.filter(
+    (event) =>
+      SEVERITIES.indexOf(event.severity) <= SEVERITIES.indexOf(least) &&
+      (wanted === "" || `${event.text} ${event.event}`.toLowerCase().includes(wanted)),
+  );
+  const now = state.now.value;
+  return (
+    <div class="events">
+      <div class="toolbar">
+        <input type="search" placeholder="Search events" aria-label="Search events" value={search} onInput={(e) => setSearch(e.currentTarget.value)} />
+        <select aria-label="Least severity" value={least} onChange={(e) => setLeast(e.currentTarget.value as typeof least)}>
+          <option value="info">all</option>
+          <option value="notice">notices and worse</option>
+          <option value="warning">warnings and errors</option>
+          <option value="error">errors</option>
+        </select>
+      </div>
+      {found.length === 0 && <p class="empty">{state.events.value.length === 0 ? "Nothing has happened yet." : "No event is like this."}</p>}
+      <ol class="event-list">
+        {found.slice(0, most).map((event) => {
+          const slave = slaveOf(event);
+          const seconds = event.time_ns / 1e9;
+          const text = (
+            <>
+              <span class="event-when">
+                <time dateTime={new Date(seconds * 1000).toISOString()}>{clock(seconds, true)}</time>
+                <span class="muted">{lasting(now - seconds)}{now - seconds >= 1 && " ago"}</span>
+                {typeof event["times"] === "number" && event["times"] > 1 && <span class="muted">{event["times"]} times</span>}
+              </span>
+              <span class="event-text">{event.text}</span>
+            </>
+          );
+          return (
+            <li key={`${String(event["instance"])}/${event.sequence}`} class={`event ${event.severity}`}>
+              <span class="sr">{event.severity}: </span>
+              {slave === null ? <div class="event-body">{text}</div> : (
+                <button type="button" class="event-body" onClick={() => state.open(slave)} title={`Open slave ${slave}`}>{text}</button>
+              )}
+            </li>
+          );
+        })}
+      </ol>
+      {found.length > most && <button type="button" class="more" onClick={() => setMost(most + AT_ONCE)}>Show more of {counted(found.length, "event")}</button>}
+      {state.leftOut.value > 0 && <p class="muted pad">{counted(state.leftOut.value, "older event")} are no longer kept.</p>}
+    </div>
+  );
+}

@@ -1,0 +1,61 @@
+// The process data of a slave, live.
+import { useEffect } from "preact/hooks";
+
+import { Section } from "../controls";
+import type { Slave } from "../maps";
+import type { Signal } from "../protocol";
+import type { State } from "../state";
+import type { Last } from "../live";
+import { hex, shown } from "../text";
+
+const BOOLEAN = 1;
+
+export function ProcessData({ state, slave }: { state: State; slave: Slave }) {
+  const signals = state.bySlave.value.get(slave.position) ?? [];
+  useEffect(() => {
+    state.live.want(signals.map((item) => item.name));
+    return () => state.live.want([]);
+  }, [slave.position, signals]);
+  const booleans = new Set(
+    [...slave.inputs, ...slave.outputs]
+      .flatMap((pdo) => pdo.entries)
+      .filter((entry) => entry.data_type === BOOLEAN || entry.bit_length === 1)
+      .map((entry) => `${slave.position}/${hex(entry.index, 4)}:${entry.subindex.toString(16).toUpperCase().padStart(2, "0")}`.toLowerCase()),
+  );
+  const list = (output: boolean) => signals.filter((item) => item.output === output);
+  if (signals.length === 0) return <Section title="Process data"><p class="empty">It exchanges no process data.</p></Section>;
+  return (
+    <>
+      {([["Inputs", false], ["Outputs", true]] as const).map(([title, output]) => list(output).length > 0 && (
+        <Section key={title} title={title} aside="drag into the scope, or +">
+          <ul class="values">
+            {list(output).map((item) => (
+              <Value key={item.name} state={state} item={item} boolean={booleans.has(item.name.toLowerCase())} />
+            ))}
+          </ul>
+        </Section>
+      ))}
+    </>
+  );
+}
+
+function Value({ state, item, boolean }: { state: State; item: Signal; boolean: boolean }) {
+  const last: Last | undefined = state.live.values.value.get(item.name);
+  const named = last !== undefined && item.values[String(last.value)] !== undefined;
+  const on = last !== undefined && Number(last.value) !== 0;
+  return (
+    <li
+      draggable title={`${item.name}  ${item.type}`} class={last?.old ? "old" : ""}
+      onDragStart={(event) => {
+        event.dataTransfer?.setData("text/x-ecatd-signal", item.name);
+        event.dataTransfer?.setData("text/plain", item.name);
+      }}
+    >
+      <button type="button" class="add" title="Show it in the scope" aria-label={`Show ${item.label} in the scope`} onClick={() => state.scope.add(item.name)}>+</button>
+      <span class="value-name">{item.label.split("/").slice(1).join(" / ") || item.address}</span>
+      <span class="value-number">
+        {last === undefined ? "–" : boolean && !named ? <span class={on ? "bit on" : "bit"}>{on ? "on" : "off"}</span> : shown(item, last.value)}
+      </span>
+    </li>
+  );
+}

@@ -1,0 +1,186 @@
+// The bus as it is wired.
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
+
+import type { AlState, Slave } from "../maps";
+import type { State } from "../state";
+import { microseconds } from "../text";
+import { type Plug, plugs, type Row, rows } from "./wire";
+
+const STATES: Record<number, string> = { 0: "no answer", 1: "INIT", 2: "PREOP", 3: "BOOT", 4: "SAFEOP", 8: "OP" };
+const INDENT = 18;
+const LEFT = 22;
+const MANY = 40;
+
+export function stateText(al: number): string {
+  return (STATES[al & 15] ?? `state ${al & 15}`) + (al & 16 ? " error" : "");
+}
+
+/** How a slave is, for its colour. */
+export function health(state: AlState | undefined): "op" | "coming" | "wrong" | "away" | "unknown" {
+  if (state === undefined) return "unknown";
+  if (state.recovery === "absent") return "away";
+  if (state.al_state === 8 && state.recovery === "") return "op";
+  return state.recovery === "recovering" && !(state.al_state & 16) ? "coming" : "wrong";
+}
+
+/** A text that fits: SVG cuts nothing. */
+function cut(text: string, width: number, each: number): string {
+  const most = Math.max(3, Math.floor(width / each));
+  return text.length <= most ? text : `${text.slice(0, most - 1)}…`;
+}
+
+export function Topology({ state }: { state: State }) {
+  const bus = state.bus.value;
+  const errors = state.of("ro/errors").value.value;
+  const statistics = state.of("ro/stats").value.value;
+  const info = state.of("ro/info").value.value;
+  const [search, setSearch] = useState("");
+  const [dense, setDense] = useState<boolean | null>(null);
+  const [width, setWidth] = useState(280);
+  const box = useRef<HTMLDivElement>(null);
+  const remembered = useRef<{ bus: string; plugs: Map<number, Plug> }>({ bus: "", plugs: new Map() });
+  useEffect(() => {
+    const watch = new ResizeObserver(([entry]) => setWidth(Math.floor(entry!.contentRect.width)));
+    watch.observe(box.current!);
+    return () => watch.disconnect();
+  }, []);
+  const placed = useMemo<Row[]>(() => {
+    if (bus === null) return [];
+    if (remembered.current.bus !== bus.fingerprint) remembered.current = { bus: bus.fingerprint, plugs: new Map() };
+    for (const [slave, plug] of plugs(errors)) remembered.current.plugs.set(slave, plug);
+    return rows(bus, errors, remembered.current.plugs);
+  }, [bus, errors]);
+  const states = new Map((state.states.value?.slaves ?? []).map((item) => [item.position, item]));
+  const small = dense ?? placed.length > MANY;
+  const step = small ? 26 : 46;
+  const tall = small ? 22 : 36;
+  const top = tall + 14;
+  const wanted = search.trim().toLowerCase();
+  const hit = (slave: Slave) =>
+    wanted !== "" && `${slave.position} ${slave.given_name} ${slave.name} ${slave.group}`.toLowerCase().includes(wanted);
+  const hits = bus?.slaves.filter(hit) ?? [];
+  const selected = state.selected.value;
+  const current = placed.findIndex((row) => row.slave === selected);
+  const ring = statistics?.ring.state ?? "none";
+  const right = ring === "none" ? 6 : 22;
+  const measured = bus?.slaves.some((slave) => slave.dc_delay_ns > 0) ?? false;
+
+  const show = (at: number) => {
+    const row = placed[Math.max(0, Math.min(placed.length - 1, at))];
+    if (row === undefined) return;
+    state.selected.value = row.slave;
+    requestAnimationFrame(() => {
+      const node = box.current?.querySelector<SVGGElement>(`[data-slave="${row.slave}"]`);
+      node?.focus();
+      node?.scrollIntoView({ block: "nearest" });
+    });
+  };
+  const onKey = (event: KeyboardEvent) => {
+    const row = placed[current];
+    const moves: Record<string, () => void> = {
+      ArrowDown: () => show(current + 1),
+      ArrowUp: () => show(current - 1),
+      Home: () => show(0),
+      End: () => show(placed.length - 1),
+      // Along the wire: into the branch, and back to where it begins.
+      ArrowRight: () => show(current + 1),
+      ArrowLeft: () => row?.before != null && row.before >= 0 && show(row.before),
+      Enter: () => {
+        if (row === undefined) return;
+        state.open(row.slave);
+        document.getElementById("panel")?.focus();
+      },
+    };
+    const move = moves[event.key];
+    if (move === undefined) return;
+    event.preventDefault();
+    move();
+  };
+  const x = (row: { depth: number }) => LEFT + row.depth * INDENT;
+  const y = (at: number) => top + at * step;
+  const last = placed.length - 1;
+  const height = y(last + 1) + (ring === "none" ? 0 : 8);
+  return (
+    <>
+      <div class="toolbar">
+        <input
+          id="find-slave" type="search" placeholder="Find a slave" aria-label="Find a slave" value={search}
+          onInput={(event) => {
+            setSearch(event.currentTarget.value);
+            const text = event.currentTarget.value.trim().toLowerCase();
+            const first = text === "" ? -1 : placed.findIndex((row) => `${row.slave} ${state.slaveName(row.slave)} ${bus?.slaves[row.slave]?.name ?? ""}`.toLowerCase().includes(text));
+            if (first >= 0) box.current?.querySelector(`[data-slave="${placed[first]!.slave}"]`)?.scrollIntoView({ block: "center" });
+          }}
+          onKeyDown={(event) => {
+            if (event.key === "Enter" && hits[0] !== undefined) state.open(hits[0].position);
+          }}
+        />
+        {wanted !== "" && <span class="muted found" role="status">{hits.length} found</span>}
+        <button type="button" class="quiet" aria-pressed={small} onClick={() => setDense(!small)} title={small ? "Show more of each slave" : "Show more slaves"}>{small ? "+" : "−"}</button>
+      </div>
+      <div class="wire" ref={box}>
+        {bus === null ? <p class="empty">No description of the bus yet.</p> : (
+          <svg width={width} height={height} role="tree" aria-label={`Slaves of ${bus.name}, as they are wired`} onKeyDown={onKey}>
+            <g aria-hidden="true">
+              <rect class="master" x={LEFT - 14} y="4" width={width - LEFT + 14 - right} height={tall} rx="3" />
+              <text class="node-name" x={LEFT - 4} y={4 + (small ? 15 : 16)}>Master</text>
+              <text class="node-note" x={small ? width - right - 8 : LEFT - 4} y={4 + (small ? 15 : 29)} text-anchor={small ? "end" : "start"}>
+                {Object.entries(info?.links ?? {}).map(([name, link]) => `${name} ${link.replace("_", " ")}`).join(" · ") || bus.name}
+              </text>
+              {ring !== "none" && last >= 0 && (
+                <g>
+                  <path class={`ring ${ring}`} d={`M${width - right} ${4 + tall / 2} H${width - 7} V${y(last) + tall / 2} H${width - right}`} />
+                  <text class="node-note" text-anchor="middle" transform={`translate(${width - 10} ${Math.min(y(2), y(last))}) rotate(-90)`}>
+                    ring {ring}
+                  </text>
+                </g>
+              )}
+              {placed.map((row, at) => {
+                if (row.before === null) return null;
+                const broken = statistics?.ring.state === "open" && statistics.ring.break === row.slave;
+                const parent = row.before < 0 ? { depth: 0 } : placed[row.before]!;
+                const from = row.before < 0 ? 4 + tall : y(row.before) + tall;
+                const kind = `cable ${row.verdict} ${row.gone || broken ? "gone" : ""}`;
+                const path = parent.depth === row.depth
+                  ? `M${x(row)} ${from} V${y(at)}`
+                  : `M${x(parent)} ${from} V${y(at) + tall / 2} H${x(row) - 14}`;
+                return <path key={row.slave} class={kind} d={path} />;
+              })}
+            </g>
+            {placed.map((row, at) => {
+              const slave = bus.slaves[row.slave]!;
+              const al = states.get(row.slave);
+              const kind = health(al);
+              const name = slave.given_name || slave.name || "without a name";
+              const left = x(row) - 14;
+              const wide = width - left - right;
+              const words = al === undefined ? "" : kind === "away" ? "absent" : stateText(al.al_state);
+              const delay = measured && slave.dc_bits > 0 ? microseconds(slave.dc_delay_ns / 1000) : "";
+              const notes = [slave.given_name !== "" ? slave.name : "", row.port !== null ? `port ${row.port}` : "", slave.group !== "" ? `optional: ${slave.group}` : ""];
+              const note = notes.filter((text) => text !== "").join(" · ");
+              const classes = `node ${kind} ${row.slave === selected ? "selected" : ""} ${slave.group !== "" ? "optional" : ""} ${wanted !== "" && !hit(slave) ? "dim" : ""}`;
+              return (
+                <g
+                  key={row.slave} class={classes} role="treeitem" data-slave={row.slave}
+                  tabIndex={row.slave === selected || (current < 0 && at === 0) ? 0 : -1}
+                  aria-level={row.depth + 1} aria-selected={row.slave === selected}
+                  aria-label={`${row.slave} ${name}, ${words}${note === "" ? "" : `, ${note}`}${row.text === "" ? "" : `, cable ${row.verdict}: ${row.text}`}`}
+                  onClick={() => state.open(row.slave)} transform={`translate(${left} ${y(at)})`}
+                >
+                  <title>{`${row.slave} ${name}\n${al?.text ?? ""}${row.text === "" ? "" : `\nCable ${row.verdict}: ${row.text}`}`}</title>
+                  <rect class="node-box" width={wide} height={tall} rx="3" />
+                  {kind !== "op" && kind !== "unknown" && <rect class="node-bar" width="3" height={tall} rx="1" />}
+                  <text class="node-number" x="28" y={small ? 15 : 16} text-anchor="end">{row.slave}</text>
+                  <text class="node-name" x="36" y={small ? 15 : 16}>{cut(name, wide - 40 - words.length * 7 - 8, 7)}</text>
+                  <text class="node-state" x={wide - 8} y={small ? 15 : 16} text-anchor="end">{words}</text>
+                  {!small && <text class="node-note" x="36" y="29">{cut(note, wide - 100, 6)}</text>}
+                  {!small && <text class="node-note" x={wide - 8} y="29" text-anchor="end">{delay}</text>}
+                </g>
+              );
+            })}
+          </svg>
+        )}
+      </div>
+    </>
+  );
+}
