@@ -1,7 +1,7 @@
 // Files of the samples: CSV and MCAP, with the columns of `ecatctl record`.
 import type { Curve } from "./messages";
 import { Mcap } from "./mcap";
-import { BLOCK, NO_NUMBER, VALID } from "./pyramid";
+import { BLOCK, VALID } from "./pyramid";
 import { MINMAX, type Ring } from "./ring";
 
 /** Rows between pauses, in which new samples are taken. */
@@ -26,7 +26,7 @@ function* rowsOf(ring: Ring, curves: Curve[], row: number): Generator<Row> {
   for (const upper of isMinmax ? [false, true] : [false]) {
     const cells = curves.map(({ name, scale, offset }) => {
       const samples = block.columns.get(name);
-      if (!samples || (samples.flags[at]! & ~NO_NUMBER) !== VALID) return null;
+      if (!samples || samples.flags[at] !== VALID) return null;
       const values = upper ? samples.upper ?? samples.values : samples.values;
       return cell(values[at]!, scale, offset);
     });

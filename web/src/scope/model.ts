@@ -210,7 +210,9 @@ export class ScopeModel {
       });
       this.order({ do: "restart", file: message.source === "file" });
     } else if (message.type === "link") this.link.value = { up: message.up, text: message.text };
-    else if (message.type === "end") {
+    else if (message.type === "value" && message.key === "ro/trace") {
+      this.notice.value = message.failure ? `No samples come: ${message.failure.message}` : "";
+    } else if (message.type === "end") {
       this.ended.value = true;
       this.order({ do: "all" });
     }

@@ -120,6 +120,6 @@ export class Samples {
 
 function store(values: Column, row: number, value: number | bigint): void {
   if (values instanceof BigInt64Array || values instanceof BigUint64Array) {
-    values[row] = typeof value === "bigint" ? value : BigInt(Math.round(value));
+    values[row] = typeof value === "bigint" ? value : BigInt(Number.isFinite(value) ? Math.round(value) : 0);
   } else values[row] = Number(value);
 }

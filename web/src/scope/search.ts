@@ -4,7 +4,8 @@ import type { Signal } from "../protocol";
 /** How well a text has the words of a query: 0 is best; null: not at all. */
 export function rank(query: string, text: string): number | null {
   const low = text.toLowerCase();
-  let total = 0;
+  if (low.includes(query.toLowerCase().trim())) return 0;
+  let total = 1;
   for (const word of query.toLowerCase().split(/\s+/).filter(Boolean)) {
     const at = low.indexOf(word);
     if (at >= 0) {

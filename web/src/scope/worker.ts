@@ -4,7 +4,7 @@ import { Detail } from "./detail";
 import { csv, mcap } from "./export";
 import type { Curve, Look, Order, Reading, Report, Status } from "./messages";
 import { Picture } from "./picture";
-import { BLOCK, OLD } from "./pyramid";
+import { BLOCK, NO_NUMBER, OLD } from "./pyramid";
 import { Ring } from "./ring";
 import { statistics } from "./statistics";
 import { Finder, type Trigger } from "./trigger";
@@ -117,6 +117,7 @@ function reading({ name, scale, offset, values }: Curve, row: number): Reading {
   const flags = samples?.flags[at] ?? 0;
   if (!samples || flags === 0) return NONE;
   const raw = samples.values[at]!;
+  if (flags & NO_NUMBER && !samples.type.startsWith("float")) return NONE;
   const isExact = typeof raw === "bigint" && scale === 1 && offset === 0;
   return {
     value: isExact ? String(raw) : Number(raw) * scale + offset,
