@@ -6,6 +6,8 @@ from ecatd.operations.operation import Operation
 from ecatd.operations.query import to_query
 
 VALUES: dict[str, tuple[object, ...]] = {
+    "values": ({"3/0x7000:01": "1", "0/0x60FF:00": None},),
+    "writer": ("page", "all", None),
     "address": (0x0130, 0x0420, "192.168.7.2/24", None),
     "boot": (False,),
     "buckets": (False, True),

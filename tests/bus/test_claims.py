@@ -34,8 +34,8 @@ def daemon(start_shared: Callable[..., Daemon]) -> Daemon:
 
 def lease(daemon: Daemon, slot: int = 0) -> float:
     """The lease in force in seconds, as everybody may see it."""
-    rows = {row["slot"]: row for row in daemon.ctl_json("claims")["slots"]}
-    return float(rows[slot]["lease_us"]) / 1e6
+    rows = {row["slot"]: row for row in daemon.ctl_json("claims")["owners"]}
+    return float(rows[slot]["lease_ms"]) / 1e3
 
 
 @contextmanager

@@ -148,7 +148,7 @@ def test_r15_a_forked_child_does_not_keep_the_outputs(daemon: Daemon) -> None:
         client.kill()
         wait_for(lambda: eye.output(lamp).owner is None, daemon)
         assert eye.output(lamp).reason is Reason.DIED
-        slots = daemon.ctl_json("claims")["slots"]
+        slots = daemon.ctl_json("claims")["owners"]
         assert [row["held"] for row in slots if row["pid"] == client.pid] == [True]
 
 

@@ -20,7 +20,7 @@ from ecatd.base.version import VERSION
 from ecatd.client import Client
 from ecatd.shm import contract as shm
 from ecatd.shm import raw
-from ecatd.shm.contents import contents, read_claims
+from ecatd.shm.contents import contents, read_outputs
 from ecatd.shm.statistics import read
 from ecatd.shm.statistics.clocks import read_clocks
 from handle import Handle
@@ -149,7 +149,7 @@ def test_the_readers_in_python_read_it_too(troll: Daemon, later: str) -> None:
     assert 0 < snapshot.counters["cycles"] <= read(troll.bus).counters["cycles"]
     assert snapshot.grants == read(troll.bus).grants
     assert read_clocks(later)["slaves"] == read_clocks(troll.bus)["slaves"]
-    assert len(read_claims(later)["outputs"]) == len(read_claims(troll.bus)["outputs"])
+    assert len(read_outputs(later)["outputs"]) == len(read_outputs(troll.bus)["outputs"])
     for name in raw.NAMES:
         assert raw.read_raw(later, name)
 
@@ -231,7 +231,7 @@ def test_a_client_works_with_a_later_daemon(
                 return input_.raw == value
 
             wait_for(arrived, daemon)
-        (slot,) = read_claims(daemon.bus)["slots"]
+        (slot,) = read_outputs(daemon.bus)["owners"]
         assert (slot["pid"], slot["state"], slot["outputs"]) == (os.getpid(), "active", 8)
         assert client.sdo_upload(0, 0x1018, 1).result() == (0x9A).to_bytes(4, "little")
 
@@ -310,7 +310,7 @@ def test_readers_in_python_say_the_same(
         f"this client {client >> 16}.{client & 0xFFFF}: {cure}"
     )
     slaves = partial(raw.read_raw, table="slaves")
-    for reader in (read, read_clocks, contents, read_claims, slaves):
+    for reader in (read, read_clocks, contents, read_outputs, slaves):
         with pytest.raises(StateError) as caught:
             reader(troll.bus)
         assert str(caught.value) == wanted

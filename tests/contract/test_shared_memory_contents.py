@@ -8,6 +8,7 @@ import resource
 import struct
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -25,7 +26,7 @@ from ecatd.master.engine.process_image import lay_out
 from ecatd.master.engine.shared_memory import SharedMemory
 from ecatd.shm import contract as shm
 from ecatd.shm import raw
-from ecatd.shm.contents import contents, read_claims
+from ecatd.shm.contents import contents, read_outputs
 from ecatd.shm.statistics import read
 from ecatd.shm.statistics.clocks import read_clocks
 
@@ -117,15 +118,15 @@ def test_clients_are_shown_without_what_steers_a_terminal(shared: SharedMemory) 
     output = table(shared, "outputs", "ecat_shm_output", 6)
     output.owner, output.state, output.since_cycle, output.since_ns = 2, 2, 9, 1
 
-    found = read_claims(name_of(shared))
-    (slot,) = found["slots"]
+    found = read_outputs(name_of(shared), names=True)
+    (slot,) = found["owners"]
     assert (slot["slot"], slot["pid"], slot["state"], slot["held"]) == (2, 4242, "lapsed", False)
-    assert (slot["lease_us"], slot["outputs"], slot["lapses"]) == (20_000, 1, 1)
-    assert slot["program"].startswith("�[31mroot��")
-    assert slot["seconds"] > 1
+    assert (slot["lease_ms"], slot["outputs"], slot["lapses"]) == (20, 1, 1)
+    assert slot["name"].startswith("�[31mroot��")
+    assert slot["since"] < time.time() - 1
     (owned,) = found["outputs"]
-    assert (owned["address"], owned["owner"], owned["state"]) == ("0x7000:01", 2, "active")
-    lines = claims_lines(found)
+    assert (owned["address"], owned["owner"], owned["state"]) == ("0x7000:01", 0, "active")
+    lines = claims_lines({**found})
     assert all(line.isprintable() for line in lines)
     assert lines[4:7] == [
         "      has lost its outputs: lease lost",
@@ -237,7 +238,7 @@ def test_a_leftover_is_shown_and_what_to_do_with_it(shared: SharedMemory) -> Non
         assert "NO DAEMON" in text
         assert f"rm -f {path} {path}.out" in text
         with pytest.raises(UnreachableError, match=naming("not running", f"'{name}'")):
-            read_claims(name)
+            read_outputs(name)
         path.with_name(f"{path.name}.out").unlink()
         assert contents(name)["slots"] == []
 
@@ -273,7 +274,7 @@ def test_who_may_not_see_the_clients_sees_the_rest(shared: SharedMemory) -> None
     shared.out_path.chmod(0)
     found = contents(name_of(shared))
     (slot,) = found["slots"]
-    assert (slot["slot"], slot["pid"], slot["program"], slot["held"]) == (4, None, None, None)
+    assert (slot["slot"], slot["pid"], slot["name"], slot["held"]) == (4, None, None, None)
     assert found["problems"] == []
     assert " 4    ?  ?  " in "\n".join(contents_lines(found))
     with pytest.raises(NotPermittedError, match=naming("group 'ecat'")):
@@ -393,7 +394,7 @@ def test_random_mutations_are_no_tracebacks(
                 lines = contents_lines(found)
                 assert json.dumps(found)
                 with suppress(EcatError):
-                    lines += claims_lines(read_claims(name))
+                    lines += claims_lines({**read_outputs(name, names=True)})
             assert all(line.isprintable() for line in lines)
             if turn % 10 == 0:
                 read_all_else(name)

@@ -59,21 +59,28 @@ def outputs_of(daemon: Daemon) -> list[dict[str, Any]]:
 
 def test_claims_name_who_owns_what(troll: Daemon) -> None:
     with owner(troll) as process:
-        wait_for(lambda: outputs_of(troll)[0]["raw"] == 1, troll)
+        wait_for(lambda: outputs_of(troll)[0]["value"] == 1, troll)
         document = troll.ctl_json("claims")
-        (slot,) = document["slots"]
+        (slot,) = document["owners"]
         assert (slot["pid"], slot["held"], slot["state"]) == (process.pid, True, "active")
-        assert slot["program"].startswith("python")
-        assert (slot["lease_us"], slot["outputs"]) == (30_000_000, 8)
-        assert 0 <= slot["seconds"] < 60
-        assert abs(slot["since"] + slot["seconds"] - time.time()) < 60
-        assert slot["heartbeat_us"] < slot["lease_us"]
+        assert slot["name"].startswith("python")
+        assert (slot["lease_ms"], slot["outputs"]) == (30_000, 8)
+        assert abs(slot["since"] - time.time()) < 60
+        assert slot["silent_ms"] < slot["lease_ms"]
+        assert (slot["by_hand"], slot["user"]) == (False, "")
         drive, *_rest = document["outputs"]
-        assert (drive["owner"], drive["state"], drive["reason"]) == (None, "safe", "start")
+        assert (drive["owner"], drive["state"], drive["cause"]) == (-1, "safe", "start")
+        assert (drive["since"], drive["reason"]) == (None, "no client has owned it since the start")
         first, second = outputs_of(troll)[:2]
-        assert (first["address"], first["raw"], first["state"]) == ("0x7000:01", 1, "active")
-        assert (second["raw"], second["state"]) == (0, "claimed")
-        assert first["owner"] == second["owner"] == slot["slot"]
+        assert (first["address"], first["value"], first["state"]) == ("0x7000:01", 1, "active")
+        assert (second["value"], second["state"], second["reason"]) == (0, "claimed", "")
+        assert abs(first["since"] - time.time()) < 60
+        assert first["owner"] == second["owner"] == 0
+        socket = f"{troll.env['ECATD_RUNTIME_DIR']}/{troll.bus}/gateway/zenoh"
+        over_zenoh = "--connect", f"unixsock-stream/{socket}"
+        far = troll.ctl_json("claims", str(EL2008), *over_zenoh)
+        assert far["outputs"][0] == {**first, "since": far["outputs"][0]["since"]}
+        assert abs(far["outputs"][0]["since"] - first["since"]) < 0.1
         text = troll.ctl("claims").stdout
         row = rf"^ +{slot['slot']} +{process.pid}  python.* 30.0 s +8  active$"
         assert re.search(row, text, re.M)
@@ -99,7 +106,7 @@ def test_clients_that_hang_or_die_are_told(start_daemon: Callable[..., Daemon]) 
         text = daemon.ctl("claims").stdout
         assert "      has lost its outputs: lease lost\n      the process is gone\n" in text
         assert max(map(len, text.splitlines())) <= 80
-        (slot,) = daemon.ctl_json("claims")["slots"]
+        (slot,) = daemon.ctl_json("claims")["owners"]
         assert (slot["held"], slot["lapses"], slot["reason"]) == (False, 1, "lapsed")
 
 
@@ -153,7 +160,7 @@ def test_watch_comes_again_and_outlives_the_daemon(start_daemon: Callable[..., D
     with subprocess.Popen(command, env=daemon.env, text=True, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         try:
-            assert json.loads(process.stdout.readline())["alive"]
+            assert json.loads(process.stdout.readline())["state"] == "running"
             daemon.kill_all()
             while "error" not in (gone := json.loads(process.stdout.readline())):
                 pass
@@ -185,8 +192,8 @@ def test_shared_memory_that_was_left_behind(start_daemon: Callable[..., Daemon])
 @pytest.mark.parametrize("command", ["shm", "claims"])
 def test_wrong_usage_and_nobody_there(troll: Daemon, command: str) -> None:
     far = troll.ctl(command, "--connect", "tcp/127.0.0.1:1", check=False)
-    assert far.returncode == 2
-    names(far.stderr, "--connect", "machine of the daemon")
+    assert far.returncode == (2 if command == "shm" else 3)
+    names(far.stderr, "machine of the daemon" if command == "shm" else "no ecatd answers")
     count = troll.ctl(command, "--count", "2", check=False)
     names(count.stderr, "--count", "--watch")
     slave = troll.ctl(command, "77", check=False)

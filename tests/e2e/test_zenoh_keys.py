@@ -44,6 +44,8 @@ CALLS: dict[str, list[tuple[str, dict[str, Any] | None]]] = {
         ("rw/errors/all", {}),
         ("rw/sii/0", {"word": 0x3F, "data": b"\0\0"}),
         ("rw/log/dc", {"level": "debug"}),
+        ("rw/outputs/hold/page", {"values": {"3/0x7000:01": "1"}, "begin": True}),
+        ("rw/outputs/release/all", {}),
         ("rw/state/3", {"state": "SAFEOP"}),
         ("rw/state/3", {"state": "OP"}),
         *((kind.key, None) for kind in OPERATIONS.values() if kind.key.count("/") == 1),

@@ -8,11 +8,12 @@ from typing import Any
 
 from ecatd.base.errors import StateError, UnreachableError, UsageError
 from ecatd.description.bus import Bus, Slave
+from ecatd.operations.outputs import Outputs, ReadOutputs
 from ecatd.shm import contract as layout
-from ecatd.shm.contents import contents, read_claims
+from ecatd.shm.contents import contents, read_outputs
 from ecatd.shm.raw import NAMES, plain, read_raw
 
-from .arguments import add_slave, add_watch
+from .arguments import add_slave, add_watch, connect
 from .layout_tables import layout_lines
 from .shared_memory_screen import claims_lines, contents_lines
 from .watch import present
@@ -63,9 +64,16 @@ def shm(options: argparse.Namespace) -> int:
 
 def claims(options: argparse.Namespace) -> int:
     """Shows clients and outputs; returns the exit status."""
-    _check_local(options)
-    bus = options.bus
-    return _status(present(options, lambda: _chosen(read_claims(bus), options), claims_lines))
+
+    def take() -> dict[str, Any]:
+        found = read_outputs(options.bus, names=True) if options.connect is None else ask()
+        return _chosen({**found}, options)
+
+    def ask() -> Outputs:
+        with connect(options) as remote:
+            return remote.request(ReadOutputs(names=True))
+
+    return _status(present(options, take, claims_lines))
 
 
 def _check_local(options: argparse.Namespace) -> None:
@@ -94,7 +102,7 @@ def _chosen(document: dict[str, Any], options: argparse.Namespace) -> dict[str, 
 
 
 def _status(document: dict[str, Any]) -> int:
-    if not document["alive"]:
+    if not document.get("alive", True):
         return UnreachableError.exit_code
     return StateError.exit_code if document["problems"] else 0
 

@@ -43,10 +43,10 @@ def contents_lines(document: Document) -> list[str]:
 
 
 def claims_lines(document: Document) -> list[str]:
-    """Formats clients and outputs, from a document of `claims.read_claims`."""
+    """Formats clients and outputs, from an answer `Outputs` with names."""
     return [
         _title(document),
-        *_section(_slots(document["slots"]) or ["no client has outputs or sends requests"]),
+        *_section(_slots(document["owners"]) or ["no client has outputs or sends requests"]),
         *_section(_outputs(document) or ["no outputs"]),
         *_problems(document),
     ]
@@ -69,7 +69,7 @@ def age(us: float | None) -> str:
 def _title(document: Document) -> str:
     cycle = f"cycle {document['cycle']}, ended {age(document['age_us'])} ago"
     text = f"bus {document['bus']}: {document['state']}, {cycle}"
-    if not document["alive"]:
+    if not document.get("alive", True):
         return alarm(f"bus {document['bus']}: NO DAEMON, only its leftovers; {cycle}")
     return heading(text)
 
@@ -146,7 +146,7 @@ def _signals(document: Document) -> list[str]:
             (
                 f"  {'out' if row['output'] else 'in '} {row['address']} {_name(row, room)}",
                 _number(row["raw"]),
-                _physical(row),
+                _physical(row["raw"], row["value"], row["unit"]),
                 row["validity"].replace("not_operational", "not in OP"),
                 _owner(row) if row["output"] else "",
             )
@@ -177,16 +177,17 @@ def _slots(rows: list[Document]) -> list[str]:
 def _slot(row: Document, room: int) -> tuple[Any, ...]:
     since = "?"
     if row["since"] is not None:
-        days = int(row["seconds"] // 86400)
+        seconds = max(0.0, time.time() - row["since"])
+        days = int(seconds // 86400)
         when = time.strftime("%Y-%m-%d" if days else "%H:%M:%S", time.localtime(row["since"]))
-        since = f"{when} ({f'{days} d' if days else duration(row['seconds'])})"
+        since = f"{when} ({f'{days} d' if days else duration(seconds)})"
     return (
         row["slot"],
         "?" if row["pid"] is None else row["pid"],
-        shortened(row["program"] or "?", room),
+        shortened(row["name"] or "?", room),
         since,
-        age(row["heartbeat_us"]),
-        age(row["lease_us"]),
+        age(row["silent_ms"] * 1000),
+        age(row["lease_ms"] * 1000),
         row["outputs"],
         row["state"],
     )
@@ -212,38 +213,39 @@ def _folded(rows: list[Document]) -> Iterator[Document]:
     for _position, group in groupby(rows, lambda row: row["slave"]):
         outputs = list(group)
         first = outputs[0]
-        reasons = {(row["owner"], row["state"], row["reason"], row["raw"]) for row in outputs}
-        if len(outputs) > 1 and reasons == {(None, "safe", first["reason"], 0)}:
-            yield first | {"alike": len(outputs), "unit": "", "scaled": False}
+        reasons = {(row["owner"], row["state"], row["cause"], row["value"]) for row in outputs}
+        if len(outputs) > 1 and reasons == {(-1, "safe", first["cause"], 0)}:
+            yield first | {"alike": len(outputs), "unit": "", "physical": 0}
         else:
             yield from outputs
 
 
 def _outputs(document: Document) -> list[str]:
-    rows, names = document["outputs"], _slave_names(document)
+    rows, names, owners = document["outputs"], _slave_names(document), document["owners"]
     if len(names) > 1:
         rows = list(_folded(rows))
-    programs = {slot["slot"]: slot["program"] or "?" for slot in document["slots"]}
     head = ("OUTPUT", "VALUE", "STATE", "OWNER OR WHY NONE", "SINCE")
+    now = time.time()
 
     def decided(row: Document) -> str:
-        if row["owner"] is not None:
-            return f"slot {row['owner']} {shortened(programs.get(row['owner'], '?'), 12)}"
-        if row["state"] == "copied" and row["reason"] in ("start", "source"):
+        if row["owner"] >= 0:
+            owner = owners[row["owner"]]
+            return f"slot {owner['slot']} {shortened(owner['name'] or '?', 12)}"
+        if row["state"] == "copied" and row["cause"] in ("start", "source"):
             source = row["source"] or "an input that does not exist"
-            return f"from {source}{', not valid' * (row['reason'] == 'source')}"
-        return str(_REASONS.get(row["reason"], row["reason"]))
+            return f"from {source}{', not valid' * (row['cause'] == 'source')}"
+        return str(_REASONS.get(row["cause"], row["cause"]))
 
     def table(room: int) -> list[str]:
         cells = (
             (
                 f"{shortened(names[row['slave']], room + 8)}: {row['alike']} outputs, each"
                 if "alike" in row
-                else f"  {row['address']} {_name(row, room)}",
-                _physical(row) or _number(row["raw"]),
+                else f"  {row['address']} {shortened(row['label'], room)}",
+                _physical(row["value"], row["physical"], row["unit"]) or _number(row["value"]),
                 row["state"],
                 decided(row),
-                age(row["since_us"]) if row["since_cycle"] else "",
+                "" if row["since"] is None else age(max(0.0, now - row["since"]) * 1e6),
             )
             for row in rows
         )
@@ -291,11 +293,9 @@ def _number(value: float | None) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _physical(row: Document) -> str:
+def _physical(raw: float | None, value: float | None, unit: str) -> str:
     """Formats the physical value with its unit; empty if it is just the raw value."""
-    if row["value"] is None or not (row["unit"] or row["scaled"]):
-        return ""
-    return f"{row['value']:.6g} {row['unit']}".rstrip()
+    return "" if value is None or (value == raw and not unit) else f"{value:.6g} {unit}".rstrip()
 
 
 def _settings(rows: list[Document]) -> list[str]:
@@ -334,7 +334,8 @@ def _problems(document: Document) -> list[str]:
             made += [alarm(line) for line in textwrap.wrap(problem, WIDTH - 1)]
         if len(problems) > 20:
             made.append(alarm(f"… and {len(problems) - 20} more (--json has all)"))
-    if not document["alive"]:
+    alive = document.get("alive", True)
+    if not alive:
         file = document["file"]
         made += [
             "",

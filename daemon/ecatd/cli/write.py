@@ -7,9 +7,9 @@ import time
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from ecatd.base.errors import LeaseError, StateError, UsageError
+from ecatd.base.errors import LeaseError, UsageError
+from ecatd.client.outputs_in_op import check_in_op
 from ecatd.client.patterns import find_output
-from ecatd.etg.al import AlState, al_state_text
 
 from .arguments import add_yes, confirm
 from .output import print_json
@@ -49,7 +49,7 @@ def write(options: argparse.Namespace) -> None:
             if output in wanted:
                 raise UsageError(f"{output.path} is given twice")
             wanted[output] = value
-        _check_slaves(client, wanted)
+        check_in_op(client, wanted)
         slaves = {client.slaves()[output.slave].name: None for output in wanted}
         texts = [f"{output.path} = {value}" for output, value in wanted.items()]
         about = f"This takes over {', '.join(texts)} ({', '.join(slaves)})"
@@ -99,23 +99,6 @@ def _assigned(client: Client, text: str, *, raw: bool) -> tuple[Signal, float]:
     return output, number
 
 
-def _check_slaves(client: Client, wanted: Iterable[Signal]) -> None:
-    """Refuses outputs of slaves that do not use them.
-
-    Raises:
-        StateError: A slave is not in OP.
-    """
-    slaves = client.slaves()
-    for output in wanted:
-        slave = slaves[output.slave]
-        if slave.al_state != AlState.OP:
-            state = al_state_text(slave.al_state) if slave.al_state else "without an answer"
-            raise StateError(
-                f"slave {slave.position} ({slave.name}) is {state}, so {output.path} does not "
-                "reach it: `ecatctl state` says why"
-            )
-
-
 def _hold(client: Client, wanted: Iterable[Signal], duration: float | None) -> None:
     """Gives signs of life until the time is over, or the user ends the command.
 
@@ -135,6 +118,6 @@ def _hold(client: Client, wanted: Iterable[Signal], duration: float | None) -> N
                     f"{', '.join(lost)}: lost, and at the safe value, because this command gave no "
                     "sign of life in time; write again"
                 )
-            _check_slaves(client, outputs)
+            check_in_op(client, outputs)
     except KeyboardInterrupt:
         return

@@ -147,14 +147,14 @@ def check(user: UserConfig, request: Operation[Any], bus: Bus) -> None:
             f"user '{user.name}' has no right '{kind}' on bus '{bus.name}', but {may} "
             f"(gateway.user.write in the configuration of the daemon)"
         )
-    if not user.slaves or "slave" not in request.fields:
+    if not user.slaves or not request.slaves:
         return  # about no slave: levels of the log, or a transfer, whose number its client knows
-    allowed = set()
+    allowed: set[int | None] = set()
     for slave in user.slaves:
         with suppress(StateError):  # there is no such slave; `unknown_slaves` has warned of it
             allowed.add(bus.find(slave).position)
-    wanted: int | str | None = vars(request).get("slave")
-    if wanted is None or bus.find(wanted).position not in allowed:
+    wanted = (None if item is None else bus.find(item).position for item in request.slaves)
+    if not allowed.issuperset(wanted):
         raise NotPermittedError(
             f"user '{user.name}' may change only slaves {', '.join(map(str, user.slaves))} of bus "
             f"'{bus.name}' (gateway.user.slaves in the configuration of the daemon)"
@@ -185,6 +185,14 @@ class Refusals:
             batch.close()
 
 
+def too_many(user: UserConfig) -> BusyError:
+    """The error that a user asks for too many changes."""
+    return BusyError(
+        f"user '{user.name}' asks for more than {user.changes_max:g} changes a second: wait "
+        "(gateway.user.changes_max in the configuration of the daemon)"
+    )
+
+
 class Rate:
     """Limits the rate of one user's changes, so that a program that runs wild does no harm.
 
@@ -205,9 +213,6 @@ class Rate:
         now = time.monotonic()
         begin = max(self._next, now - _BURST_S)
         if begin - now > _WAIT_S:
-            raise BusyError(
-                f"user '{self._user.name}' asks for more than {self._user.changes_max:g} changes a "
-                "second: wait (gateway.user.changes_max in the configuration of the daemon)"
-            )
+            raise too_many(self._user)
         self._next = begin + 1 / self._user.changes_max
         return max(0.0, begin - now)

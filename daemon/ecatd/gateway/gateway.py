@@ -28,9 +28,11 @@ from ecatd.operations.endpoints import LOCAL, Endpoint
 from ecatd.operations.handlers import Handlers, handles
 from ecatd.operations.log import ReadLogLevels
 from ecatd.operations.operation import Operation, needs_right, on_behalf
+from ecatd.operations.outputs import HoldOutputs, Outputs, ReadOutputs
 from ecatd.operations.query import from_query
 from ecatd.operations.statistics import Clocks, ReadClocks, ReadStats, Statistics
 from ecatd.operations.zenoh_keys import AS, SCHEMA, bus_key, full_name, session_config
+from ecatd.shm.contents import read_outputs
 from ecatd.shm.statistics import read, to_map
 from ecatd.shm.statistics.clocks import read_clocks
 
@@ -41,6 +43,7 @@ from .access import (
     certificates,
     check,
     rights,
+    too_many,
     unknown_slaves,
     without_encryption,
 )
@@ -320,8 +323,10 @@ class Gateway:
                 self._refusals.note(user.name, f"{error}; asked for {'/'.join(parts)}")
                 raise
             who = f"user '{user.name}'"
-            if "by" in request.fields:  # not the parts of a file: they do not count as changes
+            if request.is_change:
                 delay = self._rates.setdefault(user.name, Rate(user)).delay()
+                if delay > 0 and isinstance(request, HoldOutputs):
+                    raise too_many(user)  # a value that comes late is worse than none
                 if delay > 0:
                     request = on_behalf(request, who)
                     return asyncio.ensure_future(self._later(delay, user, identity, request))
@@ -360,6 +365,10 @@ class Gateway:
     @handles(ReadClocks)
     def _read_clocks(self, _: ReadClocks) -> Clocks:
         return read_clocks(self._name)
+
+    @handles(ReadOutputs)
+    async def _read_outputs(self, request: ReadOutputs) -> Outputs:
+        return await asyncio.to_thread(lambda: read_outputs(self._name, names=request.names))
 
     @handles(ReadRights)
     def _read_rights(self, request: ReadRights) -> Rights:

@@ -22,9 +22,15 @@ from ecatd.operations.encoding import pack
 from ecatd.operations.frames import NEWEST, ReadFrames
 from ecatd.operations.handlers import handles
 from ecatd.operations.image import DomainImage, ReadImage
-from ecatd.operations.traces import OpenTrace, Trace, TraceBatch, TraceSignal
+from ecatd.operations.traces import (
+    OpenTrace,
+    Trace,
+    TraceBatch,
+    TraceSignal,
+    column_type,
+)
 from ecatd.operations.zenoh_keys import SCHEMA, bus_key
-from ecatd.trace.columns import Columns, column_type
+from ecatd.trace.columns import Columns
 from ecatd.trace.cycles import CycleReader
 
 from .bus_client import BusClient
@@ -248,7 +254,7 @@ def _described(signal: Signal) -> TraceSignal:
         "slave": signal.slave,
         "address": signal.address,
         "output": signal.output,
-        "type": column_type(signal),
+        "type": column_type(signal.data_type, signal.bit_length),
         "scale": signal.scale,
         "offset": signal.offset,
         "unit": signal.unit,

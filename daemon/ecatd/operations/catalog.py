@@ -21,6 +21,7 @@ from . import (
     image,
     log,
     objects,
+    outputs,
     registers,
     statistics,
     streams,
@@ -29,7 +30,7 @@ from . import (
 from .operation import Operation, needs_right, right_of
 
 _MODULES = (
-    *(bus, description, statistics, log, frames, image, streams, traces),
+    *(bus, description, statistics, outputs, log, frames, image, streams, traces),
     *(objects, registers, eeproms, ethernet, idns, files),
 )
 

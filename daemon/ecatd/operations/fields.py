@@ -85,19 +85,47 @@ UserName = Annotated[str, Verbatim(64)]
 """The common name of a certificate, as in `as/NAME/…`."""
 
 
+WriterName = Annotated[str, Printable(60)]
+"""What a writer of outputs calls itself. The number differs from that of `UserName`: `typing` takes
+equal tuples for the same annotation."""
+
+
+class ValuesOfOutputs(NamedTuple):
+    """Values by names of outputs."""
+
+    most: int  #: Most outputs.
+
+    def check(self, where: str, value: Any) -> None:
+        """Raises UsageError for another map."""
+        if not 1 <= len(value) <= self.most:
+            raise UsageError(f"{where} has {len(value)} outputs; 1 to {self.most} are possible")
+        for name, item in value.items():
+            is_text = isinstance(item, str) and len(item) <= 80 and item.isprintable()
+            is_number = isinstance(item, int | float) and not isinstance(item, bool)
+            if not isinstance(name, str) or not (item is None or is_text or is_number):
+                raise UsageError(
+                    f"{where} must be a map from names of outputs to texts of up to 80 printable "
+                    "characters, numbers or nil"
+                )
+
+
+OutputValues = Annotated[dict[str, str | float | None], ValuesOfOutputs(64)]
+"""Values by names of outputs."""
+
+
 class Field(NamedTuple):
     """A field of an operation."""
 
     #: The names of the types that it may have, `None` among them if it may be None.
     types: tuple[str, ...]
     #: What its values must keep beyond their type, or None.
-    rule: Limits | Printable | Verbatim | None
+    rule: Limits | Printable | Verbatim | ValuesOfOutputs | None
 
     @classmethod
     def of(cls, hint: Any) -> Field:
         """Makes it of an annotation."""
         types: list[str] = []
-        rule: Limits | Printable | Verbatim | None = None
+        rule: Limits | Printable | Verbatim | ValuesOfOutputs | None = None
         for part in get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,):
             if get_origin(part) is Annotated:
                 part, rule, *_ = get_args(part)

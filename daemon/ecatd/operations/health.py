@@ -34,14 +34,18 @@ class Health:
     in_op: int  #: Number of those that are in OP.
     missing: int  #: Number of those that were missing at the start.
     absent: int  #: Number of optional slaves that are absent.
+    #: A text for each slave with a problem, by position, in the order of the wire.
+    unwell: dict[int, str]
+    #: A text for each group of optional slaves of which only some are there.
+    incomplete: list[str]
     #: A text for each slave that was missing at the start, and for devices that are no slaves of
     #: the bus.
     differences: list[str]
     #: What is wrong with interfaces, exchange and clocks, causes before consequences.
     faults: list[Fault]
-    #: A text for each fault, for each slave with a problem, for each group of optional slaves of
-    #: which only some are there, `differences`, and a main process that hangs. What a fault of an
-    #: interface or of a slave explains is no problem of its own.
+    silence: str  #: That the main process of ecatd hangs, or empty.
+    #: A text for each fault, `unwell`, `incomplete`, `differences` and `silence`. What a fault of
+    #: an interface or of a slave explains is no problem of its own.
     problems: list[str]
     #: Whether nothing can be done with the bus: no slave is in OP, or no exchange succeeds although
     #: the slaves are there.
@@ -79,24 +83,35 @@ def look_at(reply: Mapping[str, Any]) -> Health:
     if any(fault.blinds for fault in faults):
         # Nobody knows how these slaves are, and the fault of the interface is none of theirs.
         unwell = [row for row in unwell if row["al_state"]]
-    problems = [fault.text for fault in causes]
-    problems += [_problem_text(row, consequences) for row in unwell]
-    problems += _incomplete(rows, {row["group"] for row in expected if row.get("group")})
+    texts = {row["position"]: _problem_text(row, consequences) for row in unwell}
+    incomplete = [*_incomplete(rows, {row["group"] for row in expected if row.get("group")})]
     differences = [item["text"] for item in missing]
     differences += filter(None, [reply.get("others")])
-    problems += differences
+    silence = ""
     if (silent := reply.get("service_silent_s", 0.0)) > _SILENT_S:
-        problems.append(
+        silence = (
             f"the main process of ecatd has hung for {silent:.0f} s, so nothing looks after the "
             "bus server and the gateway: restart ecatd"
         )
+    problems = [fault.text for fault in causes]
+    problems += [*texts.values(), *incomplete, *differences, *filter(None, [silence])]
     left_out = sum(len(item["expected"]) for item in missing)
     absent = len(rows) - len(expected)
     count = len(expected) + left_out
     is_down = bool(expected and not in_op) or any(fault.stops for fault in causes)
     return Health(
-        *(rows, count, len(in_op), left_out, absent),
-        *(differences, faults, problems, is_down),
+        rows=rows,
+        expected=count,
+        in_op=len(in_op),
+        missing=left_out,
+        absent=absent,
+        unwell=texts,
+        incomplete=incomplete,
+        differences=differences,
+        faults=faults,
+        silence=silence,
+        problems=problems,
+        is_down=is_down,
     )
 
 
@@ -113,7 +128,7 @@ def _incomplete(rows: list[Mapping[str, Any]], there: set[str]) -> Iterator[str]
     for group in sorted(there):
         absent = [row for row in rows if row.get("group") == group and row["recovery"] == _ABSENT]
         if absent:
-            names = ", ".join(map(_name, absent))
+            names = ", ".join(map(row_label, absent))
             yield f"group {group} is incomplete, because these slaves are absent: {names}"
 
 
@@ -152,10 +167,11 @@ def _problem_text(row: Mapping[str, Any], consequences: Iterable[Fault] = ()) ->
     domains = " and ".join(f"domain {number}" for number in spoilt)
     has = "has a wrong working counter" if len(spoilt) == 1 else "have wrong working counters"
     so = f"; so {domains} {has}" if spoilt else ""
-    return f"{_name(row)}: {', '.join(text for text in known if text)}{so}"
+    return f"{row_label(row)}: {', '.join(text for text in known if text)}{so}"
 
 
-def _name(row: Mapping[str, Any]) -> str:
+def row_label(row: Mapping[str, Any]) -> str:
+    """`slave 5 (EL3008)`, of a row as `ReadStates` is answered."""
     return f"slave {row['position']} ({display_name(row.get('given_name', ''), row['name'])})"
 
 

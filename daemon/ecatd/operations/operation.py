@@ -131,6 +131,16 @@ class Operation(Generic[A]):
             UsageError: The fields contradict each other.
         """
 
+    @property
+    def slaves(self) -> list[int | str | None]:
+        """The slaves that it is about; None stands for all, and no item for none."""
+        return [vars(self).get("slave")] if "slave" in self.fields else []
+
+    @property
+    def is_change(self) -> bool:
+        """Whether it counts for the rate of changes: one that only reads, or renews, does not."""
+        return "by" in self.fields  # not the parts of a file
+
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and repr(self) == repr(other)
 

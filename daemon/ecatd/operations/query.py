@@ -111,7 +111,7 @@ def from_query(key: Sequence[str], parameters: str, payload: Mapping[str, Any]) 
     """
     from .catalog import parse
 
-    kind = _kind_of(key)
+    kind = find_kind(key)
     fields = kind.fields
     values: dict[str, Any] = dict(payload)
     if not needs_right(kind) and values:
@@ -147,7 +147,12 @@ def _parameters(parameters: str, known: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _kind_of(key: Sequence[str]) -> type[Operation[Any]]:
+def find_kind(key: Sequence[str]) -> type[Operation[Any]]:
+    """The kind of operation that has a key, given by its parts below the bus.
+
+    Raises:
+        UsageError: No operation has this key.
+    """
     known = _by_begin()
     for kind in known.get(tuple(key[:2]), known.get(tuple(key[:1]), [])):
         parts = _template(kind).key

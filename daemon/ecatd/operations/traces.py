@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from ecatd.etg.datatypes import is_real, is_signed
+
 from .operation import Map, Operation
 
 TYPES = {
@@ -10,6 +12,14 @@ TYPES = {
     "float32": "f", "float64": "d",
 }  # fmt: skip
 """The types of values in columns, with their letters in `struct` and `array`."""
+
+
+def column_type(data_type: int, bit_length: int) -> str:
+    """The type of the values of an entry in a column, such as `uint16`: the least that has them."""
+    if is_real(data_type):
+        return "float32" if bit_length == 32 else "float64"
+    bits = next(bits for bits in (8, 16, 32, 64) if bit_length <= bits)
+    return f"{'int' if is_signed(data_type) else 'uint'}{bits}"
 
 
 class TraceSignal(Map):

@@ -16,6 +16,7 @@ from ecatd.base.namespaces import is_ours
 from ecatd.etg.al import AL_ERROR_FLAG, AlState, al_state_text
 from ecatd.etg.datatypes import DataType, is_signed, type_name
 from ecatd.etg.scaling import to_physical
+from ecatd.operations.outputs import Output, OutputClient, Outputs
 
 from . import contract as shm
 from .checks import domain_faults, output_faults, signal_faults, slave_faults
@@ -24,6 +25,21 @@ from .reader import Page, Reader, SlotReader, opened, version
 _T = TypeVar("_T")
 _EXCHANGE = ("wkc", "wkc_state", "cycle")  # of `ecat_shm_page`
 _SILENCE_NS = 80_000_000  # after which a cycle that does not end stands still (`shared_memory.c`)
+_WHY_SAFE = {
+    "start": "no client has owned it since the start",
+    "released": "its owner has released it",
+    "lapsed": "its owner gave no sign of life within its lease",
+    "died": "the process of its owner has ended without a release",
+    "gone": "another client has taken the slot of its owner, or a program has written over it",
+    "stopping": "the daemon stops",
+    "wkc": "slaves of its domain did not take part in the exchange",
+    "source": "the input that is copied to it is not valid",
+}
+"""`ecat_reason` in words."""
+_BY_HAND = "hand:"
+"""How the name of a client begins that holds outputs for a user of Zenoh, whose name follows."""
+_PROGRAM_MAX = 15
+"""Characters of the name of a process (prctl(2), PR_SET_NAME)."""
 _REALS = {(DataType.REAL32, 32): "<f", (DataType.REAL64, 64): "<d"}
 
 
@@ -69,7 +85,7 @@ class Contents:
         self._signal_rows = self._table("signals")
         self._output_rows = self._table("outputs")
         self._slot_rows = self._table("slot_status")
-        self.now_ns = time.monotonic_ns()
+        self.now_ns, self._now = time.monotonic_ns(), time.time()
         if head.cycle_time_ns == 0:
             self.problems.append("header: the cycle time is 0")
 
@@ -221,7 +237,7 @@ class Contents:
     def _owner(self, number: int) -> dict[str, Any]:
         row = _at(self._output_rows, number)
         if row is None:
-            return dict.fromkeys(("owner", "state", "reason", "source", "since_cycle"))
+            return dict.fromkeys(("owner", "state", "reason", "source", "since_cycle", "since_us"))
         fault = output_faults(row, self.head)
         if fault:
             self._fault("outputs", number, fault)
@@ -239,7 +255,7 @@ class Contents:
 
     # --- clients --------------------------------------------------------------------------------
 
-    def slots(self) -> list[dict[str, Any]]:
+    def slots(self) -> list[OutputClient]:
         """Client slots that are or were in use."""
         try:
             with self._shared.slots(self.head) as out:
@@ -254,26 +270,29 @@ class Contents:
             made = [self._slot(n, row, None) for n, row in enumerate(self._slot_rows)]
         return [slot for slot in made if slot is not None]
 
-    def _slot(self, number: int, row: Any, out: SlotReader | None) -> dict[str, Any] | None:
+    def _slot(self, number: int, row: Any, out: SlotReader | None) -> OutputClient | None:
         bell = out.doorbell(number) if out else None
         client = out.slot(number) if out else None
         if row.state == shm.SlotState.FREE and (bell is None or bell.generation == 0):
             return None
         since = client.since_ns if client else 0
-        seconds = (self.now_ns - since) * 1e-9 if 0 < since <= self.now_ns else None
-        return {
+        name = shm.printable(client.program) if client else None
+        user = hand_of(name or "")
+        made: OutputClient = {
             "slot": number,
-            **_take(row, "state", "reason", "lapses", "refused", "commit_cycle"),
+            "name": name,
             "pid": client.pid if client else None,
             "pid_is_ours": is_ours(client.pid_namespace) if client else None,
-            "program": shm.printable(client.program) if client else None,
+            "by_hand": user is not None,
+            "user": user or "",
+            **_take(row, "state", "reason", "lapses", "refused", "commit_cycle"),  # type: ignore[typeddict-item]
             "held": out.held(number) if out else None,
-            "seconds": seconds,
-            "since": None if seconds is None else time.time() - seconds,
-            "heartbeat_us": self._age(row.beat_ns),
-            "lease_us": row.lease_ns / 1000,
+            "since": self._moment(self._age(since)) if 0 < since <= self.now_ns else None,
+            "lease_ms": row.lease_ns / 1e6,
+            "silent_ms": self._age(row.beat_ns) / 1000,
             "outputs": sum(output.owner == number for output in self._output_rows),
         }
+        return made
 
     # --- the rest -------------------------------------------------------------------------------
 
@@ -311,9 +330,62 @@ class Contents:
     def _fault(self, table: str, number: int, fault: str) -> None:
         self.problems.append(f"{table}[{number}] {fault}")
 
+    # --- outputs --------------------------------------------------------------------------------
+
+    def outputs(self, *, names: bool) -> Outputs:
+        """Who decides the values of all outputs; see `read_outputs`."""
+        summary, owners = self.summary(), self.slots()
+        places = {owner["slot"]: place for place, owner in enumerate(owners)}
+        found: Outputs = {
+            **{key: summary[key] for key in ("bus", "state", "cycle", "age_us")},  # type: ignore[typeddict-item]
+            "owners": owners,
+            "outputs": [
+                self._output(row, places, names=names) for row in self.signals(outputs=True)
+            ],
+            "problems": self.problems,
+        }
+        if names:
+            found["slaves"] = [
+                {"position": position, "name": shm.printable(row.name)}
+                for position, row in enumerate(self._slave_rows)
+            ]
+        return found
+
+    def _output(self, row: dict[str, Any], places: dict[int, int], *, names: bool) -> Output:
+        since_us, cause = row["since_us"], row["reason"] or ""
+        is_safe = row["state"] == "safe" or cause == "source"
+        made: Output = {
+            "name": f"{row['slave']}/{row['address']}",
+            **{key: row[key] for key in ("slave", "address", "state", "source")},  # type: ignore[typeddict-item]
+            "owner": places.get(row["owner"], -1),
+            "cause": cause,
+            "reason": _WHY_SAFE.get(cause, cause) if is_safe else "",
+            "since": self._moment(since_us) if row["since_cycle"] and since_us else None,
+            "value": row["raw"],
+        }
+        if names:
+            made["label"] = row["name"] or row["pdo_name"]
+            made["physical"], made["unit"] = row["value"], row["unit"]
+        return made
+
     def _age(self, then_ns: int) -> float:
         """Microseconds since a time of CLOCK_MONOTONIC; 0 for what is yet to come."""
         return float(max(0, self.now_ns - then_ns) / 1000)
+
+    def _moment(self, age_us: float) -> float:
+        """The Unix time so many microseconds ago."""
+        return self._now - age_us * 1e-6
+
+
+def hand_of(program: str) -> str | None:
+    """The user for whom a client of this name holds outputs; None for any other client."""
+    return program.removeprefix(_BY_HAND) if program.startswith(_BY_HAND) else None
+
+
+def hand_name(user: str) -> str:
+    """The name of a client that holds outputs for a user, as far as it has room."""
+    data = f"{_BY_HAND}{user}".encode()[:_PROGRAM_MAX]
+    return data.decode(errors="ignore")
 
 
 def _at(rows: list[_T], number: int) -> _T | None:
@@ -343,25 +415,16 @@ def _decode(image: bytes, row: Any) -> int | float:
     return raw
 
 
-def read_claims(bus: str) -> dict[str, Any]:
-    """The clients of a bus on this machine, and all outputs with who decides them; asks nobody.
+def read_outputs(bus: str, *, names: bool = False) -> Outputs:
+    """Who decides the values of all outputs of a bus on this machine; asks nobody.
 
-    Returns:
-        A map, as `ecatctl claims --json` prints it (docs/command-line.md).
+    Args:
+        bus: Name of the bus.
+        names: Whether to have names, units and physical values.
 
     Raises:
         EcatError: No daemon serves the bus, this user may not read it, or the shared memory is of
             another version or damaged beyond use.
     """
     with opened(bus) as shared:
-        contents = Contents(shared)
-        return {
-            **contents.summary(),
-            "slots": contents.slots(),
-            "slaves": [
-                {"position": slave["position"], "name": slave["name"]}
-                for slave in contents.slaves()
-            ],
-            "outputs": contents.signals(outputs=True),
-            "problems": contents.problems,
-        }
+        return Contents(shared).outputs(names=names)

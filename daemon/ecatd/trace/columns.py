@@ -10,24 +10,9 @@ from typing import NamedTuple
 from ecatd.client import Signal
 from ecatd.client.signals import letter
 from ecatd.operations.image import DomainImage
-from ecatd.operations.traces import TYPES
+from ecatd.operations.traces import TYPES, column_type
 
 from .cycles import PADDING, Cycle
-
-_LETTERS = {8: "B", 16: "H", 32: "I", 64: "Q"}
-_TYPES = {letter: name for name, letter in TYPES.items()}
-
-
-def column_type(signal: Signal) -> str:
-    """The type of the values of an entry in a column, such as `uint16`: the least that has them."""
-    return _TYPES[_letter(signal)]
-
-
-def _letter(signal: Signal) -> str:
-    if signal.real:
-        return "f" if signal.bit_length == 32 else "d"
-    bits = next(bits for bits in _LETTERS if signal.bit_length <= bits)
-    return _LETTERS[bits].lower() if signal.signed else _LETTERS[bits]
 
 
 class Batch(NamedTuple):
@@ -69,7 +54,10 @@ class Columns:
         self._batch = Batch(
             array("Q"),
             array("q"),
-            [array(_letter(signal)) for signal in self._signals],
+            [
+                array(TYPES[column_type(signal.data_type, signal.bit_length)])
+                for signal in self._signals
+            ],
             [[] for _ in self._signals],
         )
 

@@ -70,7 +70,14 @@ A user of another machine needs a right for each of them, in `gateway.user.write
 and files changes nothing, but needs a right as well.\
 """
 
-_NAMES = {"int": "`int`", "float": "`float`", "bool": "`bool`", "str": "`str`", "bytes": "`bin`"}
+_NAMES = {
+    "int": "`int`",
+    "float": "`float`",
+    "bool": "`bool`",
+    "str": "`str`",
+    "bytes": "`bin`",
+    "dict": "map",
+}
 
 
 def page() -> str:

@@ -94,7 +94,7 @@ class Changes:
 
     @contextmanager
     def record(
-        self, what: str, after: str, by: str, *, is_secret: bool = False
+        self, what: str, after: str, by: str, *, before: str = "", is_secret: bool = False
     ) -> Iterator[Change]:
         """Records the change that the block makes, also if it fails.
 
@@ -102,11 +102,12 @@ class Changes:
             what: What changes.
             after: The wanted value.
             by: Who asks for it.
+            before: The value before, if it is known.
             is_secret: See `Change`.
         """
         slot = _asking.get()
         earlier = self._waiting.get(slot, {}).get(what)
-        before = earlier.result if earlier else ""
+        before = earlier.result if earlier else before
         change = Change(what, after, by, before, is_secret=is_secret)
         try:
             yield change

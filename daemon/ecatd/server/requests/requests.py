@@ -22,6 +22,7 @@ from .dictionaries import Dictionaries
 from .eeproms import Eeproms
 from .ethernet import Ethernet
 from .files import Files, States
+from .hands import Hands
 from .idns import Idns
 from .objects import Meaning, Objects
 from .registers import Registers
@@ -63,10 +64,11 @@ class Requests:
         self._places = conversations.places
         self._wire = Wire(bus, master, config, worker)
         self._files = Files(bus, conversations, states, changes, log)
+        self._hands = Hands(bus, changes, log.of("outputs"))
         self._waiting: list[tuple[float, Slave, Operation[Any]]] = []  # with the time of arrival
         dictionaries = Dictionaries(bus, conversations)
         self._handlers = Handlers(
-            *(self, self._wire, self._files, dictionaries, *others),
+            *(self, self._wire, self._files, self._hands, dictionaries, *others),
             Objects(bus, conversations, dictionaries, meaning, changes),
             Registers(bus, master, worker, changes),
             Eeproms(bus, master, worker, changes),
@@ -77,6 +79,7 @@ class Requests:
     def close(self) -> None:
         """Ends what goes on without requests: transfers of files, and a scan."""
         self._files.close()
+        self._hands.close()
         self._wire.close()
 
     async def answer(self, operation: Operation[A], slot: int = ZENOH) -> A:

@@ -15,6 +15,8 @@ from ecatd.operations.health import Health
 from .. import contract as shm
 from .snapshot import Snapshot
 
+NOT_IN_STEP = "the cycle is not in step with the reference clock"
+
 
 def is_exchanged(snapshot: Snapshot) -> bool:
     """Whether the daemon exchanges cycles."""
@@ -39,6 +41,13 @@ def find_problems(snapshot: Snapshot, slaves: Health | EcatError | None = None) 
 
 
 def _wire_problems(snapshot: Snapshot) -> Iterator[str]:
+    yield from link_problems(snapshot)
+    if snapshot.clock.state == shm.DcState.LOCKING:
+        yield NOT_IN_STEP
+
+
+def link_problems(snapshot: Snapshot) -> Iterator[str]:
+    """A text for each interface without a link, and for an open ring."""
     names = ("the interface", "the second interface")
     for name, link in zip(names, snapshot.links, strict=True):
         if link == shm.Link.NO_CARRIER:
@@ -47,8 +56,6 @@ def _wire_problems(snapshot: Snapshot) -> Iterator[str]:
             yield f"{name} is {word(link)}"
     if snapshot.ring == shm.Ring.OPEN:
         yield f"ring {ring_text(snapshot)}"
-    if snapshot.clock.state == shm.DcState.LOCKING:
-        yield "the cycle is not in step with the reference clock"
 
 
 def _seen_from_here(snapshot: Snapshot) -> Iterator[str]:

@@ -1,0 +1,371 @@
+"""Outputs by hand: somebody over Zenoh holds outputs, and repeats the request to go on.
+
+A process of its own is the client that owns them (`client/hands.py`): it runs while somebody holds
+something. This module says who may hold how much, and records each change.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import os
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+from ecatd.base.errors import (
+    BusyError,
+    EcatError,
+    LeaseError,
+    StateError,
+    UnreachableError,
+    UsageError,
+)
+from ecatd.base.log import Log
+from ecatd.description.bus import Bus
+from ecatd.description.physical import nearest_raw
+from ecatd.etg.datatypes import is_real
+from ecatd.etg.pdo import Entry
+from ecatd.operations.connection import Connection
+from ecatd.operations.encoding import MAX_MESSAGE
+from ecatd.operations.handlers import handles
+from ecatd.operations.operation import whose
+from ecatd.operations.outputs import (
+    LEASE_S,
+    Held,
+    HoldOutputs,
+    Place,
+    Released,
+    ReleaseOutputs,
+)
+from ecatd.shm.contents import hand_name
+
+from .changes import Changes
+
+_OF_ONE_MAX, _OF_ALL_MAX = 4, 8
+"""Holdings of one user, and of all: each takes a place of a client in the shared memory."""
+_IDLE_S = 30.0
+"""Seconds without a holding after which the process ends."""
+
+Key = tuple[str, str]
+"""A user, and what its writer calls itself."""
+
+
+@dataclass(slots=True)
+class _Holding:
+    """What one writer holds.
+
+    Attributes:
+        number: Its number in messages to the process.
+        by: Who holds it.
+        values: The raw values, by name of the output; None for the safe value.
+    """
+
+    number: int
+    by: str
+    values: dict[str, float | None] = field(default_factory=dict)
+    turn: asyncio.Lock = field(default_factory=asyncio.Lock)
+
+
+class Hands:
+    """Who holds which outputs by hand.
+
+    Args:
+        bus: The bus description.
+        changes: Records changes.
+        log: The log for the end of the process.
+    """
+
+    def __init__(self, bus: Bus, changes: Changes, log: Log) -> None:
+        self._bus = bus
+        self._changes = changes
+        self._log = log
+        self._holdings: dict[Key, _Holding] = {}
+        self._numbers = itertools.count(1)
+        self._process: _Process | None = None
+        self._opening = asyncio.Lock()
+        self._idle: asyncio.TimerHandle | None = None
+
+    @handles(HoldOutputs)
+    async def hold(self, request: HoldOutputs) -> Held:
+        """Holds outputs; see `HoldOutputs`.
+
+        Raises:
+            LeaseError: This writer holds nothing, and does not begin.
+            OwnedError: An output has an owner.
+            BusyError: Too much is held by hand already.
+            EcatError: There is no such output, or it cannot have this value.
+        """
+        key = whose(request.by), request.writer
+        values = {name: self._raw(name, value) for name, value in request.values.items()}
+        holding = self._holdings.get(key) or self._begin(key, request)
+        async with holding.turn:
+            if self._holdings.get(key) is not holding:  # it has lapsed meanwhile
+                raise _lapsed(request.writer)
+            before = holding.values
+            changed = {
+                name: value
+                for name, value in values.items()
+                if name not in before or (value is not None and value != before[name])
+            }
+            with ExitStack() as records:
+                for name, value in changed.items():
+                    records.enter_context(self._record(name, value, before.get(name), request.by))
+                try:
+                    await self._ask(holding, key[0], values)
+                except (LeaseError, UnreachableError):
+                    self._forget(key)
+                    raise
+                except EcatError:
+                    if not before:  # it has not begun
+                        self._forget(key)
+                    raise
+            for name in [name for name in before if name not in values]:
+                self._note_end(name, request.by, "released")
+            holding.values = {
+                name: before.get(name) if value is None else value for name, value in values.items()
+            }
+        return {
+            "outputs": [{"name": name, "value": value} for name, value in holding.values.items()],
+            "lease_ms": LEASE_S * 1e3,
+        }
+
+    @handles(ReleaseOutputs)
+    async def release(self, request: ReleaseOutputs) -> Released:
+        """Releases outputs of one writer, or all that are held by hand."""
+        user = whose(request.by)
+        released = []
+        for key, holding in [*self._holdings.items()]:
+            if request.writer is not None and key != (user, request.writer):
+                continue
+            async with holding.turn:
+                if self._holdings.get(key) is not holding:
+                    continue
+                if self._process is not None:
+                    await self._process.ask({"holding": holding.number, "release": True})
+                self._forget(key)
+                for name in holding.values:
+                    self._note_end(name, request.by, "released")
+                    released.append(name)
+        return {"outputs": released}
+
+    def _begin(self, key: Key, request: HoldOutputs) -> _Holding:
+        if not request.begin:
+            raise _lapsed(request.writer)
+        mine = sum(user == key[0] for user, _ in self._holdings)
+        if mine >= _OF_ONE_MAX or len(self._holdings) >= _OF_ALL_MAX:
+            raise BusyError(
+                f"{key[0]} holds outputs in {mine} places, of {len(self._holdings)} in all: at "
+                f"most {_OF_ONE_MAX} of one user and {_OF_ALL_MAX} in all are possible; release "
+                "some"
+            )
+        self._holdings[key] = made = _Holding(next(self._numbers), request.by)
+        return made
+
+    def _forget(self, key: Key) -> None:
+        self._holdings.pop(key, None)
+        if not self._holdings and self._idle is None:
+            self._idle = asyncio.get_running_loop().call_later(_IDLE_S, self._end_if_idle)
+
+    def _end_if_idle(self) -> None:
+        self._idle = None
+        if not self._holdings and self._process is not None:
+            self._process.close()
+            self._process = None
+
+    async def _ask(self, holding: _Holding, user: str, values: dict[str, float | None]) -> None:
+        async with self._opening:
+            if self._process is None:
+                self._process = await _Process.start(self._bus.name, self._lapse, self._has_ended)
+            process = self._process
+        await process.ask(
+            {
+                "holding": holding.number,
+                "program": hand_name(_plain(user)),
+                "lease": LEASE_S,
+                "outputs": [[*Place.of(name), value] for name, value in values.items()],
+            }
+        )
+
+    def _lapse(self, number: int) -> None:
+        for key, holding in [*self._holdings.items()]:
+            if holding.number == number:
+                self._forget(key)
+                for name in holding.values:
+                    self._note_end(
+                        name, holding.by, f"safe, since no renewal came for {LEASE_S * 1e3:g} ms"
+                    )
+
+    def _has_ended(self, process: _Process) -> None:
+        """The process has ended, and with it all holdings."""
+        if process is not self._process:
+            return
+        self._process = None
+        if self._holdings:
+            self._log.warning("the process that holds outputs by hand has ended: they are safe")
+        for holding in [*self._holdings.values()]:
+            self._lapse(holding.number)
+
+    def close(self) -> None:
+        """Ends the process."""
+        if self._idle is not None:
+            self._idle.cancel()
+        self._holdings.clear()
+        if self._process is not None:
+            self._process.close()
+
+    # --- outputs and their values -----------------------------------------------------------------
+
+    def _entry(self, name: str) -> tuple[str, Entry]:
+        """The label of the slave of an output, and its entry.
+
+        Raises:
+            StateError: There is no such output.
+        """
+        place = Place.of(name)
+        slave = self._bus.find(place.slave)
+        for pdo in slave.outputs:
+            for entry in pdo.entries:
+                if (entry.index, entry.subindex) == place[1:] and not entry.is_gap:
+                    return slave.label, entry
+        raise StateError(
+            f"{slave.label} has no output {name.partition('/')[2]}: see `ecatctl pdos`"
+        )
+
+    def _raw(self, name: str, value: str | float | None) -> float | None:
+        """The raw value for an output of what somebody has asked for.
+
+        Raises:
+            UsageError: The output cannot have this value.
+        """
+        label, entry = self._entry(name)
+        if not isinstance(value, str):
+            return value
+        text = value.strip()
+        for item in entry.values:
+            if item.name == text:
+                return item.number
+        digits, _, unit = text.partition(" ")
+        number = _number(digits)
+        unit = unit.strip()
+        if number is None or (unit and not entry.is_physical):
+            named = ", ".join(f"'{item.name}'" for item in entry.values[:8])
+            raise UsageError(
+                f"{label}, output {entry.address}: '{value}' is not a value; write a number"
+                f"{f' in {entry.unit}' if entry.unit else ''}{f', or {named}' if named else ''}"
+            )
+        if entry.is_physical:
+            return nearest_raw(entry, number, unit or entry.unit)
+        if not is_real(entry.data_type) and not float(number).is_integer():
+            raise UsageError(f"{label}, output {entry.address} takes whole numbers, not {value}")
+        return number if is_real(entry.data_type) or isinstance(number, int) else int(number)
+
+    def _record(self, name: str, value: float | None, before: float | None, by: str) -> Any:
+        after = "its safe value, held" if value is None else f"{value:.15g}"
+        was = "" if before is None else f"{before:.15g}"
+        return self._changes.record(self._what(name), after, f"{by}, by hand", before=was)
+
+    def _note_end(self, name: str, by: str, how: str) -> None:
+        what = self._what(name)
+        self._changes.record_step(what, by, f"{what}: {how}; it was held by hand by {by}")
+
+    def _what(self, name: str) -> str:
+        label, entry = self._entry(name)
+        called = f" ({entry.name})" if entry.name else ""
+        return f"{label}, output {entry.address}{called}"
+
+
+class _Process(Connection):
+    """The process that holds the outputs, as the bus server sees it.
+
+    Args:
+        process: The process.
+        lapse: Called with the number of a holding that was not renewed.
+        has_ended: Called when it has ended.
+    """
+
+    def __init__(self, process: subprocess.Popen[bytes], lapse: Any, has_ended: Any) -> None:
+        super().__init__(MAX_MESSAGE)
+        self._process = process
+        self._lapse = lapse
+        self._has_ended = has_ended
+        self._numbers = itertools.count(1)
+        self._waiting: dict[int, asyncio.Future[None]] = {}
+
+    @classmethod
+    async def start(cls, bus: str, lapse: Any, has_ended: Any) -> _Process:
+        """Starts it.
+
+        Raises:
+            UnreachableError: It cannot be started.
+        """
+        ours, its = socket.socketpair()
+        command = (sys.executable, "-P", "-m", "ecatd.client.hands", bus, str(os.getpid()))
+        try:
+            # By this thread, which lives as long as the bus: the process ends with its parent.
+            process = subprocess.Popen(command, stdin=its.fileno(), stdout=subprocess.DEVNULL)
+        except OSError as error:
+            ours.close()
+            raise UnreachableError(f"cannot start a process: {error.strerror}") from error
+        finally:
+            its.close()
+        loop = asyncio.get_running_loop()
+        _, made = await loop.create_connection(lambda: cls(process, lapse, has_ended), sock=ours)
+        return made
+
+    async def ask(self, message: dict[str, Any]) -> None:
+        """Has it carry something out; raises as `client/hands.py`."""
+        if not self.is_open:
+            raise UnreachableError("the process that holds outputs by hand has ended; begin again")
+        number = next(self._numbers)
+        self._waiting[number] = answer = asyncio.get_running_loop().create_future()
+        self.send({"id": number, **message})
+        await answer
+
+    def message_received(self, message: dict[str, Any]) -> None:
+        """See `Connection`."""
+        if "lapsed" in message:
+            self._lapse(message["lapsed"])
+            return
+        answer = self._waiting.pop(message["id"], None)
+        if answer is None or answer.done():
+            return
+        if "error" in message:
+            answer.set_exception(EcatError.from_reply(message["error"]))
+        else:
+            answer.set_result(None)
+
+    def ended(self, problem: UsageError | None) -> None:
+        """See `Connection`."""
+        del problem
+        for answer in self._waiting.values():
+            if not answer.done():
+                answer.set_exception(
+                    UnreachableError("the process that holds outputs by hand has ended")
+                )
+        self._has_ended(self)
+        self._process.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(0.5)
+
+
+def _lapsed(writer: str) -> LeaseError:
+    return LeaseError(
+        f"'{writer}' holds no outputs: it was not renewed for {LEASE_S * 1e3:g} ms, was "
+        "released, or has not begun; begin again, with 'begin'"
+    )
+
+
+def _plain(user: str) -> str:
+    """The name of a user, as `on_behalf` has put it into a text."""
+    return user.removeprefix("user '").removesuffix("'")
+
+
+def _number(text: str) -> int | float | None:
+    for kind in (lambda: int(text, 0), lambda: float(text)):
+        with suppress(ValueError):
+            return kind()
+    return {"true": 1, "false": 0}.get(text.lower())

@@ -1,0 +1,46 @@
+"""The signals of a bus, as pages know them: the entries of its process image."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ecatd.description.bus import Bus
+from ecatd.operations.traces import column_type
+
+
+def describe_signals(bus: Bus) -> list[dict[str, Any]]:
+    """All entries that are values, with a name of their own each.
+
+    It is SLAVE/ADDRESS. Where a slave has an entry twice, the second is called `4/0x6041:00 (2)`.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for slave in bus.slaves:
+        who = slave.given_name or slave.name or str(slave.position)
+        for outputs in (True, False):
+            for _, entry, _ in slave.entries(outputs=outputs):
+                if entry.bit_length > 64:
+                    continue  # no number
+                name, number = f"{slave.position}/{entry.address}", 1
+                while name in found:
+                    number += 1
+                    name = f"{slave.position}/{entry.address} ({number})"
+                found[name] = {
+                    "name": name,
+                    "label": f"{who}/{entry.name or entry.address}",
+                    "slave": slave.position,
+                    "address": entry.address,
+                    "output": outputs,
+                    "type": column_type(entry.data_type, entry.bit_length),
+                    "scale": entry.scale,
+                    "offset": entry.offset,
+                    "unit": entry.unit,
+                    "minimum": entry.minimum,
+                    "maximum": entry.maximum,
+                    "values": {str(value.number): value.name for value in entry.values},
+                }
+    return [*found.values()]
+
+
+def pattern(name: str) -> str:
+    """The pattern that chooses a signal in `ro/trace`, by its name here."""
+    return name.partition(" ")[0]
