@@ -88,9 +88,9 @@ export function spectrum(
 function findPeaks(amplitudes: Float64Array, step: number, most: number): Spectrum["peaks"] {
   const found: { at: number; amplitude: number }[] = [];
   const greatest = amplitudes.reduce((a, b, i) => (i > 0 && b > a ? b : a), 0);
-  for (let at = 2; at < amplitudes.length - 1; at++) {
+  for (let at = 1; at < amplitudes.length - 1; at++) {
     const amplitude = amplitudes[at]!;
-    if (amplitude <= greatest * 1e-3 || amplitude < amplitudes[at - 1]!) continue;
+    if (amplitude <= greatest * 0.005 || (at > 1 && amplitude < amplitudes[at - 1]!)) continue;
     if (amplitude > amplitudes[at + 1]!) found.push({ at, amplitude });
   }
   found.sort((a, b) => b.amplitude - a.amplitude);
