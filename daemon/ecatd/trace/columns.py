@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ecatd.client import Signal
 from ecatd.client.signals import letter
 from ecatd.operations.image import DomainImage
-from ecatd.operations.traces import TYPES
+from ecatd.operations.traces import TYPES, TraceSignal
 
 from .cycles import PADDING, Cycle
 
@@ -28,6 +28,20 @@ def _letter(signal: Signal) -> str:
         return "f" if signal.bit_length == 32 else "d"
     bits = next(bits for bits in _LETTERS if signal.bit_length <= bits)
     return _LETTERS[bits].lower() if signal.signed else _LETTERS[bits]
+
+
+def described(signal: Signal) -> TraceSignal:
+    """An entry as readers of a trace get it."""
+    return {
+        "name": signal.path,
+        "slave": signal.slave,
+        "address": signal.address,
+        "output": signal.output,
+        "type": column_type(signal),
+        "scale": signal.scale,
+        "offset": signal.offset,
+        "unit": signal.unit,
+    }
 
 
 class Batch(NamedTuple):

@@ -26,7 +26,6 @@ from ecatd.shm import contract as shm
 from ..start.running_bus import RunningBus
 from .clocks import ClockWatch
 from .exchange import ExchangeWatch
-from .fault_files import FaultFiles
 from .interfaces import InterfaceWatch
 from .mailboxes import MailboxWatch
 from .outputs import OutputWatch
@@ -63,7 +62,6 @@ class Monitor:
         worker: The worker on which slaves are asked.
         log: The log for events.
         publish: Called with every event, as a map, on the event loop's thread.
-        fault_files: Writes the frames of faults to files.
 
     Attributes:
         slaves: The watch over the slaves.
@@ -77,14 +75,12 @@ class Monitor:
         worker: Worker,
         log: Log,
         publish: Callable[[dict[str, Any]], None],
-        fault_files: FaultFiles,
     ) -> None:
         self._bus = running.bus
         self._shared = running.shared
         self._engine = running.engine
         self._log = log.of("slaves")
         self._send = publish
-        self._fault_files = fault_files
         self._requests = SlotRequests(
             running.shared, running.engine, answer, self._on_wrong_request, log.of("mailbox")
         )
@@ -217,7 +213,6 @@ class Monitor:
 
     def _publish(self, kind: str, **facts: Any) -> None:
         self._send(new_event(kind, **facts))
-        self._fault_files.note(kind, facts)
 
     async def run(self) -> None:
         """Watches everything until the watch is stopped."""
