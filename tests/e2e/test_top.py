@@ -13,18 +13,16 @@ from typing import Any
 
 import pytest
 from textual.pilot import Pilot
-from textual.widgets import DataTable, Input, Static
+from textual.widgets import DataTable, Input
 
 from conftest import Daemon, names, one_line_error
 from ecatd.cli.terminal_view.app import Top
 from ecatd.cli.terminal_view.lamp_line import LampLine
-from ecatd.cli.terminal_view.objects import Ask, Objects
 from ecatd.cli.terminal_view.signals import Signals
 from ecatd.cli.terminal_view.sparkline import gather, sparkline
 from ecatsim.control import Simulator
 
-SECONDS = 20.0
-DRIVE, MODE = 0, "0x6060:00"
+SECONDS = 60.0
 
 
 def test_a_peak_of_one_value_is_drawn() -> None:
@@ -63,6 +61,7 @@ def test_top_without_textual_says_how_to_get_it(troll: Daemon) -> None:
 
 
 @pytest.mark.bus
+@pytest.mark.long
 def test_top_shows_a_live_bus(
     start_daemon: Callable[..., Daemon], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -75,7 +74,6 @@ def test_top_shows_a_live_bus(
         async with app.run_test(size=(80, 24)) as pilot:
             await _healthy(app, pilot)
             await _signals_and_outputs(app, pilot)
-            await _objects(app, pilot)
             await _a_slave_without_power(app, pilot, daemon)
             await _no_daemon(app, pilot, daemon)
             await pilot.press("q")
@@ -118,7 +116,9 @@ async def _healthy(app: Top, pilot: Pilot[Any]) -> None:
 async def _signals_and_outputs(app: Top, pilot: Pilot[Any]) -> None:
     await pilot.press("2")
     await _until(pilot, lambda: any("\u2801" <= c <= "\u28ff" for c in _shown(app)))
-    await pilot.press("slash", *"status word", "enter")
+    await pilot.press("slash")
+    app.query_one("#filter", Input).value = "status word"
+    await pilot.press("enter")
     await _until(pilot, lambda: "Torque" not in _shown(app))
     names(_shown(app), "Status word")
     assert app.query_one(Signals).has_focus
@@ -129,35 +129,6 @@ async def _signals_and_outputs(app: Top, pilot: Pilot[Any]) -> None:
     await pilot.press("5")
     await _until(pilot, lambda: app.query_one("#bus-table", DataTable).row_count == 1)
     await pilot.press("1")
-
-
-async def _objects(app: Top, pilot: Pilot[Any]) -> None:
-    await pilot.press("enter")
-    await _until(pilot, lambda: isinstance(app.screen, Objects))
-    screen = app.screen
-    await pilot.press("slash", *MODE, "enter")
-    await _until(pilot, lambda: screen.query_one(DataTable).row_count == 1)
-    await pilot.press("enter")
-    await _until(pilot, lambda: f"{MODE} " in _message(screen))
-
-    async def write(text: str) -> None:
-        await pilot.press("e")
-        await _until(pilot, lambda: isinstance(app.screen, Ask))
-        app.screen.query_one(Input).value = text
-        await pilot.press("enter", "enter")
-        await _until(pilot, lambda: app.screen is screen)
-
-    await write("8")
-    await _until(pilot, lambda: "Written." in _message(screen))
-    names(_message(screen), "0x08 8")
-    await write("nonsense")
-    await _until(pilot, lambda: "was not written" in _message(screen))
-    await pilot.press("escape")
-    await _until(pilot, lambda: app.screen is not screen)
-
-
-def _message(screen: Any) -> str:
-    return str(screen.query_one("#message", Static).content)
 
 
 async def _a_slave_without_power(app: Top, pilot: Pilot[Any], daemon: Daemon) -> None:

@@ -189,8 +189,8 @@ class Top(App[None]):
 
     @on(Came)
     def _came(self, message: Came) -> None:
-        if message.feed is not self.feed:
-            return  # of a bus that was shown before
+        if message.feed is not self.feed or not self.screen_stack:
+            return  # of a bus that was shown before, or the end has begun
         told = message.told
         if isinstance(told, Row):
             self._main(Signals).add(told.values)
@@ -241,6 +241,8 @@ class Top(App[None]):
         self._main(LampLine).show(self._lamps.look(*maps, time.time()))
 
     def _tick(self) -> None:
+        if not self.screen_stack:
+            return
         line = Text(no_wrap=True, overflow="ellipsis")
         line.append(f"ecatd {self._bus_name}", "bold")
         if self._bus is not None:
