@@ -149,10 +149,10 @@ def test_r36_a_user_reads_and_changes_what_the_configuration_says(site: Site) ->
         names(site.daemon.log, "0x60FF:00", "changed to 7 by user 'anna'", "by hand")
         with pytest.raises(NotPermittedError, match=naming("'anna'", "EK1100", "slaves")):
             anna.request(HoldOutputs("page", {drive: "7", lamp: "1"}, begin=True))
-        with site.as_user("dora") as dora:
+        with site.as_user("7.eve@press") as eve:
             for request in (HoldOutputs("page", {lamp: "1"}, begin=True), ReleaseOutputs(None)):
-                with pytest.raises(NotPermittedError, match=naming("'dora'", "'outputs'")):
-                    dora.request(request)
+                with pytest.raises(NotPermittedError, match=naming("'7.eve@press'", "'outputs'")):
+                    eve.request(request)
         with pytest.raises(StateError, match="slave 99"):
             anna.sdo_write(99, 0x6060, 0, b"\x09")
     rows = site.daemon.slave_rows
