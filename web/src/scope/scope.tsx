@@ -1,28 +1,23 @@
 // The scope: signals over time, while they are recorded.
-import type { BusEvent, Message, Signal } from "../protocol";
-import type { Tracer } from "../traces";
+import { Controls } from "./controls";
+import { Legend } from "./legend";
+import type { ScopeModel } from "./model";
+import { Panels } from "./panels";
+import { Screen } from "./screen";
+import { StatusLine } from "./status";
 
-/** What the rest of the page gives to the scope, and may ask of it. */
-export class ScopeModel {
-  constructor(private readonly connection: Tracer) {}
+export { ScopeModel } from "./model";
 
-  /** All signals of the bus. */
-  setSignals(_signals: Signal[]): void {}
-
-  /** Draws a signal, which somebody has chosen elsewhere in the page. */
-  add(_name: string): void {
-    this.connection.setTrace([]);
-  }
-
-  takeBatch(_data: ArrayBuffer): void {}
-
-  /** Events, for the track below the curves. */
-  takeEvents(_events: BusEvent[]): void {}
-
-  /** The way to the daemon, and the end of a file. */
-  takeMessage(_message: Message): void {}
-}
-
-export function Scope(_props: { model: ScopeModel }) {
-  return <section aria-label="Scope" />;
+export function Scope({ model }: { model: ScopeModel }) {
+  return (
+    <section class="scope" aria-label="Scope">
+      <Controls model={model} />
+      <div class="scope-main">
+        <Screen model={model} />
+        <Legend model={model} />
+      </div>
+      <Panels model={model} />
+      <StatusLine model={model} />
+    </section>
+  );
 }

@@ -1,0 +1,286 @@
+// The picture of the curves: which time it shows, and what of it is to be drawn.
+import { drawAxes, layOut, type Plot } from "./axes";
+import { drawColumns, drawPoints, eachColumn, type Grid, place, rowsOf, thickness } from "./draw";
+import type { Curve, Mark, Palette, View } from "./messages";
+import { CanvasPen, type Pen, SvgPen } from "./pen";
+import type { Ring } from "./ring";
+
+const SHORTEST = 0.05; // ms
+const LONGEST = 7 * 864e5;
+
+export class Picture {
+  curves: Curve[] = [];
+  stacked = true;
+  limits: Record<string, [number, number]> = {};
+  marks: Mark[] = [];
+  cursors: number[] = [];
+  trigger: number | null = null;
+  palette: Palette = {
+    background: "#fff", text: "#222", faint: "#666", line: "#ddd", accent: "#06c",
+    error: "#c00", warning: "#a60",
+  };
+  live = true;
+  plot: Plot = { left: 0, width: 1, bottom: 1, lanes: [] };
+  private span = 10e3;
+  /** The right edge: the first column that is not shown. */
+  private edge = 0;
+  private width = 1;
+  private height = 1;
+  private ratio = 1;
+  private curvesCanvas: OffscreenCanvas | null = null;
+  private overlay: OffscreenCanvas | null = null;
+  /** What the canvas has: the grid and lanes of its columns, and the first row that it lacks. */
+  private drawn: { grid: Grid; lanes: string; end: number } | null = null;
+
+  constructor(private readonly ring: Ring) {}
+
+  open(curves: OffscreenCanvas, overlay: OffscreenCanvas): void {
+    this.curvesCanvas = curves;
+    this.overlay = overlay;
+    this.size(this.width, this.height, this.ratio);
+  }
+
+  size(width: number, height: number, ratio: number): void {
+    const view = this.view;
+    Object.assign(this, { width: Math.max(1, width), height: Math.max(1, height), ratio });
+    for (const canvas of [this.curvesCanvas, this.overlay]) {
+      if (!canvas) continue;
+      canvas.width = Math.max(1, Math.round(width * ratio));
+      canvas.height = Math.max(1, Math.round(height * ratio));
+    }
+    this.drawn = null;
+    this.arrange();
+    this.show(view.start, view.span, this.live);
+  }
+
+  /** All is to be drawn anew. */
+  spoil(): void {
+    this.drawn = null;
+  }
+
+  private get columns(): number {
+    return Math.max(1, Math.round(this.plot.width * this.ratio));
+  }
+
+  private get step(): number {
+    return this.span / this.columns;
+  }
+
+  get view(): View {
+    return { start: (this.edge - this.columns) * this.step, span: this.span, live: this.live };
+  }
+
+  /** Shows a window of time. */
+  show(start: number, span: number, live = false): void {
+    this.span = Math.min(LONGEST, Math.max(SHORTEST, span));
+    this.live = live;
+    this.edge = Math.round(start / this.step) + this.columns;
+    if (live) this.follow();
+  }
+
+  private follow(): void {
+    const { lastTime } = this.ring;
+    if (lastTime === lastTime) this.edge = Math.floor(lastTime / this.step) + 1;
+  }
+
+  zoom(factor: number, at: number): void {
+    const { start, span } = this.view;
+    const longer = Math.min(LONGEST, Math.max(SHORTEST, span * factor));
+    if (this.live && at > 0.98) this.show(0, longer, true);
+    else this.show(start + (span - longer) * at, longer);
+  }
+
+  pan(part: number): void {
+    const { start, span } = this.view;
+    const latest = this.ring.lastTime - span * 0.1;
+    this.show(Math.min(start + part * span, latest || start), span);
+  }
+
+  /** Shows all that is kept. */
+  all(): void {
+    const { firstTime, lastTime } = this.ring;
+    if (lastTime > firstTime) this.show(firstTime, (lastTime - firstTime) * 1.001);
+  }
+
+  private grid(): Grid {
+    return { step: this.step, from: this.edge - this.columns, count: this.columns };
+  }
+
+  private arrange(): void {
+    const { start, span } = this.view;
+    const { ring } = this;
+    const from = ring.end > 0 ? ring.rowAt(start) : 0;
+    const to = ring.end > 0 ? ring.rowAt(start + span) : 0;
+    this.plot = layOut(
+      this.curves, this.stacked, this.width, this.height, this.limits, this.plot.lanes, ring,
+      from, to,
+    );
+  }
+
+  /** Draws what is new. */
+  draw(): void {
+    if (!this.curvesCanvas || !this.overlay) return;
+    const before = this.columns;
+    const view = this.view;
+    if (this.live) this.follow();
+    this.arrange();
+    if (this.columns !== before) this.show(view.start, view.span, this.live);
+    this.drawCurves(this.curvesCanvas.getContext("2d", { alpha: false })!);
+    const context = this.overlay.getContext("2d")!;
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.clearRect(0, 0, this.overlay.width, this.overlay.height);
+    this.drawFrame(new CanvasPen(context, this.ratio));
+  }
+
+  private drawCurves(context: OffscreenCanvasRenderingContext2D): void {
+    const { ring, ratio } = this;
+    const grid = this.grid();
+    const { width, height } = context.canvas;
+    const left = Math.round(this.plot.left * ratio);
+    const lanes = JSON.stringify([this.plot.lanes, left]);
+    const old = this.drawn;
+    const shift = old ? grid.from - old.grid.from : 0;
+    const sparse = this.isSparse(grid);
+    const keeps =
+      !sparse && old !== null && old.lanes === lanes && old.grid.step === grid.step &&
+      old.grid.count === grid.count && shift >= 0 && shift < grid.count && old.end >= ring.first;
+    let begin = 0;
+    if (keeps) {
+      if (shift > 0) {
+        context.globalCompositeOperation = "copy";
+        context.drawImage(context.canvas, -shift, 0);
+        context.globalCompositeOperation = "source-over";
+      }
+      // The last column was not full, or the canvas has nothing of the rows that have come.
+      const row = Math.max(ring.first, Math.min(old.end - 1, ring.end - 1));
+      const column = ring.end > 0 ? Math.floor(ring.time(row) / grid.step) - grid.from : 0;
+      begin = Math.max(0, Math.min(column, grid.count - shift));
+    }
+    context.globalAlpha = 1;
+    context.fillStyle = this.palette.background;
+    context.fillRect(keeps ? left + begin : 0, 0, width, height);
+    if (keeps) context.fillRect(0, 0, left, height);
+    if (ring.end > 0 && begin < grid.count) {
+      const part = { ...grid, from: grid.from + begin, count: grid.count - begin };
+      const rows = rowsOf(ring, part);
+      for (const lane of this.plot.lanes) {
+        for (const curve of this.curvesOf(lane.names)) {
+          if (sparse && !lane.digital) drawPoints(context, ring, curve, lane, grid, left, ratio);
+          else drawColumns(context, ring, curve, lane, rows, left + begin, ratio);
+        }
+      }
+    }
+    // Points of lines may lie outside of the window.
+    if (sparse) {
+      context.fillStyle = this.palette.background;
+      context.fillRect(0, 0, left, height);
+      context.fillRect(left + grid.count, 0, width, height);
+    }
+    this.drawn = sparse ? null : { grid, lanes, end: ring.end };
+  }
+
+  private curvesOf(names: string[]): Curve[] {
+    const all = this.curves.filter((curve) => names.includes(curve.name));
+    // What is emphasised lies above.
+    return [...all.filter((curve) => curve.faint), ...all.filter((curve) => !curve.faint)];
+  }
+
+  private isSparse({ step, from, count }: Grid): boolean {
+    if (this.ring.end === 0) return false;
+    const rows = this.ring.rowAt((from + count) * step) - this.ring.rowAt(from * step);
+    return rows * 3 < count;
+  }
+
+  private drawFrame(pen: Pen): void {
+    drawAxes(
+      pen, this.plot, this.view, this.palette, this.curves, this.marks, this.cursors, this.trigger,
+    );
+    this.drawGaps(pen);
+    this.drawNames(pen);
+  }
+
+  /** Columns without cycles, in the track of events. */
+  private drawGaps(pen: Pen): void {
+    const { ring, plot } = this;
+    if (ring.missing === 0) return;
+    const { start, span } = this.view;
+    const x = (time: number) => plot.left + ((time - start) / span) * plot.width;
+    const to = Math.min(ring.end - 1, ring.rowAt(start + span));
+    let last = -1;
+    for (const row of ring.gaps(ring.rowAt(start), to)) {
+      const from = x(row > ring.first ? ring.time(row - 1) : ring.time(row));
+      const end = Math.max(x(ring.time(row)), from + 1);
+      if (Math.floor(end) === last) continue;
+      last = Math.floor(end);
+      const begin = Math.max(plot.left, from);
+      pen.box(begin, plot.bottom - 3, end - begin, 3, this.palette.error);
+      if (end - begin > 3) pen.box(begin, 8, end - begin, plot.bottom - 8, this.palette.error, 0.08);
+    }
+  }
+
+  /** Names of values, in the lanes of signals that have them. */
+  private drawNames(pen: Pen): void {
+    const named = this.plot.lanes.filter((lane) => lane.digital);
+    if (named.length === 0 || this.ring.end === 0) return;
+    const grid = this.grid();
+    let rows: Float64Array | null = null;
+    for (const lane of named) {
+      const [curve] = this.curvesOf(lane.names);
+      if (!curve || Object.keys(curve.values).length === 0) continue;
+      rows ??= rowsOf(this.ring, grid);
+      let begin = 0;
+      let value = NaN;
+      let last = 0;
+      const end = (column: number) => {
+        const width = (column - begin) / this.ratio;
+        const text = curve.values[value] ?? "";
+        if (text === "" || width < text.length * 6.5 + 8) return;
+        const y = lane.top + ((lane.high - (value * curve.scale + curve.offset)) /
+          (lane.high - lane.low)) * lane.height;
+        const middle = this.plot.left + begin / this.ratio + 5;
+        const above = y > lane.top + lane.height / 2;
+        pen.text(middle, above ? y - 7 : y + 8, text, this.palette.text);
+      };
+      eachColumn(this.ring, curve.name, rows, (column, min, max) => {
+        if (min !== max || max !== value || column !== last + 1) {
+          end(last);
+          begin = column;
+          value = min === max ? max : NaN;
+        }
+        last = column;
+      });
+      end(last);
+    }
+  }
+
+  /** The picture as a PNG file. */
+  png(): Promise<Blob> {
+    const canvas = new OffscreenCanvas(this.curvesCanvas!.width, this.curvesCanvas!.height);
+    const context = canvas.getContext("2d")!;
+    context.drawImage(this.curvesCanvas!, 0, 0);
+    context.drawImage(this.overlay!, 0, 0);
+    return canvas.convertToBlob({ type: "image/png" });
+  }
+
+  /** The picture as an SVG file: each curve a path of the least and greatest values. */
+  svg(): Blob {
+    const pen = new SvgPen();
+    pen.box(0, 0, this.width, this.height, this.palette.background);
+    const { ratio } = this;
+    const rows = rowsOf(this.ring, this.grid());
+    const left = Math.round(this.plot.left * ratio);
+    for (const lane of this.plot.lanes) {
+      for (const curve of this.curvesOf(lane.names)) {
+        const parts: string[] = [];
+        eachColumn(this.ring, curve.name, rows, (column, min, max) => {
+          const a = place(lane, min * curve.scale + curve.offset, ratio);
+          const b = place(lane, max * curve.scale + curve.offset, ratio);
+          parts.push(`M${left + column + 0.5} ${Math.min(a, b)}V${Math.max(a, b) + thickness(ratio)}`);
+        });
+        pen.path(parts.join(""), curve.colour, ratio);
+      }
+    }
+    this.drawFrame(pen);
+    return new Blob([pen.file(this.width, this.height)], { type: "image/svg+xml" });
+  }
+}

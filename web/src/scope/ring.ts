@@ -1,0 +1,274 @@
+// The samples of the last minutes: blocks of rows, one row for each cycle; the oldest block goes.
+import type { Batch, Column, ColumnType } from "../protocol";
+import { BLOCK, type Extent, OLD, Samples, VALID } from "./pyramid";
+
+/** Flags of a row. Cycles are missing before it. */
+export const GAP = 1;
+/** It stands for several cycles, with the least and greatest value of each signal. */
+export const MINMAX = 2;
+
+export class Block {
+  count = 0;
+  /** Cycles that are missing before its rows. */
+  missing = 0;
+  readonly cycles = new Float64Array(BLOCK);
+  readonly times = new Float64Array(BLOCK);
+  readonly flags = new Uint8Array(BLOCK);
+  lastCycles: Float64Array | null = null;
+  readonly columns = new Map<string, Samples>();
+
+  get bytes(): number {
+    let bytes = BLOCK * 17 + (this.lastCycles?.byteLength ?? 0);
+    for (const samples of this.columns.values()) bytes += samples.bytes;
+    return bytes;
+  }
+
+  lastCycle(at: number): number {
+    return this.lastCycles?.[at] || this.cycles[at]!;
+  }
+}
+
+export interface Limits {
+  /** ms that are kept. */
+  time: number;
+  /** Bytes that are kept at most. */
+  bytes: number;
+}
+
+/** Rows have numbers that stay, from `first` to `end` (excluded); times ascend. */
+export class Ring {
+  private blocks: Block[] = [];
+  /** Number of the first block. */
+  private base = 0;
+  end = 0;
+  bytes = 0;
+  /** Whether rows went because of the limit of bytes, before their time was over. */
+  short = false;
+  /** Cycles that are missing in what is kept. */
+  missing = 0;
+  minmax = false;
+  /** ms by which times are later than received, since somebody set the clock back. */
+  shift = 0;
+  /** First row of the present run of the daemon, whose numbers of cycles ascend. */
+  private run = 0;
+  /** Whether rows that were there got more values. */
+  amended = false;
+  private generation = -1;
+  private lastOfGeneration = -1;
+
+  constructor(
+    public limits: Limits,
+    /** Types of the signals, for places that came as minima and maxima. */
+    public types: ReadonlyMap<string, ColumnType> = new Map(),
+  ) {}
+
+  get first(): number {
+    return this.base * BLOCK;
+  }
+
+  get firstTime(): number {
+    return this.end > 0 ? this.blocks[0]!.times[0]! : NaN;
+  }
+
+  get lastTime(): number {
+    return this.end > 0 ? this.time(this.end - 1) : NaN;
+  }
+
+  /** The block of a row that is kept. */
+  block(row: number): Block {
+    return this.blocks[Math.floor(row / BLOCK) - this.base]!;
+  }
+
+  time(row: number): number {
+    return this.block(row).times[row % BLOCK]!;
+  }
+
+  cycle(row: number): number {
+    return this.block(row).cycles[row % BLOCK]!;
+  }
+
+  lastCycle(row: number): number {
+    return this.block(row).lastCycle(row % BLOCK);
+  }
+
+  rowFlags(row: number): number {
+    return this.block(row).flags[row % BLOCK]!;
+  }
+
+  /** The first row at or after a time; `end` if there is none. */
+  rowAt(time: number): number {
+    return this.search(this.first, (row) => this.time(row) >= time);
+  }
+
+  /** The first row from `from` that `holds`; all behind it hold, too. */
+  private search(from: number, holds: (row: number) => boolean): number {
+    let low = from;
+    let high = this.end;
+    while (low < high) {
+      const middle = Math.floor((low + high) / 2);
+      if (holds(middle)) high = middle;
+      else low = middle + 1;
+    }
+    return low;
+  }
+
+  samples(name: string, row: number): Samples | undefined {
+    return this.block(row).columns.get(name);
+  }
+
+  /** Flags of a sample: 0 if there is none. */
+  flags(name: string, row: number): number {
+    return this.samples(name, row)?.flags[row % BLOCK] ?? 0;
+  }
+
+  /** Adds the values of the rows `from` to `to` (excluded) to `extent`. */
+  extent(name: string, from: number, to: number, extent: Extent): void {
+    for (let row = Math.max(from, this.first); row < to; ) {
+      const begin = row % BLOCK;
+      const stop = Math.min(BLOCK, begin + to - row);
+      this.samples(name, row)?.extent(begin, stop, extent);
+      row += stop - begin;
+    }
+  }
+
+  /** Calls `look` for the rows `from` to `to` (excluded), block by block. */
+  each(from: number, to: number, look: (block: Block, from: number, to: number) => void): void {
+    for (let row = Math.max(from, this.first); row < Math.min(to, this.end); ) {
+      const begin = row % BLOCK;
+      const stop = Math.min(BLOCK, begin + Math.min(to, this.end) - row);
+      look(this.block(row), begin, stop);
+      row += stop - begin;
+    }
+  }
+
+  /** Rows before which cycles are missing. */
+  *gaps(from: number, to: number): Generator<number> {
+    for (let row = Math.max(from, this.first); row <= to; row++) {
+      if (row % BLOCK === 0 && !this.block(row).flags.includes(GAP)) row += BLOCK - 1;
+      else if (this.rowFlags(row) & GAP) yield row;
+    }
+  }
+
+  /** The connection is new: what comes may reach back. */
+  restart(): void {
+    this.generation = -1;
+  }
+
+  clear(): void {
+    Object.assign(this, new Ring(this.limits, this.types));
+  }
+
+  /** Forgets the signals that are not named. */
+  keep(names: Set<string>): void {
+    for (const block of this.blocks) {
+      for (const [name, samples] of block.columns) {
+        if (names.has(name)) continue;
+        this.bytes -= samples.bytes;
+        block.columns.delete(name);
+      }
+    }
+  }
+
+  /** Takes the cycles of a batch. Those that are there get the signals that they lack. */
+  take(batch: Batch): void {
+    const isNew = batch.generation !== this.generation;
+    if (isNew) this.lastOfGeneration = -1;
+    this.generation = batch.generation;
+    const old = new Map<string, Set<number>>();
+    for (const [name, places] of batch.invalid) old.set(name, new Set(places));
+    const touched = new Map<Block, number>();
+    for (let at = 0; at < batch.cycles.length; at++) {
+      const cycle = batch.cycles[at]!;
+      const last = batch.lastCycles?.[at] ?? cycle;
+      const row = this.place(cycle, last, batch.times[at]!, at === 0 && batch.lost && !isNew);
+      this.lastOfGeneration = last;
+      if (row < 0) continue;
+      const block = this.block(row);
+      if (!touched.has(block)) touched.set(block, block.bytes);
+      this.fill(block, row % BLOCK, batch, at, old);
+    }
+    for (const [block, before] of touched) this.bytes += block.bytes - before;
+    this.forget();
+  }
+
+  private fill(
+    block: Block, place: number, batch: Batch, at: number, old: Map<string, Set<number>>,
+  ): void {
+    for (const [name, column] of batch.columns) {
+      let samples = block.columns.get(name);
+      if (samples === undefined) {
+        const type = this.types.get(name);
+        samples = new Samples(type ?? ("values" in column ? typeOf(column.values) : "float64"));
+        block.columns.set(name, samples);
+      } else if (samples.flags[place] !== 0) continue;
+      const flags = old.get(name)?.has(at) ? OLD : VALID;
+      if ("values" in column) {
+        const value = column.values[at]!;
+        samples.set(place, value, value, flags);
+      } else samples.set(place, column.min[at]!, column.max[at]!, flags);
+    }
+  }
+
+  /** The row of a cycle, which is made if it is new; -1 if it is too old to be kept. */
+  private place(cycle: number, last: number, time: number, lost: boolean): number {
+    const empty = this.end === 0;
+    const before = empty ? -1 : this.lastCycle(this.end - 1);
+    const restarted =
+      !empty && cycle <= before &&
+      (this.lastOfGeneration >= 0
+        ? cycle <= this.lastOfGeneration
+        : time + this.shift > this.lastTime);
+    if (!empty && !restarted && cycle <= before) {
+      const row = this.search(Math.max(this.run, this.first), (at) => this.lastCycle(at) >= cycle);
+      if (row === this.end || this.cycle(row) !== cycle || this.lastCycle(row) !== last) return -1;
+      this.amended = true;
+      return row;
+    }
+    const row = this.end;
+    const at = row % BLOCK;
+    if (at === 0) {
+      this.blocks.push(new Block());
+      this.bytes += this.block(row).bytes;
+    }
+    const block = this.block(row);
+    if (!empty && time + this.shift <= this.lastTime) {
+      this.shift = this.lastTime + 0.001 - time;
+    }
+    block.cycles[at] = cycle;
+    block.times[at] = time + this.shift;
+    if (last !== cycle) {
+      this.bytes += block.lastCycles ? 0 : BLOCK * 8;
+      (block.lastCycles ??= new Float64Array(BLOCK))[at] = last;
+      block.flags[at]! |= MINMAX;
+      this.minmax = true;
+    }
+    if (restarted) this.run = row;
+    if (restarted || lost || (!empty && cycle !== before + 1)) {
+      block.flags[at]! |= GAP;
+      if (!empty && !restarted && cycle > before) {
+        block.missing += cycle - before - 1;
+        this.missing += cycle - before - 1;
+      }
+    }
+    block.count = at + 1;
+    this.end = row + 1;
+    return row;
+  }
+
+  private forget(): void {
+    while (this.blocks.length > 2) {
+      const tooMuch = this.bytes > this.limits.bytes;
+      if (!tooMuch && this.lastTime - this.blocks[1]!.times[0]! < this.limits.time) break;
+      this.short ||= tooMuch;
+      const gone = this.blocks.shift()!;
+      this.bytes -= gone.bytes;
+      this.missing -= gone.missing;
+      this.base++;
+    }
+  }
+}
+
+function typeOf(values: Column): ColumnType {
+  return values.constructor.name
+    .replace("Array", "").replace("Big", "").toLowerCase() as ColumnType;
+}

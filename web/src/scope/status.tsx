@@ -1,0 +1,29 @@
+// What the user must know of the data: age, losses, limits.
+import type { ScopeModel } from "./model";
+
+export function StatusLine({ model }: { model: ScopeModel }) {
+  const status = model.status.value;
+  const link = model.link.value;
+  const isFile = model.source.value === "file";
+  const warnings = [];
+  if (link && !link.up) warnings.push(`Old values: ${link.text}`);
+  if (status?.missing) warnings.push(`${status.missing} cycles are missing.`);
+  if (status?.minmax) {
+    warnings.push("The page was too slow for each cycle, so parts show the least and greatest values of several cycles. No peak is lost.");
+  }
+  if (status?.short) warnings.push("The memory for samples is full, so the oldest ones went.");
+  if (status?.shift) warnings.push(`The clock was set back; newer times are shown ${(status.shift / 1000).toFixed(3)} s later.`);
+  if (model.notice.value) warnings.push(model.notice.value);
+  const minutes = status && status.rows > 1 ? (status.last - status.first) / 1000 : 0;
+  const time = `${Math.floor(minutes / 60)}:${String(Math.floor(minutes % 60)).padStart(2, "0")}`;
+  return (
+    <div class="scope-status" data-view={status ? JSON.stringify(status) : undefined}>
+      <span>
+        {isFile ? (model.ended.value ? `The whole file: ${time}` : "The file is being read …") : `Recorded ${time} of 10:00 min`}
+        {status ? `, ${status.rows} rows, ${(status.bytes / 1e6).toFixed(0)} MB` : ""}
+      </span>
+      {status && <span title="JavaScript for each picture">{status.drawing.toFixed(1)} ms, {status.frames}/s</span>}
+      <span role="status" class="scope-warning">{warnings.join(" ")}</span>
+    </div>
+  );
+}
