@@ -171,12 +171,12 @@ export function Topology({ state }: { state: State }) {
               return (
                 <g
                   key={row.slave} class={classes} role="treeitem" data-slave={row.slave}
-                  tabIndex={row.slave === selected || (current < 0 && at === 0) ? 0 : -1}
+                  tabindex={row.slave === selected || (current < 0 && at === 0) ? 0 : -1}
                   aria-level={row.depth + 1} aria-selected={row.slave === selected}
-                  aria-label={`${row.slave} ${name}, ${words}${note === "" ? "" : `, ${note}`}${row.text === "" ? "" : `, cable ${row.verdict}: ${row.text}`}`}
                   onClick={() => state.open(row.slave)} transform={`translate(${left} ${y(at)})`}
                 >
-                  <title>{`${row.slave} ${name}\n${al?.text ?? ""}${row.text === "" ? "" : `\nCable ${row.verdict}: ${row.text}`}`}</title>
+                  <title>{`${row.slave} ${name}, ${words}${note === "" ? "" : `, ${note}`}${row.text === "" ? "" : `, cable ${row.verdict}: ${row.text}`}`}</title>
+                  <g aria-hidden="true">
                   <rect class="node-box" width={wide} height={tall} rx="3" />
                   {kind !== "op" && kind !== "unknown" && <rect class="node-bar" width="3" height={tall} rx="1" />}
                   <text class="node-number" x="28" y={small ? 15 : 16} text-anchor="end">{row.slave}</text>
@@ -184,6 +184,7 @@ export function Topology({ state }: { state: State }) {
                   <text class="node-state" x={wide - 8} y={small ? 15 : 16} text-anchor="end">{words}</text>
                   {!small && <text class="node-note" x="36" y="29">{cut(note, wide - 100, 6)}</text>}
                   {!small && <text class="node-note" x={wide - 8} y="29" text-anchor="end">{delay}</text>}
+                  </g>
                 </g>
               );
             })}
