@@ -13,7 +13,7 @@ import zenoh
 
 from ecatd.base.paths import control_socket, search_dirs
 from ecatd.client.remote import Remote
-from ecatd.gateway.bus_client import BusClient
+from ecatd.operations.bus_client import BusClient
 from ecatd.operations.objects import ListObjects, SdoRead
 from ecatd.operations.zenoh_keys import session_config
 

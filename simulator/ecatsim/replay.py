@@ -1,4 +1,4 @@
-"""Replays a recording of `ecatctl record --raw`: the inputs of a rig have the recorded values."""
+"""Replays a recording of `ecatctl record --raw`, or an incident, into the inputs of a rig."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.base.addresses import parse_address
+from ecatd.base.cycle_messages import CycleMessages, MessageField
 from ecatd.base.errors import ConfigError, EcatError, StateError, UsageError
 from ecatd.etg.datatypes import is_real, value_range
 from ecatd.etg.pdo import Entry
@@ -23,6 +24,8 @@ from .slave.device import Device
 
 _TITLE = re.compile(r"(\d+)/.* \((0x[0-9A-Fa-f]+:[0-9A-Fa-f]+)\)")
 _TIME, _FIRST = 0, 2
+_SIGNALS, _FIELDS = "signals", "fields"
+"""Metadata of the channel with the cycles of an incident: entries, and fields of its messages."""
 _UTC = "utc"
 """A column of the wall clock, which says nothing about inputs."""
 Value = int | float
@@ -62,7 +65,7 @@ class Replay:
     next one is due; after the last row, the last values stay.
 
     Args:
-        path: A file that `ecatctl record --raw` has written.
+        path: A file that `ecatctl record --raw` or the flight recorder has written.
         rig: A rig with the slaves that were recorded.
         repeat: Whether to start again after the last row.
 
@@ -191,13 +194,34 @@ def _mcap(path: Path) -> Iterator[Sequence[Any]]:
     names: list[str] | None = None
     begin = 0
     with path.open("rb") as file:
-        for _, _, message in make_reader(file).iter_messages():
+        reader = make_reader(file)
+        summary = reader.get_summary()
+        for channel in summary.channels.values() if summary else ():
+            if _SIGNALS in channel.metadata:
+                yield from _incident(reader, channel)
+                return
+        for _, _, message in reader.iter_messages():
             content = json.loads(message.data)
             if names is None:
                 names, begin = [*content["values"]], message.log_time
                 yield ["time_s", "cycle", *names]
             cells = (content["values"][name] for name in names)
             yield [1e-9 * (message.log_time - begin), content["cycle"], *cells]
+
+
+def _incident(reader: Any, channel: Any) -> Iterator[Sequence[Any]]:
+    """The raw values of an incident of the flight recorder (`ecatd.recorder.incident`)."""
+    signals = json.loads(channel.metadata[_SIGNALS])
+    fields = [MessageField(name, kind) for name, kind in json.loads(channel.metadata[_FIELDS])]
+    messages = CycleMessages(fields)
+    place = {field.name: number for number, field in enumerate(fields)}
+    chosen = [place["cycle"], *(place[signal["raw"]] for signal in signals)]
+    yield ["time_s", "cycle", *(f"{item['name']} ({item['address']})" for item in signals)]
+    begin: int | None = None
+    for _, _, message in reader.iter_messages(topics=[channel.topic]):
+        begin = message.log_time if begin is None else begin
+        values = messages.unpack(message.data)
+        yield [1e-9 * (message.log_time - begin), *(values[number] for number in chosen)]
 
 
 def _parquet(path: Path) -> Iterator[Sequence[Any]]:
@@ -214,7 +238,8 @@ def _library(path: Path, name: str) -> Any:
         return import_module(name)
     except ImportError as error:
         package = name.partition(".")[0]
+        extra = {"mcap": "record", "pyarrow": "parquet"}[package]
         raise StateError(
-            f"{path}: files of this kind need the package {package}: pip install 'ecatd[record]'; "
+            f"{path}: files of this kind need the package {package}: pip install 'ecatd[{extra}]'; "
             "CSV needs none"
         ) from error

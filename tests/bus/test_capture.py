@@ -8,13 +8,11 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import pytest
 
 from conftest import Daemon, names, one_line_error, wait_for
-from ecatsim.control import Simulator
 
 pytestmark = [
     pytest.mark.bus,
@@ -115,57 +113,8 @@ def test_wrong_use_is_refused(troll: Daemon, tmp_path: Path) -> None:
 
 
 def test_without_memory(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
-    daemon = start_daemon("troll", config="[capture]\nmemory_mb = 0\n")
+    daemon = start_daemon("troll", config="[flight_recorder]\nmemory_mb = 0\n")
     refused = daemon.ctl("capture", "-o", str(tmp_path / "x"), check=False)
     assert refused.returncode == 7
-    names(one_line_error(refused.stderr, "ecatctl"), "capture.memory_mb")
+    names(one_line_error(refused.stderr, "ecatctl"), "flight_recorder.memory_mb")
     assert not (tmp_path / "x").exists()
-
-
-def test_a_fault_is_in_a_file(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
-    for number in range(5):  # on a busy machine a frame may be late, which is a fault
-        folder = tmp_path / f"faults{number}"
-        daemon = start_daemon("troll", config=f'[capture]\nfolder = "{folder}"\nkeep = 2\n')
-        if not list(folder.iterdir()):
-            break
-    assert not list(folder.iterdir())  # on the way to OP nothing is a fault
-    for day in (1, 2, 3):
-        (folder / f"{daemon.bus}-2026010{day}T000000.000000Z.pcapng").touch()
-    (folder / "zero.pcapng").touch()
-    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
-        simulator.faults.power_off(5)
-        wait_for(lambda: "the last frames are in" in daemon.log, daemon)
-    older, file, other = sorted(folder.iterdir())
-    assert str(file) in daemon.log
-    assert ("20260103" in older.name, other.name) == (True, "zero.pcapng")
-    assert tshark(file, "-Y", f"frame.packet_flags == {IN}")
-    about = subprocess.run(["capinfos", "-k", file], capture_output=True, text=True, check=True)
-    assert any(name in about.stdout for name in ("working_counter:", "slaves:", "disturbance:"))
-
-
-def test_members_of_the_group_can_read_the_file(
-    start_daemon: Callable[..., Daemon], tmp_path: Path
-) -> None:
-    folder = tmp_path / "new" / "faults"
-    umask = partial(os.umask, 0o077)  # that of the service
-    daemon = start_daemon("troll", config=f'[capture]\nfolder = "{folder}"\n', preexec=umask)
-    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
-        simulator.faults.power_off(5)
-        wait_for(lambda: "the last frames are in" in daemon.log, daemon)
-    (file,) = folder.iterdir()
-    modes = [path.stat().st_mode & 0o777 for path in (folder.parent, folder, file)]
-    assert modes == [0o750, 0o750, 0o640]
-
-
-def test_a_folder_that_cannot_be_written(
-    start_daemon: Callable[..., Daemon], tmp_path: Path
-) -> None:
-    (tmp_path / "file").write_text("")
-    daemon = start_daemon("troll", config=f'[capture]\nfolder = "{tmp_path / "file" / "x"}"\n')
-    line, *_ = [line for line in daemon.log.splitlines() if "capture.folder" in line]
-    names(line, "warning", "Not a directory")  # it is told before there is a fault
-    checked = daemon.ctl("config", "check", str(daemon.config_file))  # and before there is a start
-    names(checked.stdout, f"{daemon.config_file}:2: capture.folder", tmp_path / "file" / "x")
-    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
-        simulator.faults.power_off(5)
-        wait_for(lambda: daemon.log.count("capture.folder") >= 2, daemon)

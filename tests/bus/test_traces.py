@@ -201,17 +201,17 @@ def test_what_cannot_be_traced(start_daemon: Callable[..., Daemon]) -> None:
                 session.trace(["8/*"])
             names(full.value, 8)
     assert daemon.stop() == 0
-    daemon = start_daemon("line:1", config=f"{LOCAL}[capture]\nmemory_mb = 0\n")
+    daemon = start_daemon("line:1", config=f"{LOCAL}[flight_recorder]\nmemory_mb = 0\n")
     with remote(daemon) as session, pytest.raises(StateError) as none:
         session.trace(["*"])
-    names(none.value, "capture.memory_mb", 0)
+    names(none.value, "flight_recorder.memory_mb", 0)
 
 
 def test_a_gateway_that_stood_still_says_what_is_lost(
     start_daemon: Callable[..., Daemon],
 ) -> None:
     """Half a megabyte of frames are some 2000 cycles."""
-    config = f"cycle_time_us = 1000\n{LOCAL}[capture]\nmemory_mb = 1\n"
+    config = f"cycle_time_us = 1000\n{LOCAL}[flight_recorder]\nmemory_mb = 1\n"
     daemon = start_daemon("line:1", config=config)
     with remote(daemon) as session, session.trace(["0/*:01"]) as trace:
         batches = iter(trace)

@@ -65,6 +65,7 @@ def test_each_command_that_changes_something_asks_or_has_a_reason() -> None:
 # --- JSON ----------------------------------------------------------------------------------------
 
 NO_DOCUMENT = {
+    "top": "it is a screen for people, and says so",
     "metrics": "OpenMetrics is a format for programs; `stats --json` has the same",
     "log": "it prints lines without end; `test_log_levels.py` reads them",
 }

@@ -39,7 +39,11 @@ VALUES: dict[str, dict[str, list[str]]] = {
         "profiles": ["[]", '["/here", "there"]'],
     },
     "[log]": {"level": ['"error"', '"debug"'], **{part: ['"debug"'] for part in PARTS}},
-    "[capture]": {"memory_mb": ["0", "1024"], "folder": ['""', '"/var/lib/x"'], "keep": ["1"]},
+    "[flight_recorder]": {
+        "memory_mb": ["1", "1024"],
+        "folder": ['""', '"/var/lib/x"'],
+        "disk_mb": ["1"],
+    },
     "[eoe]": {"interface": ['"eoe0"'], "address": ['""']},
     "[expected]": {
         "policy": ['"strict"', '"tolerant"'],

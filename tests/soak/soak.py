@@ -55,10 +55,10 @@ FILES = """\
 audit_file = "{files}/audit"
 """
 CAPTURE = """\
-[capture]
+[flight_recorder]
 folder = "{files}"
 memory_mb = 1
-keep = 3
+disk_mb = 20
 """
 HEAL_S = 120.0
 GROWTH = {"RSS": 6144, "descriptors": 3, "threads": 2}

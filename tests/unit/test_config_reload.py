@@ -89,9 +89,9 @@ def config(text: str) -> Config:
         (("cycle_time_us = 1000", "[mailbox]\nshare = 0.1"), ["mailbox.share"], []),
         (("cycle_time_us = 1000", "[outputs]\nwkc_limit = 3"), ["outputs.wkc_limit"], []),
         (
-            ("cycle_time_us = 1000", "[capture]\nkeep = 3\nmemory_mb = 1"),
-            ["capture.keep"],
-            ["capture.memory_mb"],
+            ("cycle_time_us = 1000", "[flight_recorder]\ndisk_mb = 3\nmemory_mb = 1"),
+            ["flight_recorder.disk_mb"],
+            ["flight_recorder.memory_mb"],
         ),
     ],
 )

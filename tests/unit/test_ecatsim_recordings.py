@@ -132,13 +132,16 @@ def test_damaged_files_are_refused(tmp_path: Path, suffix: str) -> None:
         assert str(caught.value).startswith(f"{file}:")
 
 
-@pytest.mark.parametrize(("suffix", "package"), [("mcap", "mcap"), ("parquet", "pyarrow")])
+@pytest.mark.parametrize(
+    ("suffix", "package", "extra"),
+    [("mcap", "mcap", "record"), ("parquet", "pyarrow", "parquet")],
+)
 def test_a_library_that_is_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, package: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, package: str, extra: str
 ) -> None:
     file = write(tmp_path / f"run.{suffix}", [(0, 7, (1, -5))])
     for name in [name for name in sys.modules if name.partition(".")[0] == package]:
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(StateError) as caught:
         Replay(file, library.make("troll"))
-    names(caught.value, str(file), package, "ecatd[record]", "CSV")
+    names(caught.value, str(file), package, f"ecatd[{extra}]", "CSV")

@@ -8,7 +8,8 @@ import pytest
 
 from conftest import names_at, naming
 from ecatd.base.errors import ConfigError
-from ecatd.config import CaptureConfig, Config, SignalConfig, load_config
+from ecatd.config import Config, SignalConfig, load_config
+from ecatd.config.flight_recorder import FlightRecorderConfig
 from ecatd.config.meanings import give_meanings
 from ecatd.config.profiles import Profiles, load_profiles
 from ecatd.config.profiles.file import DEVICE, ENTRY
@@ -316,7 +317,7 @@ def test_a_folder_that_cannot_be_looked_at(tmp_path: Path) -> None:
         load_profiles(None, [folder])
     with pytest.raises(ConfigError, match=naming(folder, "profiles[0]")):
         load_profiles(Config(profiles=[str(folder)]))
-    assert missing_folders(Config(capture=CaptureConfig(folder=str(folder))))
+    assert missing_folders(Config(flight_recorder=FlightRecorderConfig(folder=str(folder))))
 
 
 def test_our_own_profiles_are_about_every_device_once() -> None:

@@ -7,7 +7,9 @@ They are those of a real run on the simulated bus of the README, so they show wh
 
 from __future__ import annotations
 
+import asyncio
 import io
+import os
 import re
 import subprocess
 import sys
@@ -17,11 +19,18 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
+from ecatd.cli.terminal_view.app import Top
+from ecatsim.control import Simulator
+
 _RIG, _BUS = "troll", "screens"
 _SCREENS = {
     "screen-slaves": ("ecatctl slaves", "ecatctl graph", "ecatctl check"),
 }
 """What a picture shows, by its name."""
+_VIEWS = {"screen-top": ("1",), "screen-top-signals": ("2", "/", *"value", "enter")}
+"""Keys that bring `ecatctl top` to what a picture shows."""
+_SIZE = (112, 24)
+_WITHOUT_POWER = 5
 _WIDTH = 112
 _PROMPT = "$ "
 
@@ -44,6 +53,9 @@ def main(folder: Path) -> None:
                 _draw(folder / f"{name}.svg", commands, env)
             command = ["ecatctl", "graph", "-o", str(folder / "topology.svg")]
             subprocess.run(command, env=env, check=True)
+            os.environ.update(env)
+            for name, keys in _VIEWS.items():
+                asyncio.run(_draw_top(folder / f"{name}.svg", keys, daemon.pid))
         finally:
             daemon.terminate()
             daemon.wait()
@@ -65,8 +77,29 @@ def _draw(file: Path, commands: tuple[str, ...], env: dict[str, str]) -> None:
         said = subprocess.check_output(["sh", "-c", command], env=env, text=True)
         console.print(Text(_PROMPT + command, style="bold"))
         console.print(Text(said))
-    picture = console.export_svg(title="ecatctl")
-    file.write_text(re.sub(r"\s*@font-face \{.*?\}", "", picture, flags=re.DOTALL))  # from the web
+    _save(file, console.export_svg(title="ecatctl"))
+
+
+async def _draw_top(file: Path, keys: tuple[str, ...], daemon: int) -> None:
+    """Draws `ecatctl top` while a slave has no power."""
+    children = Path(f"/proc/{daemon}/task/{daemon}/children").read_text().split()
+    simulator = next(
+        pid for pid in children if "ecatsim" in Path(f"/proc/{pid}/cmdline").read_text()
+    )
+    app = Top(_BUS, None, 10.0)
+    with Simulator(simulator) as segment:
+        async with app.run_test(size=_SIZE) as pilot:
+            await pilot.pause(10)  # so that the signals have a course
+            segment.faults.power_off(_WITHOUT_POWER)
+            await pilot.press(*keys)
+            await pilot.pause(3)
+            _save(file, app.export_screenshot(title="ecatctl top"))
+            segment.faults.power_on(_WITHOUT_POWER)
+
+
+def _save(file: Path, picture: str) -> None:
+    """Writes a picture without its fonts, which are from the web."""
+    file.write_text(re.sub(r"\s*@font-face \{.*?\}", "", picture, flags=re.DOTALL))
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ PARTS = {
     "outputs": "who owns outputs, and why they are safe",
     "dc": "distributed clocks",
     "interfaces": "network interfaces, lost frames, other masters",
+    "recorder": "incidents of the flight recorder",
     "gateway": "requests over Zenoh, addresses, metrics",
 }
 """The parts, and what their messages are about."""

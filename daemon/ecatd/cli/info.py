@@ -93,6 +93,8 @@ def info_lines(snapshot: Snapshot, running: Mapping[str, Any], silent: str) -> l
         rows.append(("wire time", f"{running['wire_us']} µs in the longest cycle: {size}"))
     elif silent:
         rows.append(("wire time", "unknown without an answer"))
+    if running.get("frames_s"):
+        rows.append(("last frames", f"those of about {running['frames_s']:g} s"))
     rows += [
         ("slaves", _slaves(snapshot)),
         ("ring", ring_text(snapshot)),

@@ -34,6 +34,8 @@ _STEP = 1 << 20
 """Bytes of a file for which room is made at once."""
 _MESSAGE, _CHUNK = 64, 256
 """Most bytes of an MCAP file for a message beside its data, and for a chunk in the index."""
+_LIBRARIES = {".mcap": ("mcap", "record"), ".parquet": ("pyarrow", "parquet")}
+"""What writes files of some formats, and the extra of ecatd that brings it."""
 _CELL, _GROUP, _COLUMN = 16, 512, 1024
 """Most bytes of a Parquet file for a value, for each column of 5000 rows, and for a column."""
 
@@ -95,14 +97,14 @@ def check_format(suffix: str, name: object) -> None:
     """
     if suffix not in FORMATS:
         raise UsageError(f"{name}: give a file name that ends with {', '.join(FORMATS)}")
-    library = {".mcap": "mcap", ".parquet": "pyarrow"}.get(suffix)
-    if library is None:
+    if suffix not in _LIBRARIES:
         return
+    library, extra = _LIBRARIES[suffix]
     try:
         import_module(library)
     except ImportError as error:
         raise StateError(
-            f"{name}: files of this kind need the package {library}: pip install 'ecatd[record]'; "
+            f"{name}: files of this kind need the package {library}: pip install 'ecatd[{extra}]'; "
             "CSV needs none"
         ) from error
 

@@ -9,7 +9,6 @@ file and line.
 
 from .clocks import DcConfig, DcSlaveConfig
 from .config import (
-    CaptureConfig,
     Config,
     HealthConfig,
     MailboxConfig,
@@ -34,7 +33,6 @@ __all__ = [
     "TOLERANT",
     "TRANSITIONS",
     "TRANSITIONS_DOWN",
-    "CaptureConfig",
     "Config",
     "CopyConfig",
     "DcConfig",

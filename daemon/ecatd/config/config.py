@@ -27,6 +27,7 @@ from .clocks import DcConfig, DcSlaveConfig, read_clocks
 from .copies import ABSENT, CopyConfig, read_copies
 from .domains import DomainConfig, read_domains
 from .eoe import EoeConfig, read_eoe
+from .flight_recorder import FlightRecorderConfig, read_flight_recorder
 from .gateway import GatewayConfig, read_gateway
 from .outputs import OutputsConfig, SafeConfig
 from .placed import Placed, one
@@ -152,24 +153,6 @@ class HealthConfig(Placed):
 
 
 @dataclass(slots=True)
-class CaptureConfig(Placed):
-    """`[capture]`: the [last frames](command-line.md#frames), and files with them after faults.
-
-    Attributes:
-        memory_mb: Memory of the bus server for them: half for the frames of the cycle, half for all
-            others. 0: keep none; then `ecatctl record` has no values.
-        folder: Where the bus server writes the last frames after a fault, such as
-            `"/var/lib/ecatd/ecat0"`, which the service can write. The start makes the folder, and
-            members of the group `ecat` can read it. `""`: nowhere.
-        keep: Number of files that ecatd keeps in `folder`; it deletes the oldest.
-    """
-
-    memory_mb: Annotated[int, integer(0, 1024)] = 16
-    folder: Annotated[str, _whole_path("folder", "/var/lib/ecatd")] = ""
-    keep: Annotated[int, integer(1, 1000)] = 10
-
-
-@dataclass(slots=True)
 class Config(Placed):
     """The whole configuration of one bus.
 
@@ -200,7 +183,7 @@ class Config(Placed):
         outputs: Leases and safe values.
         signal: Names, units, scales and limits of entries of the process data.
         copy: Outputs that an input of another slave decides.
-        capture: The last frames.
+        flight_recorder: The last frames, and incidents.
         eoe: The network interface to slaves with Ethernet over EtherCAT.
         gateway: Access over Zenoh.
     """
@@ -225,7 +208,9 @@ class Config(Placed):
     outputs: Annotated[OutputsConfig, one(OutputsConfig)] = field(default_factory=OutputsConfig)
     signal: Annotated[list[SignalConfig], read_signals] = field(default_factory=list)
     copy: Annotated[list[CopyConfig], read_copies] = field(default_factory=list)
-    capture: Annotated[CaptureConfig, one(CaptureConfig)] = field(default_factory=CaptureConfig)
+    flight_recorder: Annotated[FlightRecorderConfig, read_flight_recorder] = field(
+        default_factory=FlightRecorderConfig
+    )
     eoe: Annotated[EoeConfig, read_eoe] = field(default_factory=EoeConfig)
     gateway: Annotated[GatewayConfig, read_gateway] = field(default_factory=GatewayConfig)
 

@@ -66,7 +66,11 @@ def reload(before: Config, wanted: Config) -> Reload:
         before,
         audit_file=wanted.audit_file,
         log=wanted.log,
-        capture=replace(wanted.capture, memory_mb=before.capture.memory_mb),
+        flight_recorder=replace(
+            wanted.flight_recorder,
+            memory_mb=before.flight_recorder.memory_mb,
+            folder=before.flight_recorder.folder,
+        ),
         gateway=wanted.gateway,
         mailbox=wanted.mailbox,
         recovery=wanted.recovery,

@@ -22,6 +22,7 @@ from ecatd.config import Config, GatewayConfig, UserConfig, read_config
 from ecatd.description.bus import Bus
 from ecatd.description.bus_reader import read_bus
 from ecatd.operations.bus import ReadConfig, ReadRights, ReadStates, Rights
+from ecatd.operations.bus_client import Answer, BusClient
 from ecatd.operations.description import Describe
 from ecatd.operations.encoding import MAX_MESSAGE, pack, unpack
 from ecatd.operations.endpoints import LOCAL, Endpoint
@@ -48,7 +49,6 @@ from .access import (
     without_encryption,
 )
 from .admission import RELAYED, Admission
-from .bus_client import Answer, BusClient
 from .certificates import contents, watch_certificates, wrong_certificates
 from .daemon_threads import in_daemon_thread
 from .listening import Listening

@@ -1,8 +1,8 @@
 """Traces: the value of each of some entries in every cycle, in batches.
 
-The bus server keeps the last frames of the cycle (`[capture]`). While somebody listens, the gateway
-reads them some times a second and takes the values out of them, so a busy machine delays a trace,
-and loses nothing. Readers with the same patterns share a trace.
+The bus server keeps the last frames of the cycle (`[flight_recorder]`). While somebody listens, the
+gateway reads them some times a second and takes the values out of them, so a busy machine delays a
+trace, and loses nothing. Readers with the same patterns share a trace.
 """
 
 from __future__ import annotations
@@ -16,24 +16,18 @@ import zenoh
 
 from ecatd.base.errors import BusyError, EcatError, UsageError
 from ecatd.base.log import Log
-from ecatd.client import Client, Signal
+from ecatd.client import Client
 from ecatd.client.patterns import find_signals
+from ecatd.operations.bus_client import BusClient
 from ecatd.operations.encoding import pack
 from ecatd.operations.frames import NEWEST, ReadFrames
 from ecatd.operations.handlers import handles
 from ecatd.operations.image import DomainImage, ReadImage
-from ecatd.operations.traces import (
-    OpenTrace,
-    Trace,
-    TraceBatch,
-    TraceSignal,
-    column_type,
-)
+from ecatd.operations.traces import OpenTrace, Trace, TraceBatch
 from ecatd.operations.zenoh_keys import SCHEMA, bus_key
-from ecatd.trace.columns import Columns
+from ecatd.trace.columns import Columns, described
 from ecatd.trace.cycles import CycleReader
 
-from .bus_client import BusClient
 from .sessions import Publisher, Sessions
 
 _TRACES_MAX, _SIGNALS_MAX, _PATTERNS_MAX = 8, 10000, 100
@@ -112,7 +106,7 @@ class Traces:
             {
                 "key": key,
                 "cycle_time_us": round(source.client.cycle_time * 1e6),
-                "signals": [_described(signal) for signal in signals],
+                "signals": [described(signal) for signal in signals],
             },
         )
 
@@ -246,16 +240,3 @@ class _OpenTrace:
         if self._publisher.is_wanted:
             self.asked = time.monotonic()
         return time.monotonic() - self.asked < _ABANDONED_S
-
-
-def _described(signal: Signal) -> TraceSignal:
-    return {
-        "name": signal.path,
-        "slave": signal.slave,
-        "address": signal.address,
-        "output": signal.output,
-        "type": column_type(signal.data_type, signal.bit_length),
-        "scale": signal.scale,
-        "offset": signal.offset,
-        "unit": signal.unit,
-    }

@@ -29,6 +29,7 @@ class Info(Map):
     wire_us: float  #: Time of a frame on the wire and through all slaves, in microseconds.
     wire_frames: int  #: Frames of a cycle.
     wire_bytes: int  #: Their bytes on the wire.
+    frames_s: float  #: How many seconds of the cycle the last frames are, about; 0: none are kept.
     #: State of each interface, by name: `up`, `no_carrier`, `down` or `gone`.
     links: dict[str, str]
     recovery: list[RecoveringSlave]  #: Slaves that are being brought back.

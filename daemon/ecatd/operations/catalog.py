@@ -19,6 +19,7 @@ from . import (
     frames,
     idns,
     image,
+    incidents,
     log,
     objects,
     outputs,
@@ -31,7 +32,7 @@ from .operation import Operation, needs_right, right_of
 
 _MODULES = (
     *(bus, description, statistics, outputs, log, frames, image, streams, traces),
-    *(objects, registers, eeproms, ethernet, idns, files),
+    *(objects, registers, eeproms, ethernet, idns, files, incidents),
 )
 
 OPERATIONS: dict[str, type[Operation[Any]]] = {

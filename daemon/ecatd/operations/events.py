@@ -375,12 +375,26 @@ KINDS: Mapping[str, Kind] = {
             published=False,
         ),
         Kind(
-            "frames_written",
+            "recorder",
+            "warning",
+            "The flight recorder is started again",
+            "It has ended or hangs. The bus goes on; an incident meanwhile was not recorded.",
+            published=False,
+        ),
+        Kind(
+            "incident",
             "info",
-            "The frames of a fault are in a file",
-            "Something has gone wrong on the bus, and the configuration has a folder for [such "
-            "files](command-line.md#frames) (`capture.folder`). Open the file with Wireshark. The "
-            "messages before this one say what has happened.",
+            "Somebody has asked for an incident",
+            "The flight recorder writes it. See: `ecatctl incident list`.",
+            ("by",),
+            logged=False,
+        ),
+        Kind(
+            "incident_written",
+            "warning",
+            "An incident is in a file, or cannot be written",
+            "Something has gone wrong on the bus, or somebody has asked for it. `ecatctl incident "
+            "show NAME` says what is known. See: [incidents](incidents.md).",
             published=False,
         ),
     )

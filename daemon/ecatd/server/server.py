@@ -56,6 +56,7 @@ from ecatd.shm import contract as shm
 
 from .requests.changes import ZENOH, Changes
 from .requests.conversations import Conversations
+from .requests.incidents import Incidents
 from .requests.requests import Requests
 from .requests.wire import read_frames
 from .start.bring_up import BringUp
@@ -63,7 +64,6 @@ from .start.exchange import leases
 from .start.output_limits import OutputLimits
 from .start.running_bus import RunningBus
 from .watch.event_history import EventHistory
-from .watch.fault_files import FaultFiles
 from .watch.monitor import Monitor
 
 _ATTEND_PERIOD = 1.0
@@ -120,11 +120,9 @@ class BusServer:
         master = running.master
         self._events = EventHistory(publish, running.shared.header.instance)
         self._changes = Changes(log, self._events.publish)
-        self._fault_files = FaultFiles(running, log)
         self._cables = Cables(bus, config.health.cable_factor)
         self._monitor = Monitor(
-            *(running, self.answer, worker, log, self._events.publish, self._fault_files),
-            self._cables,
+            *(running, self.answer, worker, log, self._events.publish, self._cables)
         )
         note = self._monitor.emergencies.note
         self._ethernet = EthernetTraffic(config.eoe, bus, master, worker, note, log)
@@ -132,9 +130,23 @@ class BusServer:
         self._requests = Requests(
             *(bus, master, config, worker, conversations, self._monitor.slaves, self._meaning),
             *(self._changes, log, self._cables, self, self._ethernet),
+            Incidents(config, self._changes, self._events.publish),
         )
         self._limits = OutputLimits(running)
         self._started = time.time()
+        recorder = config.flight_recorder
+        if recorder.folder:
+            text = (
+                f"the flight recorder has the last {running.frames_s:.1f} s of this bus in "
+                f"{recorder.memory_mb} MiB"
+            )
+            if running.frames_s < recorder.before_s:
+                log.of("recorder").warning(
+                    f"{text}, and not the {recorder.before_s:g} s of flight_recorder.before_s: "
+                    "choose a larger flight_recorder.memory_mb"
+                )
+            else:
+                log.of("recorder").info(text)
         self._asked_at = time.monotonic()  # when the service has asked whether this process works
 
     @classmethod
@@ -189,7 +201,6 @@ class BusServer:
         self._monitor.exchange.set_config(config.health)
         self._monitor.cables.set_config(config.health)
         running.shared.set_leases(*leases(config))
-        self._fault_files.set_config(config.capture)
         self._configured = config.log
         use_audit_file(self._log, config)
         self._events.publish(
@@ -279,6 +290,7 @@ class BusServer:
             "wire_us": round(wire.round_trip_us, 1),
             "wire_frames": wire.frames,
             "wire_bytes": wire.wire_bytes,
+            "frames_s": round(self._running.frames_s, 1),
             **self._monitor.describe(),
         }
         return cast("Info", found)
@@ -361,7 +373,6 @@ class BusServer:
         self._requests.close()
         self._monitor.stop()
         self._monitor.close()
-        await self._fault_files.close()
         await asyncio.to_thread(self._worker.close)
         self._changes.close()
         self._events.close()

@@ -60,7 +60,8 @@ def make_parser() -> argparse.ArgumentParser:
         "--replay",
         metavar="FILE",
         type=Path,
-        help="with --simulate: play a recording (`ecatctl record --raw`) into the inputs",
+        help="with --simulate: play a recording (`ecatctl record --raw`) or an incident "
+        "into the inputs",
     )
     source.add_argument(
         "--only-gateway",

@@ -43,7 +43,10 @@ from .processes import Process, fork, module_main, simulate, spawn
 T = TypeVar("T")
 
 SIMULATOR, SERVER, GATEWAY = "the simulator", "the bus server", "the gateway"
+RECORDER = "the flight recorder"
 """Names of the processes, for messages."""
+_EVENTS = {GATEWAY: "gateway", RECORDER: "recorder"}
+"""The processes that the bus does not need, each with the kind of event of its end."""
 _STEP_LEAST_US, _STEP_MOST_US = 1000, 10_000
 """Limits of the simulator; within them it makes one step for each cycle of the bus."""
 _GATEWAY_PAUSE = 1.0
@@ -146,12 +149,15 @@ class Supervisor:
             start(SIMULATOR, ("ecatsim", "run", self._rig), lambda: simulate(self._simulation()))
         start(SERVER, ("ecatd.server",), module_main("ecatd.server.__main__"))
         if self._with_gateway and not self._describe:
-            start(GATEWAY, self._gateway_command, module_main("ecatd.gateway.__main__"))
+            start(GATEWAY, self._command(GATEWAY), module_main("ecatd.gateway.__main__"))
+        if self._config.flight_recorder.folder and not self._describe:
+            command = self._command(RECORDER)
+            start(RECORDER, command, module_main("ecatd.recorder.__main__"))
         return processes
 
-    @property
-    def _gateway_command(self) -> tuple[str, ...]:
-        return ("ecatd.gateway", self._config.bus)
+    def _command(self, name: str) -> tuple[str, ...]:
+        """The module and arguments of a process that the bus does not need."""
+        return (f"ecatd.{_EVENTS[name]}", self._config.bus)
 
     def _simulation(self) -> list[str]:
         """The arguments of `ecatsim`."""
@@ -244,6 +250,9 @@ class Supervisor:
         # The gateway loads while the bus comes up, and begins when the bus is there.
         gateway = self._child(GATEWAY) if self._with_gateway else None
         begin = await self._ready(server)
+        recorder = self._child(RECORDER) if self._config.flight_recorder.folder else None
+        if recorder is not None:
+            recorder.give({"parent": os.getpid()})
         if gateway is not None:
             gateway.give({"parent": os.getpid()})
             while not await self._gets_ready(gateway):
@@ -253,7 +262,7 @@ class Supervisor:
         self._failed_starts.forget()
         self._log.info(begin, "in_op")
         notify("READY=1", f"STATUS={begin}")
-        await self._watch(fatal, gateway, begin)
+        await self._watch(fatal, [item for item in (gateway, recorder) if item], begin)
 
     def _child(self, name: str) -> Child:
         return next(child for child in self._children if child.name == name)
@@ -306,17 +315,17 @@ class Supervisor:
         try:
             word, _ = await asyncio.wait_for(self._or_stop(gateway.first_line()), _GATEWAY_START)
         except TimeoutError:
-            await self._kill_gateway(gateway)
+            await self._kill(gateway)
             return False
         if not word and (status := await gateway.end) < 0:
-            self._report_gateway(status)
+            self._report_other(gateway, status)
             return False
         await self._ready(gateway)
         return True
 
-    def _report_gateway(self, status: int) -> None:
-        text = f"the gateway has ended ({_cause(status)}); ecatd starts it again"
-        self._log.warning(text, "gateway")
+    def _report_other(self, child: Child, status: int) -> None:
+        text = f"{child.name} has ended ({_cause(status)}); ecatd starts it again"
+        self._log.warning(text, _EVENTS[child.name])
 
     async def _or_stop(self, work: Awaitable[T]) -> T:
         """Waits for a child that starts; a signal meanwhile ends the daemon."""
@@ -329,15 +338,14 @@ class Supervisor:
         stop.cancel()
         return result.result()
 
-    async def _watch(self, fatal: list[Child], gateway: Child | None, begin: str) -> None:
+    async def _watch(self, fatal: list[Child], others: list[Child], begin: str) -> None:
         server = fatal[-1]
         stop = asyncio.create_task(self._stop.wait())
         tasks = [
             asyncio.create_task(self._watch_server(server, begin)),
             asyncio.create_task(self._reload_on_request(server)),
         ]
-        if gateway is not None:
-            tasks.append(asyncio.create_task(self._keep_gateway(gateway)))
+        tasks += [asyncio.create_task(self._keep(child)) for child in others]
         ends = {child.end: child for child in fatal}
         await asyncio.wait((stop, *tasks, *ends), return_when=asyncio.FIRST_COMPLETED)
         stop.cancel()
@@ -384,48 +392,49 @@ class Supervisor:
         self._log.error(f"{text}; {_again()}; please report this defect in ecatd", "hung")
         raise _EndedError(StateError.exit_code)
 
-    async def _keep_gateway(self, gateway: Child) -> None:
-        """Keeps a gateway running: starts another one when it ends or hangs."""
+    async def _keep(self, child: Child) -> None:
+        """Keeps a process running that the bus does not need: starts another one when it ends."""
         while True:
-            hung = asyncio.create_task(_until_hung(gateway))
+            hung = asyncio.create_task(_until_hung(child))
             try:
-                await asyncio.wait((gateway.end, hung), return_when=asyncio.FIRST_COMPLETED)
+                await asyncio.wait((child.end, hung), return_when=asyncio.FIRST_COMPLETED)
             finally:
                 hung.cancel()
-            if not gateway.end.done():
-                await self._kill_gateway(gateway)
-            elif status := gateway.end.result():  # status 0: it ends to use other settings
-                self._report_gateway(status)
-            gateway = await self._replace(gateway)
+            if not child.end.done():
+                await self._kill(child)
+            elif status := child.end.result():  # status 0: it ends to use other settings
+                self._report_other(child, status)
+            child = await self._replace(child)
 
-    async def _replace(self, gateway: Child) -> Child:
-        """Starts another gateway; tries until the system has the memory for it."""
-        self._children.remove(gateway)
+    async def _replace(self, child: Child) -> Child:
+        """Starts another one; tries until the system has the memory for it."""
+        name = child.name
+        self._children.remove(child)
         reported = False
         while True:
             # It also ends with the bus server. The pause gives `_watch_server` the time to notice
             # that.
             await asyncio.sleep(_GATEWAY_PAUSE)
             try:
-                process = spawn(*self._gateway_command)
+                process = spawn(*self._command(name))
             except OSError as error:
                 if not reported:
-                    text = f"the gateway cannot be started: {error.strerror}; ecatd tries it again"
-                    self._log.error(text, "gateway")
+                    text = f"{name} cannot be started: {error.strerror}; ecatd tries it again"
+                    self._log.error(text, _EVENTS[name])
                 reported = True
             else:
-                gateway = await Child.of(GATEWAY, process)
-                self._children.append(gateway)
-                self._log.debug(f"{gateway} has been started")
-                gateway.give({"parent": os.getpid()})
-                return gateway
+                child = await Child.of(name, process)
+                self._children.append(child)
+                self._log.debug(f"{child} has been started")
+                child.give({"parent": os.getpid()})
+                return child
 
-    async def _kill_gateway(self, gateway: Child) -> None:
+    async def _kill(self, child: Child) -> None:
         hung = f"has not answered for {Timeout(HANG_S)}"
-        what = hung if gateway.is_ready else f"is not ready after {Timeout(_GATEWAY_START)}"
-        text = f"{gateway} {what}; ecatd kills it and starts it again, while the bus goes on"
-        self._log.warning(text, "gateway")
-        await gateway.kill()
+        what = hung if child.is_ready else f"is not ready after {Timeout(_GATEWAY_START)}"
+        text = f"{child} {what}; ecatd kills it and starts it again, while the bus goes on"
+        self._log.warning(text, _EVENTS[child.name])
+        await child.kill()
 
     async def _reload_on_request(self, server: Child) -> None:
         """Reads the configuration at each SIGHUP, and uses the changes that need no restart."""

@@ -10,9 +10,23 @@ from typing import NamedTuple
 from ecatd.client import Signal
 from ecatd.client.signals import letter
 from ecatd.operations.image import DomainImage
-from ecatd.operations.traces import TYPES, column_type
+from ecatd.operations.traces import TYPES, TraceSignal, column_type
 
 from .cycles import PADDING, Cycle
+
+
+def described(signal: Signal) -> TraceSignal:
+    """An entry as readers of a trace get it."""
+    return {
+        "name": signal.path,
+        "slave": signal.slave,
+        "address": signal.address,
+        "output": signal.output,
+        "type": column_type(signal.data_type, signal.bit_length),
+        "scale": signal.scale,
+        "offset": signal.offset,
+        "unit": signal.unit,
+    }
 
 
 class Batch(NamedTuple):

@@ -54,11 +54,13 @@ class Cycle(NamedTuple):
     Attributes:
         number: Its number.
         time_ns: CLOCK_MONOTONIC of its last answer; of its first frame if none came.
+        begin_ns: CLOCK_MONOTONIC of its first frame.
         domains: Its domains, by number.
     """
 
     number: int
     time_ns: int
+    begin_ns: int
     domains: tuple[DomainState, ...]
 
 
@@ -100,7 +102,7 @@ class CycleReader:
         self._cycle_time_ns = cycle_time_ns
         self._known = newest, now_ns
         self._number: int | None = None
-        self._time_ns = 0
+        self._time_ns = self._begin_ns = 0
         self._exchanges: dict[int, _Exchange] = {}
 
     def read(self, records: bytes) -> Iterator[Cycle]:
@@ -115,6 +117,7 @@ class CycleReader:
                 if self._number is not None:
                     yield self._end()
                 self._number, self._time_ns = number, frame.time_ns
+                self._begin_ns = frame.time_ns
                 self._exchanges = {}
             self._take(frame)
 
@@ -167,7 +170,7 @@ class CycleReader:
                 is_sent = command == datagram["command"]
                 self._domains[domain].take(datagram, exchange, at, is_sent=is_sent)
         domains = tuple(domain.end() for domain in self._domains)
-        return Cycle(self._number, self._time_ns, domains)
+        return Cycle(self._number, self._time_ns, self._begin_ns, domains)
 
 
 def _datagrams(frame: bytes) -> Iterator[tuple[int, int, int]]:

@@ -13,17 +13,17 @@ from .. import Config
 
 
 def missing_folders(config: Config) -> list[str]:
-    """Warns about folders that do not exist: `capture.folder`, and that of `audit_file`.
+    """Warns about folders that do not exist: `flight_recorder.folder`, and that of `audit_file`.
 
-    This is not an error: the bus server makes the first one at its start, if its user may.
+    This is not an error: the recorder makes the first one at its start, if its user may.
     """
-    folder = config.capture.folder
+    folder = config.flight_recorder.folder
     texts = missing_audit_folder(config)
     if folder and not is_folder(Path(folder)):
         texts.append(
-            f"{config.capture.table.where('folder')}: there is no folder {folder}: ecatd makes it "
-            "at its start if its user may, and otherwise writes no frames of faults; make it for "
-            "that user, or correct the path"
+            f"{config.flight_recorder.table.where('folder')}: there is no folder {folder}: "
+            "ecatd makes it at its start if its user may, and otherwise writes no incidents; make "
+            "it for that user, or correct the path"
         )
     return texts
 

@@ -49,7 +49,7 @@ class FrameRing:
             reason = os.strerror(ctypes.get_errno())
             raise EcatError(
                 f"no memory for the last frames ({size / _MIB:g} MiB): {reason}. Give "
-                f"capture.memory_mb a smaller value, or 0"
+                f"flight_recorder.memory_mb a smaller value, or 0"
             )
 
     def of_engine(self, engine: int) -> None:

@@ -97,7 +97,7 @@ def read_frames(
     """
     if not rings:
         raise StateError(
-            "ecatd keeps no frames, because capture.memory_mb of the configuration is 0"
+            "ecatd keeps no frames, because flight_recorder.memory_mb of the configuration is 0"
         )
     now_ns = time.monotonic_ns()
     ring = rings[request.ring]

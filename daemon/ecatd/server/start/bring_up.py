@@ -77,7 +77,7 @@ class BringUp:
         plan = self._prepare()
         left_out: dict[int, str] = {}
         with ExitStack() as opened:
-            size = self._config.capture.memory_mb * _MIB
+            size = self._config.flight_recorder.memory_mb * _MIB
             rings = {
                 name: opened.enter_context(closing(FrameRing(size // 2)))
                 for name in (RINGS if size else ())

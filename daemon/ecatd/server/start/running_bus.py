@@ -21,6 +21,9 @@ from .process_data import ProcessData
 from .set_up import SetUp
 
 _STOP_CYCLES = 3
+_MIB = 1 << 20
+_RECORD = 16
+"""Bytes of a frame that is kept beside its data (`cyclic_frame_record`)."""
 _SAFE_TIMEOUT = 5.0
 """Most seconds to wait until safe outputs are sent. SAFEOP follows in any case, and in SAFEOP the
 slaves make their outputs safe themselves. Even a slow domain must not delay the stop so long that
@@ -82,6 +85,16 @@ class RunningBus:
     def optional(self) -> set[int]:
         """Positions of the slaves that may come and go."""
         return {slave.position for slave in self.bus.slaves if slave.group} - self.found.awaited
+
+    @property
+    def frames_s(self) -> float:
+        """How many seconds of the cycle the last frames are, about; 0 if none are kept."""
+        config, wire = self.config, self.data.wire
+        size = config.flight_recorder.memory_mb * _MIB / 2
+        ports = len(self.master.interfaces)
+        # Each frame is kept when it is sent and when it comes back.
+        each = 2 * ports * (wire.wire_bytes + wire.frames * _RECORD)
+        return size / each * config.cycle_time_us * 1e-6 if each else 0.0
 
     def make_safe(self) -> None:
         """Sends safe outputs while slaves are in OP, and waits until drives have stopped."""

@@ -28,7 +28,6 @@ from ..start.running_bus import RunningBus
 from .cables import CableWatch
 from .clocks import ClockWatch
 from .exchange import ExchangeWatch
-from .fault_files import FaultFiles
 from .interfaces import InterfaceWatch
 from .mailboxes import MailboxWatch
 from .outputs import OutputWatch
@@ -65,7 +64,6 @@ class Monitor:
         worker: The worker on which slaves are asked.
         log: The log for events.
         publish: Called with every event, as a map, on the event loop's thread.
-        fault_files: Writes the frames of faults to files.
         cables: The verdicts on the cables.
 
     Attributes:
@@ -81,7 +79,6 @@ class Monitor:
         worker: Worker,
         log: Log,
         publish: Callable[[dict[str, Any]], None],
-        fault_files: FaultFiles,
         cables: Cables,
     ) -> None:
         self._bus = running.bus
@@ -89,7 +86,6 @@ class Monitor:
         self._engine = running.engine
         self._log = log.of("slaves")
         self._send = publish
-        self._fault_files = fault_files
         self._requests = SlotRequests(
             running.shared, running.engine, answer, self._on_wrong_request, log.of("mailbox")
         )
@@ -223,7 +219,6 @@ class Monitor:
 
     def _publish(self, kind: str, **facts: Any) -> None:
         self._send(new_event(kind, **facts))
-        self._fault_files.note(kind, facts)
 
     async def _explain(self, kind: str) -> str:
         """Why frames are not sent or get lost, as far as interfaces and cables know; else empty."""

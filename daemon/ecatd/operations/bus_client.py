@@ -1,4 +1,4 @@
-"""The gateway's side of the control socket."""
+"""The clients' side of the control socket: the gateway's, and the recorder's."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.base.errors import BusyError, EcatError, UnreachableError, UsageError
-from ecatd.operations.connection import Connection
-from ecatd.operations.encoding import MAX_REPLY
-from ecatd.operations.operation import Operation, to_map
+
+from .connection import Connection
+from .encoding import MAX_REPLY
+from .operation import Operation, to_map
 
 Answer = asyncio.Future[dict[str, Any]]
 

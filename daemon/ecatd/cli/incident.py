@@ -1,0 +1,205 @@
+"""Command `incident`: what the flight recorder has written."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ecatd.base.errors import NoAnswerError, StateError, UsageError
+from ecatd.base.files import write_whole
+from ecatd.operations.incidents import (
+    DeleteIncident,
+    ListIncidents,
+    ReadIncident,
+    RecordIncident,
+)
+
+from .output import print_json, print_table
+from .saving import add_force, add_out, check_target
+
+if TYPE_CHECKING:
+    from ecatd.client.remote import Remote
+    from ecatd.operations.incidents import Incident
+    from ecatd.recorder.incident import IncidentFile
+
+COMMANDS = {
+    "diagnosis": {
+        "incident": "List, show, record, export and delete incidents of the flight recorder."
+    }
+}
+
+_ACTIONS = ("list", "show", "export", "record", "delete")
+_PAUSE = 0.1
+"""Seconds between two looks whether an incident has been written."""
+_MORE_S = 60.0
+"""Seconds for that beside those behind the trigger."""
+_FORMATS = (".mcap", ".pcapng", ".csv", ".txt", ".json")
+
+
+def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
+    """Adds the arguments."""
+    command.add_argument("action", choices=_ACTIONS, metavar="ACTION", help=", ".join(_ACTIONS))
+    command.add_argument(
+        "name",
+        nargs="?",
+        metavar="NAME",
+        help="the incident, as `list` names it, or `last`; for show and export also a FILE.mcap; "
+        "for record: the reason",
+    )
+    add_out(command, f"for export: the file; its name ends in {', '.join(_FORMATS)}", "--out")
+    add_force(command)
+
+
+def incident(remote: Remote, options: argparse.Namespace) -> None:
+    """Carries out an action."""
+    {
+        "list": _list,
+        "show": _show,
+        "export": _export,
+        "record": _record,
+        "delete": _delete,
+    }[options.action](remote, options)
+
+
+def _list(remote: Remote, options: argparse.Namespace) -> None:
+    found = remote.request(ListIncidents())
+    if options.json:
+        print_json({"bus": remote.bus, **found})
+        return
+    if not found["folder"]:
+        print("ecatd records no incidents: flight_recorder.folder of its configuration is empty")
+        return
+    if not found["incidents"]:
+        print(f"no incidents in {found['folder']}")
+        return
+    rows = [
+        (
+            item["name"],
+            f"{item['bytes'] / 1e6:.1f} MB",
+            item["trigger"],
+            str(item["cycles"]),
+            str(item["missing"]),
+            item["reason"],
+        )
+        for item in found["incidents"]
+    ]
+    print_table(("NAME", "SIZE", "TRIGGER", "CYCLES", "MISSING", "REASON"), rows)
+
+
+def _find(remote: Remote, options: argparse.Namespace) -> Incident:
+    found = remote.request(ListIncidents())["incidents"]
+    if not options.name:
+        raise UsageError(f"incident {options.action} needs NAME: see `ecatctl incident list`")
+    for item in found[-1:] if options.name == "last" else found:
+        if options.name in ("last", item["name"]):
+            return item
+    raise StateError(f"there is no incident '{options.name}': `ecatctl incident list` shows them")
+
+
+@contextmanager
+def _local(remote: Remote, options: argparse.Namespace) -> Iterator[Path]:
+    """The incident as a file on this machine: that of the user, or a copy of the daemon's."""
+    if options.name and Path(options.name).is_file():
+        yield Path(options.name)
+        return
+    item = _find(remote, options)
+    with tempfile.TemporaryDirectory(prefix="ecatctl-") as folder:
+        path = Path(folder) / item["name"]
+        with path.open("wb") as file:
+            while data := remote.request(ReadIncident(item["name"], file.tell()))["data"]:
+                file.write(data)
+        yield path
+
+
+def _open(path: Path) -> IncidentFile:
+    from ecatd.recorder.incident import IncidentFile
+
+    try:
+        return IncidentFile(path)
+    except ImportError as error:
+        raise StateError("incidents need the package mcap: pip install 'ecatd[record]'") from error
+    except ValueError as error:
+        raise StateError(str(error)) from error
+    except OSError as error:
+        raise StateError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def _show(remote: Remote, options: argparse.Namespace) -> None:
+    with _local(remote, options) as path:
+        found = _open(path)
+        reading = found.attachments["reading.txt"].decode()
+        if options.json:
+            attachments = {name: len(data) for name, data in found.attachments.items()}
+            signals = found.signals
+            what: dict[str, Any] = {"file": path.name, "reading": reading}
+            print_json({"bus": found.bus, **what, "attachments": attachments, "signals": signals})
+        else:
+            print(reading, end="")
+
+
+def _export(remote: Remote, options: argparse.Namespace) -> None:
+    if options.out is None:
+        raise UsageError("incident export needs --out FILE")
+    suffix = options.out.suffix.lower()
+    if suffix not in _FORMATS:
+        raise UsageError(f"{options.out}: give a file name that ends with {', '.join(_FORMATS)}")
+    check_target(options.out, force=options.force)
+    with _local(remote, options) as path:
+        data = path.read_bytes() if suffix == ".mcap" else _content(_open(path), suffix)
+    try:
+        write_whole(options.out, data, ".incident-")
+    except OSError as error:
+        raise StateError(f"{options.out} cannot be written: {error.strerror}") from error
+    if options.json:
+        print_json({"bus": remote.bus, "file": str(options.out), "bytes": len(data)})
+    else:
+        print(f"{options.out}: {len(data)} bytes")
+
+
+def _content(found: IncidentFile, suffix: str) -> bytes:
+    if suffix == ".pcapng":
+        return bytes(found.attachments["frames.pcapng"])
+    from .incident_tables import combi_time_table, csv_table
+
+    if suffix == ".json":
+        return bytes(found.attachments["events.json"])
+    return (csv_table if suffix == ".csv" else combi_time_table)(found).encode()
+
+
+def _record(remote: Remote, options: argparse.Namespace) -> None:
+    begin = time.monotonic()
+    after_s = remote.configuration()[0].flight_recorder.after_s
+    asked = remote.request(RecordIncident(options.name or ""))
+    while True:
+        found = [
+            item
+            for item in remote.request(ListIncidents())["incidents"]
+            # A request within the window of another incident belongs to that one.
+            if item["time_ns"] // 1000 >= asked["time_ns"] // 1000 - int(1e6 * after_s)
+        ]
+        if found:
+            break
+        if time.monotonic() - begin > after_s + _MORE_S:
+            raise NoAnswerError(
+                "the incident has not been written: the log of ecatd says why (`ecatctl log`)"
+            )
+        time.sleep(_PAUSE)
+    if options.json:
+        print_json({"bus": remote.bus, **found[0]})
+    else:
+        print(f"{found[0]['name']}: {found[0]['cycles']} cycles", file=sys.stdout)
+
+
+def _delete(remote: Remote, options: argparse.Namespace) -> None:
+    item = _find(remote, options)
+    left = remote.request(DeleteIncident(item["name"]))["incidents"]
+    if options.json:
+        print_json({"bus": remote.bus, "deleted": item["name"], "left": len(left)})
+    else:
+        print(f"{item['name']} deleted, {len(left)} left")

@@ -1,0 +1,133 @@
+"""The files of incidents in their folder: their names, what they are about, and how many may stay.
+
+The head of a file (an MCAP file) says what it is about in a metadata record, which this module
+reads without a library.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+from .incidents import Incident
+
+METADATA = "incident"
+"""Name of the metadata record."""
+SUFFIX = ".mcap"
+PART = ".part"
+"""What a file that is being written ends with."""
+_MAGIC = b"\x89MCAP0\r\n"
+_METADATA = 0x0C
+_HEAD = 1 << 16
+"""Bytes at the begin of a file that have the record."""
+_STAMP = r"\d{8}T\d{6}\.\d{6}Z"
+
+
+def file_name(bus: str, time_ns: int) -> str:
+    """The name of the file of an incident.
+
+    Args:
+        bus: Name of the bus.
+        time_ns: Unix time of its trigger in ns.
+    """
+    moment = datetime.fromtimestamp(time_ns // 10**9, UTC)
+    return f"{bus}-{moment:%Y%m%dT%H%M%S}.{time_ns % 10**9 // 1000:06}Z{SUFFIX}"
+
+
+def find(folder: Path, bus: str, name: str) -> Path | None:
+    """The file of an incident; None if there is none. A name never leads out of the folder."""
+    is_one = re.fullmatch(f"{re.escape(bus)}-{_STAMP}{re.escape(SUFFIX)}", name)
+    path = folder / name
+    return path if is_one and path.is_file() and not path.is_symlink() else None
+
+
+def incidents(folder: Path, bus: str) -> list[Incident]:
+    """The incidents of a bus, the oldest first. What is no incident is left out."""
+    found = []
+    with suppress(OSError):
+        for path in sorted(folder.iterdir()):
+            if find(folder, bus, path.name) is None:
+                continue
+            with suppress(OSError, ValueError, KeyError):
+                facts = read_head(path)
+                found.append(
+                    Incident(
+                        name=path.name,
+                        bytes=path.stat().st_size,
+                        time_ns=int(facts["time_ns"]),
+                        trigger=facts["trigger"],
+                        reason=facts["reason"],
+                        cycles=int(facts["cycles"]),
+                        missing=int(facts["missing"]),
+                    )
+                )
+    return found
+
+
+def make_room(folder: Path, bus: str, most: int) -> list[str]:
+    """Deletes the oldest incidents of a bus until all need no more than `most` bytes.
+
+    Returns:
+        The names of those that were deleted.
+    """
+    sizes = {
+        path: path.stat().st_size
+        for path in sorted(folder.iterdir())
+        if find(folder, bus, path.name) is not None
+    }
+    deleted = []
+    for path in [*sizes]:
+        if sum(sizes.values()) <= most:
+            break
+        path.unlink(missing_ok=True)
+        del sizes[path]
+        deleted.append(path.name)
+    return deleted
+
+
+def read_head(path: Path) -> Mapping[str, str]:
+    """What an incident is about.
+
+    Raises:
+        OSError: The file cannot be read.
+        ValueError: It is no incident.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    if not head.startswith(_MAGIC):
+        raise ValueError(f"{path} is no MCAP file")
+    at = len(_MAGIC)
+    try:
+        while at < len(head):
+            kind, length = struct.unpack_from("<BQ", head, at)
+            at += 9
+            if kind == _METADATA:
+                name, facts = _metadata(head[at : at + length])
+                if name == METADATA:
+                    return facts
+            at += length
+    except (struct.error, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is damaged: {error}") from error
+    raise ValueError(f"{path} is no incident")
+
+
+def _metadata(record: bytes) -> tuple[str, dict[str, str]]:
+    texts, at = [], 0
+
+    def text() -> str:
+        nonlocal at
+        (length,) = struct.unpack_from("<I", record, at)
+        at += 4 + length
+        return record[at - length : at].decode()
+
+    name = text()
+    (length,) = struct.unpack_from("<I", record, at)
+    at += 4
+    end = at + length
+    while at < end:
+        texts.append((text(), text()))
+    return name, dict(texts)

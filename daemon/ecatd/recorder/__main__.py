@@ -1,0 +1,120 @@
+"""The process of the flight recorder. Its first argument is the name of its bus.
+
+`ecatd` starts it beside the gateway, and starts another one if it ends. It has no capabilities, may
+write only into its folder, runs when nobody else wants the processor, and has a limit of memory.
+The bus does not depend on it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+import resource
+import signal
+import sys
+import traceback
+from importlib.util import find_spec
+from pathlib import Path
+
+from ecatd.base.errors import EcatError
+from ecatd.base.landlock import restrict
+from ecatd.base.log import Log
+from ecatd.base.paths import user_dir
+from ecatd.base.process import (
+    die_with_parent,
+    drop_rights,
+    leave_processor,
+    leave_signals_to_the_service,
+    offer_to_oom_killer,
+    set_title,
+)
+from ecatd.base.supervised_process import answer_pings, read_settings, report
+
+_OOM_SCORE = 700
+"""The kernel ends it before the gateway if there is no memory left."""
+_NICE = 19
+_MEMORY, _PER_MIB = 768 << 20, 12 << 20
+"""Most bytes of memory, and more of them for each MiB of frames."""
+
+
+async def _serve(bus: str, log: Log) -> None:
+    from .recorder import Recorder
+
+    stop = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGQUIT):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    recorder = Recorder(bus, user_dir(), log, stop)
+    try:
+        config = await recorder.connect()
+        leave_processor(config.realtime.cpu)
+        _limit_memory(config.flight_recorder.memory_mb)
+        if find_spec("mcap") is None:
+            log.warning(
+                "the flight recorder needs the package mcap, so there are no incidents: "
+                "pip install 'ecatd[record]'"
+            )
+        else:
+            _open(recorder.folder, log)
+            await recorder.start()
+        report("ready")
+        working = asyncio.create_task(answer_pings(recorder.report))
+        working.add_done_callback(lambda _: stop.set())  # it ends when the service was killed
+        await stop.wait()
+        working.cancel()
+    finally:
+        await recorder.close()
+
+
+def _open(folder: Path, log: Log) -> None:
+    """Makes the folder, and lets this process write nowhere else.
+
+    It makes the folder now, so that a mistake shows before there is an incident.
+    """
+    from .recorder import make_folder
+
+    try:
+        make_folder(folder)
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        if not restrict([folder]):
+            log.debug("this kernel has no Landlock: the recorder may write what its user may")
+    except OSError as error:
+        log.warning(
+            f"ecatd cannot write incidents to {folder} (flight_recorder.folder): "
+            f"{error.strerror}; name a folder that the user of ecatd can write to"
+        )
+
+
+def _limit_memory(memory_mb: int) -> None:
+    most = _MEMORY + memory_mb * _PER_MIB
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    if hard != resource.RLIM_INFINITY:
+        most = min(most, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (most, hard))
+
+
+def main() -> int:
+    """Runs the recorder; returns the exit code, which says why it ended."""
+    bus = sys.argv[1]
+    set_title(("ecatd.recorder", bus))
+    leave_signals_to_the_service()
+    offer_to_oom_killer(_OOM_SCORE)
+    drop_rights()
+    os.nice(_NICE)
+    die_with_parent(read_settings()["parent"])
+    log = Log("ecatd", bus=bus).of("recorder")
+    try:
+        asyncio.run(_serve(bus, log))
+    except EcatError as error:
+        log.error(f"flight recorder: {error}")
+        return error.exit_code
+    except Exception as error:
+        log.error(f"defect in the flight recorder: {error!r}")
+        log.debug(traceback.format_exc())
+        return EcatError.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

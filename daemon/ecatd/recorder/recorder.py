@@ -1,0 +1,434 @@
+"""Waits for triggers, and writes an incident about each.
+
+Signals are made of the frames that the bus server keeps anyway, so nothing wakes up in each cycle.
+What was before a trigger is fetched at once: if the bus server dies then, that part is safe. A
+trigger within the window of an incident belongs to it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+import time
+from collections import deque
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from ecatd.base.errors import EcatError
+from ecatd.base.log import Log
+from ecatd.base.log_levels import DEFAULTS
+from ecatd.base.paths import control_socket, give_to_group
+from ecatd.base.pcapng import read_records
+from ecatd.client import Client
+from ecatd.client.patterns import find_signals
+from ecatd.config import Config, read_config
+from ecatd.config.flight_recorder import FlightRecorderConfig
+from ecatd.operations.bus import ReadConfig, ReadEvents, ReadInfo, ReadStates
+from ecatd.operations.bus_client import BusClient
+from ecatd.operations.description import Describe
+from ecatd.operations.frames import NEWEST, RINGS, ReadFrames
+from ecatd.operations.image import ReadImage
+from ecatd.operations.incident_files import PART, file_name, make_room
+from ecatd.operations.log import ReadLogLevels
+from ecatd.shm.statistics import read as read_statistics
+from ecatd.shm.statistics import to_map
+from ecatd.trace.columns import Columns, described
+from ecatd.trace.cycles import CycleReader
+
+from .conditions import Conditions
+from .incident import Incident, Row, Trigger, write
+from .reading import read as first_reading
+
+_KEPT = 1000
+"""Events, and lines of the log, that are kept."""
+_PERIOD_S = 0.25
+"""Seconds between two looks at the values of conditions."""
+_HOUR_S = 3600.0
+_SECTIONS = ("bus", "realtime", "flight_recorder")
+
+
+class Recorder:
+    """The recorder of one bus.
+
+    Args:
+        bus: Name of the bus.
+        runtime_dir: The folder with the folders of the sockets.
+        log: The log.
+        stop: Is set when this process has to end, also by the bus server's end.
+    """
+
+    def __init__(self, bus: str, runtime_dir: Path, log: Log, stop: asyncio.Event) -> None:
+        self._name = bus
+        self._log = log
+        self._stop = stop
+        self._server = BusClient(control_socket(runtime_dir, bus), self._on_event, stop.set)
+        self._events: deque[dict[str, Any]] = deque(maxlen=_KEPT)
+        self._lines: deque[dict[str, Any]] = deque(maxlen=_KEPT)
+        self._documents: dict[str, Any] = {}
+        self._config = FlightRecorderConfig()
+        self._client: Client | None = None
+        self._layout: list[Any] = []
+        self._started = 0.0
+        self._pending: _Pending | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._watch: asyncio.Task[None] | None = None
+        self._others: set[asyncio.Task[Any]] = set()
+        self._written: deque[float] = deque()
+        self._left_out = 0
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the incidents."""
+        return Path(self._config.folder)
+
+    async def connect(self) -> Config:
+        """Connects to the bus server, and reads what an incident needs besides frames.
+
+        Returns:
+            The configuration, as far as the recorder uses it.
+
+        Raises:
+            EcatError: The bus server does not answer.
+        """
+        await self._server.open()
+        config = await self._read_settings()
+        self._layout = (await self._server.ask(ReadImage()))["domains"]
+        self._documents["bus"] = await self._server.ask(Describe())
+        info = await self._server.ask(ReadInfo())
+        self._started = info["started"]
+        self._documents["info"] = info
+        self._client = await asyncio.to_thread(Client, self._name)
+        return config
+
+    async def start(self) -> None:
+        """Begins to wait for triggers; also takes those since the bus server has started."""
+        for old in self.folder.glob(f"{self._name}-*{PART}"):  # of one that was killed
+            with suppress(OSError):
+                old.unlink()
+        for event in (await self._server.ask(ReadEvents()))["events"]:
+            if all(event["sequence"] != known["sequence"] for known in self._events):
+                self._events.append(event)
+        self._watch_conditions()
+
+    async def _read_settings(self) -> Config:
+        reply = await self._server.ask(ReadConfig())
+        self._documents["configuration"] = reply["config"]
+        given = reply["config"]
+        config = read_config({key: given[key] for key in _SECTIONS if key in given})
+        self._config = config.flight_recorder
+        levels = (await self._server.ask(ReadLogLevels()))["levels"]
+        self._log.levels = {**DEFAULTS, **levels}
+        return config
+
+    def _on_event(self, event: dict[str, Any]) -> None:
+        if "line" in event:
+            self._lines.append(event["line"])
+            return
+        self._events.append(event)
+        if event["event"] in ("configuration", "log_levels"):
+            self._keep(asyncio.create_task(self._reconfigure()))
+        if trigger := self._trigger_of(event):
+            self._begin(trigger)
+
+    def _keep(self, task: asyncio.Task[Any]) -> None:
+        self._others.add(task)
+        task.add_done_callback(self._others.discard)
+
+    async def _reconfigure(self) -> None:
+        with suppress(EcatError):  # the bus server has ended
+            before = self._config
+            await self._read_settings()
+            self._documents["bus"] = await self._server.ask(Describe())
+            if self._config.condition != before.condition:
+                self._watch_conditions()
+
+    def _trigger_of(self, event: dict[str, Any]) -> Trigger | None:
+        kind, text, time_ns = event["event"], event["text"], event["time_ns"]
+        if kind == "incident":
+            return Trigger("request", time_ns, text)
+        if self._is_before_the_start(event):
+            return None
+        if self._config.faults and _is_fault(event):
+            return Trigger("fault", time_ns, f"{kind}: {text}")
+        if self._config.lapses and kind == "safe" and event.get("reason") in _LAPSES:
+            return Trigger("lapse", time_ns, text)
+        return None
+
+    def _is_before_the_start(self, event: dict[str, Any]) -> bool:
+        """Whether an event is about a cycle on the way to OP, which is no fault."""
+        if "cycle" not in event or self._client is None:
+            return False
+        with suppress(EcatError):
+            self._client.sample()
+            ago = (self._client.cycle - event["cycle"]) * self._client.cycle_time
+            return bool(time.time() - ago < self._started)
+        return False
+
+    def _begin(self, trigger: Trigger) -> None:
+        """Begins an incident, or adds a trigger to the one that has begun."""
+        if self._pending is not None:
+            self._pending.triggers.append(trigger)
+            return
+        now = time.monotonic()
+        while self._written and now - self._written[0] > _HOUR_S:
+            self._written.popleft()
+        if trigger.kind != "request":
+            if len(self._written) >= self._config.per_hour:
+                self._left_out += 1
+                if self._left_out == 1:
+                    self._log.warning(
+                        f"{self._config.per_hour} incidents were written in an hour "
+                        "(flight_recorder.per_hour), so further ones are left out for a while; "
+                        "`ecatctl events` shows what goes on, and `ecatctl incident record` "
+                        "still records"
+                    )
+                return
+            self._left_out = 0
+            self._written.append(now)
+        self._pending = _Pending(trigger)
+        self._task = asyncio.create_task(self._record(self._pending))
+
+    async def _record(self, pending: _Pending) -> None:
+        try:
+            await self._collect(pending)
+            await asyncio.to_thread(self._write, pending)
+        except OSError as error:
+            self._log.warning(
+                f"an incident cannot be written to {self.folder} (flight_recorder.folder): "
+                f"{error.strerror}; name a folder that the user of ecatd can write to, or make "
+                "room on its disk",
+                "incident_written",
+            )
+        except MemoryError:
+            self._log.error(
+                "no memory for an incident: choose a smaller flight_recorder.before_s or memory_mb"
+            )
+        except Exception as error:  # a defect here must not be silent, and ends no recorder
+            self._log.error(f"defect while an incident is written: {error!r}")
+        finally:
+            self._pending = None
+
+    async def _collect(self, pending: _Pending) -> None:
+        """Fetches frames: those before the trigger at once, those behind it later."""
+        config = self._config
+        begin_ns = pending.triggers[0].time_ns - round(1e9 * config.before_s)
+        pending.end_ns = pending.triggers[0].time_ns + round(1e9 * config.after_s)
+        pending.begin_ns = begin_ns
+        with suppress(EcatError):  # the bus server has ended: what is there is written
+            if self._client is not None:
+                self._client.sample()
+                pending.newest = self._client.cycle, time.monotonic_ns()
+            pending.documents["statistics"] = to_map(read_statistics(self._name))
+            await self._fetch(pending)
+            rest = (pending.end_ns - time.time_ns()) / 1e9
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._stop.wait(), max(rest, 0.001))
+            await self._fetch(pending)
+            pending.documents["states"] = await self._server.ask(ReadStates())
+
+    async def _fetch(self, pending: _Pending) -> None:
+        for ring in RINGS:
+            more = True
+            while more:
+                before = pending.positions[ring]
+                answer = await self._server.ask(ReadFrames(ring, before))
+                pending.positions[ring] = answer["position"]
+                pending.clock_ns = answer["clock_ns"]
+                pending.interfaces = answer["interfaces"]
+                more = answer["more"]
+                await asyncio.to_thread(pending.take, ring, answer["records"])
+
+    def _write(self, pending: _Pending) -> None:
+        incident = Incident(
+            bus=self._name,
+            triggers=pending.triggers,
+            signals=[],
+            rows=[],
+            events=[event for event in self._events if event["time_ns"] >= pending.begin_ns],
+            lines=[line for line in self._lines if line["time_ns"] >= pending.begin_ns],
+            interfaces=pending.interfaces,
+            frames=sorted(
+                (
+                    frame
+                    for _, records in pending.records
+                    for frame in read_records(records)
+                    if frame.time_ns + pending.clock_ns >= pending.begin_ns
+                ),
+                key=lambda frame: frame.time_ns,
+            ),
+            clock_ns=pending.clock_ns,
+            documents={**self._documents, **pending.documents},
+        )
+        self._make_rows(pending, incident)
+        incident.reading = first_reading(incident)
+        make_folder(self.folder)
+        path = self.folder / file_name(self._name, pending.triggers[0].time_ns)
+        write(path, incident)
+        most = self._config.disk_mb << 20
+        deleted = make_room(self.folder, self._name, most)
+        if not path.exists():
+            self._log.warning(
+                f"the incident has more than flight_recorder.disk_mb = {self._config.disk_mb}, so "
+                "it was not kept: choose a larger value, or a smaller before_s"
+            )
+            return
+        gone = f"; {len(deleted)} older ones were deleted" if deleted else ""
+        self._log.info(f"an incident is in {path}{gone}", "incident_written")
+
+    def _make_rows(self, pending: _Pending, incident: Incident) -> None:
+        """Makes the values of each cycle of the frames."""
+        if self._client is None or pending.newest is None or not self._layout:
+            return
+        signals = self._client.signals()
+        columns = Columns(signals, self._layout)
+        reader = CycleReader(self._layout, round(self._client.cycle_time * 1e9), *pending.newest)
+        facts: list[tuple[int, float, int]] = []
+        for ring, records in pending.records:
+            if ring != "cycle":
+                continue
+            for cycle in reader.read(records):
+                time_ns = cycle.time_ns + pending.clock_ns
+                if not pending.begin_ns <= time_ns <= max(pending.end_ns, pending.begin_ns):
+                    continue
+                columns.add(cycle, reader.images)
+                failed = sum(state.is_known and not state.is_complete for state in cycle.domains)
+                facts.append((time_ns, (cycle.time_ns - cycle.begin_ns) / 1e3, failed))
+        batch = columns.take()
+        incident.signals = [described(signal) for signal in signals]
+        values: list[list[float | None]] = [list(row) for row in zip(*batch.columns, strict=True)]
+        if not batch.columns:
+            values = [[] for _ in facts]
+        for number, places in enumerate(batch.invalid):
+            for place in places:
+                values[place][number] = None
+        incident.rows = [
+            Row(cycle, *fact, row)
+            for cycle, fact, row in zip(batch.cycles, facts, values, strict=True)
+        ]
+
+    def _watch_conditions(self) -> None:
+        if self._watch is not None:
+            self._watch.cancel()
+            self._watch = None
+        if self._config.condition:
+            self._watch = asyncio.create_task(self._look_at_values())
+
+    async def _look_at_values(self) -> None:
+        assert self._client is not None
+        configs, signals = [], []
+        for number, condition in enumerate(self._config.condition):
+            try:
+                (signal,) = find_signals(self._client, [condition.signal])
+            except (EcatError, ValueError) as error:
+                why = str(error) if isinstance(error, EcatError) else "it is more than one entry"
+                self._log.warning(
+                    f"flight_recorder.condition[{number}].signal = '{condition.signal}': {why}; "
+                    "this condition is not used"
+                )
+            else:
+                configs.append(condition)
+                signals.append(signal)
+        if not signals:
+            return
+        try:
+            conditions = Conditions(configs, signals, self._layout)
+            self._client.sample()
+            newest = self._client.cycle, time.monotonic_ns()
+            cycle_ns = round(self._client.cycle_time * 1e9)
+            reader = CycleReader(self._layout, cycle_ns, *newest)
+            position = NEWEST
+            while True:
+                answer = await self._server.ask(ReadFrames("cycle", position))
+                if position != NEWEST and answer["overwritten"] > 0:
+                    reader.restart()
+                position = answer["position"]
+                parts = reader, answer["records"], answer["clock_ns"]
+                for trigger in await asyncio.to_thread(conditions.look, *parts):
+                    self._begin(trigger)
+                if not answer["more"]:
+                    await asyncio.sleep(_PERIOD_S)
+        except EcatError:
+            pass  # the bus server has ended
+        except Exception as error:
+            self._log.error(f"defect in conditions of the flight recorder: {error!r}")
+
+    async def report(self) -> dict[str, Any]:
+        """Returns the answer to the service's ping."""
+        return {}
+
+    async def close(self) -> None:
+        """Writes an incident that has begun at once, and ends."""
+        if self._watch is not None:
+            self._watch.cancel()
+        if self._task is not None:
+            await self._task
+        for task in list(self._others):
+            task.cancel()
+        self._server.close()
+        if self._client is not None:
+            self._client.close()
+
+
+class _Pending:
+    """An incident that has begun.
+
+    Attributes:
+        triggers: What has begun it, and what came in its window.
+        records: Parts of the frames, with their ring.
+        newest: A cycle, and CLOCK_MONOTONIC of its end, about.
+    """
+
+    def __init__(self, trigger: Trigger) -> None:
+        self.triggers = [trigger]
+        self.begin_ns = self.end_ns = 0
+        self.positions = dict.fromkeys(RINGS, 0)
+        self.records: list[tuple[str, bytes]] = []
+        self.interfaces: list[str] = []
+        self.clock_ns = 0
+        self.newest: tuple[int, int] | None = None
+        self.documents: dict[str, Any] = {}
+
+    def take(self, ring: str, records: bytes) -> None:
+        """Keeps records if some of them are of the window."""
+        if any(frame.time_ns + self.clock_ns >= self.begin_ns for frame in read_records(records)):
+            self.records.append((ring, records))
+
+
+_LAPSES = ("lapsed", "died", "gone")
+"""Why outputs became safe, if their client has not given them back."""
+
+
+def _is_fault(event: dict[str, Any]) -> bool:
+    match event["event"]:
+        case "working_counter":
+            return bool(event["state"] != "complete")
+        case "slaves":
+            return bool(event["missing"])
+        case "disturbance":
+            return not event.get("over")
+        case "link":
+            return bool(event["state"] != "up")
+        case "emergency":
+            return True
+        case _:
+            return False
+
+
+def make_folder(folder: Path) -> None:
+    """Makes a folder and those above it. Members of the group can read it, whatever the umask.
+
+    Folders that exist stay as they are.
+
+    Raises:
+        OSError: It cannot be made, or this user may not write there.
+    """
+    if folder.is_dir():
+        return
+    if folder.exists():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+    make_folder(folder.parent)
+    folder.mkdir()
+    folder.chmod(0o750)
+    give_to_group(folder)

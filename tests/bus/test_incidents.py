@@ -1,0 +1,141 @@
+"""Incidents: what the flight recorder writes about faults, lapses, conditions and requests."""
+
+import itertools
+import os
+import signal
+import struct
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon, names, one_line_error, wait_for
+from ecatd.operations.incident_files import incidents
+from ecatd.recorder.incident import IncidentFile
+from ecatsim.control import Simulator
+
+pytestmark = pytest.mark.bus
+pytest.importorskip("mcap")
+
+SETTINGS = """
+[flight_recorder]
+folder = "{folder}"
+before_s = 0.5
+after_s = 0.5
+{more}
+"""
+
+
+def found(folder: Path, daemon: Daemon, trigger: str) -> Path:
+    """The first incident with a trigger of this kind, when it has been written."""
+
+    def of_this_kind() -> list[str]:
+        return [i["name"] for i in incidents(folder, daemon.bus) if i["trigger"] == trigger]
+
+    wait_for(of_this_kind, daemon)
+    return folder / of_this_kind()[0]
+
+
+def test_a_fault_and_a_request(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "incidents"
+    umask = partial(os.umask, 0o077)  # that of the service
+    daemon = start_daemon("troll", config=SETTINGS.format(folder=folder, more=""), preexec=umask)
+    wait_for(folder.is_dir, daemon)
+    (folder / "mine.mcap").touch()
+    asked = daemon.ctl_json("incident", "record", "just to see")
+    assert (asked["trigger"], "just to see" in asked["reason"]) == ("request", True)
+    assert asked["cycles"] > 100
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        simulator.faults.power_off(5)
+        path = found(folder, daemon, "fault")
+    modes = [item.stat().st_mode & 0o777 for item in (folder.parent, folder, path)]
+    assert modes == [0o750, 0o750, 0o640]
+    file = IncidentFile(path)
+    rows = [values for _, values in file.cycles()]
+    numbers = [values["cycle"] for values in rows]
+    assert numbers == sorted(set(numbers))
+    gaps = sum(b - a - 1 for a, b in itertools.pairwise(numbers))
+    assert gaps == sum(values["missing_before"] for values in rows)
+    before = [values for values in rows if not values["incomplete_domains"]]
+    after = [values for values in rows if values["incomplete_domains"]]
+    assert before[0]["cycle"] < after[0]["cycle"]
+    assert all(values["exchange_us"] >= 0 for values in rows)
+    of_five = [item["field"] for item in file.signals if item["slave"] == 5 and not item["output"]]
+    assert all(before[0][name] is not None for name in of_five)
+    assert all(after[-1][name] is None for name in of_five)
+    names(file.attachments["reading.txt"].decode(), "slave 5", f"cycle {after[0]['cycle']}:")
+    assert set(file.attachments) >= {
+        "frames.pcapng", "bus.json", "configuration.json", "log.txt", "events.json",
+        "statistics.json",
+    }  # fmt: skip
+    assert struct.unpack_from("<I", file.attachments["frames.pcapng"])[0] == 0x0A0D0D0A
+
+    listed = daemon.ctl_json("incident", "list")["incidents"]
+    assert path.name in [item["name"] for item in listed]
+    assert "mine.mcap" not in [item["name"] for item in listed]
+    assert "slave 5" in daemon.ctl("incident", "show", path.name).stdout
+    for suffix in ("mcap", "pcapng", "csv", "txt", "json"):
+        daemon.ctl("incident", "export", path.name, "-o", str(tmp_path / f"out.{suffix}"))
+    assert (tmp_path / "out.mcap").read_bytes() == path.read_bytes()
+    head = (tmp_path / "out.csv").read_text().partition("\n")[0].strip().split(",")
+    assert head == ["time", *(item["field"] for item in file.signals)]
+    table = (tmp_path / "out.txt").read_text()
+    assert f"double incident({len(rows)},{len(file.signals) + 1})" in table
+    daemon.ctl("incident", "delete", path.name)
+    assert not path.exists()
+    for name in (path.name, "../x.mcap", "mine.mcap"):
+        refused = daemon.ctl("incident", "delete", name, check=False)
+        names(one_line_error(refused.stderr, "ecatctl"), name, "incident list")
+
+
+def test_conditions_lapses_and_the_end_of_the_recorder(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    """The recorder dies, and the bus goes on with another one; the disk is bounded."""
+    more = """
+faults = false
+[[flight_recorder.condition]]
+signal = "0/0x7000:01"
+above = 100
+[[flight_recorder.condition]]
+signal = "0/nosuch"
+below = 0
+"""
+    daemon = start_daemon("line:1", config=SETTINGS.format(folder=tmp_path / "x", more=more))
+    wait_for(lambda: "flight_recorder.condition[1].signal" in daemon.log, daemon)
+    half = tmp_path / "x" / f"{daemon.bus}-20260101T000000.000000Z.part"
+    half.touch()
+    os.kill(daemon.child_pid("ecatd.recorder"), signal.SIGKILL)
+    wait_for(lambda: "the flight recorder has ended" in daemon.log, daemon)
+    wait_for(lambda: daemon.log.count("flight_recorder.condition[1].signal") == 2, daemon)
+    assert not half.exists()
+    client = daemon.client()
+    output = client.signal("0/0x7000:01")
+    claim = client.claim([output], lease=50)
+    assert claim
+    output.raw = 7
+    client.commit()
+    wait_for(lambda: daemon.ctl("read", "0/0x7000:01").stdout, daemon)
+    for value in (101, 3, 102):
+        output.raw = value
+        client.commit()
+        client.wait()
+        client.sample()
+    path = found(tmp_path / "x", daemon, "condition")
+    (signal_,) = (item for item in IncidentFile(path).signals if item["address"] == "0x7000:01")
+    values = [row[signal_["field"]] for _, row in IncidentFile(path).cycles()]
+    assert {7, 101} <= {*values}
+    names(IncidentFile(path).attachments["reading.txt"].decode(), "was 101, above 100")
+    client.sample()
+    claim = client.claim([output], lease=50)
+    output.raw = 9
+    client.commit()  # and then the client hangs
+    assert "lapse" in str(IncidentFile(found(tmp_path / "x", daemon, "lapse")).attachments)
+    client.close()
+    inputs = {item["address"]: item["raw"] for item in IncidentFile(path).signals}
+    *_, (_, last) = IncidentFile(path).cycles()
+    replayed = start_daemon("line:1", "--replay", str(path))
+    got = partial(replayed.ctl, "read", "0/0x6000:01")
+    wait_for(lambda: str(last[inputs["0x6000:01"]]) in got().stdout.split(), replayed)
+    assert last[inputs["0x6000:01"]]
