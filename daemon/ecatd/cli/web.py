@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ecatd.base.errors import StateError
+from ecatd.base.errors import StateError, UsageError
 from ecatd.operations.catalog import RIGHT_NAMES
 
 from .arguments import bounded, connect
@@ -88,6 +88,12 @@ async def _serve(options: argparse.Namespace, files: dict[str, tuple[str, bytes]
 
 
 def _source(options: argparse.Namespace) -> Source:
+    if options.file is not None:
+        from ecatd.web.recording import FileSource
+
+        if options.allow:
+            raise UsageError("--allow is for a bus: nothing in a recording can be changed")
+        return FileSource(options.file)
     from ecatd.web.bus import BusSource
 
     return BusSource(options.bus, lambda: connect(options), options.allow)

@@ -30,6 +30,8 @@ _OPEN_S = 5.0
 """Seconds in which a connection must say what it wants."""
 _MESSAGE_MAX = 256 * 1024
 """Bytes of a message of a page: a part of a file as a hex string."""
+_BUFFER = 128 * 1024
+"""Bytes to a page that the kernel keeps."""
 _ADVICE = (
     "`ecatctl web` has printed the address with a token: open that one, or start it again. "
     "Each start has another token."
@@ -102,6 +104,10 @@ class Server:
             def connection_made(self, transport: Any) -> None:
                 server._connections += 1
                 super().connection_made(transport)
+                # What waits in the kernel is old when it comes, and cannot become extremes.
+                transport.get_extra_info("socket").setsockopt(
+                    socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER
+                )
                 if server._connections > _CONNECTIONS_MAX:
                     transport.abort()
 
