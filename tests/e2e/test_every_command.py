@@ -67,6 +67,7 @@ def test_each_command_that_changes_something_asks_or_has_a_reason() -> None:
 NO_DOCUMENT = {
     "top": "it is a screen for people, and says so",
     "metrics": "OpenMetrics is a format for programs; `stats --json` has the same",
+    "web": "it serves pages until it is ended; `test_web.py` reads what it prints",
     "log": "it prints lines without end; `test_log_levels.py` reads them",
 }
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 _BUS, _RIG = "ecat0", "troll"
-_OUTPUT = "3/0x7000:{:02}"
+_OUTPUT = "3/0x70{}0:01"
 _SIGNALS = 3
 _PICTURES = {
     "live-view": ((1280, 800), "light", "tab=slave&slave=3"),
@@ -63,7 +63,7 @@ def main(folder: Path) -> None:
 
         try:
             _read_until(start("ecatd", "--simulate", _RIG, "--bus", _BUS, stream="stderr"), "in OP")
-            names = [_OUTPUT.format(number + 1) for number in range(_SIGNALS)]
+            names = [_OUTPUT.format(number) for number in range(_SIGNALS)]
             start(sys.executable, "-c", _DRIVER, *names)
             said = start("ecatctl", "web", "--no-browser", "--port", "0")
             address = re.search(r"http\S+", _read_until(said, "http"))
@@ -84,7 +84,7 @@ def _take(page: Any, address: str, folder: Path) -> None:
     page.goto(address)
     page.evaluate("location.hash = 'tab=slave&slave=3'")
     for number in range(_SIGNALS):
-        page.locator(f'[data-signal="{_OUTPUT.format(number + 1)}"] .add').click()
+        page.locator(f'[data-signal="{_OUTPUT.format(number)}"] .add').click()
     time.sleep(12)  # the scope shows the last ten seconds
     for name, ((width, height), theme, chosen) in _PICTURES.items():
         page.set_viewport_size({"width": width, "height": height})

@@ -172,7 +172,11 @@ class Session:
                 key = (AS, self.user, *key)
         selector = bus_key(self.full_name, *key) + (f"?{parameters}" if parameters else "")
         data = pack(payload) if payload is not None else None
-        for reply in self.zenoh.get(selector, payload=data, timeout=self.timeout):
+        try:
+            replies = self.zenoh.get(selector, payload=data, timeout=self.timeout)
+        except zenoh.ZError as error:  # it was closed meanwhile, by another thread
+            raise UnreachableError(f"the connection to the daemon has ended: {error}") from error
+        for reply in replies:
             sample = reply.ok if reply.ok is not None else reply.err
             if sample is None:
                 continue

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any, Self
 
 import zenoh
@@ -43,13 +44,17 @@ class Published:
     ) -> None:
         self._patience = patience
         self._pause = pause
-        self._subscriber = session.declare_subscriber(key, zenoh.handlers.RingChannel(waiting))
         self._has_ended = threading.Event()
-        self._token = session.liveliness().declare_subscriber(
-            bus_key(bus_of(key), "alive"),
-            self._look_at,
-            history=True,  # else nobody tells of the end of a token that is there already
-        )
+        ring: Any = zenoh.handlers.RingChannel(waiting)
+        try:
+            self._subscriber = session.declare_subscriber(key, ring)
+            self._token = session.liveliness().declare_subscriber(
+                bus_key(bus_of(key), "alive"),
+                self._look_at,
+                history=True,  # else nobody tells of the end of a token that is there already
+            )
+        except zenoh.ZError as error:  # it was closed meanwhile, by another thread
+            raise UnreachableError(f"the connection to the daemon has ended: {error}") from error
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         while True:
@@ -76,8 +81,9 @@ class Published:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
-        self._token.undeclare()  # type: ignore[no-untyped-call]
+        with suppress(zenoh.ZError):  # the session was closed before
+            self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+            self._token.undeclare()  # type: ignore[no-untyped-call]
 
 
 class Stream(Published):

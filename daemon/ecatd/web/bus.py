@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import zenoh
-
 from ecatd.base.errors import EcatError, UnreachableError
 from ecatd.client.remote import Remote
 from ecatd.description.bus_reader import read_bus
@@ -78,10 +76,8 @@ class BusSource:
                 try:
                     self._remote = await in_thread(self._connect)
                     await self._follow(self._remote, hub)
-                except (EcatError, zenoh.ZError) as error:
-                    self._why_not = (
-                        error if isinstance(error, EcatError) else UnreachableError(str(error))
-                    )
+                except EcatError as error:
+                    self._why_not = error
                     hub.link(False, str(error))
                 finally:
                     self._leave()
@@ -144,8 +140,6 @@ class BusSource:
             except EcatError as error:
                 self._answers.pop(key, None)
                 hub.value(key, error)
-            except zenoh.ZError:  # the session ends
-                return
             else:
                 if key not in _KEPT or answer != self._answers.get(key):
                     self._answers[key] = answer
@@ -176,10 +170,7 @@ class BusSource:
             remote = self._remote
             if remote is None:
                 raise self._why_not
-            try:
-                answer: Mapping[str, Any] = await in_thread(lambda: remote.request(operation))
-            except zenoh.ZError as error:
-                raise UnreachableError(f"the connection to the daemon has ended: {error}") from None
+            answer: Mapping[str, Any] = await in_thread(lambda: remote.request(operation))
             return answer
 
     def wish(self, page: Page) -> None:

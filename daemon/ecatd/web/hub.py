@@ -50,7 +50,7 @@ class Hub:
     def __init__(self, source: Source) -> None:
         self._source = source
         self.pages: set[Page] = set()
-        self.signals: dict[str, Mapping[str, Any]] = {}
+        self.signals: Mapping[str, Any] = {}
         self._latest: dict[str, str] = {}
         self._events: deque[str] = deque(maxlen=_EVENTS_MAX)
         self._left_out = 0

@@ -14,7 +14,7 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
@@ -23,9 +23,6 @@ from ecatd.base.errors import BusyError, EcatError, UsageError
 
 from .batch import Cycles, Extremes, pack_cycles
 from .messages import encode, failure
-
-if TYPE_CHECKING:
-    from .hub import Hub
 
 SIGNALS_MAX = 100
 """Signals of a page, and of all pages together: each is a pattern of `ro/trace`."""
@@ -37,6 +34,20 @@ _VALUES_MAX = 200_000
 _RATE, _BURST = 50.0, 200.0
 """Messages a second from a page, and how many at once. More of them wait."""
 _ASK_NUMBER_MAX = (1 << 53) - 1
+
+
+class Host(Protocol):
+    """What serves a page."""
+
+    signals: Mapping[str, Any]  #: The signals that there are, by name.
+
+    def wish(self, page: Page) -> None:
+        """The page wants other signals in each cycle."""
+
+    async def ask(
+        self, key: str, parameters: Mapping[str, Any], payload: Mapping[str, Any]
+    ) -> Mapping[str, Any]:
+        """Answers a question; raises EcatError."""
 
 
 class Page:
@@ -51,7 +62,7 @@ class Page:
         generation: The number of that wish.
     """
 
-    def __init__(self, socket: ServerConnection, hub: Hub) -> None:
+    def __init__(self, socket: ServerConnection, hub: Host) -> None:
         self._socket = socket
         self._hub = hub
         self.signals: tuple[str, ...] = ()

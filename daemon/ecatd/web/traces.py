@@ -13,9 +13,7 @@ from array import array
 from collections.abc import Sequence
 from contextlib import suppress
 
-import zenoh
-
-from ecatd.base.errors import EcatError, UnreachableError, UsageError
+from ecatd.base.errors import EcatError, UsageError
 from ecatd.client.remote import Remote
 from ecatd.client.trace import Batch, Trace
 from ecatd.operations.traces import OpenTrace, TraceSignal
@@ -92,7 +90,7 @@ class Traces:
                 self._next = None
             try:
                 trace = await self._open(remote, names)
-            except (EcatError, zenoh.ZError) as error:
+            except EcatError as error:
                 self._fail(error)
                 continue
             if self._now is None or self._now.has_ended:
@@ -116,10 +114,9 @@ class Traces:
         running.start(trace)
         return running
 
-    def _fail(self, error: Exception) -> None:
+    def _fail(self, error: EcatError) -> None:
         """Tells why there are no values, and tries again."""
-        told = error if isinstance(error, EcatError) else UnreachableError(str(error))
-        self._hub.value(OpenTrace.key, told)
+        self._hub.value(OpenTrace.key, error)
         asyncio.get_running_loop().call_later(_RETRY_S, self._changed.set)
 
     def take(self, trace: _Running, cycles: Cycles) -> None:
@@ -157,7 +154,7 @@ class Traces:
                 page.tell_cycles(new, names, generation)
             self._sent[page] = (cycles.numbers[-1], names, generation)
 
-    def ended(self, trace: _Running, error: Exception) -> None:
+    def ended(self, trace: _Running, error: EcatError) -> None:
         """A trace has ended."""
         if trace in (self._now, self._next):
             self._fail(error)
@@ -204,7 +201,7 @@ class _Running:
         self._stops.set()
 
     def _read(self, trace: Trace) -> None:
-        with suppress(RuntimeError, zenoh.ZError):  # the loop, or the session, has ended
+        with suppress(RuntimeError):  # the loop has ended
             try:
                 with trace:
                     for batch in trace:
@@ -212,11 +209,11 @@ class _Running:
                             return
                         cycles = self._cycles(batch)
                         self._loop.call_soon_threadsafe(self._traces.take, self, cycles)
-            except (EcatError, zenoh.ZError) as error:
+            except EcatError as error:
                 if not self._stops.is_set():
                     self._loop.call_soon_threadsafe(self._end, error)
 
-    def _end(self, error: Exception) -> None:
+    def _end(self, error: EcatError) -> None:
         if not self.has_ended:
             self.stop()
             self._traces.ended(self, error)
