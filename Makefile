@@ -14,7 +14,7 @@ SOURCES := pyproject.toml CMakeLists.txt $(shell find daemon codegen simulator c
 comma := ,
 PIP := $(BIN)/pip install --quiet --disable-pip-version-check
 
-.PHONY: help demo web pictures screens test test-all test-long test-system test-system-short test-debian13 soak fuzz wheel deb site death torn bench bench-full coverage check clean
+.PHONY: help demo web pictures screens screenshots test test-all test-long test-system test-system-short test-debian13 soak fuzz wheel deb site death torn bench bench-full coverage check clean
 .DEFAULT_GOAL := help
 
 help:
@@ -43,6 +43,8 @@ help:
 	@echo "make deb     Debian packages in build/deb, in a minute or two; needs mmdebstrap"
 	@echo "make pictures"
 	@echo "             draw the icons and diagrams of the Modelica libraries into docs/pictures"
+	@echo "make screenshots"
+	@echo "             take pictures of the live view, in chromium, into docs/pictures"
 	@echo "make screens draw screens of commands and the figure of the demo into docs/pictures"
 	@echo "make clean   remove what the other commands made"
 
@@ -95,6 +97,10 @@ screens: $(VENV)/.test
 	@PYTHONPATH=tools $(BIN)/python -m ecatdev.screens docs/pictures
 	@$(BIN)/python examples/figure9/demo.py --out build/demo --bus "$(BUS)"
 	@cp build/demo/figure9.png docs/pictures/figure9.png
+
+# The live view as it looks on the simulated bus; it needs chromium, and the page.
+screenshots: $(VENV)/.test
+	@PYTHONPATH=tools $(BIN)/python -m ecatdev.live_view docs/pictures
 
 # Most people start as an ordinary user, so root tries the first steps as one, too: in a user namespace in
 # which this process is user 1000 and has no rights beyond it. An ordinary user runs all tests so.

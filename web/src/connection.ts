@@ -33,11 +33,9 @@ export class Connection {
 
   /** Changes the token of the address into a cookie, if there is one, and connects. */
   async open(): Promise<void> {
-    const token = new URLSearchParams(location.hash.slice(1)).get("token");
-    if (token !== null) {
-      history.replaceState(null, "", location.pathname + location.search);
-      await fetch("/login", { headers: { Authorization: `Bearer ${token}` } }).catch(() => null);
-    }
+    // Somebody may also open a new address in a page that is there already.
+    addEventListener("hashchange", () => void this.login());
+    await this.login();
     this.connect();
   }
 
@@ -58,6 +56,13 @@ export class Connection {
     this.trace = { signals, generation: this.trace.generation + 1 };
     this.send({ type: "trace", ...this.trace });
     return this.trace.generation;
+  }
+
+  private async login(): Promise<void> {
+    const token = new URLSearchParams(location.hash.slice(1)).get("token");
+    if (token === null) return;
+    history.replaceState(null, "", location.pathname + location.search);
+    await fetch("/login", { headers: { Authorization: `Bearer ${token}` } }).catch(() => null);
   }
 
   private send(request: Request): boolean {

@@ -99,7 +99,7 @@ export function Controls({ model }: { model: ScopeModel }) {
       <Toggle on={look?.kind === "xy"} text="XY" act={() =>
         model.setLook(look?.kind === "xy" ? null : { kind: "xy", x: names[0] ?? "", y: names[1] ?? names[0] ?? "" })} />
       <span class="scope-files">
-        <label>Save <select value={save.value} onChange={(event) => (save.value = event.currentTarget.value as Format)}>
+        <label>Save <select aria-label="Format of the file" value={save.value} onChange={(event) => (save.value = event.currentTarget.value as Format)}>
           {(["csv", "mcap", "png", "svg"] as const).map((format) => <option key={format} value={format}>{format.toUpperCase()}</option>)}
         </select></label>
         <button type="button" disabled={model.saving.value} onClick={() => model.save(save.value, false)}>of the window</button>

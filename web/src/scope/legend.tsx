@@ -18,9 +18,31 @@ export const Swatch = ({ colour }: { colour: string }) => (
   <svg width="12" height="12" aria-hidden="true"><rect width="12" height="12" rx="3" fill={colour} /></svg>
 );
 
+/** On its own, so that what is being typed beside it is not set back with each report. */
+function Values({ model, place, unit, hasCursors }: {
+  model: ScopeModel; place: number; unit: string; hasCursors: boolean;
+}) {
+  const [now, atA, atB] = model.status.value?.readings[place] ?? [];
+  return (
+    <>
+      <td class={now?.old ? "scope-old" : undefined} title={now?.old ? "Old: the slave took no part in the cycle" : undefined}>
+        {now ? valueText(now) : "–"} <small>{unit}</small>
+      </td>
+      {hasCursors && <>
+        <td>{atA ? valueText(atA) : "–"}</td><td>{atB ? valueText(atB) : "–"}</td>
+        <td>{difference(atA, atB)}</td>
+      </>}
+    </>
+  );
+}
+
+function Cycles({ model }: { model: ScopeModel }) {
+  const [a, b] = model.status.value?.cycles ?? [];
+  return <>{a !== undefined && b !== undefined && ` · ${numberText(b - a)} cycles`}</>;
+}
+
 export function Legend({ model }: { model: ScopeModel }) {
   const curves = model.curves.value;
-  const status = model.status.value;
   const [a, b] = model.cursors.value;
   const hasCursors = a !== undefined && b !== undefined;
   if (curves.length === 0) return null;
@@ -36,8 +58,6 @@ export function Legend({ model }: { model: ScopeModel }) {
         </thead>
         <tbody>
           {curves.map((curve, i) => {
-            const readings = status?.readings[i] ?? [];
-            const [now, atA, atB] = readings;
             const entry = model.entries.value.find(({ name }) => name === curve.name)!;
             return (
               <tr
@@ -45,13 +65,7 @@ export function Legend({ model }: { model: ScopeModel }) {
                 onMouseEnter={() => model.emphasise(curve.name)} onMouseLeave={() => model.emphasise(null)}
               >
                 <th scope="row" title={curve.name}><Swatch colour={curve.colour} /> {curve.label}</th>
-                <td class={now?.old ? "scope-old" : undefined} title={now?.old ? "Old: the slave took no part in the cycle" : undefined}>
-                  {now ? valueText(now) : "–"} <small>{curve.unit}</small>
-                </td>
-                {hasCursors && <>
-                  <td>{atA ? valueText(atA) : "–"}</td><td>{atB ? valueText(atB) : "–"}</td>
-                  <td>{difference(atA, atB)}</td>
-                </>}
+                <Values model={model} place={i} unit={curve.unit} hasCursors={hasCursors} />
                 <td class="scope-row">
                   <button type="button" aria-pressed={curve.hidden} aria-label={`Hide ${curve.label}`} title="Hide" onClick={() => model.change(curve.name, { hidden: !curve.hidden })}>{curve.hidden ? "○" : "●"}</button>
                   <button type="button" aria-pressed={entry.axis !== ""} aria-label={`Own axis for ${curve.label}`} title="Own axis" onClick={() => model.change(curve.name, { axis: entry.axis ? "" : `own ${curve.name}` })}>↕</button>
@@ -71,7 +85,7 @@ export function Legend({ model }: { model: ScopeModel }) {
       {hasCursors && (
         <p class="scope-delta">
           Δt {numberText(Number((b - a).toPrecision(7)))} ms · 1/Δt {numberText(1000 / Math.abs(b - a))} Hz
-          {status && ` · ${numberText(status.cycles[1]! - status.cycles[0]!)} cycles`}
+          <Cycles model={model} />
         </p>
       )}
     </div>

@@ -16,6 +16,7 @@ class Bytes {
   private view = new DataView(this.data.buffer);
   length = 0;
 
+  /** Makes room, in new `data` and `view` if need be; returns where it begins. */
   private room(size: number): number {
     if (this.length + size > this.data.length) {
       const data = new Uint8Array(Math.max(this.data.length * 2, this.length + size));
@@ -28,27 +29,32 @@ class Bytes {
   }
 
   u8(value: number): this {
-    this.view.setUint8(this.room(1), value);
+    const at = this.room(1);
+    this.view.setUint8(at, value);
     return this;
   }
 
   u16(value: number): this {
-    this.view.setUint16(this.room(2), value, true);
+    const at = this.room(2);
+    this.view.setUint16(at, value, true);
     return this;
   }
 
   u32(value: number): this {
-    this.view.setUint32(this.room(4), value, true);
+    const at = this.room(4);
+    this.view.setUint32(at, value, true);
     return this;
   }
 
   u64(value: number | bigint): this {
-    this.view.setBigUint64(this.room(8), BigInt(value), true);
+    const at = this.room(8);
+    this.view.setBigUint64(at, BigInt(value), true);
     return this;
   }
 
   bytes(value: Uint8Array): this {
-    this.data.set(value, this.room(value.length));
+    const at = this.room(value.length);
+    this.data.set(value, at);
     return this;
   }
 

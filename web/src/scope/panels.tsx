@@ -35,6 +35,11 @@ const STATES = {
   holds: "holds the picture",
 };
 
+/** On its own, so that what is being typed beside it is not set back with each report. */
+const TriggerState = ({ model }: { model: ScopeModel }) => (
+  <span role="status">{STATES[model.status.value?.trigger ?? "off"]}</span>
+);
+
 function TriggerPanel({ model, trigger }: { model: ScopeModel; trigger: Trigger }) {
   const set = (change: Partial<Trigger>) => model.setTrigger({ ...trigger, ...change });
   const curves = model.curves.value.map(({ name, label }): [string, string] => [name, label]);
@@ -58,7 +63,7 @@ function TriggerPanel({ model, trigger }: { model: ScopeModel; trigger: Trigger 
       <label>Before it {Math.round(trigger.before * 100)} % <input type="range" min="0" max="1" step="0.05" value={trigger.before} onChange={(event) => set({ before: event.currentTarget.valueAsNumber })} /></label>
       <Choice label="Mode" value={trigger.mode} choices={["auto", "normal", "single"]} act={(mode) => set({ mode })} />
       <button type="button" onClick={() => set({})}>Arm again</button>
-      <span role="status">{STATES[model.status.value?.trigger ?? "off"]}</span>
+      <TriggerState model={model} />
     </div>
   );
 }

@@ -43,11 +43,6 @@ export class Picture {
   size(width: number, height: number, ratio: number): void {
     const view = this.view;
     Object.assign(this, { width: Math.max(1, width), height: Math.max(1, height), ratio });
-    for (const canvas of [this.curvesCanvas, this.overlay]) {
-      if (!canvas) continue;
-      canvas.width = Math.max(1, Math.round(width * ratio));
-      canvas.height = Math.max(1, Math.round(height * ratio));
-    }
     this.drawn = null;
     this.arrange();
     this.show(view.start, view.span, this.live);
@@ -117,9 +112,22 @@ export class Picture {
     );
   }
 
+  /** Fits the canvases just before they are drawn, since that makes them black. */
+  private fit(): void {
+    const width = Math.max(1, Math.round(this.width * this.ratio));
+    const height = Math.max(1, Math.round(this.height * this.ratio));
+    for (const canvas of [this.curvesCanvas!, this.overlay!]) {
+      if (canvas.width === width && canvas.height === height) continue;
+      canvas.width = width;
+      canvas.height = height;
+      this.drawn = null;
+    }
+  }
+
   /** Draws what is new. */
   draw(): void {
     if (!this.curvesCanvas || !this.overlay) return;
+    this.fit();
     const before = this.columns;
     const view = this.view;
     if (this.live) this.follow();

@@ -112,8 +112,8 @@ function EntryRow(props: { state: State; slave: Slave; index: number; entry: Obj
           : loaded.state === "loading" ? "…"
           : loaded.state === "failed" ? <span class="text-bad">{loaded.error instanceof Error ? loaded.error.message : ""}</span>
           : <button type="button" class="link value-link" title="Read again" onClick={() => setReading(reading + 1)}>{value === "" ? "empty" : value}</button>}
-        {state.may("sdo") && writable(entry.access) && text === null && <button type="button" class="quiet" onClick={() => setText("")}>write</button>}
       </span>
+      {state.may("sdo") && writable(entry.access) && text === null && <button type="button" class="quiet entry-write" onClick={() => setText("")}>write</button>}
       {text !== null && (
         <form class="entry-form" onSubmit={(event) => void write(event)}>
           <input aria-label={`New value of ${entry.name}`} value={text} autoFocus onInput={(e) => setText(e.currentTarget.value)} />

@@ -1,5 +1,5 @@
 // The process data of a slave, live.
-import { useEffect } from "preact/hooks";
+import { useEffect, useRef } from "preact/hooks";
 
 import { Section } from "../controls";
 import type { Slave } from "../maps";
@@ -9,12 +9,30 @@ import type { Last } from "../live";
 import { hex, shown } from "../text";
 
 const BOOLEAN = 1;
+const SETTLE_MS = 200;
 
 export function ProcessData({ state, slave }: { state: State; slave: Slave }) {
   const signals = state.bySlave.value.get(slave.position) ?? [];
+  const box = useRef<HTMLDivElement>(null);
+  // Only what is seen is asked for: all pages together may trace a limited number of signals.
   useEffect(() => {
-    state.live.want(signals.map((item) => item.name));
-    return () => state.live.want([]);
+    const seen = new Set<string>();
+    let timer = 0;
+    const observer = new IntersectionObserver((entries) => {
+      for (const { target, isIntersecting } of entries) {
+        const name = (target as HTMLElement).dataset["signal"]!;
+        if (isIntersecting) seen.add(name);
+        else seen.delete(name);
+      }
+      clearTimeout(timer);
+      timer = setTimeout(() => state.live.want([...seen]), SETTLE_MS);
+    });
+    for (const row of box.current?.querySelectorAll("[data-signal]") ?? []) observer.observe(row);
+    return () => {
+      observer.disconnect();
+      clearTimeout(timer);
+      state.live.want([]);
+    };
   }, [slave.position, signals]);
   const booleans = new Set(
     [...slave.inputs, ...slave.outputs]
@@ -25,7 +43,7 @@ export function ProcessData({ state, slave }: { state: State; slave: Slave }) {
   const list = (output: boolean) => signals.filter((item) => item.output === output);
   if (signals.length === 0) return <Section title="Process data"><p class="empty">It exchanges no process data.</p></Section>;
   return (
-    <>
+    <div ref={box}>
       {([["Inputs", false], ["Outputs", true]] as const).map(([title, output]) => list(output).length > 0 && (
         <Section key={title} title={title} aside="drag into the scope, or +">
           <ul class="values">
@@ -35,7 +53,7 @@ export function ProcessData({ state, slave }: { state: State; slave: Slave }) {
           </ul>
         </Section>
       ))}
-    </>
+    </div>
   );
 }
 
@@ -45,7 +63,7 @@ function Value({ state, item, boolean }: { state: State; item: Signal; boolean: 
   const on = last !== undefined && Number(last.value) !== 0;
   return (
     <li
-      draggable title={`${item.name}  ${item.type}`} class={last?.old ? "old" : ""}
+      draggable data-signal={item.name} title={`${item.name}  ${item.type}`} class={last?.old ? "old" : ""}
       onDragStart={(event) => {
         event.dataTransfer?.setData("text/x-ecatd-signal", item.name);
         event.dataTransfer?.setData("text/plain", item.name);

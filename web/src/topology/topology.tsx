@@ -10,6 +10,8 @@ const STATES: Record<number, string> = { 0: "no answer", 1: "INIT", 2: "PREOP", 
 const INDENT = 18;
 const LEFT = 22;
 const MANY = 40;
+/** A frame enters through port 0 and goes on through port 1, if nothing branches off. */
+const USUAL_PORT = 1;
 
 export function stateText(al: number): string {
   return (STATES[al & 15] ?? `state ${al & 15}`) + (al & 16 ? " error" : "");
@@ -21,6 +23,13 @@ export function health(state: AlState | undefined): "op" | "coming" | "wrong" | 
   if (state.recovery === "absent") return "away";
   if (state.al_state === 8 && state.recovery === "") return "op";
   return state.recovery === "recovering" && !(state.al_state & 16) ? "coming" : "wrong";
+}
+
+/** How many values it exchanges. */
+function amount(state: State, slave: Slave): string {
+  const all = state.bySlave.value.get(slave.position) ?? [];
+  const outputs = all.filter((item) => item.output).length;
+  return [all.length > outputs ? `${all.length - outputs} in` : "", outputs > 0 ? `${outputs} out` : ""].filter(Boolean).join(", ");
 }
 
 /** A text that fits: SVG cuts nothing. */
@@ -156,18 +165,18 @@ export function Topology({ state }: { state: State }) {
               const wide = width - left - right;
               const words = al === undefined ? "" : kind === "away" ? "absent" : stateText(al.al_state);
               const delay = measured && slave.dc_bits > 0 ? microseconds(slave.dc_delay_ns / 1000) : "";
-              const notes = [slave.given_name !== "" ? slave.name : "", row.port !== null ? `port ${row.port}` : "", slave.group !== "" ? `optional: ${slave.group}` : ""];
+              const notes = [slave.given_name !== "" ? slave.name : "", row.port !== null && row.port !== USUAL_PORT ? `at port ${row.port}` : "", amount(state, slave), slave.group !== "" ? `optional: ${slave.group}` : ""];
               const note = notes.filter((text) => text !== "").join(" · ");
               const classes = `node ${kind} ${row.slave === selected ? "selected" : ""} ${slave.group !== "" ? "optional" : ""} ${wanted !== "" && !hit(slave) ? "dim" : ""}`;
               return (
                 <g
                   key={row.slave} class={classes} role="treeitem" data-slave={row.slave}
-                  tabIndex={row.slave === selected || (current < 0 && at === 0) ? 0 : -1}
+                  tabindex={row.slave === selected || (current < 0 && at === 0) ? 0 : -1}
                   aria-level={row.depth + 1} aria-selected={row.slave === selected}
-                  aria-label={`${row.slave} ${name}, ${words}${note === "" ? "" : `, ${note}`}${row.text === "" ? "" : `, cable ${row.verdict}: ${row.text}`}`}
                   onClick={() => state.open(row.slave)} transform={`translate(${left} ${y(at)})`}
                 >
-                  <title>{`${row.slave} ${name}\n${al?.text ?? ""}${row.text === "" ? "" : `\nCable ${row.verdict}: ${row.text}`}`}</title>
+                  <title>{`${row.slave} ${name}, ${words}${note === "" ? "" : `, ${note}`}${row.text === "" ? "" : `, cable ${row.verdict}: ${row.text}`}`}</title>
+                  <g aria-hidden="true">
                   <rect class="node-box" width={wide} height={tall} rx="3" />
                   {kind !== "op" && kind !== "unknown" && <rect class="node-bar" width="3" height={tall} rx="1" />}
                   <text class="node-number" x="28" y={small ? 15 : 16} text-anchor="end">{row.slave}</text>
@@ -175,6 +184,7 @@ export function Topology({ state }: { state: State }) {
                   <text class="node-state" x={wide - 8} y={small ? 15 : 16} text-anchor="end">{words}</text>
                   {!small && <text class="node-note" x="36" y="29">{cut(note, wide - 100, 6)}</text>}
                   {!small && <text class="node-note" x={wide - 8} y="29" text-anchor="end">{delay}</text>}
+                  </g>
                 </g>
               );
             })}

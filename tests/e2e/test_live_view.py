@@ -1,0 +1,280 @@
+"""The page of `ecatctl web`, in a browser on a live bus with faults: what a user sees."""
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import ecatd.web
+from conftest import Daemon, free_port
+from ecatsim.control.client import Simulator
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="needs the package playwright")
+expect = sync_api.expect
+
+CHROMIUM = shutil.which("chromium")
+PAGE = Path(ecatd.web.__file__).parent / "_page" / "index.html"
+AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
+pytestmark = [
+    pytest.mark.bus,
+    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium"),
+    pytest.mark.skipif(not PAGE.exists(), reason="needs the built page: make web"),
+    pytest.mark.skipif(find_spec("websockets") is None, reason="needs the package websockets"),
+]
+
+SLAVES = 8
+DRIVE, COUPLER, OUTPUTS, ANALOG, LAST = 0, 1, 3, 4, 7
+OUTPUT = f"{OUTPUTS}/0x7000:01"
+PATIENCE_MS = 20_000
+
+
+@pytest.fixture(scope="module")
+def daemon(start_shared: Callable[..., Daemon]) -> Daemon:
+    return start_shared("troll")
+
+
+class Server:
+    """An `ecatctl web`."""
+
+    def __init__(self, daemon: Daemon) -> None:
+        self._daemon = daemon
+        self._port = free_port()
+        self.start()
+
+    def start(self) -> None:
+        command = [sys.executable, "-m", "ecatd.cli", "web", "--no-browser"]
+        command += ["--port", str(self._port), "--allow", "sdo,outputs"]
+        self._process = subprocess.Popen(
+            command, env=self._daemon.env, text=True, stdout=subprocess.PIPE
+        )
+        assert self._process.stdout is not None
+        lines = iter(self._process.stdout.readline, "")
+        self.address = next(found[0] for line in lines if (found := re.search(r"http\S+", line)))
+
+    def stop(self) -> None:
+        self._process.terminate()
+        self._process.communicate(timeout=20)
+
+
+@pytest.fixture(scope="module")
+def server(daemon: Daemon) -> Iterator[Server]:
+    server = Server(daemon)
+    yield server
+    server.stop()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    expect.set_options(timeout=PATIENCE_MS)
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def opened(browser: Any, server: Server) -> Iterator[Any]:
+    """The page; nothing of it may break, nor the rules of what it may load."""
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    wrong: list[str] = []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("console", lambda said: said.type == "error" and wrong.append(said.text))
+    page.goto(server.address)
+    expect(page.get_by_role("treeitem")).to_have_count(SLAVES)
+    yield page
+    page.close()
+    lost = re.compile("WebSocket|401|ERR_CONNECTION_REFUSED")  # as the last test has it
+    assert [text for text in wrong if not lost.search(text)] == []
+
+
+@pytest.fixture
+def page(opened: Any) -> Any:
+    opened.get_by_role("treeitem").nth(DRIVE).click()
+    show(opened, "Now")
+    return opened
+
+
+@pytest.fixture
+def simulator(daemon: Daemon) -> Iterator[Simulator]:
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        yield simulator
+
+
+def slave(page: Any, position: int) -> Any:
+    return page.locator(f'[role="treeitem"][data-slave="{position}"]')
+
+
+def show(page: Any, tab: str) -> None:
+    page.get_by_role("tab", name=tab).click()
+
+
+def lamp(page: Any, name: str) -> Any:
+    return page.locator(f"#lamp-{name}")
+
+
+def test_lamps_slaves_and_keys(page: Any) -> None:
+    titles = page.locator(".lamp-title").all_text_contents()
+    assert len(titles) == 7
+    expect(lamp(page, "slaves_in_op")).to_have_class(re.compile("good"))
+    expect(lamp(page, "slaves_in_op")).to_contain_text("8 of 8")
+    expect(slave(page, ANALOG)).to_have_accessible_name(re.compile(r"4 EL3008, OP"))
+    slave(page, DRIVE).focus()
+    for _ in range(OUTPUTS):
+        page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", name="EL2008")).to_be_visible()
+    assert f"slave={OUTPUTS}" in page.evaluate("location.hash")
+    page.keyboard.press("3")
+    expect(page.get_by_role("tabpanel", name="Timing")).to_be_visible()
+    page.keyboard.press("?")
+    expect(page.get_by_role("dialog", name="Keys")).to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("dialog", name="Keys")).to_have_count(0)
+    page.get_by_label("Find a slave").fill("el1018")
+    expect(page.locator(".found")).to_have_text("1 found")
+    page.get_by_label("Find a slave").fill("")
+    lamp(page, "outputs").click()
+    expect(page.get_by_role("tabpanel", name="Outputs")).to_be_visible()
+    show(page, "Slave")
+
+
+def test_values_are_live_and_have_an_owner(page: Any, daemon: Daemon) -> None:
+    slave(page, OUTPUTS).click()
+    value = page.locator(f'[data-signal="{OUTPUT}"] .value-number')
+    expect(value).to_have_text("off")
+    show(page, "Outputs")
+    row = page.locator("li", has=page.locator(f'[title="{OUTPUT}"]'))
+    expect(row).to_contain_text("safe")
+    with daemon.client() as client, client.claim(OUTPUT, lease=30):
+        client.signal(OUTPUT).raw = 1
+        client.commit()
+        expect(row.locator(".value-note")).to_contain_text("python")
+        expect(row.locator(".value-number")).to_have_text("1")
+        expect(page.locator(".outputs tbody tr", has_text="python")).to_contain_text("30000 ms")
+        show(page, "Slave")
+        expect(value).to_have_text("on")
+    expect(value).to_have_text("off")
+    show(page, "Outputs")
+    expect(row).to_contain_text("released")
+    show(page, "Slave")
+    page.locator(f'[data-signal="{OUTPUT}"] .add').click()
+    expect(page.get_by_role("region", name="Scope").get_by_text("EL2008")).not_to_have_count(0)
+
+
+def test_objects_are_read_and_written(page: Any, daemon: Daemon) -> None:
+    show(page, "Objects")
+    page.get_by_label("Search objects").fill("0x6083")
+    page.locator(".object", has_text="0x6083").click()
+    entry = page.locator(".entry").first
+    expect(entry.locator(".value-link")).to_be_visible()
+    entry.get_by_role("button", name="write").click()
+    entry.get_by_label(re.compile("New value")).fill("4711")
+    page.once("dialog", lambda dialog: dialog.accept())
+    entry.get_by_role("button", name="Write", exact=True).click()
+    expect(entry.locator(".value-link")).to_contain_text("4711")
+    assert daemon.ctl_json("sdo-read", str(DRIVE), "0x6083")["value"] == 4711
+    show(page, "Events")
+    expect(page.locator(".event", has_text="0x6083").first).to_be_visible()
+    page.get_by_label("Search events").fill("no such thing")
+    expect(page.locator(".event")).to_have_count(0)
+    show(page, "Slave")
+
+
+def test_set_up_health_and_eeprom(page: Any) -> None:
+    show(page, "Set-up")
+    row = page.locator("tr", has_text="vendor")
+    expect(row.locator("td").nth(1)).to_have_text(row.locator("td").first.text_content())
+    show(page, "Health")
+    expect(page.locator("tr", has_text="master")).to_have_count(1)
+    show(page, "EEPROM")
+    page.get_by_role("button", name="Read it").click()
+    expect(page.get_by_role("button", name="Read it again")).to_be_enabled()
+    first = page.locator(".dump").text_content().splitlines()[0]
+    assert re.match(r"0000( +[0-9a-f]{2}){8}", first)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save", exact=True).last.click()
+    assert download.value.path().read_bytes()[:8].hex(" ") in first
+
+
+def test_timing(page: Any) -> None:
+    show(page, "Timing")
+    for name in ("Exchange", "Wake-up", "Cycle"):
+        expect(page.get_by_role("img", name=re.compile(f"{name}: half within .*s"))).to_be_visible()
+    show(page, "1 min")
+    expect(page.locator(".timing")).to_contain_text("since this panel was opened")
+    expect(page.locator(".timing")).to_contain_text("Scheduling")
+    show(page, "Slave")
+
+
+def test_a_slave_is_lost_and_comes_back(page: Any, simulator: Simulator) -> None:
+    slave(page, LAST).click()
+    simulator.faults.power_off(LAST)
+    expect(lamp(page, "slaves_in_op")).to_have_class(re.compile("bad|warning"))
+    expect(slave(page, LAST)).to_have_class(re.compile("wrong"))
+    expect(page.locator(".slave .note.bad")).to_contain_text("Since")
+    show(page, "Events")
+    expect(page.locator(".event.error, .event.warning").first).to_be_visible()
+    show(page, "Slave")
+    simulator.faults.power_on(LAST)
+    expect(slave(page, LAST)).to_have_class(re.compile("node op"), timeout=60_000)
+    expect(page.locator(".slave .al")).to_have_text("OP")
+
+
+def test_a_bad_cable_is_seen(page: Any, simulator: Simulator) -> None:
+    simulator.faults.noise(ANALOG, every=40, count=0)
+    try:
+        cable = page.locator(".cable.bad, .cable.strained")
+        expect(cable).to_have_count(1, timeout=60_000)
+        slave(page, ANALOG).click()
+        show(page, "Health")
+        expect(page.locator(".cable-note.bad, .cable-note.warning")).to_contain_text("slave 4")
+    finally:
+        simulator.faults.clear()
+
+
+@pytest.mark.skipif(not AXE.exists(), reason="needs axe-core: npm ci in web/")
+@pytest.mark.parametrize(
+    ("scheme", "rules"),
+    [
+        ("light", {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa"]}),
+        ("dark", {"type": "rule", "values": ["color-contrast"]}),
+    ],
+)
+def test_no_barrier_is_serious(
+    browser: Any, opened: Any, scheme: str, rules: dict[str, Any]
+) -> None:
+    state = opened.context.storage_state()
+    context = browser.new_context(bypass_csp=True, color_scheme=scheme, storage_state=state)
+    page = context.new_page()
+    page.goto(opened.url.split("#")[0] + f"#slave={DRIVE}")
+    expect(page.get_by_role("treeitem")).to_have_count(SLAVES)
+    page.add_script_tag(path=str(AXE))
+    found = []
+    for tab in ("Slave", "Outputs", "Timing", "Events"):
+        show(page, tab)
+        page.wait_for_timeout(300)
+        result = page.evaluate("rules => axe.run({runOnly: rules})", rules)
+        found += [
+            (tab, item["id"], [node["html"][:120] for node in item["nodes"][:3]])
+            for item in result["violations"]
+            if item["impact"] in ("serious", "critical")
+        ]
+    context.close()
+    assert found == []
+
+
+def test_a_lost_connection_says_so_and_how_to_come_back(page: Any, server: Server) -> None:
+    server.stop()
+    expect(page.locator(".way")).to_contain_text("All values are old")
+    expect(page.locator(".page")).to_have_class(re.compile("stale"))
+    server.start()  # it has other cookies
+    expect(page.get_by_role("heading", name="This page needs its address")).to_be_visible()
+    page.goto(server.address)
+    expect(page.get_by_role("treeitem")).to_have_count(SLAVES)
+    expect(page.locator(".way")).to_have_text("live")
