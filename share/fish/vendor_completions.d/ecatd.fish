@@ -59,7 +59,7 @@ complete -c ecatd -f
 complete -c ecatd -n _shtab_ecatd_using -s h -l help -d 'show this help message and exit'
 complete -c ecatd -n _shtab_ecatd_using -l interface -x -d 'network interface to which the slaves are connected'
 complete -c ecatd -n _shtab_ecatd_using -l simulate -x -d 'run a simulated rig instead of hardware (see ecatsim)'
-complete -c ecatd -n _shtab_ecatd_using -l replay -xka "(__fish_complete_path (commandline -ct))" -d 'with --simulate: play a recording (`ecatctl record --raw`) into the inputs'
+complete -c ecatd -n _shtab_ecatd_using -l replay -xka "(__fish_complete_path (commandline -ct))" -d 'with --simulate: play a recording (`ecatctl record --raw`) or an incident into the inputs'
 complete -c ecatd -n _shtab_ecatd_using -l only-gateway -d 'run only the gateway of a bus that another ecatd runs with --no-gateway'
 complete -c ecatd -n _shtab_ecatd_using -l no-gateway -d 'run no gateway, because a service of its own runs it'
 complete -c ecatd -n _shtab_ecatd_using -l config -xka "(__fish_complete_path (commandline -ct))" -d 'configuration file (TOML)'
