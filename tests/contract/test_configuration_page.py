@@ -31,6 +31,7 @@ NEEDED = {
     "[[signal]]": "slave = 0\nentry = '0x6000:01'",
     "[[copy]]": "slave = 1\nentry = '0x7000:01'\nfrom_slave = 0\nfrom_entry = '0x6000:01'",
     "[[gateway.user]]": "name = 'anna'",
+    "[[flight_recorder.condition]]": "signal = '0/0x6000:01'\nabove = 1",
 }
 """Keys without which a table is refused."""
 ABOVE = {

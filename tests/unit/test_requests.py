@@ -28,6 +28,7 @@ from ecatd.server.requests.ethernet import Ethernet
 from ecatd.server.requests.files import Files
 from ecatd.server.requests.hands import Hands
 from ecatd.server.requests.idns import Idns
+from ecatd.server.requests.incidents import Incidents
 from ecatd.server.requests.objects import Objects
 from ecatd.server.requests.registers import Registers
 from ecatd.server.requests.requests import Requests
@@ -180,7 +181,7 @@ def test_every_operation_has_one_handler() -> None:
         kind
         for owner in (
             *(BusServer, Requests, EthernetTraffic, Gateway, Files, Objects, Dictionaries),
-            *(Registers, Eeproms, Ethernet, Idns, Hands, Wire, Streams, Traces),
+            *(Registers, Eeproms, Ethernet, Idns, Hands, Incidents, Wire, Streams, Traces),
         )
         for method in vars(owner).values()
         if (kind := getattr(method, "handles", None)) is not None

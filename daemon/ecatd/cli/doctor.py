@@ -18,6 +18,7 @@ from ecatd.admin.doctor.service import look_at_service
 from ecatd.admin.doctor.settings import mend, undo
 from ecatd.admin.doctor.software import (
     look_at_configuration,
+    look_at_recorder,
     look_at_settings,
     look_at_shared_memory,
     look_at_versions,
@@ -120,6 +121,7 @@ def _look(options: argparse.Namespace, config: Config | None) -> Iterator[Findin
         names = _in_use(options)
     if config is not None:
         yield from look_at_settings(config.realtime)
+        yield from look_at_recorder(config.flight_recorder)
     for name in names:
         yield from look_at(name, cpu)
     if not names:

@@ -24,7 +24,7 @@ def _rows(found: IncidentFile) -> tuple[list[str], list[list[Number]]]:
 
 
 def csv_table(found: IncidentFile) -> str:
-    """Physical values of each cycle; a field is empty if its slave did not take part.
+    """Physical values of each cycle; `nan` if its slave did not take part.
 
     The first column is `time`, in seconds since the first cycle, and each other column has the name
     of a field, an identifier. `fmpy.util.read_csv` makes of it what `simulate_fmu(input=…)` takes.
@@ -33,7 +33,7 @@ def csv_table(found: IncidentFile) -> str:
     text = io.StringIO(newline="")
     lines = csv.writer(text)
     lines.writerow(["time", *names])
-    lines.writerows(["" if cell is None else cell for cell in row] for row in rows)
+    lines.writerows(["nan" if cell is None else cell for cell in row] for row in rows)
     return text.getvalue()
 
 

@@ -35,9 +35,9 @@ class ConditionConfig(Placed):
 
     Attributes:
         signal: The entry: SLAVE/ENTRY, by names or addresses.
-        above: True if the physical value is larger than this.
+        above: True if the physical value is larger than this. Default: not looked at.
         below: True if the physical value is smaller than this. With `above` too: true if either
-            holds.
+            holds. Default: not looked at.
         pause_s: Shortest time between two incidents of this condition.
     """
 

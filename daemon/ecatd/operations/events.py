@@ -376,7 +376,7 @@ KINDS: Mapping[str, Kind] = {
         ),
         Kind(
             "recorder",
-            "warning",
+            "error",
             "The flight recorder is started again",
             "It has ended or hangs. The bus goes on; an incident meanwhile was not recorded.",
             published=False,

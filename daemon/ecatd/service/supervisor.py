@@ -45,8 +45,8 @@ T = TypeVar("T")
 SIMULATOR, SERVER, GATEWAY = "the simulator", "the bus server", "the gateway"
 RECORDER = "the flight recorder"
 """Names of the processes, for messages."""
-_EVENTS = {GATEWAY: "gateway", RECORDER: "recorder"}
-"""The processes that the bus does not need, each with the kind of event of its end."""
+_MODULES = {GATEWAY: "ecatd.gateway", RECORDER: "ecatd.recorder"}
+"""The processes that the bus does not need."""
 _STEP_LEAST_US, _STEP_MOST_US = 1000, 10_000
 """Limits of the simulator; within them it makes one step for each cycle of the bus."""
 _GATEWAY_PAUSE = 1.0
@@ -157,7 +157,7 @@ class Supervisor:
 
     def _command(self, name: str) -> tuple[str, ...]:
         """The module and arguments of a process that the bus does not need."""
-        return (f"ecatd.{_EVENTS[name]}", self._config.bus)
+        return (_MODULES[name], self._config.bus)
 
     def _simulation(self) -> list[str]:
         """The arguments of `ecatsim`."""
@@ -325,7 +325,7 @@ class Supervisor:
 
     def _report_other(self, child: Child, status: int) -> None:
         text = f"{child.name} has ended ({_cause(status)}); ecatd starts it again"
-        self._log.warning(text, _EVENTS[child.name])
+        _tell_of(child.name, text, self._log.warning)
 
     async def _or_stop(self, work: Awaitable[T]) -> T:
         """Waits for a child that starts; a signal meanwhile ends the daemon."""
@@ -420,7 +420,7 @@ class Supervisor:
             except OSError as error:
                 if not reported:
                     text = f"{name} cannot be started: {error.strerror}; ecatd tries it again"
-                    self._log.error(text, _EVENTS[name])
+                    _tell_of(name, text, self._log.error)
                 reported = True
             else:
                 child = await Child.of(name, process)
@@ -433,7 +433,7 @@ class Supervisor:
         hung = f"has not answered for {Timeout(HANG_S)}"
         what = hung if child.is_ready else f"is not ready after {Timeout(_GATEWAY_START)}"
         text = f"{child} {what}; ecatd kills it and starts it again, while the bus goes on"
-        self._log.warning(text, _EVENTS[child.name])
+        _tell_of(child.name, text, self._log.warning)
         await child.kill()
 
     async def _reload_on_request(self, server: Child) -> None:
@@ -487,6 +487,14 @@ class Supervisor:
                 self._log.error(f"{child} did not end within {patience} and was killed")
         if folder := self._settings.get("runtime_dir"):
             remove_dir(Path(folder), self._config.bus)
+
+
+def _tell_of(name: str, text: str, tell: Callable[[str, str], None]) -> None:
+    """Writes to the log about a process that the bus does not need."""
+    if name == GATEWAY:
+        tell(text, "gateway")
+    else:
+        tell(text, "recorder")
 
 
 async def _until_hung(child: Child) -> None:

@@ -6,12 +6,14 @@ import os
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 
 from ecatd.base.errors import EcatError
 from ecatd.base.paths import MACHINE, control_socket, search_dirs
 from ecatd.base.version import VERSION
 from ecatd.config import Config, RealTimeConfig, load_config
+from ecatd.config.flight_recorder import FlightRecorderConfig
 from ecatd.linux.systemd_services import other_version
 from ecatd.shm.files import MEMORY, folders, problem
 from ecatd.shm.statistics import read
@@ -59,6 +61,14 @@ def look_at_settings(realtime: RealTimeConfig) -> Iterator[Finding]:
         if is_slow:
             name, remedy = f"realtime.{key}", f"remove realtime.{key}: the default is better"
             yield _AREA.hint(name, text, remedy, cost=key)
+
+
+def look_at_recorder(config: FlightRecorderConfig) -> Iterator[Finding]:
+    """Checks whether incidents can be written, if the configuration wants them."""
+    if config.folder and find_spec("mcap") is None:
+        text = f"the package mcap is missing, so no incidents are written to {config.folder}"
+        remedy = "pip install 'ecatd[record]', then restart ecatd"
+        yield _AREA.problem("flight_recorder", text, remedy)
 
 
 def look_at_shared_memory() -> Iterator[Finding]:
