@@ -2,6 +2,7 @@
 import { useState } from "preact/hooks";
 
 import { Section } from "./controls";
+import { ByHand } from "./hands/by_hand";
 import type { Output, Owner } from "./maps";
 import type { State } from "./state";
 import { counted, lasting, shown } from "./text";
@@ -30,6 +31,7 @@ export function OutputsPanel({ state }: { state: State }) {
   const free = value.outputs.filter((item) => item.owner < 0 && item.source === null).length;
   return (
     <div class="outputs">
+      {state.may("outputs") && <ByHand state={state} />}
       <Section title="Owners" aside={`${counted(free, "output")} of ${value.outputs.length} without owner`}>
         {(value.problems ?? []).map((text) => <p class="trouble" key={text}>{text}</p>)}
         {value.owners.length === 0 ? <p class="empty">No program owns outputs: all have their safe values.</p> : (

@@ -21,6 +21,7 @@ export interface Signal {
   address: string;
   output: boolean;
   type: ColumnType;
+  bits: number;
   scale: number;
   offset: number;
   unit: string;

@@ -2,6 +2,7 @@
 import { useEffect } from "preact/hooks";
 
 import { Tabs } from "./controls";
+import { DrivePanel } from "./drive/drive";
 import { Events } from "./events";
 import { Lamps } from "./lamps";
 import { Columns } from "./layout";
@@ -13,10 +14,10 @@ import { clock, lasting } from "./text";
 import { Timing } from "./timing";
 import { Topology } from "./topology/topology";
 
-const TITLES: Record<Tab, string> = { slave: "Slave", outputs: "Outputs", timing: "Timing", events: "Events" };
+const TITLES: Record<Tab, string> = { slave: "Slave", drive: "Drive", outputs: "Outputs", timing: "Timing", events: "Events" };
 const NEXT: Record<Theme, Theme> = { auto: "light", light: "dark", dark: "auto" };
 const KEYS: [string, string][] = [
-  ["1 – 4", "Slave, Outputs, Timing, Events"],
+  ["1 – 5", "Slave, Drive, Outputs, Timing, Events"],
   ["/", "find a slave"],
   ["↑ ↓", "along the wire, in the topology"],
   ["←", "back to where a branch begins"],
@@ -103,6 +104,7 @@ function Panel({ state }: { state: State }) {
       <Tabs label="Panels" tabs={tabs} chosen={tab} choose={(chosen) => (state.tab.value = chosen)} />
       <div class="panel-body" role="tabpanel" aria-label={TITLES[tab]} tabIndex={0} key={tab}>
         {tab === "slave" && <SlavePanel state={state} />}
+        {tab === "drive" && <DrivePanel state={state} />}
         {tab === "outputs" && <OutputsPanel state={state} />}
         {tab === "timing" && <Timing state={state} />}
         {tab === "events" && <Events state={state} />}

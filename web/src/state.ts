@@ -8,8 +8,8 @@ import { LiveValues } from "./live";
 import type { ScopeModel } from "./scope/scope";
 import type { Traces } from "./traces";
 
-export type Tab = "slave" | "outputs" | "timing" | "events";
-export const TABS: readonly Tab[] = ["slave", "outputs", "timing", "events"];
+export type Tab = "slave" | "drive" | "outputs" | "timing" | "events";
+export const TABS: readonly Tab[] = ["slave", "drive", "outputs", "timing", "events"];
 export type Part = "now" | "objects" | "setup" | "health" | "memory";
 const PARTS: readonly Part[] = ["now", "objects", "setup", "health", "memory"];
 export type Theme = "auto" | "light" | "dark";

@@ -107,6 +107,7 @@ class FileSource:
                     "address": address_text(*address) if address else entry,
                     "output": False,
                     "type": "float64",
+                    "bits": 64,
                     "scale": 1.0,
                     "offset": 0.0,
                     "unit": units.get(column, ""),

@@ -31,6 +31,7 @@ def describe_signals(bus: Bus) -> list[dict[str, Any]]:
                     "address": entry.address,
                     "output": outputs,
                     "type": column_type(entry.data_type, entry.bit_length),
+                    "bits": entry.bit_length,
                     "scale": entry.scale,
                     "offset": entry.offset,
                     "unit": entry.unit,
