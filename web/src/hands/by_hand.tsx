@@ -61,8 +61,8 @@ export function ByHand({ state }: { state: State }) {
           {free.map((output) => <option key={output.name} value={output.name}>{names.get(output.name)!.label}</option>)}
         </select>
         {holds
-          ? <button type="button" class="primary" onClick={() => hand.release()}>Let go</button>
-          : <button type="button" class="primary" disabled={chosen.size === 0 || !state.fresh.value} onClick={() => hand.hold(chosen)}>Hold</button>}
+          ? <button type="button" class="do" onClick={() => hand.release()}>Let go</button>
+          : <button type="button" class="do" disabled={chosen.size === 0 || !state.fresh.value} onClick={() => hand.hold(chosen)}>Hold</button>}
         <button type="button" onClick={releaseAll} title="Outputs that anybody holds by hand, on any page">Release all by hand</button>
       </p>
       {(hand.trouble.value || trouble) !== "" && <p class="trouble" role="alert">{hand.trouble.value || trouble}</p>}
