@@ -20,6 +20,8 @@ from typing import Any
 _BUS, _RIG = "ecat0", "troll"
 _OUTPUT = "3/0x70{}0:01"
 _SIGNALS = 3
+_CALM = ("--cycle-time-us", "4000")
+"""A cycle that the machine keeps while it also draws a page."""
 _PICTURES = {
     "live-view": ((1280, 800), "light", "tab=slave&slave=3"),
     "live-view-dark": ((1280, 800), "dark", "tab=timing"),
@@ -36,7 +38,7 @@ with Client() as client, client.claim(names, lease=2):
     cycle = 0
     while True:
         for at, signal in enumerate(signals):
-            signal.raw = (cycle // (400 << at)) % 2
+            signal.raw = (cycle // (100 << at)) % 2
         client.commit()
         client.wait()
         client.sample()
@@ -62,7 +64,7 @@ def main(folder: Path) -> None:
             return getattr(process, stream)
 
         try:
-            _read_until(start("ecatd", "--simulate", _RIG, "--bus", _BUS, stream="stderr"), "in OP")
+            _read_until(start("ecatd", "--simulate", _RIG, "--bus", _BUS, *_CALM, stream="stderr"), "in OP")
             names = [_OUTPUT.format(number) for number in range(_SIGNALS)]
             start(sys.executable, "-c", _DRIVER, *names)
             said = start("ecatctl", "web", "--no-browser", "--port", "0")
