@@ -169,6 +169,9 @@ def test_values_are_live_and_have_an_owner(page: Any, daemon: Daemon) -> None:
 
 def test_objects_are_read_and_written(page: Any, daemon: Daemon) -> None:
     show(page, "Objects")
+    page.get_by_label("Search objects").fill("0x1018")
+    page.locator(".object", has_text="0x1018").click()
+    expect(page.locator(".entry", has_text="0x0000009A")).to_have_count(1)  # the vendor
     page.get_by_label("Search objects").fill("0x6083")
     page.locator(".object", has_text="0x6083").click()
     entry = page.locator(".entry").first
@@ -192,6 +195,7 @@ def test_set_up_health_and_eeprom(page: Any) -> None:
     expect(row.locator("td").nth(1)).to_have_text(row.locator("td").first.text_content())
     show(page, "Health")
     expect(page.locator("tr", has_text="master")).to_have_count(1)
+    expect(page.get_by_text("keeps no diagnosis history")).to_be_visible()
     show(page, "EEPROM")
     page.get_by_role("button", name="Read it").click()
     expect(page.get_by_role("button", name="Read it again")).to_be_enabled()

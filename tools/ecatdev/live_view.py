@@ -20,6 +20,9 @@ from typing import Any
 _BUS, _RIG = "ecat0", "troll"
 _OUTPUT = "3/0x70{}0:01"
 _SIGNALS = 3
+_STREAMS = ("stdout", "stderr")
+_CALM = ("--cycle-time-us", "4000")
+"""A cycle that the machine keeps while it also draws a page."""
 _PICTURES = {
     "live-view": ((1280, 800), "light", "tab=slave&slave=3"),
     "live-view-dark": ((1280, 800), "dark", "tab=timing"),
@@ -36,7 +39,7 @@ with Client() as client, client.claim(names, lease=2):
     cycle = 0
     while True:
         for at, signal in enumerate(signals):
-            signal.raw = (cycle // (400 << at)) % 2
+            signal.raw = (cycle // (100 << at)) % 2
         client.commit()
         client.wait()
         client.sample()
@@ -57,12 +60,17 @@ def main(folder: Path) -> None:
         started = []
 
         def start(*command: str, stream: str = "stdout") -> Any:
-            process = subprocess.Popen(command, env=env, text=True, **{stream: subprocess.PIPE})
+            pipes = {name: subprocess.PIPE if name == stream else None for name in _STREAMS}
+            process = subprocess.Popen(
+                command, env=env, text=True, stdout=pipes["stdout"], stderr=pipes["stderr"]
+            )
             started.append(process)
             return getattr(process, stream)
 
         try:
-            _read_until(start("ecatd", "--simulate", _RIG, "--bus", _BUS, stream="stderr"), "in OP")
+            _read_until(
+                start("ecatd", "--simulate", _RIG, "--bus", _BUS, *_CALM, stream="stderr"), "in OP"
+            )
             names = [_OUTPUT.format(number) for number in range(_SIGNALS)]
             start(sys.executable, "-c", _DRIVER, *names)
             said = start("ecatctl", "web", "--no-browser", "--port", "0")

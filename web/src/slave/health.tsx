@@ -10,7 +10,7 @@ import { clock, grouped } from "../text";
 import { bytesOf } from "./coe";
 import { type DiagnosisMessage, parseMessage, places } from "./diagnosis";
 
-const HISTORY = 0x10f3;
+const HISTORY = "0x10F3";
 
 export function Health({ state, slave }: { state: State; slave: Slave }) {
   const { value: errors, failure } = state.of("ro/errors").value;

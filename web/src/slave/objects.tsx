@@ -26,7 +26,7 @@ export function Objects({ state, slave }: { state: State; slave: Slave }) {
       const found = new Map<number, ObjectDescription>();
       for (const index of objects) {
         try {
-          found.set(index, (await state.connection.ask(`${key}/${index}`)) as unknown as ObjectDescription);
+          found.set(index, (await state.connection.ask(`${key}/${hex(index, 4)}`)) as unknown as ObjectDescription);
         } catch {
           // The entry says it when it is opened.
         }
@@ -69,7 +69,7 @@ export function Objects({ state, slave }: { state: State; slave: Slave }) {
 }
 
 function Opened({ state, slave, index }: { state: State; slave: Slave; index: number }) {
-  const key = `ro/objects/${slave.position}/${index}`;
+  const key = `ro/objects/${slave.position}/${hex(index, 4)}`;
   const loaded = useAsked<ObjectDescription>(key, () => state.connection.ask(key));
   if (loaded.state === "loading") return <p class="empty">Asking …</p>;
   if (loaded.state === "failed") return <Trouble error={loaded.error} />;
@@ -82,7 +82,7 @@ function Opened({ state, slave, index }: { state: State; slave: Slave; index: nu
 
 function EntryRow(props: { state: State; slave: Slave; index: number; entry: ObjectEntry }) {
   const { state, slave, index, entry } = props;
-  const path = `${slave.position}/${index}/${entry.subindex}`;
+  const path = `${slave.position}/${hex(index, 4)}/${entry.subindex}`;
   const [reading, setReading] = useState(0);
   const [text, setText] = useState<string | null>(null);
   const [error, setError] = useState<unknown>(null);

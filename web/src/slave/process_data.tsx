@@ -6,7 +6,7 @@ import type { Slave } from "../maps";
 import type { Signal } from "../protocol";
 import type { State } from "../state";
 import type { Last } from "../live";
-import { hex, shown } from "../text";
+import { hex, shortName, shown } from "../text";
 
 const BOOLEAN = 1;
 const SETTLE_MS = 200;
@@ -48,7 +48,7 @@ export function ProcessData({ state, slave }: { state: State; slave: Slave }) {
         <Section key={title} title={title} aside="drag into the scope, or +">
           <ul class="values">
             {list(output).map((item) => (
-              <Value key={item.name} state={state} item={item} boolean={booleans.has(item.name.toLowerCase())} />
+              <Value key={item.name} state={state} item={item} name={shortName(item, signals)} boolean={booleans.has(item.name.toLowerCase())} />
             ))}
           </ul>
         </Section>
@@ -57,7 +57,7 @@ export function ProcessData({ state, slave }: { state: State; slave: Slave }) {
   );
 }
 
-function Value({ state, item, boolean }: { state: State; item: Signal; boolean: boolean }) {
+function Value({ state, item, name, boolean }: { state: State; item: Signal; name: string; boolean: boolean }) {
   const last: Last | undefined = state.live.values.value.get(item.name);
   const named = last !== undefined && item.values[String(last.value)] !== undefined;
   const on = last !== undefined && Number(last.value) !== 0;
@@ -70,7 +70,7 @@ function Value({ state, item, boolean }: { state: State; item: Signal; boolean: 
       }}
     >
       <button type="button" class="add" title="Show it in the scope" aria-label={`Show ${item.label} in the scope`} onClick={() => state.scope.add(item.name)}>+</button>
-      <span class="value-name">{item.label.split("/").slice(1).join(" / ") || item.address}</span>
+      <span class="value-name">{name}</span>
       <span class="value-number">
         {last === undefined ? "–" : boolean && !named ? <span class={on ? "bit on" : "bit"}>{on ? "on" : "off"}</span> : shown(item, last.value)}
       </span>

@@ -4,7 +4,7 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import type { AlState, Slave } from "../maps";
 import type { State } from "../state";
 import { microseconds } from "../text";
-import { type Plug, plugs, type Row, rows } from "./wire";
+import { atSecondInterface, type Plug, plugs, type Row, rows } from "./wire";
 
 const STATES: Record<number, string> = { 0: "no answer", 1: "INIT", 2: "PREOP", 3: "BOOT", 4: "SAFEOP", 8: "OP" };
 const INDENT = 18;
@@ -71,6 +71,7 @@ export function Topology({ state }: { state: State }) {
   const selected = state.selected.value;
   const current = placed.findIndex((row) => row.slave === selected);
   const ring = statistics?.ring.state ?? "none";
+  const closing = errors?.links?.find(atSecondInterface)?.verdict ?? "unknown";
   const right = ring === "none" ? 6 : 22;
   const measured = bus?.slaves.some((slave) => slave.dc_delay_ns > 0) ?? false;
 
@@ -138,7 +139,7 @@ export function Topology({ state }: { state: State }) {
               </text>
               {ring !== "none" && last >= 0 && (
                 <g>
-                  <path class={`ring ${ring}`} d={`M${width - right} ${4 + tall / 2} H${width - 7} V${y(last) + tall / 2} H${width - right}`} />
+                  <path class={`cable ${closing} ${ring === "open" ? "gone" : ""}`} d={`M${width - right} ${4 + tall / 2} H${width - 7} V${y(last) + tall / 2} H${width - right}`} />
                   <text class="node-note" text-anchor="middle" transform={`translate(${width - 10} ${Math.min(y(2), y(last))}) rotate(-90)`}>
                     ring {ring}
                   </text>

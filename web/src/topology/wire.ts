@@ -26,6 +26,11 @@ export interface Row {
   gone: boolean;
 }
 
+/** The link that closes a ring. */
+export function atSecondInterface(link: Link): boolean {
+  return link.before === MASTER && link.before_port === 1;
+}
+
 /** Where each slave is plugged in, as far as the answer says. */
 export function plugs(errors: Errors | null): Map<number, Plug> {
   const found = new Map<number, Plug>();
@@ -45,10 +50,14 @@ export function plugs(errors: Errors | null): Map<number, Plug> {
 export function rows(bus: Bus, errors: Errors | null, remembered: Map<number, Plug>): Row[] {
   const now = plugs(errors);
   const verdicts = new Map<number, Link>();
-  for (const link of errors?.links ?? []) if (link.slave >= 0) verdicts.set(link.slave, link);
+  for (const link of errors?.links ?? []) if (!atSecondInterface(link)) verdicts.set(link.slave, link);
   const behind = new Map<number, number[]>();
   const roots: number[] = [];
-  const plug = (slave: number) => now.get(slave) ?? remembered.get(slave) ?? null;
+  const plug = (slave: number): Plug | null => {
+    const link = verdicts.get(slave);
+    const known = link === undefined ? undefined : { before: link.before, port: link.before_port };
+    return now.get(slave) ?? known ?? remembered.get(slave) ?? null;
+  };
   for (const { position } of bus.slaves) {
     const at = plug(position);
     if (at === null || at.before === MASTER) roots.push(position);
