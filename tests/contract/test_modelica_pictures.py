@@ -26,7 +26,7 @@ from ecatgen.render import render
 from openmodelica import OpenModelica, needs_omc
 
 DOCS = Path(__file__).parents[2] / "docs"
-SCREENS = ("screen-slaves.svg", "topology.svg")
+SCREENS = ("screen-slaves.svg", "screen-top.svg", "screen-top-signals.svg", "topology.svg")
 """Pictures of commands, which `make screens` draws."""
 
 

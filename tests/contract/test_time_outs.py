@@ -37,7 +37,7 @@ OTHERS = {
     ("mailbox.py", "raise NoAnswerError(f'{text}: {reason}' if reason else text)"),
     ("session.py", "raise"),
     # They are about a rate, or about others that are at work, not about a time that has passed.
-    ("access.py", "BusyError"),
+    ("access.py", "raise too_many(self._user)"),
     ("eeproms.py", "BusyError"),
 }
 

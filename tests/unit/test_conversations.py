@@ -20,6 +20,7 @@ from ecatd.base.log import Log
 from ecatd.base.timeouts import Timeout
 from ecatd.config import Config
 from ecatd.description.bus import Bus, Slave
+from ecatd.description.cables import Cables
 from ecatd.etg.datatypes import DataType
 from ecatd.master.emergencies import Emergency, log_emergencies
 from ecatd.master.mailbox import coe as coe_module
@@ -84,7 +85,7 @@ class Bench:
         states = cast("States", None)  # only transfers of files need them
         self.requests = Requests(
             *(bus, master, Config(), self.worker, conversations, states),
-            *(lambda _, entry: entry, Changes(own), own),
+            *(lambda _, entry: entry, Changes(own), own, Cables(bus)),
         )
 
     def coe(self, position: int, *, alone: bool = False) -> Coe:

@@ -187,7 +187,8 @@ def _record(remote: Remote, options: argparse.Namespace) -> None:
             break
         if time.monotonic() - begin > after_s + _MORE_S:
             raise NoAnswerError(
-                "the incident has not been written: the log of ecatd says why (`ecatctl log`)"
+                f"the incident has not been written within {after_s + _MORE_S:g} s: the log of "
+                "ecatd says why (`ecatctl log`)"
             )
         time.sleep(_PAUSE)
     if options.json:

@@ -36,8 +36,7 @@ def to_operation(
     if needs_right(kind) and right_of(kind) not in may:
         right = right_of(kind)
         raise NotPermittedError(
-            f"this page may not use the right '{right}': start it with `ecatctl web --allow "
-            f"{right}`"
+            f"this page may not use the right '{right}': start `ecatctl web` with --allow {right}"
         )
     values = dict(payload)
     values.pop("id", None)
