@@ -213,7 +213,7 @@ def test_timing() -> None:
 def test_outputs() -> None:
     free = look(driven=outputs(output(1, -1)))["outputs"]
     assert (free["state"], free["text"]) == (
-        "warning",
+        "good",
         "Nobody drives the 1 outputs, so they are safe",
     )
     lapsed = output(2, -1, cause="lapsed", reason="controller was silent for too long")

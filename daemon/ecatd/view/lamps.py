@@ -408,7 +408,7 @@ def _drivers(outputs: Mapping[str, Any]) -> _Found:
     driven = Counter(row["owner"] for row in rows if row["owner"] >= 0)
     copied = sum(row["state"] == "copied" for row in rows)
     if not driven and not copied:
-        return _Found("warning", f"nobody drives the {len(rows)} outputs, so they are safe")
+        return _Found("good", f"nobody drives the {len(rows)} outputs, so they are safe")
     parts = [
         f"{owner_name(owners[number])} drives {count} of {len(rows)} outputs"
         for number, count in driven.most_common(2)
