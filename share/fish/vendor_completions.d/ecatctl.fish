@@ -50,8 +50,8 @@ function _shtab_ecatctl_using
   test "$_shtab_ecatctl_cmdpath" = "$argv"
 end
 
-set -g _shtab_ecatctl_commands buses graph slaves pdos state states read record watch write check dc info claims shm metrics stats sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis errors events waiting eoe eoe-read eoe-write foe-read foe-write sii-read sii-write alias soe-read soe-write identify reg-read reg-write rescan reboot config log log-level startup scan cstruct xml generate library client-flags capture doctor remote service
-set -g _shtab_ecatctl_opts_with_value --address --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --raw --root --seconds --severity --since --size --templates --timeout --type --user --watch -n -o
+set -g _shtab_ecatctl_commands buses graph slaves pdos state states read record watch write check dc info claims shm metrics stats top web sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis errors events incident waiting eoe eoe-read eoe-write foe-read foe-write sii-read sii-write alias soe-read soe-write identify reg-read reg-write rescan reboot config log log-level startup scan cstruct xml generate library client-flags capture doctor remote service
+set -g _shtab_ecatctl_opts_with_value --address --allow --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --port --raw --root --seconds --severity --since --size --templates --timeout --type --user --watch -n -o
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -206,6 +206,24 @@ complete -c ecatctl -n '_shtab_ecatctl_using stats' -l json -d 'print JSON for p
 complete -c ecatctl -n '_shtab_ecatctl_using stats' -l watch -x -d 'repeat every SECONDS (default: 1); stats also counts the last interval'
 complete -c ecatctl -n '_shtab_ecatctl_using stats' -l count -x -d 'with --watch: stop after N times'
 complete -c ecatctl -n '_shtab_ecatctl_using stats' -l histogram -xka "wakeup exchange cycle delay dc_offset mailbox" -d 'show one time: wakeup, exchange, cycle, delay, dc_offset, mailbox'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a top -d 'Show lamps, slaves, signals, events and outputs live, in the whole terminal.'
+complete -c ecatctl -n '_shtab_ecatctl_using top' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using top' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using top' -l connect -x -d 'ask a daemon at this Zenoh endpoint, such as tls/host:7448 (default: the daemon of this machine)'
+complete -c ecatctl -n '_shtab_ecatctl_using top' -l identity -x -d 'your certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
+complete -c ecatctl -n '_shtab_ecatctl_using top' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using top' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a web -d 'Show the bus in a browser: lamps, topology, signals of each cycle.'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l connect -x -d 'ask a daemon at this Zenoh endpoint, such as tls/host:7448 (default: the daemon of this machine)'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l identity -x -d 'your certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l port -x -d 'listen at this port of 127.0.0.1; 0 for any that is free (default: 8570, or the next one that is free)'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l no-browser -d 'print the address, and open no browser'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l allow -x -d 'let pages do more than read: state, outputs, log, frames, sdo, register, errors, sii, ip, idn, foe, incident (default: none)'
+complete -c ecatctl -n '_shtab_ecatctl_using web; and test $_shtab_ecatctl_npos -eq 0' -ka "(__fish_complete_path (commandline -ct))" -d 'show this recording or incident (MCAP) instead of a bus'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a sdos -d 'List the objects of a slave: types, access rights, values.'
 complete -c ecatctl -n '_shtab_ecatctl_using sdos' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using sdos' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
@@ -311,6 +329,16 @@ complete -c ecatctl -n '_shtab_ecatctl_using events' -l since -x -d 'only events
 complete -c ecatctl -n '_shtab_ecatctl_using events' -s f -l follow -d 'keep showing new events until you press Ctrl-C'
 complete -c ecatctl -n '_shtab_ecatctl_using events' -l kind -x -d 'only events of this kind, such as emergency; can be given several times'
 complete -c ecatctl -n '_shtab_ecatctl_using events' -l severity -xka "error warning notice info" -d 'only events that are at least this severe: error, warning, notice or info'
+complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a incident -d 'List, show, record, export and delete incidents of the flight recorder.'
+complete -c ecatctl -n '_shtab_ecatctl_using incident' -s h -l help -d 'show this help message and exit'
+complete -c ecatctl -n '_shtab_ecatctl_using incident' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
+complete -c ecatctl -n '_shtab_ecatctl_using incident' -l connect -x -d 'ask a daemon at this Zenoh endpoint, such as tls/host:7448 (default: the daemon of this machine)'
+complete -c ecatctl -n '_shtab_ecatctl_using incident' -l identity -x -d 'your certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
+complete -c ecatctl -n '_shtab_ecatctl_using incident' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
+complete -c ecatctl -n '_shtab_ecatctl_using incident' -l json -d 'print JSON for programs'
+complete -c ecatctl -n '_shtab_ecatctl_using incident' -s o -l out -xka "(__fish_complete_path (commandline -ct))" -d 'for export: the file; its name ends in .mcap, .pcapng, .csv, .txt, .json'
+complete -c ecatctl -n '_shtab_ecatctl_using incident' -l force -d 'replace FILE if it exists'
+complete -c ecatctl -n '_shtab_ecatctl_using incident; and test $_shtab_ecatctl_npos -eq 0' -ka "list show export record delete" -d 'list, show, export, record, delete'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a waiting -d 'Show which requests wait for slaves, and for how long.'
 complete -c ecatctl -n '_shtab_ecatctl_using waiting' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using waiting' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
@@ -483,7 +511,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l connect -x -d 'ask a 
 complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l identity -x -d 'your certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
 complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using log-level' -l json -d 'print JSON for programs'
-complete -c ecatctl -n '_shtab_ecatctl_using log-level; and test $_shtab_ecatctl_npos -eq 0' -ka "service start slaves recovery mailbox outputs dc interfaces gateway all" -d 'one of the parts below, or all'
+complete -c ecatctl -n '_shtab_ecatctl_using log-level; and test $_shtab_ecatctl_npos -eq 0' -ka "service start slaves recovery mailbox outputs dc interfaces recorder gateway all" -d 'one of the parts below, or all'
 complete -c ecatctl -n '_shtab_ecatctl_using log-level; and test $_shtab_ecatctl_npos -eq 1' -ka "error warning info debug" -d 'error, warning, info, debug'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a startup -d 'Compare start-up parameters with the slaves, or capture them.'
 complete -c ecatctl -n '_shtab_ecatctl_using startup' -s h -l help -d 'show this help message and exit'
