@@ -19,6 +19,8 @@ from ecatd.operations.bus import ReadConfig, ReadInfo, ReadStates
 from ecatd.operations.description import Describe
 from ecatd.operations.health import look_at
 from ecatd.operations.incident_files import read_head
+from ecatd.operations.outputs import ReadOutputs
+from ecatd.operations.registers import ReadErrors
 from ecatd.operations.statistics import ReadStats
 from ecatd.shm.statistics import from_map
 from ecatd.view.lamps import Lamps
@@ -63,6 +65,11 @@ class RecordedIncident:
                 ReadConfig.key: ("configuration.json", dict),
             }.items()
         }
+        for key, what in (
+            (ReadOutputs.key, "who owned outputs"),
+            (ReadErrors.key, "error counters"),
+        ):
+            self.answers[key] = StateError(f"an incident does not have {what}")
         if isinstance(config := self.answers[ReadConfig.key], Mapping):
             self.answers[ReadConfig.key] = {"config": config, "origins": {}}
         try:
