@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from ecatd.base.addresses import parse_address
-from ecatd.base.cycle_messages import CycleMessages, MessageField
 from ecatd.base.errors import ConfigError, EcatError, StateError, UsageError
+from ecatd.base.incident_file import CYCLE, IncidentFile, NoIncidentError
 from ecatd.etg.datatypes import is_real, value_range
 from ecatd.etg.pdo import Entry
 
@@ -24,8 +24,6 @@ from .slave.device import Device
 
 _TITLE = re.compile(r"(\d+)/.* \((0x[0-9A-Fa-f]+:[0-9A-Fa-f]+)\)")
 _TIME, _FIRST = 0, 2
-_SIGNALS, _FIELDS = "signals", "fields"
-"""Metadata of the channel with the cycles of an incident: entries, and fields of its messages."""
 _UTC = "utc"
 """A column of the wall clock, which says nothing about inputs."""
 Value = int | float
@@ -191,16 +189,17 @@ def _csv(path: Path) -> Iterator[Sequence[str]]:
 
 def _mcap(path: Path) -> Iterator[Sequence[Any]]:
     make_reader = _library(path, "mcap.reader").make_reader
+    try:
+        incident = IncidentFile(path)
+    except NoIncidentError:
+        pass
+    else:
+        yield from _incident(incident)
+        return
     names: list[str] | None = None
     begin = 0
     with path.open("rb") as file:
-        reader = make_reader(file)
-        summary = reader.get_summary()
-        for channel in summary.channels.values() if summary else ():
-            if _SIGNALS in channel.metadata:
-                yield from _incident(reader, channel)
-                return
-        for _, _, message in reader.iter_messages():
+        for _, _, message in make_reader(file).iter_messages():
             content = json.loads(message.data)
             if names is None:
                 names, begin = [*content["values"]], message.log_time
@@ -209,19 +208,15 @@ def _mcap(path: Path) -> Iterator[Sequence[Any]]:
             yield [1e-9 * (message.log_time - begin), content["cycle"], *cells]
 
 
-def _incident(reader: Any, channel: Any) -> Iterator[Sequence[Any]]:
-    """The raw values of an incident of the flight recorder (`ecatd.recorder.incident`)."""
-    signals = json.loads(channel.metadata[_SIGNALS])
-    fields = [MessageField(name, kind) for name, kind in json.loads(channel.metadata[_FIELDS])]
-    messages = CycleMessages(fields)
-    place = {field.name: number for number, field in enumerate(fields)}
-    chosen = [place["cycle"], *(place[signal["raw"]] for signal in signals)]
+def _incident(incident: IncidentFile) -> Iterator[Sequence[Any]]:
+    """The raw values of an incident."""
+    signals = incident.signals
     yield ["time_s", "cycle", *(f"{item['name']} ({item['address']})" for item in signals)]
     begin: int | None = None
-    for _, _, message in reader.iter_messages(topics=[channel.topic]):
-        begin = message.log_time if begin is None else begin
-        values = messages.unpack(message.data)
-        yield [1e-9 * (message.log_time - begin), *(values[number] for number in chosen)]
+    for time_ns, values in incident.cycles():
+        begin = time_ns if begin is None else begin
+        cells = (values[signal["raw"]] for signal in signals)
+        yield [1e-9 * (time_ns - begin), values[CYCLE], *cells]
 
 
 def _parquet(path: Path) -> Iterator[Sequence[Any]]:

@@ -4,16 +4,20 @@ import itertools
 import os
 import signal
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
 import pytest
+from test_web import HAS_PAGE, serving
 
 from conftest import Daemon, names, one_line_error, wait_for
 from ecatd.base.addresses import parse_address
+from ecatd.base.errors import EcatError
+from ecatd.base.incident_file import IncidentFile
 from ecatd.operations.incident_files import incidents
-from ecatd.recorder.incident import IncidentFile
+from ecatd.web.file_source import FileSource
 from ecatsim.control import Simulator
 from ecatsim.replay import Replay
 from ecatsim.rigs import library as rigs
@@ -69,12 +73,12 @@ def test_a_fault_and_a_request(start_daemon: Callable[..., Daemon], tmp_path: Pa
     of_five = [item["field"] for item in inputs]
     assert all(before[0][name] is not None for name in of_five)
     assert all(after[-1][name] is None for name in of_five)
-    names(file.attachments["reading.txt"].decode(), "slave 5", f"cycle {after[0]['cycle']}:")
-    assert set(file.attachments) >= {
+    names(file.attachment("reading.txt").decode(), "slave 5", f"cycle {after[0]['cycle']}:")
+    assert set(file.sizes) >= {
         "frames.pcapng", "bus.json", "configuration.json", "log.txt", "events.json",
         "statistics.json",
     }  # fmt: skip
-    assert struct.unpack_from("<I", file.attachments["frames.pcapng"])[0] == 0x0A0D0D0A
+    assert struct.unpack_from("<I", file.attachment("frames.pcapng"))[0] == 0x0A0D0D0A
 
     listed = daemon.ctl_json("incident", "list")["incidents"]
     assert path.name in [item["name"] for item in listed]
@@ -95,11 +99,62 @@ def test_a_fault_and_a_request(start_daemon: Callable[..., Daemon], tmp_path: Pa
     assert rig.devices[5].dictionary.mapped(*key).value == rows[0][chosen["raw"]]
     table = (tmp_path / "out.txt").read_text()
     assert f"double incident({len(rows)},{len(file.signals) + 1})" in table
+    if HAS_PAGE:
+        look_in_the_browser(daemon, tmp_path / "out.mcap", file, rows)
     daemon.ctl("incident", "delete", path.name)
     assert not path.exists()
     for name in (path.name, "../x.mcap", "mine.mcap"):
         refused = daemon.ctl("incident", "delete", name, check=False)
         names(one_line_error(refused.stderr, "ecatctl"), name, "incident list")
+
+
+def look_in_the_browser(
+    daemon: Daemon, path: Path, file: IncidentFile, rows: list[Mapping[str, float | None]]
+) -> None:
+    """The page shows what the file has: each value exact, or as an old one."""
+    fields = {f"{item['slave']}/{item['address']}": item["raw"] for item in file.signals}
+    name = next(item for item in fields if item.startswith("5/"))
+    with serving(daemon, str(path)) as web, web.open() as page:
+        assert page.of_type("hello")["source"] == "file"
+        names(page.of_type("link")["text"], "incident", daemon.bus)
+        signals = {item["name"]: item for item in page.of_type("signals")["signals"]}
+        assert set(signals) == set(fields)
+        assert signals[name]["label"].startswith("EL3008/")
+        assert page.value("ro/slaves")["value"]["slaves"][5]["name"] == "EL3008"
+        assert page.value("ro/state")["value"]["slaves"]
+        statistics = page.value("ro/stats")["value"]
+        assert page.value("ro/config")["value"]["config"]["flight_recorder"]["before_s"] == 0.5
+        reading = page.value("reading")["value"]["text"]
+        assert reading == file.attachment("reading.txt").decode()
+        lamps = {lamp["id"]: lamp["state"] for lamp in page.of_type("lamps")["lamps"]}
+        assert "outputs" not in lamps  # nobody knows who owned them
+        assert lamps["slaves_in_op"] == "bad"
+        events = page.of_type("events")["events"]
+        assert any(event["event"] == "working_counter" for event in events)
+        assert page.ask("ro/stats", buckets=True)["answer"] == statistics
+        page.say(type="trace", signals=[name], generation=1)
+        header, cycles = page.batch(1)
+        while cycles[-1] != rows[-1]["cycle"]:
+            header, more = page.batch(1)
+            cycles += more
+        assert cycles == [row["cycle"] for row in rows]
+        assert header["columns"][0]["type"] == signals[name]["type"]
+        assert header["count"] - 1 in header["invalid"][0][1:]  # slave 5 has no power
+        page.of_type("end")
+    damaged = path.with_name("damaged.mcap")
+    whole = path.read_bytes()
+    for size in (0, 7, 100, len(whole) // 2, len(whole) - 1):
+        damaged.write_bytes(whole[:size])
+        with pytest.raises(EcatError, match=r"damaged\.mcap"):
+            FileSource(damaged)
+    refused = daemon.ctl("web", "--no-browser", str(damaged), check=False)
+    names(one_line_error(refused.stderr, "ecatctl"), "damaged.mcap")
+    for at in range(len(whole) - 9000, len(whole), 300):  # where the file says what is where
+        damaged.write_bytes(
+            whole[:at] + bytes(~byte & 0xFF for byte in whole[at : at + 3]) + whole[at + 3 :]
+        )
+        with suppress(EcatError):
+            FileSource(damaged)
 
 
 def test_conditions_lapses_and_the_end_of_the_recorder(
@@ -139,10 +194,11 @@ below = 0
     (signal_,) = (item for item in IncidentFile(path).signals if item["address"] == "0x7000:01")
     values = [row[signal_["field"]] for _, row in IncidentFile(path).cycles()]
     assert {7, 101} <= {*values}
-    names(IncidentFile(path).attachments["reading.txt"].decode(), "was 101, above 100")
+    names(IncidentFile(path).attachment("reading.txt").decode(), "was 101, above 100")
     client.sample()
     claim = client.claim([output], lease=50)
     output.raw = 9
     client.commit()  # and then the client hangs
-    assert "lapse" in str(IncidentFile(found(tmp_path / "x", daemon, "lapse")).attachments)
+    lapse = IncidentFile(found(tmp_path / "x", daemon, "lapse"))
+    assert "(lapse)" in lapse.attachment("reading.txt").decode()
     client.close()

@@ -13,6 +13,18 @@ function slaveOf(event: BusEvent): number | null {
   return typeof one === "number" ? one : null;
 }
 
+/** What has happened in an incident, in words. */
+function FirstReading({ state }: { state: State }) {
+  const { value, failure } = state.of("reading").value;
+  if ((value === null && failure === null) || state.hidesReading.value) return null;
+  return (
+    <section class="note reading" aria-label="First reading">
+      <h3>First reading<button type="button" class="quiet" onClick={() => (state.hidesReading.value = true)}>Hide</button></h3>
+      {value === null ? <p>{failure?.message}</p> : <p class="reading-text">{value.text.trim()}</p>}
+    </section>
+  );
+}
+
 export function Events({ state }: { state: State }) {
   const [least, setLeast] = useState<(typeof SEVERITIES)[number]>("info");
   const [search, setSearch] = useState("");
@@ -26,6 +38,7 @@ export function Events({ state }: { state: State }) {
   const now = state.now.value;
   return (
     <div class="events">
+      <FirstReading state={state} />
       <div class="toolbar">
         <input type="search" placeholder="Search events" aria-label="Search events" value={search} onInput={(e) => setSearch(e.currentTarget.value)} />
         <select aria-label="Least severity" value={least} onChange={(e) => setLeast(e.currentTarget.value as typeof least)}>

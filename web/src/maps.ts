@@ -226,3 +226,8 @@ export interface Configuration {
   config: Record<string, unknown>;
   origins: Record<string, string>;
 }
+
+/** What has happened in an incident, in words. */
+export interface Reading {
+  text: string;
+}

@@ -61,7 +61,10 @@ export type Message =
   /** The way to the daemon. While it is down, all values are old. */
   | { type: "link"; up: boolean; text: string; since: number }
   | { type: "signals"; signals: Signal[] }
-  /** What the server watches: the answer to the query `key`, or why there is none. */
+  /**
+   * What the server watches: the answer to the query `key`, or why there is none. `key` "reading":
+   * what has happened in an incident, as `text`.
+   */
   | { type: "value"; key: string; value: Value | null; failure?: Failure; at: number }
   | { type: "lamps"; lamps: Lamp[]; at: number }
   | { type: "events"; events: BusEvent[]; left_out: number }

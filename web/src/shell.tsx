@@ -92,7 +92,7 @@ function Way({ state }: { state: State }) {
     return <span class="way bad" role="status">Connection to ecatctl web lost {lasting(now - state.lostAt.value)} ago, since {clock(state.lostAt.value)}. All values are old. Trying again …</span>;
   }
   if (!link.up) return <span class="way bad" role="status">{link.text} All values are old, since {clock(link.since)} ({lasting(now - link.since)}).</span>;
-  return <span class="way" role="status">{state.hello.value.source === "file" ? "recording" : "live"}</span>;
+  return <span class="way" role="status">{state.hello.value.source === "file" ? link.text : "live"}</span>;
 }
 
 function Panel({ state }: { state: State }) {

@@ -2,7 +2,7 @@
 import { computed, effect, signal, type Signal as Cell } from "@preact/signals";
 
 import type { Connection } from "./connection";
-import type { Bus, Configuration, Errors, Info, Outputs, States, Statistics } from "./maps";
+import type { Bus, Configuration, Errors, Info, Outputs, Reading, States, Statistics } from "./maps";
 import type { BusEvent, Failure, Lamp, Message, Signal } from "./protocol";
 import { LiveValues } from "./live";
 import type { ScopeModel } from "./scope/scope";
@@ -25,6 +25,7 @@ interface Answers {
   "ro/errors": Errors;
   "ro/outputs": Outputs;
   "ro/config": Configuration;
+  reading: Reading;
 }
 
 interface Answer<T> {
@@ -44,7 +45,7 @@ export class State {
   /** The newest one first. */
   readonly events = signal<BusEvent[]>([]);
   readonly leftOut = signal(0);
-  /** Unix time in seconds, each second. */
+  /** Unix time in seconds, each second; of an incident, the time of its values. */
   readonly now = signal(Date.now() / 1000);
   readonly lostAt = signal(0);
 
@@ -54,6 +55,10 @@ export class State {
   readonly theme = signal<Theme>((localStorage.getItem(THEME) as Theme | null) ?? "auto");
   readonly help = signal(false);
 
+  readonly hidesReading = signal(false);
+
+  private moment: number | null = null;
+  private choseTab = false;
   private readonly answers = new Map<string, Cell<Answer<unknown>>>();
 
   /** Whether the values are of now: the page hears the server, and this hears the daemon. */
@@ -76,7 +81,7 @@ export class State {
 
   constructor(readonly connection: Connection, traces: Traces, readonly scope: ScopeModel) {
     this.live = new LiveValues(traces);
-    setInterval(() => (this.now.value = Date.now() / 1000), 1000);
+    setInterval(() => (this.now.value = this.moment ?? Date.now() / 1000), 1000);
     this.readFragment();
     addEventListener("hashchange", () => this.readFragment());
     effect(() => this.writeFragment());
@@ -104,6 +109,7 @@ export class State {
     switch (message.type) {
       case "hello":
         this.hello.value = message;
+        this.moment = null;
         document.title = `${message.title} – ecatd`;
         break;
       case "link":
@@ -123,6 +129,7 @@ export class State {
         // What failed leaves the last value, which the page shows as old.
         const value = message.value ?? cell.value.value;
         cell.value = { value, failure: message.failure ?? null, at: message.at };
+        if (message.key === "reading") this.takeReading(message.at);
       }
     }
   }
@@ -154,12 +161,22 @@ export class State {
     if (leftOut > 0) this.leftOut.value = leftOut;
   }
 
+  /** An incident begins with what has happened, unless the address of the page names a tab. */
+  private takeReading(at: number): void {
+    this.now.value = this.moment = at;
+    if (!this.choseTab) this.tab.value = "events";
+    this.choseTab = true;
+  }
+
   private readFragment(): void {
     const found = new URLSearchParams(location.hash.slice(1));
     const tab = found.get("tab") as Tab;
     const part = found.get("part") as Part;
     const slave = found.get("slave");
-    if (TABS.includes(tab)) this.tab.value = tab;
+    if (TABS.includes(tab)) {
+      this.tab.value = tab;
+      this.choseTab = true;
+    }
     if (PARTS.includes(part)) this.part.value = part;
     if (slave !== null && /^\d+$/.test(slave)) this.selected.value = Number(slave);
   }

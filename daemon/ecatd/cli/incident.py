@@ -24,9 +24,9 @@ from .output import print_json, print_table
 from .saving import add_force, add_out, check_target
 
 if TYPE_CHECKING:
+    from ecatd.base.incident_file import IncidentFile
     from ecatd.client.remote import Remote
     from ecatd.operations.incidents import Incident
-    from ecatd.recorder.incident import IncidentFile
 
 COMMANDS = {
     "diagnosis": {
@@ -117,11 +117,11 @@ def _local(remote: Remote, options: argparse.Namespace) -> Iterator[Path]:
         yield path
 
 
-def _open(path: Path) -> IncidentFile:
-    from ecatd.recorder.incident import IncidentFile
-
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Tells why a file cannot be read."""
     try:
-        return IncidentFile(path)
+        yield
     except ImportError as error:
         raise StateError("incidents need the package mcap: pip install 'ecatd[record]'") from error
     except ValueError as error:
@@ -130,15 +130,26 @@ def _open(path: Path) -> IncidentFile:
         raise StateError(f"{path} cannot be read: {error.strerror}") from error
 
 
+def _open(path: Path) -> IncidentFile:
+    from ecatd.base.incident_file import IncidentFile
+
+    with _told(path):
+        return IncidentFile(path)
+
+
+def _attachment(found: IncidentFile, name: str) -> bytes:
+    with _told(found.path):
+        return found.attachment(name)
+
+
 def _show(remote: Remote, options: argparse.Namespace) -> None:
     with _local(remote, options) as path:
         found = _open(path)
-        reading = found.attachments["reading.txt"].decode()
+        reading = _attachment(found, "reading.txt").decode(errors="replace")
         if options.json:
-            attachments = {name: len(data) for name, data in found.attachments.items()}
             signals = found.signals
             what: dict[str, Any] = {"file": path.name, "reading": reading}
-            print_json({"bus": found.bus, **what, "attachments": attachments, "signals": signals})
+            print_json({"bus": found.bus, **what, "attachments": found.sizes, "signals": signals})
         else:
             print(reading, end="")
 
@@ -164,12 +175,13 @@ def _export(remote: Remote, options: argparse.Namespace) -> None:
 
 def _content(found: IncidentFile, suffix: str) -> bytes:
     if suffix == ".pcapng":
-        return bytes(found.attachments["frames.pcapng"])
+        return _attachment(found, "frames.pcapng")
     from .incident_tables import combi_time_table, csv_table
 
     if suffix == ".json":
-        return bytes(found.attachments["events.json"])
-    return (csv_table if suffix == ".csv" else combi_time_table)(found).encode()
+        return _attachment(found, "events.json")
+    with _told(found.path):
+        return (csv_table if suffix == ".csv" else combi_time_table)(found).encode()
 
 
 def _record(remote: Remote, options: argparse.Namespace) -> None:

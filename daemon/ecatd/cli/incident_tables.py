@@ -7,7 +7,7 @@ import io
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ecatd.recorder.incident import IncidentFile
+    from ecatd.base.incident_file import IncidentFile
 
 Number = float | int | None
 

@@ -1,4 +1,4 @@
-"""Command `web`: a page in the browser that shows a bus, or a recording."""
+"""Command `web`: a page in the browser that shows a bus, a recording or an incident."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         type=Path,
         nargs="?",
         metavar="FILE",
-        help="show this recording (MCAP) instead of a bus",
+        help="show this recording or incident (MCAP) instead of a bus",
     )
     command.add_argument(
         "--port",
@@ -89,10 +89,10 @@ async def _serve(options: argparse.Namespace, files: dict[str, tuple[str, bytes]
 
 def _source(options: argparse.Namespace) -> Source:
     if options.file is not None:
-        from ecatd.web.recording import FileSource
+        from ecatd.web.file_source import FileSource
 
         if options.allow:
-            raise UsageError("--allow is for a bus: nothing in a recording can be changed")
+            raise UsageError("--allow is for a bus: nothing in a file can be changed")
         return FileSource(options.file)
     from ecatd.web.bus import BusSource
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -23,6 +23,7 @@ from ecatd.base.cycle_messages import (
     identifier,
     log_message,
 )
+from ecatd.base.incident_file import CYCLE, FIELDS, SIGNALS
 from ecatd.base.paths import give_to_group
 from ecatd.base.pcapng import Frame, header, packet
 from ecatd.base.version import VERSION
@@ -31,7 +32,7 @@ from ecatd.operations.incident_files import METADATA, PART
 from ecatd.operations.traces import TraceSignal
 
 OWN = (
-    MessageField("cycle", "uint64"),
+    MessageField(CYCLE, "uint64"),
     MessageField("missing_before", "uint64"),
     MessageField("exchange_us", "float64"),
     MessageField("incomplete_domains", "uint32"),
@@ -40,8 +41,6 @@ OWN = (
 it are missing, time from its first frame to its last answer, domains whose last exchange failed."""
 CYCLES, EVENTS, LOG = "cycles", "events", "log"
 """Ends of topics."""
-SIGNALS, FIELDS = "signals", "fields"
-"""Keys of the metadata of the channel, in JSON: the entries, and the fields of messages."""
 
 
 @dataclass(slots=True)
@@ -198,53 +197,3 @@ def _add(writer: Any, channel: int, time_ns: int, sequence: int, data: bytes) ->
 
 def _attach(writer: Any, first: Trigger, name: str, kind: str, data: bytes) -> None:
     writer.add_attachment(first.time_ns, first.time_ns, name, kind, data)
-
-
-class IncidentFile:
-    """An incident that was read.
-
-    Attributes:
-        bus: Name of the bus.
-        signals: The entries: each a `TraceSignal` with the names of its fields, `field` for the
-            physical value and `raw`.
-        attachments: Content of the attachments, by name.
-
-    Raises:
-        OSError: The file cannot be read.
-        ValueError: It is no incident.
-        ImportError: The package `mcap` is missing.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        make_reader = import_module("mcap.reader").make_reader
-        try:
-            with path.open("rb") as file:
-                reader = make_reader(file)
-                summary = reader.get_summary()
-                self.attachments = {item.name: item.data for item in reader.iter_attachments()}
-        except import_module("mcap.exceptions").McapError as error:
-            raise ValueError(f"{path} is no MCAP file, or is damaged: {error}") from error
-        channels = summary.channels.values() if summary else ()
-        found = next((item for item in channels if SIGNALS in item.metadata), None)
-        if found is None:
-            raise ValueError(f"{path} is no incident of ecatd")
-        self._topic = found.topic
-        self.bus = found.topic.split("/")[1]
-        self.signals: list[dict[str, Any]] = json.loads(found.metadata[SIGNALS])
-        self._fields = SignalFields(self.signals)
-        self._places = {item.name: n for n, item in enumerate(self._fields.messages.fields)}
-
-    @property
-    def size(self) -> int:
-        """Bytes of the file."""
-        return self._path.stat().st_size
-
-    def cycles(self) -> Iterator[tuple[int, Mapping[str, float | int | None]]]:
-        """Yields for each cycle Unix time in ns, and values by the names of their fields."""
-        make_reader = import_module("mcap.reader").make_reader
-        names = [*self._places]
-        with self._path.open("rb") as file:
-            for _, _, message in make_reader(file).iter_messages(topics=[self._topic]):
-                values = self._fields.messages.unpack(message.data)
-                yield message.log_time, dict(zip(names, values, strict=True))

@@ -220,7 +220,7 @@ class Recorder:
             if self._client is not None:
                 self._client.sample()
                 pending.newest = self._client.cycle, time.monotonic_ns()
-            pending.documents["statistics"] = to_map(read_statistics(self._name))
+            pending.documents["statistics"] = to_map(read_statistics(self._name), buckets=True)
             await self._fetch(pending)
             rest = (pending.end_ns - time.time_ns()) / 1e9
             with suppress(TimeoutError):

@@ -149,7 +149,8 @@ class BusSource:
                         hub.value(key, answer)
             if key in _LAMPS[:2]:
                 found = [self._answers.get(name) for name in _LAMPS]
-                hub.lamps(self._lamps.look(found[0], found[1], found[2], time.time()))
+                now = time.time()
+                hub.lamps(self._lamps.look(found[0], found[1], found[2], now), now)
             await asyncio.sleep(max(0.05, begin + period - time.monotonic()))
 
     async def _describe(self, hub: Hub, answer: Mapping[str, Any]) -> None:

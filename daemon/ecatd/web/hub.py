@@ -108,18 +108,21 @@ class Hub:
         self.signals = {signal["name"]: signal for signal in signals}
         self._tell("signals", {"type": "signals", "signals": [*self.signals.values()]})
 
-    def value(self, key: str, answer: Mapping[str, Any] | EcatError) -> None:
-        """Tells what was found out about a key, or why nothing."""
-        message: dict[str, Any] = {"type": "value", "key": key, "at": time.time()}
+    def value(
+        self, key: str, answer: Mapping[str, Any] | EcatError, at: float | None = None
+    ) -> None:
+        """Tells what was found out about a key, or why nothing; `at` is Unix time, if not now."""
+        at = time.time() if at is None else at
+        message: dict[str, Any] = {"type": "value", "key": key, "at": at}
         if isinstance(answer, EcatError):
             message |= {"value": None, "failure": failure(answer)}
         else:
             message["value"] = answer
         self._tell(key, message)
 
-    def lamps(self, lamps: Iterable[Mapping[str, Any]]) -> None:
-        """Tells the lamps."""
-        self._tell("lamps", {"type": "lamps", "lamps": [*lamps], "at": time.time()})
+    def lamps(self, lamps: Iterable[Mapping[str, Any]], at: float) -> None:
+        """Tells the lamps as they were at a Unix time."""
+        self._tell("lamps", {"type": "lamps", "lamps": [*lamps], "at": at})
 
     def events(self, events: Iterable[Mapping[str, Any]], left_out: int) -> None:
         """Tells new events."""

@@ -19,7 +19,7 @@ export function StatusLine({ model }: { model: ScopeModel }) {
   return (
     <div class="scope-status" data-view={status ? JSON.stringify(status) : undefined}>
       <span>
-        {isFile ? (model.ended.value ? `The whole file: ${time}` : "The file is being read …") : `Recorded ${time} of 10:00 min`}
+        {isFile && model.entries.value.length === 0 ? "A file" : isFile ? (model.ended.value ? `The whole file: ${time}` : "The file is being read …") : `Recorded ${time} of 10:00 min`}
         {status ? `, ${status.rows} rows, ${(status.bytes / 1e6).toFixed(0)} MB` : ""}
       </span>
       {status && <span title="JavaScript for each picture">{status.drawing.toFixed(1)} ms, {status.frames}/s</span>}
