@@ -25,6 +25,7 @@ from ecatd.operations.ethernet import WriteIp
 from ecatd.operations.files import CancelFoe, PutFoe, StartFoe
 from ecatd.operations.frames import ReadFrames
 from ecatd.operations.idns import WriteIdn
+from ecatd.operations.incidents import DeleteIncident, ReadIncident, RecordIncident
 from ecatd.operations.log import SetLogLevel
 from ecatd.operations.objects import SdoWrite
 from ecatd.operations.operation import Operation
@@ -210,10 +211,10 @@ CHANGES: dict[type[Operation], tuple[Operation, str, Sequence[str]]] = {
 }
 """A request of each kind, how its line begins, and what else is in the line."""
 
-APART = {PutFoe, CancelFoe, HoldOutputs, ReleaseOutputs}
+APART = {PutFoe, CancelFoe, HoldOutputs, ReleaseOutputs, RecordIncident, DeleteIncident}
 """Kinds that others need before or after them: they are in tests of their own, those of outputs in
-`test_outputs_by_hand.py`."""
-NO_CHANGE = {ReadFrames}
+`test_outputs_by_hand.py`, those of incidents in `test_incidents.py`."""
+NO_CHANGE = {ReadFrames, ReadIncident}
 
 
 def test_each_kind_of_change_has_a_line(shared_site: Site) -> None:

@@ -14,6 +14,7 @@ from conftest import Daemon, wait_for
 from ecatd.operations.bus import Events, ReadRights
 from ecatd.operations.catalog import OPERATIONS
 from ecatd.operations.encoding import pack, unpack
+from ecatd.operations.incidents import DeleteIncident, ReadIncident, RecordIncident
 from ecatd.operations.operation import Failure
 from ecatd.operations.registers import Data
 from ecatd.operations.zenoh_keys import bus_key, session_config
@@ -87,7 +88,8 @@ def test_it_is_up_to_date() -> None:
 def test_it_has_every_request_and_so_has_this_test() -> None:
     keys = [key.format(transfer=1) for calls in CALLS.values() for key, _ in calls]
     asked = {kind_of(key) for key in keys}
-    assert {*OPERATIONS.values()} - asked == {ReadRights}, "test_remote_users.py has this one"
+    others = {ReadRights, ReadIncident, RecordIncident, DeleteIncident}
+    assert {*OPERATIONS.values()} - asked == others, "test_remote_users, test_incidents have them"
 
 
 def test_a_difference_is_found() -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import NoAnswerError, StateError, UsageError
 from ecatd.base.files import write_whole
+from ecatd.base.timeouts import Timeout
 from ecatd.operations.incidents import (
     DeleteIncident,
     ListIncidents,
@@ -187,6 +188,7 @@ def _content(found: IncidentFile, suffix: str) -> bytes:
 def _record(remote: Remote, options: argparse.Namespace) -> None:
     begin = time.monotonic()
     after_s = remote.configuration()[0].flight_recorder.after_s
+    patience = Timeout(after_s + _MORE_S, "flight_recorder.after_s")
     asked = remote.request(RecordIncident(options.name or ""))
     while True:
         found = [
@@ -197,9 +199,9 @@ def _record(remote: Remote, options: argparse.Namespace) -> None:
         ]
         if found:
             break
-        if time.monotonic() - begin > after_s + _MORE_S:
+        if time.monotonic() - begin > patience.seconds:
             raise NoAnswerError(
-                f"the incident has not been written within {after_s + _MORE_S:g} s: the log of "
+                f"the incident has not been written within {patience}: the log of "
                 "ecatd says why (`ecatctl log`)"
             )
         time.sleep(_PAUSE)

@@ -223,7 +223,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using web' -l json -d 'print JSON for pro
 complete -c ecatctl -n '_shtab_ecatctl_using web' -l port -x -d 'listen at this port of 127.0.0.1; 0 for any that is free (default: 8570, or the next one that is free)'
 complete -c ecatctl -n '_shtab_ecatctl_using web' -l no-browser -d 'print the address, and open no browser'
 complete -c ecatctl -n '_shtab_ecatctl_using web' -l allow -x -d 'let pages do more than read: state, outputs, log, frames, sdo, register, errors, sii, ip, idn, foe, incident (default: none)'
-complete -c ecatctl -n '_shtab_ecatctl_using web; and test $_shtab_ecatctl_npos -eq 0' -ka "(__fish_complete_path (commandline -ct))" -d 'show this recording (MCAP) instead of a bus'
+complete -c ecatctl -n '_shtab_ecatctl_using web; and test $_shtab_ecatctl_npos -eq 0' -ka "(__fish_complete_path (commandline -ct))" -d 'show this recording or incident (MCAP) instead of a bus'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a sdos -d 'List the objects of a slave: types, access rights, values.'
 complete -c ecatctl -n '_shtab_ecatctl_using sdos' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using sdos' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
