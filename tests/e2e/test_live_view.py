@@ -183,7 +183,7 @@ def test_outputs_are_held_by_hand(page: Any, daemon: Daemon) -> None:
         found = next(item for item in claims["outputs"] if item["name"] == OUTPUT)
         return found["owner"] >= 0 and owners[found["owner"]]["by_hand"] and found["value"] == 1
 
-    wait_for(is_held)
+    wait_for(is_held, daemon)
     if let_go.count():
         let_go.click()
     row = page.locator("li", has=page.locator(f'.value-name[title="{OUTPUT}"]')).last
@@ -192,7 +192,7 @@ def test_outputs_are_held_by_hand(page: Any, daemon: Daemon) -> None:
     page.get_by_role("button", name=re.compile("Take .* off the list")).click()
 
 
-def test_a_drive_moves_only_while_a_button_is_pressed(page: Any) -> None:
+def test_a_drive_moves_only_while_a_button_is_pressed(page: Any, daemon: Daemon) -> None:
     show(page, "Drive")
     diagram = page.locator(".drive-diagram")
     expect(diagram).to_have_accessible_name(re.compile("Switch on disabled"))
@@ -206,7 +206,7 @@ def test_a_drive_moves_only_while_a_button_is_pressed(page: Any) -> None:
         page.wait_for_timeout(100)
         return "Operation enabled" in diagram.get_attribute("aria-label")
 
-    wait_for(is_enabled)
+    wait_for(is_enabled, daemon)
     page.mouse.up()
     expect(diagram).not_to_have_accessible_name(re.compile("Operation enabled"))
     expect(enable).to_have_attribute("aria-pressed", "false")
