@@ -43,6 +43,7 @@ DO_NOT_ASK = {
     "generate": FILES,
     "library": FILES,
     "capture": FILES,
+    "incident": "it deletes only a recording that its user has named",
     "remote": FILES,
 }
 
