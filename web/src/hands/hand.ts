@@ -18,7 +18,8 @@ export class Hand {
   /** Why it has let go, or could not begin; empty if nobody needs to know. */
   readonly trouble = signal("");
 
-  private readonly writer = crypto.randomUUID();
+  /** Another one for each holding, so that a late answer or release is never about the next one. */
+  private writer = "";
   private values = new Map<string, HandValue>();
   private changed = new Set<string>();
   private timer: number | undefined;
@@ -43,6 +44,7 @@ export class Hand {
     }
     this.values = wanted;
     if (this.timer === undefined) {
+      this.writer = crypto.randomUUID();
       this.begins = true;
       this.trouble.value = "";
       this.changed = new Set(wanted.keys());
@@ -64,6 +66,7 @@ export class Hand {
 
   private renew(): void {
     if (this.timer === undefined || this.onTheWay >= MOST_ON_THE_WAY) return;
+    const writer = this.writer;
     const payload: Value = {
       values: Object.fromEntries(
         [...this.values].map(([name, value]) => [name, this.changed.has(name) ? value : null]),
@@ -74,12 +77,14 @@ export class Hand {
     this.changed.clear();
     this.onTheWay++;
     this.connection
-      .ask(`rw/outputs/hold/${this.writer}`, {}, payload)
+      .ask(`rw/outputs/hold/${writer}`, {}, payload)
       .then(
         () => {
-          if (this.timer !== undefined) this.holds.value = true;
+          if (this.timer !== undefined && this.writer === writer) this.holds.value = true;
         },
-        (error: unknown) => this.stop(sentence(error)),
+        (error: unknown) => {
+          if (this.timer !== undefined && this.writer === writer) this.stop(sentence(error));
+        },
       )
       .finally(() => this.onTheWay--);
   }
