@@ -31,6 +31,8 @@ _VIEWS = {"screen-top": ("1",), "screen-top-signals": ("2", "/", *"value", "ente
 """Keys that bring `ecatctl top` to what a picture shows."""
 _SIZE = (112, 24)
 _WITHOUT_POWER = 5
+_DRIFTS = 4, "0x6000:11", 40.0
+"""An input that does not stand still, so that a picture shows the course of a signal."""
 _WIDTH = 112
 _PROMPT = "$ "
 
@@ -81,18 +83,20 @@ def _draw(file: Path, commands: tuple[str, ...], env: dict[str, str]) -> None:
 
 
 async def _draw_top(file: Path, keys: tuple[str, ...], daemon: int) -> None:
-    """Draws `ecatctl top` while a slave has no power."""
+    """Draws `ecatctl top`: its signals, or slaves of which one has no power."""
     children = Path(f"/proc/{daemon}/task/{daemon}/children").read_text().split()
     simulator = next(
         pid for pid in children if "ecatsim" in Path(f"/proc/{pid}/cmdline").read_text()
     )
     app = Top(_BUS, None, 10.0)
     with Simulator(simulator) as segment:
+        segment.faults.drift(*_DRIFTS)
         async with app.run_test(size=_SIZE) as pilot:
-            await pilot.pause(10)  # so that the signals have a course
-            segment.faults.power_off(_WITHOUT_POWER)
             await pilot.press(*keys)
-            await pilot.pause(3)
+            await pilot.pause(10)  # so that the signals have a course
+            if "2" not in keys:  # values of slaves that take no part are not shown
+                segment.faults.power_off(_WITHOUT_POWER)
+                await pilot.pause(3)
             _save(file, app.export_screenshot(title="ecatctl top"))
             segment.faults.power_on(_WITHOUT_POWER)
 

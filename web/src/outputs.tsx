@@ -65,7 +65,7 @@ export function OutputsPanel({ state }: { state: State }) {
               const since = output.since === null ? "" : lasting(now - output.since);
               return (
                 <li key={output.name}>
-                  <span class="value-name" title={output.name}>{signal === undefined ? output.address : shortName(signal, state.bySlave.value.get(slave) ?? [])}</span>
+                  <span class="value-name" title={output.name}>{signal === undefined ? output.address : shortName(signal)}</span>
                   <span class="value-number">{output.value === null ? "–" : signal === undefined ? output.value : shown(signal, output.value)}</span>
                   <span class={`value-note ${output.state}`}>
                     {who}{since !== "" && ` · ${since}`}{STATES[output.state] !== undefined && ` · ${STATES[output.state]!}`}

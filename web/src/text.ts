@@ -66,9 +66,7 @@ export function shown(signal: Signal, raw: Column[number]): string {
     : physical(value, step) + unit;
 }
 
-/** The name of a signal without that of its slave; with its address where several have the same. */
-export function shortName(signal: Signal, others: readonly Signal[]): string {
-  const name = signal.label.split("/").slice(1).join(" / ") || signal.address;
-  const same = others.filter((other) => other.label === signal.label).length;
-  return same > 1 && name !== signal.address ? `${name} ${signal.address}` : name;
+/** The name of a signal without that of its slave. */
+export function shortName(signal: Signal): string {
+  return signal.label.split("/").slice(1).join(" / ") || signal.address;
 }

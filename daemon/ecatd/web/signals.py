@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 from ecatd.description.bus import Bus
+from ecatd.etg.pdo import Entry
 from ecatd.operations.traces import column_type
 
 
@@ -16,6 +18,8 @@ def describe_signals(bus: Bus) -> list[dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
     for slave in bus.slaves:
         who = slave.given_name or slave.name or str(slave.position)
+        pdos = (*slave.outputs, *slave.inputs)
+        count = Counter(entry.name for pdo in pdos for entry in pdo.entries)
         for outputs in (True, False):
             for _, entry, _ in slave.entries(outputs=outputs):
                 if entry.bit_length > 64:
@@ -26,7 +30,7 @@ def describe_signals(bus: Bus) -> list[dict[str, Any]]:
                     name = f"{slave.position}/{entry.address} ({number})"
                 found[name] = {
                     "name": name,
-                    "label": f"{who}/{entry.name or entry.address}",
+                    "label": f"{who}/{_label(entry, count[entry.name] == 1)}",
                     "slave": slave.position,
                     "address": entry.address,
                     "output": outputs,
@@ -40,6 +44,13 @@ def describe_signals(bus: Bus) -> list[dict[str, Any]]:
                     "values": {str(value.number): value.name for value in entry.values},
                 }
     return [*found.values()]
+
+
+def _label(entry: Entry, is_unique: bool) -> str:
+    """Its name, with its address if others of the slave are called the same."""
+    if not entry.name:
+        return entry.address
+    return entry.name if is_unique else f"{entry.name} {entry.address}"
 
 
 def pattern(name: str) -> str:

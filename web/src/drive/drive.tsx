@@ -5,7 +5,7 @@ import { Facts, Section } from "../controls";
 import { Hand } from "../hands/hand";
 import type { Signal } from "../protocol";
 import type { State } from "../state";
-import { hex, shown } from "../text";
+import { hex, shortName, shown } from "../text";
 import {
   type Axis, findAxes, homingFailed, HOMING, HOMING_START, isHome, MODES, remarks, signalsOf,
   STATE_NAMES, stateOf, towardsEnabled, VELOCITY_MODES,
@@ -77,7 +77,7 @@ function AxisView({ state, axis }: { state: State; axis: Axis }) {
               <tr key={title}><th scope="row">{title}</th><td class="number">{text(target)}</td><td class="number">{text(actual)}</td></tr>
             ))}
             {axis.others.map((item) => (
-              <tr key={item.name}><th scope="row">{item.label.split("/").slice(1).join("/")}</th><td /><td class="number">{text(item)}</td></tr>
+              <tr key={item.name}><th scope="row">{shortName(item)}</th><td /><td class="number">{text(item)}</td></tr>
             ))}
           </tbody>
         </table>

@@ -48,7 +48,7 @@ export function ByHand({ state }: { state: State }) {
           const signal = names.get(name);
           return signal === undefined ? null : (
             <li key={name}>
-              <span class="value-name" title={name}>{signal.label} <span class="muted">{signal.address}</span></span>
+              <span class="value-name" title={name}>{signal.label}</span>
               <Control signal={signal} value={value} set={(next) => set(name, next)} />
               <button type="button" class="link" aria-label={`Take ${signal.label} off the list`} onClick={() => drop(name)}>×</button>
             </li>
@@ -58,7 +58,7 @@ export function ByHand({ state }: { state: State }) {
       <p class="actions">
         <select aria-label="Add an output" value="" onChange={(event) => { add(event.currentTarget.value); event.currentTarget.value = ""; }}>
           <option value="">Add an output…</option>
-          {free.map((output) => <option key={output.name} value={output.name}>{output.slave} {names.get(output.name)!.label} {output.address}</option>)}
+          {free.map((output) => <option key={output.name} value={output.name}>{output.slave} {names.get(output.name)!.label}</option>)}
         </select>
         {holds
           ? <button type="button" class="do" onClick={() => hand.release()}>Let go</button>

@@ -42,7 +42,7 @@ export class ScopeModel {
       const it = this.known.value.get(entry.name);
       if (!it) return [];
       const named = Object.keys(it.values).length > 0;
-      const isBoolean = it.type === "uint8" && it.minimum === 0 && it.maximum === 1;
+      const isBoolean = it.bits === 1;
       return [{
         name: it.name, label: it.label, type: it.type, scale: it.scale * entry.gain,
         offset: it.offset * entry.gain, unit: entry.gain === 1 ? it.unit : `${it.unit} × ${entry.gain}`,

@@ -6,9 +6,8 @@ import type { Slave } from "../maps";
 import type { Signal } from "../protocol";
 import type { State } from "../state";
 import type { Last } from "../live";
-import { hex, shortName, shown } from "../text";
+import { shortName, shown } from "../text";
 
-const BOOLEAN = 1;
 const SETTLE_MS = 200;
 
 export function ProcessData({ state, slave }: { state: State; slave: Slave }) {
@@ -34,12 +33,6 @@ export function ProcessData({ state, slave }: { state: State; slave: Slave }) {
       state.live.want([]);
     };
   }, [slave.position, signals]);
-  const booleans = new Set(
-    [...slave.inputs, ...slave.outputs]
-      .flatMap((pdo) => pdo.entries)
-      .filter((entry) => entry.data_type === BOOLEAN || entry.bit_length === 1)
-      .map((entry) => `${slave.position}/${hex(entry.index, 4)}:${entry.subindex.toString(16).toUpperCase().padStart(2, "0")}`.toLowerCase()),
-  );
   const list = (output: boolean) => signals.filter((item) => item.output === output);
   if (signals.length === 0) return <Section title="Process data"><p class="empty">It exchanges no process data.</p></Section>;
   return (
@@ -48,7 +41,7 @@ export function ProcessData({ state, slave }: { state: State; slave: Slave }) {
         <Section key={title} title={title} aside="drag into the scope, or +">
           <ul class="values">
             {list(output).map((item) => (
-              <Value key={item.name} state={state} item={item} name={shortName(item, signals)} boolean={booleans.has(item.name.toLowerCase())} />
+              <Value key={item.name} state={state} item={item} name={shortName(item)} boolean={item.bits === 1} />
             ))}
           </ul>
         </Section>
