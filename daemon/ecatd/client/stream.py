@@ -59,7 +59,7 @@ class Published:
     def __iter__(self) -> Iterator[dict[str, Any]]:
         while True:
             deadline = time.monotonic() + self._patience.seconds
-            while (sample := self._subscriber.try_recv()) is None:
+            while (sample := self._received()) is None:
                 if self._has_ended.is_set():
                     raise UnreachableError(
                         "no more values come: the gateway or the daemon has ended, or the "
@@ -72,6 +72,12 @@ class Published:
                     )
                 time.sleep(self._pause)
             yield unpack(bytes(sample.payload), MAX_REPLY)
+
+    def _received(self) -> zenoh.Sample | None:
+        try:
+            return self._subscriber.try_recv()
+        except zenoh.ZError as error:  # the session was closed meanwhile, by another thread
+            raise UnreachableError(f"the connection to the daemon has ended: {error}") from error
 
     def _look_at(self, token: zenoh.Sample) -> None:
         if token.kind == zenoh.SampleKind.DELETE:

@@ -189,8 +189,10 @@ class Top(App[None]):
 
     @on(Came)
     def _came(self, message: Came) -> None:
-        if message.feed is not self.feed or not self.screen_stack:
-            return  # of a bus that was shown before, or the end has begun
+        if message.feed is not self.feed:
+            return  # of a bus that was shown before
+        if not self.screen_stack or not self.screen_stack[0].query(Signals):
+            return  # the end has begun, and the screen is gone
         told = message.told
         if isinstance(told, Row):
             self._main(Signals).add(told.values)
