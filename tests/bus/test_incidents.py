@@ -51,6 +51,7 @@ def test_a_fault_and_a_request(start_daemon: Callable[..., Daemon], tmp_path: Pa
     daemon = start_daemon("troll", config=SETTINGS.format(folder=folder, more=""), preexec=umask)
     wait_for(folder.is_dir, daemon)
     (folder / "mine.mcap").touch()
+    wait_for(lambda: daemon.ctl_json("stats")["cycles"] > 150, daemon)
     asked = daemon.ctl_json("incident", "record", "just to see")
     assert (asked["trigger"], "just to see" in asked["reason"]) == ("request", True)
     assert asked["cycles"] > 100

@@ -66,6 +66,10 @@ def web(options: argparse.Namespace) -> None:
     from ecatd.web.files import read_files
 
     asyncio.run(_serve(options, read_files()))
+    for stream in (sys.stdout, sys.stderr):
+        stream.flush()
+    # Threads may wait for Zenoh, and the end of Python within a call of it would be an abort.
+    os._exit(0)
 
 
 async def _serve(options: argparse.Namespace, files: dict[str, tuple[str, bytes]]) -> None:

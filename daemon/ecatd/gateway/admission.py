@@ -27,11 +27,11 @@ from typing import Any
 import zenoh
 
 from ecatd.base.batch import Batch, last_of
+from ecatd.base.daemon_threads import in_daemon_thread
 from ecatd.base.log import Log
 from ecatd.config import GatewayConfig
 from ecatd.operations.endpoints import Endpoint
 
-from .daemon_threads import in_daemon_thread
 from .listening import bound_socket
 
 RELAYED = ("tcp", "tls", "ws")

@@ -13,6 +13,7 @@ from typing import Any, cast
 
 import zenoh
 
+from ecatd.base.daemon_threads import in_daemon_thread
 from ecatd.base.errors import EcatError, NotPermittedError, UnreachableError, UsageError
 from ecatd.base.log import Log
 from ecatd.base.log_levels import DEFAULTS
@@ -50,7 +51,6 @@ from .access import (
 )
 from .admission import RELAYED, Admission
 from .certificates import contents, watch_certificates, wrong_certificates
-from .daemon_threads import in_daemon_thread
 from .listening import Listening
 from .metrics import MetricsServer
 from .publisher import Publisher, publish_stats

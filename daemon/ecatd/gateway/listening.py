@@ -13,10 +13,9 @@ import socket
 from collections.abc import Sequence
 from functools import partial
 
+from ecatd.base.daemon_threads import in_daemon_thread
 from ecatd.base.log import Log
 from ecatd.operations.endpoints import PROTOCOLS, Endpoint
-
-from .daemon_threads import in_daemon_thread
 
 _PERIOD = 2.0
 _DATAGRAMS = ("udp", "quic")

@@ -14,12 +14,12 @@ from typing import Any
 import zenoh
 
 from ecatd.base.bus_name import HOST_NAME
+from ecatd.base.daemon_threads import in_daemon_thread
 from ecatd.base.log import Log
 from ecatd.config import GatewayConfig
 from ecatd.operations.endpoints import Endpoint
 
 from .access import router_names
-from .daemon_threads import in_daemon_thread
 
 _PERIOD = 1.0
 _PATIENCE = 5

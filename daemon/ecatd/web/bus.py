@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from ecatd.base.daemon_threads import in_daemon_thread
 from ecatd.base.errors import EcatError, UnreachableError
 from ecatd.client.remote import Remote
 from ecatd.description.bus_reader import read_bus
@@ -22,7 +23,6 @@ from .asking import to_operation
 from .hub import Hub
 from .page import Page
 from .signals import describe_signals
-from .threads import in_thread
 from .traces import Traces
 
 _RETRY_S = 1.0
@@ -74,7 +74,7 @@ class BusSource:
         try:
             while True:
                 try:
-                    self._remote = await in_thread(self._connect)
+                    self._remote = await in_daemon_thread(self._connect)
                     await self._follow(self._remote, hub)
                 except EcatError as error:
                     self._why_not = error
@@ -92,7 +92,7 @@ class BusSource:
         remote, self._remote = self._remote, None
         if remote is not None:
             # Closing waits for requests; nobody waits for it.
-            task = asyncio.ensure_future(in_thread(remote.close))
+            task = asyncio.ensure_future(in_daemon_thread(remote.close))
             task.add_done_callback(lambda done: done.cancelled() or done.exception())
 
     async def _follow(self, remote: Remote, hub: Hub) -> None:
@@ -101,8 +101,8 @@ class BusSource:
         Raises:
             EcatError: Why it does not go on.
         """
-        events = await in_thread(lambda: remote.request(ReadEvents()))
-        await self._describe(hub, await in_thread(lambda: remote.request(Describe())))
+        events = await in_daemon_thread(lambda: remote.request(ReadEvents()))
+        await self._describe(hub, await in_daemon_thread(lambda: remote.request(Describe())))
         hub.forget_events()
         hub.link(True, f"connected to bus '{remote.full_name}'")
         hub.events(events["events"], events["left_out"])
@@ -118,7 +118,7 @@ class BusSource:
             while True:
                 await asyncio.sleep(_EVENTS_S)
                 since = events["next"]
-                events = await in_thread(lambda: remote.request(ReadEvents(since)))  # noqa: B023
+                events = await in_daemon_thread(lambda: remote.request(ReadEvents(since)))  # noqa: B023
                 if events["instance"] != instance:
                     raise UnreachableError(f"the daemon of bus '{remote.bus}' has started again")
                 for task in tasks:
@@ -136,7 +136,7 @@ class BusSource:
         while True:
             begin = time.monotonic()
             try:
-                answer = await in_thread(lambda: remote.request(operation))
+                answer = await in_daemon_thread(lambda: remote.request(operation))
             except EcatError as error:
                 self._answers.pop(key, None)
                 hub.value(key, error)
@@ -157,7 +157,7 @@ class BusSource:
         self._answers[Describe.key] = answer
         hub.value(Describe.key, answer)
         # A bus with thousands of entries takes a while.
-        found = await in_thread(
+        found = await in_daemon_thread(
             lambda: describe_signals(read_bus(answer, "the answer of the daemon", strict=False))
         )
         hub.describe(found)
@@ -171,7 +171,7 @@ class BusSource:
             remote = self._remote
             if remote is None:
                 raise self._why_not
-            answer: Mapping[str, Any] = await in_thread(lambda: remote.request(operation))
+            answer: Mapping[str, Any] = await in_daemon_thread(lambda: remote.request(operation))
             return answer
 
     def wish(self, page: Page) -> None:

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+from ecatd.base.daemon_threads import in_daemon_thread
 from ecatd.base.errors import EcatError, StateError, UsageError
 from ecatd.base.incident_file import IncidentFile, NoIncidentError
 from ecatd.operations.traces import TYPES
@@ -23,7 +24,6 @@ from .hub import Hub
 from .incident import RecordedIncident
 from .page import Page
 from .recording import Recording
-from .threads import in_thread
 
 _ROWS = 1000
 """Cycles that are sent at a time."""
@@ -104,7 +104,7 @@ class FileSource:
         assert self._hub is not None, "it runs while pages are open"
         parts = self._parts(names)
         try:
-            while (cycles := await in_thread(lambda: next(parts, None))) is not None:
+            while (cycles := await in_daemon_thread(lambda: next(parts, None))) is not None:
                 page.tell_cycles(cycles, names, generation)
                 await page.drained()
         except EcatError as error:

@@ -13,6 +13,7 @@ from array import array
 from collections.abc import Sequence
 from contextlib import suppress
 
+from ecatd.base.daemon_threads import in_daemon_thread
 from ecatd.base.errors import EcatError, UsageError
 from ecatd.client.remote import Remote
 from ecatd.client.trace import Batch, Trace
@@ -22,7 +23,6 @@ from .batch import Cycles
 from .hub import Hub
 from .page import SIGNALS_MAX, Page
 from .signals import pattern
-from .threads import in_thread
 
 _SETTLE_S = 0.05
 """Seconds for which more wishes are waited for: people choose several signals at once."""
@@ -108,9 +108,9 @@ class Traces:
                 f"all pages together want {len(names)} signals: at most {SIGNALS_MAX} are possible"
             )
         patterns = sorted({pattern(name) for name in names})
-        opened = await in_thread(lambda: remote.request(OpenTrace("\n".join(patterns))))
+        opened = await in_daemon_thread(lambda: remote.request(OpenTrace("\n".join(patterns))))
         running = _Running(names, _columns(opened["signals"], self._hub), self)
-        trace = await in_thread(lambda: Trace(remote.zenoh, opened, remote.timeout))
+        trace = await in_daemon_thread(lambda: Trace(remote.zenoh, opened, remote.timeout))
         running.start(trace)
         return running
 
