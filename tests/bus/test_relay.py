@@ -20,6 +20,7 @@ from ecatd.base.errors import NoAnswerError, StateError
 from ecatd.base.log import Log
 from ecatd.base.timeouts import Timeout
 from ecatd.config import read_config
+from ecatd.description.cables import Cables
 from ecatd.etg.al import AlState
 from ecatd.master import master as master_module
 from ecatd.master.frames.datagrams import brd, fprd
@@ -185,8 +186,9 @@ def master_with_a_slave_that_is_gone() -> Any:
 
     async def ask(up: RunningBus) -> Any:
         worker = Worker()
-        registers = Registers(up.bus, up.master, worker, Changes(Log("test")))
         try:
+            changes, cables = Changes(Log("test")), Cables(up.bus)
+            registers = Registers(up.bus, up.master, worker, changes, cables)
             waiting = asyncio.create_task(registers.read(ReadRegister(GONE, 0x0130, 2)))
             await asyncio.sleep(0)
             found = await registers.read(ReadRegister(0, 0x0130, 2))

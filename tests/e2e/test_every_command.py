@@ -86,7 +86,8 @@ rescan; reboot 2 --yes; identify 0 --seconds 0.1
 reg-read 0 al_status; reg-write 0 0x0410 1000 --yes
 log-level; config show; config init; startup verify; startup capture 0
 scan; cstruct; xml; generate Plant library; library other; client-flags
-capture -o last.pcapng; doctor; service install --root . --dry-run; remote init --dir tls
+capture -o last.pcapng; incident list
+doctor; service install --root . --dry-run; remote init --dir tls
 """
 ETHERNET_RIG = "eoe; eoe-read 1; eoe-write 1 --address 192.168.7.2/24"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any, cast
+from typing import cast
 
 from ecatd.base.coroutine_steps import Steps
 from ecatd.base.errors import NoAnswerError, StateError
@@ -59,12 +59,17 @@ class Registers(OverRegisters):
     """The registers of all slaves.
 
     Args:
+        bus: See `OverRegisters`.
+        master: See `OverRegisters`.
+        worker: See `OverRegisters`.
+        changes: See `OverRegisters`.
         cables: Gets the counters, and gives the verdicts.
-        others: The arguments of `OverRegisters`.
     """
 
-    def __init__(self, cables: Cables, *others: Any) -> None:
-        super().__init__(*others)
+    def __init__(
+        self, bus: Bus, master: Master, worker: Worker, changes: Changes, cables: Cables
+    ) -> None:
+        super().__init__(bus, master, worker, changes)
         self._cables = cables
         self._cleared: dict[int, float] = {}  # Unix time, by position
 

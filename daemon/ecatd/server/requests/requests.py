@@ -73,7 +73,7 @@ class Requests:
         self._handlers = Handlers(
             *(self, self._wire, self._files, self._hands, dictionaries, *others),
             Objects(bus, conversations, dictionaries, meaning, changes),
-            Registers(cables, bus, master, worker, changes),
+            Registers(bus, master, worker, changes, cables),
             Eeproms(bus, master, worker, changes),
             Ethernet(bus, conversations, changes),
             Idns(bus, conversations, changes),
