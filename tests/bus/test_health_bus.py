@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 from test_bad_conditions import INSIDE, MASTER, Bench
@@ -107,6 +108,26 @@ def test_a_slave_whose_registers_are_others_is_found_by_asking(bench: Bench) -> 
     begun = [event["slaves"] for event in told if not event["over"]]
     assert begun
     assert all(slaves == [5] for slaves in begun), "what is over does not begin again"
+
+
+def test_slaves_that_were_away_for_a_moment_explain_the_counter(
+    bench: Bench, simulator: Simulator
+) -> None:
+    before = len(bench.events)
+
+    def told(kind: str) -> list[dict[str, Any]]:
+        return [event for event in bench.events[before:] if event["event"] == kind]
+
+    def begun() -> list[dict[str, Any]]:
+        wrong = [item for item in told("exchange") if item["fault"] == "working_counter"]
+        return [item for item in wrong if not item["over"]]
+
+    simulator.faults.break_link(4)
+    bench.wait_for(lambda: told("slaves"))
+    simulator.faults.heal_link(4)
+    bench.wait_for(begun)
+    bench.wait_for(lambda: check(bench) == (WELL, []))
+    assert all(item["slaves"] == [4, 5] for item in begun()), begun()
 
 
 def test_half_of_all_frames_are_lost_or_late(bench: Bench, simulator: Simulator) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 from dataclasses import astuple, dataclass, field
 from functools import partial
 
@@ -157,6 +157,8 @@ class ExchangeWatch:
         report: Reports changes.
         explain: Says why frames are not sent (`UNSENT`) or get lost, as far as the interfaces know;
             empty if they know nothing.
+        find_away: Positions of slaves that were not in OP, or did not answer, at some moment since
+            a time (CLOCK_MONOTONIC in seconds).
     """
 
     def __init__(
@@ -165,6 +167,7 @@ class ExchangeWatch:
         worker: Worker,
         report: Reporter,
         explain: Callable[[str], Awaitable[str]],
+        find_away: Callable[[float], Collection[int]],
     ) -> None:
         self._running = running
         self._bus = running.bus
@@ -173,6 +176,7 @@ class ExchangeWatch:
         self._worker = worker
         self._report = report
         self._explain = explain
+        self._find_away = find_away
         now = time.monotonic()
         self._parts: list[_Part] = []
         domains: list[DomainImage | None] = [
@@ -253,7 +257,7 @@ class ExchangeWatch:
         if begins:
             known.since = time.time()
         # While nothing more fails, nobody can be asked why.
-        changed = (begins or goes_on) and await self._find_reason(domain, known, kind)
+        changed = (begins or goes_on) and await self._find_reason(domain, known, kind, lasted)
         what = f"{self._label(domain)}: {_words(kind, counts, lasted)}"
         known.fault = Fault(
             kind,
@@ -298,7 +302,9 @@ class ExchangeWatch:
         level = "warning" if fault.slaves and not over else ""
         self._report("exchange", fault.text, facts, fault.slaves, good=over, level=level)
 
-    async def _find_reason(self, domain: DomainImage | None, known: _Kind, kind: str) -> bool:
+    async def _find_reason(
+        self, domain: DomainImage | None, known: _Kind, kind: str, lasted: float
+    ) -> bool:
         """Finds out why, and what to do; returns whether that has changed."""
         before = known.reason
         if kind != WORKING_COUNTER or domain is None:
@@ -310,21 +316,22 @@ class ExchangeWatch:
         known.asked = now
         row = self._shared.domain_status[domain.number]
         offset, wrong_by = int(row.wrong_offset), int(row.wrong_by)
-        ask = partial(find_suspects, self._running, domain, offset, wrong_by)
+        away = self._find_away(now - lasted)
+        ask = partial(find_suspects, self._running, domain, offset, wrong_by, away)
         try:
             finding = await self._worker.run(ask)
         except StateError:
             finding = Finding((), ())
         if are_damaged(known.seen):
             finding = Finding((), (), damaged=True)
-        if known.slaves and not finding.suspects and not known.exonerated:
+        if known.slaves and not finding.slaves and not known.exonerated:
             known.exonerated = True  # they may be well again, and the counter right in a moment
             return False
         known.exonerated = False
         expected = next((n.wkc_expected for n in domain.datagrams if n.offset == offset), 0)
         counter = f"{expected + wrong_by} instead of {expected}"
         known.reason = f"the counter was {counter}: {finding.text(self._bus, wrong_by)}"
-        known.slaves = tuple(item.position for item in finding.suspects)
+        known.slaves = finding.slaves
         return known.reason != before
 
 

@@ -95,7 +95,9 @@ class Monitor:
         self._interfaces = InterfaceWatch(running, of_interfaces)
         self.slaves = SlaveWatch(running, worker, report, self._interfaces, cables.restarted)
         self.cables = CableWatch(running, cables, worker, of_interfaces)
-        self.exchange = ExchangeWatch(running, worker, of_interfaces, self._explain)
+        self.exchange = ExchangeWatch(
+            running, worker, of_interfaces, self._explain, self.slaves.find_away
+        )
         self._clocks = None
         if running.clocks is not None:
             self._clocks = ClockWatch(running.clocks, running.shared, worker, report.of("dc"))

@@ -7,6 +7,7 @@ changes, this module reads the AL status of all slaves to find the one that has 
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from itertools import groupby
@@ -89,6 +90,7 @@ class SlaveWatch:
             *(running.bus, self._counted, tuple(awaited)), absent=len(self._absent)
         )
         self.states: list[SlaveState] = []
+        self._away: dict[int, float] = {}  # when a slave was last seen without OP, by position
         self._set_up = running.set_up
         self._aliases: list[int | None] = [None] * len(running.bus.slaves)
 
@@ -118,6 +120,14 @@ class SlaveWatch:
         self._by_hand = config.slaves != "all"
         self.repair.set_recovery(config)
         self._changed.set()
+
+    def find_away(self, since: float) -> list[int]:
+        """Positions of slaves that were not in OP, or did not answer, at a look since a time.
+
+        Args:
+            since: CLOCK_MONOTONIC in seconds.
+        """
+        return [position for position, seen in self._away.items() if seen >= since]
 
     def close(self) -> None:
         """Ends what is done to slaves; on the event loop's thread."""
@@ -164,6 +174,9 @@ class SlaveWatch:
                 self._found, len(self.states)
             ):
                 break
+        now_s = time.monotonic()
+        away = {item.position: now_s for item in self.states if item.al_state != AlState.OP}
+        self._away = self._away | away  # a new map, since the event loop reads the old one
         changed = [now for i, now in enumerate(self.states) if not before or now != before[i]]
         self._find_strangers(sum(bool(item.al_state) for item in self.states))
         for now in changed:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
-from ecatd.description.bus import Bus, Slave, positions_text
+from ecatd.description.bus import Bus, Slave
 from ecatd.etg.al import AlState
 from ecatd.master.al_states import SlaveState
 from ecatd.master.engine.process_image import COUNTS, Datagram, DomainImage
@@ -19,6 +19,7 @@ from ecatd.master.master import Master
 
 from ..start.mapping import FMMU, SYNC_MANAGER
 from ..start.running_bus import RunningBus
+from .presence import name_slaves
 
 _ENABLED, _SWITCHED_OFF = 0x01, 0x01
 """Bit of the activation of a sync manager or an FMMU; of the PDI control: off by the slave."""
@@ -56,12 +57,19 @@ class Finding:
     Attributes:
         suspects: Slaves that explain the counter.
         able: Positions of those that add just as much as is missing, if no slave explains it.
+        returned: Positions of those that are well now, but were not meanwhile.
         damaged: Whether the counters show that frames are damaged.
     """
 
     suspects: tuple[Suspect, ...]
     able: tuple[int, ...]
+    returned: tuple[int, ...] = ()
     damaged: bool = False
+
+    @property
+    def slaves(self) -> tuple[int, ...]:
+        """Positions of the slaves that explain the counter."""
+        return tuple(item.position for item in self.suspects) or self.returned
 
     def text(self, bus: Bus, wrong_by: int) -> str:
         """Why the counter is wrong, in words, and what to do.
@@ -81,14 +89,19 @@ class Finding:
             )
         if wrong_by > 0:
             return _OTHER_DEVICE
+        if self.returned:
+            were = "was" if len(self.returned) == 1 else "were"
+            return (
+                f"{name_slaves(bus, self.returned)} did not answer or {were} not in OP meanwhile, "
+                "and took no part: `ecatctl events` shows what happened before that"
+            )
         asked = "all its slaves answer, are in OP, and have the registers that ecatd has set"
         more = "`ecatctl capture -o FILE` writes the frames; exchange the slave to find out"
         if not self.able:
             return f"{asked}: {more}"
         each = "adds" if len(self.able) == 1 else "add"
-        names = positions_text(self.able)
-        which = bus.slaves[self.able[0]].label if len(self.able) == 1 else f"slaves {names}"
-        return f"{asked}; {which} {each} {-wrong_by}, as much as is missing: {more}"
+        able = f"{name_slaves(bus, self.able)} {each} {-wrong_by}, as much as is missing"
+        return f"{asked}; {able}: {more}"
 
 
 def are_damaged(seen: Collection[int]) -> bool:
@@ -102,7 +115,13 @@ def are_damaged(seen: Collection[int]) -> bool:
     return most > _ADDED_MOST or (most > 0 and len({*seen}) >= _VARIED)
 
 
-def find_suspects(running: RunningBus, domain: DomainImage, offset: int, wrong_by: int) -> Finding:
+def find_suspects(
+    running: RunningBus,
+    domain: DomainImage,
+    offset: int,
+    wrong_by: int,
+    away: Collection[int],
+) -> Finding:
     """Asks the slaves of a datagram; on the worker.
 
     Args:
@@ -110,6 +129,8 @@ def find_suspects(running: RunningBus, domain: DomainImage, offset: int, wrong_b
         domain: The domain.
         offset: First byte of the datagram in the image of the domain.
         wrong_by: The counter less the expected one.
+        away: Positions of slaves that have not answered, or were not in OP, since the counters that
+            are to be explained; they may be back.
     """
     datagram = next((item for item in domain.datagrams if item.offset == offset), None)
     if datagram is None:
@@ -129,8 +150,11 @@ def find_suspects(running: RunningBus, domain: DomainImage, offset: int, wrong_b
         if (reason := _short_of_op(states[slave.position]))
     ]
     suspects.sort(key=lambda item: item.position)
-    able = () if suspects else tuple(s.position for s, adds in members if adds == -wrong_by)
-    return Finding(tuple(suspects), able)
+    if suspects:
+        return Finding(tuple(suspects), ())
+    if returned := tuple(slave.position for slave, _ in members if slave.position in away):
+        return Finding((), (), returned)
+    return Finding((), tuple(slave.position for slave, adds in members if adds == -wrong_by))
 
 
 def _members(bus: Bus, domain: DomainImage, datagram: Datagram) -> Iterator[tuple[Slave, int]]:
