@@ -136,6 +136,7 @@ class Bench:
 def prepared(say: Callable[[str], None]) -> Iterator[Bench]:
     """Moves this process into a new network namespace, with a veth pair for each peer."""
     namespace.enter_new()
+    netlink.set_up("lo")  # browsers load pages from it
     for pair in (ECHO, SIMULATOR):
         netlink.create_veth(pair.far, pair.near)
     with tempfile.TemporaryDirectory() as folder:

@@ -60,6 +60,16 @@ def test_simulator(tmp_path: Path) -> None:
     assert "turn-around, 64 slaves" in page
 
 
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium")
+def test_live_view(tmp_path: Path) -> None:
+    result, page = measured("live_view", tmp_path)
+    assert result["on"]["frames"] > 0
+    assert {case["part"] for case in result["shares"]} == {"gateway", "server", "browser"}
+    assert all(case["share"] > 0 for case in result["shares"])
+    assert result["drawing_ms"] > 0
+    assert "Chromium" in page
+
+
 def test_requests(tmp_path: Path) -> None:
     result, page = measured("requests", tmp_path)
     assert [case["clients"] for case in result["reads"]] == [1, 2]
