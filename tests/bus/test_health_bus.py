@@ -130,6 +130,36 @@ def test_slaves_that_were_away_for_a_moment_explain_the_counter(
     assert all(item["slaves"] == [4, 5] for item in begun()), begun()
 
 
+def test_a_drive_in_fault_is_not_well_although_it_is_in_op(
+    bench: Bench, simulator: Simulator
+) -> None:
+    def drive(*steps: tuple[int, int]) -> None:
+        """Gives each controlword until the statusword has its bits, in CiA 402's mask."""
+        values = {0x6060: 8, 0x6072: 1000, 0x607A: 100_000}
+        with bench.daemon.client() as client, client.claim(0, lease=0.5):
+            statusword = client.signal(0, 0x6041)
+            for word, wanted in steps:
+                while int(statusword.raw) & 0x4F != wanted:
+                    for index, value in {**values, 0x6040: word}.items():
+                        client.signal(0, index).raw = value
+                    client.commit()
+                    client.wait()
+                    client.sample()
+
+    window = simulator.get(0, 0x6065, 0)
+    simulator.set(0, 0x6065, 0, 1)
+    drive((0x06, 0x01), (0x07, 0x03), (0x0F, 0x08))
+    text = problem(bench, "reports a fault")
+    names(text, "slave 0 (Gold EtherCAT GCON Drive)", "0x8611", "following error", "0x6065")
+    assert re.search(r'ecat_fault\{[^}]*kind="drive"', metrics(bench))
+    bench.wait_for(lambda: "8 of 8 slaves in OP" in bench.daemon.status)
+    bench.wait_for_event("drive", slave=0, code=0x8611, over=False, severity="error")
+    simulator.set(0, 0x6065, 0, window)
+    drive((0x80, 0x40))
+    bench.wait_for_event("drive", slave=0, over=True, severity="info")
+    bench.wait_for(lambda: check(bench) == (WELL, []))
+
+
 def test_half_of_all_frames_are_lost_or_late(bench: Bench, simulator: Simulator) -> None:
     simulator.faults.drop(count=0, every=2)
     text = problem(bench, "did not come back")

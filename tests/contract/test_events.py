@@ -16,7 +16,7 @@ from ecatdev.zenoh_keys.types import problems
 ROOT = Path(__file__).parents[2]
 COMMAND = "PYTHONPATH=tools .venv/bin/python -m ecatdev.event_pages"
 ORDER = ("debug", "info", "notice", "warning", "error")
-COMMON = {"text", "times"}
+COMMON = {"text", "times", "severity"}
 EITHER = "tell"
 """Name of a variable that is the method for one of several levels."""
 

@@ -149,8 +149,19 @@ def test_without_a_link_nothing_is_known_of_slaves() -> None:
     lost = replace(well(), links=(shm.Link.NO_CARRIER, shm.Link.UP))
     found = lit(Lamps().look(stats(lost), None, None, NOW))
     names(found["link"]["text"], "no carrier")
-    cables = [{"slave": 1, "verdict": "strained"}]
-    assert look(slaves=states(cables=cables))["link"]["state"] == "warning"
+    cables = [{"slave": 1, "before": 0, "verdict": "strained"}]
+    lamp = look(slaves=states(cables=cables))["link"]
+    assert lamp["state"] == "warning"
+    names(lamp["text"], "Strained cable between slave 0", "and slave 1", "reseat or replace it")
+
+
+def test_a_drive_in_fault_is_in_op() -> None:
+    drive = Fault("drive", "slave 1 (EL1): the drive reports a fault", NOW - 3, slaves=(1,))
+    found = look(slaves=states(faults=(drive,)))
+    lamp = found["slaves_in_op"]
+    assert (lamp["state"], lamp["since"], lamp["evidence"]["slave"]) == ("bad", NOW - 3, 1)
+    names(lamp["text"], "2 of 2 slaves in OP, but slave 1 (EL1)", "reports a fault")
+    assert found["link"]["state"] == "good"
 
 
 def test_a_main_process_that_hangs_leaves_nothing_good_about_slaves() -> None:
@@ -167,16 +178,20 @@ def test_lost_frames_are_a_warning_for_a_minute_and_remembered() -> None:
         return lit(lamps.look(made, states(), None, NOW + seconds))
 
     assert at(0, lost=7)["frames_lost"]["text"] == "None lost now; 7 since the start"
-    lamp = at(10, lost=9, wkc_bad=1, missed=2)["frames_lost"]
+    few = at(5, lost=8, missed=1)
+    assert few["frames_lost"]["state"] == few["timing"]["state"] == "good", "that is no reason"
+    names(few["frames_lost"]["text"], "1 of 5000 frames lost")
+    lamp = at(10, lost=11, wkc_bad=4, missed=4)["frames_lost"]
     assert (lamp["state"], lamp["since"]) == ("warning", NOW + 10)
-    names(lamp["text"], "2 of 10000 frames lost in the last 10 s", "200 of a million")
-    found = at(40, lost=9, wkc_bad=1, missed=2)
-    assert found["working_counter"]["state"] == found["timing"]["state"] == "warning"
-    names(found["timing"]["text"], "2 of 40002 cycles missed")
-    found = at(11 + WINDOW_S, lost=9, wkc_bad=1, missed=2)
+    names(lamp["text"], "4 of 10000 frames lost in the last 10 s", "400 of a million")
+    found = at(40, lost=11, wkc_bad=4, missed=4)
+    assert found["working_counter"]["state"] == "good", "lost frames have a lamp of their own"
+    assert found["timing"]["state"] == "warning"
+    names(found["timing"]["text"], "4 of 40004 cycles missed")
+    found = at(11 + WINDOW_S, lost=11, wkc_bad=4, missed=4)
     lamp = found["frames_lost"]
     assert (lamp["state"], lamp["since"]) == ("good", NOW + 11 + WINDOW_S)
-    names(lamp["text"], "None lost in the last", "9 since the start, last at ")
+    names(lamp["text"], "None lost in the last", "11 since the start, last at ")
     assert found["working_counter"]["state"] == found["timing"]["state"] == "good"
     again = replace(well(1, lost=1), instance=5)
     lamp = lit(lamps.look(stats(again), states(), None, NOW + 200))["frames_lost"]
@@ -220,6 +235,13 @@ def test_outputs() -> None:
     lamp = look(driven=outputs(output(1), lapsed))["outputs"]
     assert (lamp["state"], lamp["since"], lamp["evidence"]["slave"]) == ("bad", NOW - 5, 1)
     names(lamp["text"], "1 of 2 outputs are safe", "1/0x7000:02", "silent for too long")
+    lamps, driven = Lamps(), outputs(output(1), lapsed)
+    driven["owners"].append({"name": "press", "pid": 7, "state": "lapsed"})
+    text = lit(lamps.look(None, None, driven, NOW))["outputs"]["text"]
+    assert text.startswith("Press (process 7) gives no sign of life: 1 of 2 outputs are safe")
+    again = lit(lamps.look(None, None, outputs(output(1), output(2)), NOW + 4))["outputs"]
+    assert again["state"] == "good"
+    names(again["text"], "drives 2 of 2 outputs; until ", "press (process 7) gives no sign of life")
     assert look(driven=outputs())["outputs"]["text"] == "The bus has no outputs"
     part = look(driven=outputs(output(1), output(2, -1), output(3, -1, state="copied")))["outputs"]
     names(part["text"], "drives 1 of 3 outputs", "1 are copied from inputs; 1 are safe")

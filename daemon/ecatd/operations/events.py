@@ -148,6 +148,17 @@ KINDS: Mapping[str, Kind] = {
             ("slave", "code", "register"),
         ),
         Kind(
+            "drive",
+            "error",
+            "A drive reports a fault of its own, or no longer does",
+            "Its statusword says so (CiA 402, Fault). It stays in OP, but does not follow its "
+            "targets. Mend the cause, then reset the fault with a rising edge of bit 7 of the "
+            "controlword. Object 0x1003 may have the faults before it: `ecatctl sdo-read {slave} "
+            "0x1003 1`.",
+            ("slave", "code", "over"),
+            {"code": "that of object 0x603F; 0: not known"},
+        ),
+        Kind(
             "link",
             "error",
             "The link of an interface has changed",
@@ -289,7 +300,7 @@ KINDS: Mapping[str, Kind] = {
         ),
         Kind(
             "safe",
-            "warning",
+            "error",
             "Outputs of a slave are safe",
             "They have their [safe values](configuration.md#safe-outputs), because their client "
             "has ended, hangs, or gave them back, or because the bus is stopped. The client is "
@@ -404,18 +415,18 @@ PUBLISHED = frozenset(name for name, kind in KINDS.items() if kind.published)
 """The kinds that come over Zenoh."""
 
 
-def new_event(kind: str, *, text: str, **facts: Any) -> dict[str, Any]:
+def new_event(kind: str, *, text: str, severity: str = "", **facts: Any) -> dict[str, Any]:
     """Makes an event of now, as it is published.
 
     Args:
         kind: One of `PUBLISHED`.
         text: What has happened, as a sentence.
+        severity: One of `SEVERITIES`, if it is not that of the kind.
         facts: The other facts that its row of `KINDS` names.
     """
-    severity = KINDS[kind].severity
     return {
         "event": kind,
-        "severity": severity,
+        "severity": severity or KINDS[kind].severity,
         "time_ns": time.time_ns(),
         **facts,
         "text": text,

@@ -1,4 +1,4 @@
-"""What is wrong with the exchange of a bus, or with one of its interfaces."""
+"""What is wrong with the exchange of a bus, its interfaces, cables or drives."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ EXCHANGE = (UNSENT, LOST, LATE, WORKING_COUNTER)
 """Kinds of faults of the exchange, causes before consequences."""
 CABLE = "cable"
 """The kind of fault of a cable that is much worse than it was."""
+DRIVE = "drive"
+"""The kind of fault that a drive itself reports."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +20,7 @@ class Fault:
     """Something that is wrong now."""
 
     #: One of `EXCHANGE`; or what is wrong with an interface: `link`, `sending`, `mtu`, `duplex`,
-    #: `speed`, `bridge`, `vlan`, `ring`, `foreign_master`; `clock`; or `CABLE`.
+    #: `speed`, `bridge`, `vlan`, `ring`, `foreign_master`; `clock`; `CABLE`; or `DRIVE`.
     kind: str
     text: str  #: What is wrong, why, and what to do.
     since: float = 0.0  #: Unix time in seconds since which it is so.

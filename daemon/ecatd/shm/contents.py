@@ -188,7 +188,7 @@ class Contents:
 
     def _signal(self, number: int, row: Any, damaged: bool) -> dict[str, Any]:
         page = None if damaged else _at(self._pages, row.domain)
-        raw = None if page is None else _decode(page.image, row)
+        raw = None if page is None else decode(page.image, row)
         return {
             "number": number,
             "address": f"0x{row.index:04X}:{row.subindex:02X}",
@@ -402,8 +402,13 @@ def _word(member: Any) -> str:
     return str(member.name).lower()
 
 
-def _decode(image: bytes, row: Any) -> int | float:
-    """The raw value of an entry (`client_c/src/entries.h`)."""
+def decode(image: bytes, row: Any) -> int | float:
+    """The raw value of an entry (`client_c/src/entries.h`).
+
+    Args:
+        image: The image of its domain.
+        row: Its `ecat_shm_signal`.
+    """
     first, bits = row.bit_offset // 8, row.bit_length
     end = (row.bit_offset + bits + 7) // 8
     raw: int = int.from_bytes(image[first:end], "little") >> row.bit_offset % 8 & (1 << bits) - 1

@@ -10,12 +10,12 @@ from __future__ import annotations
 import time
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypedDict
 
 from ecatd.base.errors import EcatError
 from ecatd.etg.al import AlState
-from ecatd.operations.faults import EXCHANGE, WORKING_COUNTER, Fault
+from ecatd.operations.faults import DRIVE, EXCHANGE, WORKING_COUNTER, Fault
 from ecatd.operations.health import Health, look_at, row_label
 from ecatd.shm import contract as shm
 from ecatd.shm.statistics import Snapshot, from_map
@@ -39,6 +39,9 @@ _MANY = 0.01
 """Share of missed cycles from which timing is bad: that of the daemon's own faults."""
 _NEAR = 0.8
 """Share of the cycle above which its work takes too long."""
+_FEW = 3
+"""Fewer cycles or frames in the last minute are said, but are no reason to look: any computer
+misses one now and then."""
 _LOST = tuple(kind for kind in EXCHANGE if kind != WORKING_COUNTER)
 _UNSAFE = ("lapsed", "gone", "died", "wkc", "source", "stopping")
 """Why outputs are safe although nobody has given them back."""
@@ -112,6 +115,7 @@ class Lamps:
         self._latest: Snapshot | None = None
         self._last_at: dict[str, float] = {}  # when a counter rose, by its name
         self._begun: dict[str, tuple[State, float | None]] = {}
+        self._unsafe: tuple[float, str] | None = None  # when outputs were last unsafe, and why
         self._answers = [_Answers() for _ in range(3)]
 
     def look(
@@ -143,7 +147,7 @@ class Lamps:
             **self._of_slaves(health, why_no_health, states),
             **self._of_exchange(snapshot, why_no_snapshot, health, now),
             "link": _link(snapshot, health, why_no_snapshot, states),
-            "outputs": _outputs(outputs, ages[2]),
+            "outputs": self._of_outputs(_outputs(outputs, ages[2]), now),
         }
         return [self._lamp(name, found[name], now) for name in TITLES]
 
@@ -176,6 +180,15 @@ class Lamps:
             self._kept.append((now, snapshot))
         while len(self._kept) > 1 and self._kept[1][0] <= now - WINDOW_S:
             self._kept.popleft()
+
+    def _of_outputs(self, found: _Found, now: float) -> _Found:
+        """Adds to good news that it was bad some time ago."""
+        if found.state == "bad":
+            self._unsafe = now, found.text
+        elif found.state == "good" and self._unsafe:
+            until, why = self._unsafe
+            return replace(found, text=f"{found.text}; until {_clock(until)}: {why}")
+        return found
 
     # --- slaves -----------------------------------------------------------------------------------
 
@@ -218,7 +231,8 @@ class Lamps:
         if fault := _fault(health, (WORKING_COUNTER,)):
             return _of_fault(fault, health)
         count = snapshot.counters["wkc_bad"]
-        recent = interval.counters["wkc_bad"] if interval else 0
+        # Exchanges whose frames came back: lost ones have a lamp of their own.
+        recent = sum(d.counters["wkc_wrong"] for d in interval.domains) if interval else 0
         wrong = [
             domain
             for domain in snapshot.domains
@@ -233,7 +247,8 @@ class Lamps:
             )
         if recent and interval:
             of = sum(domain.counters["exchanges"] for domain in interval.domains)
-            return _Found("warning", f"{recent} of {of} exchanges were incomplete{_in(interval)}")
+            text = f"{recent} of {of} exchanges were incomplete{_in(interval)}"
+            return _Found(_by_number(recent), text)
         if not snapshot.domains:
             return _Found("good", "no process data is exchanged, so there is nothing to count")
         counters = ", ".join(f"{d.wkc} of {d.wkc_expected}" for d in snapshot.domains)
@@ -248,7 +263,8 @@ class Lamps:
         if recent and interval:
             frames = max(1, interval.counters["frames"])
             rate = f"{1e6 * recent / frames:.0f} of a million"
-            return _Found("warning", f"{recent} of {frames} frames lost{_in(interval)} ({rate})")
+            text = f"{recent} of {frames} frames lost{_in(interval)} ({rate})"
+            return _Found(_by_number(recent), text)
         names = [name for name in ("lost", "unsent") if name in self._last_at]
         latest = max(names, key=lambda name: self._last_at[name], default="lost")
         since = f"{_in(interval)}" if interval else " now"
@@ -277,7 +293,7 @@ class Lamps:
         if missed and interval:
             cycles = missed + interval.counters["cycles"]
             text = f"{missed} of {cycles} cycles missed{_in(interval)}; {work}"
-            return _Found("bad" if missed >= _MANY * cycles else "warning", text)
+            return _Found("bad" if missed >= _MANY * cycles else _by_number(missed), text)
         if p99 > _NEAR * cycle_us:
             return _Found("warning", f"cycles take almost too long: {work}{_in(part)}")
         missed_before = self._earlier("missed", snapshot.counters["missed"])
@@ -311,6 +327,10 @@ def _health(states: Mapping[str, Any] | None, age: float) -> tuple[Health | None
         )
 
 
+def _by_number(failures: int) -> State:
+    return "warning" if failures >= _FEW else "good"
+
+
 def _in_op(health: Health) -> _Found:
     by_position = {row["position"]: row for row in health.rows}
     if health.unwell:
@@ -327,6 +347,9 @@ def _in_op(health: Health) -> _Found:
         return _Found("unknown", health.silence)
     if health.in_op < health.expected:
         return _Found("bad", health.counts)
+    if drive := _fault(health, (DRIVE,)):
+        text = f"{health.counts}, but {drive.text}"
+        return _Found("bad", text, drive.since, drive.slaves[0])
     return _Found("good", health.counts)
 
 
@@ -354,7 +377,7 @@ def _link(
     why_not: str,
     states: Mapping[str, Any] | None,
 ) -> _Found:
-    others = {*EXCHANGE, "clock"}
+    others = {*EXCHANGE, "clock", DRIVE}
     if health:
         faults = [fault for fault in health.faults if fault.kind not in others]
         if faults:
@@ -369,8 +392,10 @@ def _link(
         if hurt:
             position = hurt[0]["slave"]
             where = _label(health, position)
-            more = f" and {len(hurt) - 1} more" if len(hurt) > 1 else ""
-            text = f"the cable in front of {where}{more} is {verdict}: see `ecatctl errors`"
+            before = hurt[0]["before"]
+            begin = "the computer" if before < 0 else _label(health, before)
+            more = f", and {len(hurt) - 1} more" if len(hurt) > 1 else ""
+            text = f"{verdict} cable between {begin} and {where}{more}: reseat or replace it"
             return _Found(state, text, None, position)  # type: ignore[arg-type]
     if snapshot is None:
         return _Found("unknown", why_not)
@@ -402,8 +427,11 @@ def _drivers(outputs: Mapping[str, Any]) -> _Found:
     ]
     if unsafe:
         first = unsafe[0]
+        silent = [owner_name(owner) for owner in owners if owner.get("state") == "lapsed"]
         reason = first["reason"] or first["cause"]
-        text = f"{len(unsafe)} of {len(rows)} outputs are safe: {first['name']}: {reason}"
+        if first["cause"] == "lapsed" and silent:
+            reason = f"{silent[0]} gives no sign of life"
+        text = f"{reason}: {len(unsafe)} of {len(rows)} outputs are safe, such as {first['name']}"
         return _Found("bad", text, first["since"], first["slave"])
     driven = Counter(row["owner"] for row in rows if row["owner"] >= 0)
     copied = sum(row["state"] == "copied" for row in rows)

@@ -55,6 +55,7 @@ class SharedMemory:
         slaves: `ecat_shm_slave` table.
         signals: `ecat_shm_signal` table.
         slave_status: `ecat_shm_slave_status` table.
+        domains: `ecat_shm_domain` table.
         settings: `ecat_shm_setting` table.
         health: `ecat_shm_health`.
 
@@ -171,7 +172,7 @@ class SharedMemory:
 
     def _fill_domains(self, plan: _Plan) -> None:
         kind = shm.struct("ecat_shm_domain") * len(self._image.domains)
-        table = kind.from_buffer(self._map, plan.offsets["domains"])
+        self.domains = table = kind.from_buffer(self._map, plan.offsets["domains"])
         for row, domain, page in zip(table, self._image.domains, plan.pages, strict=True):
             row.name = _text(domain.name, 32)
             row.page_offset = page

@@ -116,7 +116,9 @@ class ExpectationWatch:
         if not found:
             text = "the bus is as expected again"
             self._report.write("expected_bus", text, good=True)
-        self._report.publish("expected_bus", differences=differences, text=text)
+        severity = "error" if found else "info"
+        facts = {"differences": differences, "text": text}
+        self._report.publish("expected_bus", severity=severity, **facts)
 
     def _report_one(self, item: Difference) -> None:
         where = f" It is {self._before(item.found[0])}." if item.kind == "extra" else ""

@@ -42,6 +42,7 @@ class MailboxWatch:
 
     def __init__(self, running: RunningBus, worker: Worker, report: Reporter) -> None:
         slaves = running.bus.slaves
+        self._bus = running.bus
         self._polls = [running.config.settings_of(slave.position).poll_s for slave in slaves]
         self._slaves = {
             slave.position: slave
@@ -58,8 +59,11 @@ class MailboxWatch:
         log_emergencies(self._report.log, found, left_out)
         counts = Counter((slave.position, code, register) for slave, code, register in found)
         for (position, code, register), times in counts.items():
-            facts = {"code": code, "register": register, "text": emergency_text(code, register)}
-            self._report.publish("emergency", slave=position, **facts, times=times)
+            label = self._bus.slaves[position].label
+            text = f"{label} sent an emergency: {emergency_text(code, register)}"
+            facts = {"slave": position, "code": code, "register": register, "times": times}
+            severity = "" if code >> 8 else "info"  # 0x00xx: the error is over (CiA 301)
+            self._report.publish("emergency", severity=severity, **facts, text=text)
 
     async def watch(self) -> None:
         """Looks for messages of each slave again and again."""

@@ -27,6 +27,7 @@ from ecatd.shm import contract as shm
 from ..start.running_bus import RunningBus
 from .cables import CableWatch
 from .clocks import ClockWatch
+from .drives import DriveWatch
 from .exchange import ExchangeWatch
 from .interfaces import InterfaceWatch
 from .mailboxes import MailboxWatch
@@ -51,6 +52,8 @@ _ABOUT_OUTPUTS = frozenset(
         EventType.STOPPED,
     }
 )
+_NOBODY = -1
+"""The slot of requests that no client has sent."""
 _COUNTER_PAUSE = 0.1
 """Seconds between two events about a domain's working counter, which may change in every cycle."""
 
@@ -98,6 +101,7 @@ class Monitor:
         self.exchange = ExchangeWatch(
             running, worker, of_interfaces, self._explain, self.slaves.find_away
         )
+        self._drives = DriveWatch(running, lambda request: answer(request, _NOBODY), report)
         self._clocks = None
         if running.clocks is not None:
             self._clocks = ClockWatch(running.clocks, running.shared, worker, report.of("dc"))
@@ -118,9 +122,10 @@ class Monitor:
 
     @property
     def faults(self) -> list[Fault]:
-        """What is wrong with interfaces, exchange, clocks, cables: causes before consequences."""
+        """What is wrong with interfaces, exchange, clocks, cables and drives: causes first."""
         clocks = [] if self._clocks is None else self._clocks.faults
-        return [*self._interfaces.faults, *self.exchange.faults, *clocks, *self.cables.faults]
+        exchange = [*self._interfaces.faults, *self.exchange.faults, *clocks]
+        return [*exchange, *self.cables.faults, *self._drives.faults]
 
     def describe(self) -> dict[str, Any]:
         """What `ecatctl info` shows of links and slaves, in addition to the shared memory."""
@@ -237,6 +242,7 @@ class Monitor:
             self.cables.watch,
             self._mailboxes.watch,
             self._files.watch,
+            self._drives.watch,
         ]
         if self._clocks is not None:
             watches.append(self._clocks.watch)

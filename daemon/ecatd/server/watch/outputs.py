@@ -171,20 +171,17 @@ class OutputWatch:
             facts["owner"] = self._owners[event.value]
         if event.type == EventType.STOPPED:
             facts["in_time"] = bool(event.value)
-        self._report.publish(EventType(event.type).name.lower(), **facts)
+        kind = EventType(event.type).name.lower()
+        self._report.publish(kind, severity="info" if _is_wanted(event) else "", **facts)
 
     def _say(self, group: list[Event], who: _Client) -> None:
         """Logs one line about consecutive events of one kind."""
         first = group[0]
         positions = {event.slave for event in group if event.slave >= 0}
-        wanted = (
-            first.type == EventType.CLAIMED
-            or (first.type == EventType.SAFE and shm.Reason(first.value) in _EXPECTED)
-            or (first.type == EventType.STOPPED and first.value)
-        )
-        level = "debug" if _is_minor(first) else "info" if wanted else "warning"
+        level = "debug" if _is_minor(first) else ""
         text = self._text(first, who, positions)
-        self._report.write(EventType(first.type).name.lower(), text, positions, level=level)
+        kind = EventType(first.type).name.lower()
+        self._report.write(kind, text, positions, good=_is_wanted(first), level=level)
 
     def _text(self, first: Event, who: _Client, positions: set[int]) -> str:
         """What has happened to slaves: the line of the log, and the text of the event."""
@@ -250,6 +247,15 @@ class OutputWatch:
             f"{low} to {high} {entry.unit}".rstrip()
             + "; the output keeps the value before"
         )
+
+
+def _is_wanted(event: Event) -> bool:
+    """Whether somebody wanted it to happen."""
+    return (
+        event.type == EventType.CLAIMED
+        or (event.type == EventType.SAFE and shm.Reason(event.value) in _EXPECTED)
+        or (event.type == EventType.STOPPED and bool(event.value))
+    )
 
 
 def _is_minor(event: Event) -> bool:

@@ -357,7 +357,16 @@ class Repair:
             self._report.write("recovery", text, back, good=True)
 
     def _publish(self, position: int, state: str, text: str, **facts: object) -> None:
-        self._report.publish("recovery", slave=position, state=str(state), text=text, **facts)
+        facts |= {"slave": position, "state": str(state), "text": text}
+        self._report.publish("recovery", severity=_SEVERITIES.get(str(state), "warning"), **facts)
+
+
+_SEVERITIES = {
+    **dict.fromkeys(("recovered", "joined"), "info"),
+    **dict.fromkeys(("asked", "set_up"), "notice"),
+    **dict.fromkeys(map(str, (Condition.REFUSED, Condition.EXCHANGED)), "error"),
+}
+"""How bad events of some states are."""
 
 
 def _failure(missed: Missed) -> Failure:

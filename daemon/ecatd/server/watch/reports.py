@@ -50,7 +50,7 @@ class Reporter:
         """
         log = self.log
         say = {"error": log.error, "warning": log.warning, "info": log.info, "debug": log.debug}
-        say[level or ("info" if good else KINDS[kind].severity)](text, kind, about)
+        say[level or _severity(kind, good=good)](text, kind, about)
 
     def __call__(
         self,
@@ -64,7 +64,11 @@ class Reporter:
     ) -> None:
         """Writes a line of the log, and publishes an event with these facts and the same text."""
         self.write(kind, text, about, good=good, level=level)
-        self.publish(kind, **facts, text=text)
+        self.publish(kind, severity=level or _severity(kind, good=good), **facts, text=text)
+
+
+def _severity(kind: str, *, good: bool) -> str:
+    return "info" if good else KINDS[kind].severity
 
 
 class Throttle:

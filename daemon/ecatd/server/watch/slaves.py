@@ -260,15 +260,22 @@ class SlaveWatch:
         present = [item for item in changed if item.al_state & 0x0F]
         for item in changed:
             facts = {"slave": item.position, "al_state": item.al_state, "al_code": item.al_code}
-            self._report.publish("al_state", **facts, text=item.describe())
+            text = f"{self._bus.slaves[item.position].label}: {item.describe()}"
+            severity = "info" if self._is_good(item) else ""
+            self._report.publish("al_state", severity=severity, **facts, text=text)
         for positions, item in _group(present):
-            # OP is what everybody wants; leaving it may be wanted, too, but somebody should know.
-            # Optional slaves pass the other states each time they come.
-            optional = item.position in self._optional and not item.al_state & AL_ERROR_FLAG
             text = f"{name_slaves(self._bus, positions)}: {item.describe()}"
-            good = item.al_state == AlState.OP or optional
-            self._report.write("al_state", text, positions, good=good)
+            self._report.write("al_state", text, positions, good=self._is_good(item))
         return bool(changed)
+
+    def _is_good(self, item: SlaveState) -> bool:
+        """Whether a new state is good news.
+
+        OP is what everybody wants; leaving it may be wanted, too, but somebody should know.
+        Optional slaves pass the other states each time they come.
+        """
+        optional = item.position in self._optional and not item.al_state & AL_ERROR_FLAG
+        return item.al_state == AlState.OP or optional
 
     def _report_presence(self, blinding: str) -> None:
         """Reports, once, that slaves are missing or that there are more, and when that is over.
