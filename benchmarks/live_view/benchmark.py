@@ -29,7 +29,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "quick": {"rounds": 1, "seconds": 2.0, "pages": 1, "signals": 2},
     "full": {"rounds": 20, "seconds": 10.0},
 }
-_SIGNALS = [f"{slave}/0x60{channel}0:11" for slave in (4, 5) for channel in range(8)] + [
+SIGNALS = [f"{slave}/0x60{channel}0:11" for slave in (4, 5) for channel in range(8)] + [
     "0/0x6064",
     "0/0x606C",
     "0/0x6041",
@@ -44,7 +44,7 @@ def measure(
     rounds: int = 6,
     seconds: float = 5.0,
     pages: int = 4,
-    signals: int = len(_SIGNALS),
+    signals: int = len(SIGNALS),
 ) -> dict[str, Any]:
     """Compares the exchange with pages and with an idle load, in turns.
 
@@ -58,7 +58,7 @@ def measure(
     Raises:
         StateError: The page was not built, or there is no Chromium.
     """
-    chosen = _SIGNALS[:signals]
+    chosen = SIGNALS[:signals]
     with (
         bench.awake(),
         ecatsim("troll", bench.processors),

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,8 @@ class Pages:
         Returns:
             `used`: seconds of processors that the browser has had so far. `drawing`: of each page
             that is left, the milliseconds of JavaScript for a picture, as its scope says; and
-            `frames`, pictures in a second. `version` is that of the browser.
+            `frames`, pictures in a second; `reports` is all that they say. `version` is that of
+            the browser.
         """
         reports = []
         for window in self._windows:
@@ -78,11 +80,16 @@ class Pages:
             for window in self._windows:
                 window.wait_for_function(_DRAWS, arg=self._signals)
         return {
-            "used": sum(used(child) for child in _descendants(os.getpid())),
+            "used": sum(used(child) for child in descendants(os.getpid())),
+            "reports": reports,
             "drawing": [report["drawing"] for report in reports],
             "frames": [report["frames"] for report in reports],
             "version": self._version,
         }
+
+    def wait(self, seconds: float) -> None:
+        """Lets the pages run for a while."""
+        self._windows[0].wait_for_timeout(1000 * seconds)
 
 
 _DRAWS = """count => {
@@ -97,11 +104,19 @@ def _status(page: Any) -> dict[str, Any]:
     return found
 
 
-def _descendants(pid: int) -> Iterator[int]:
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        for child in map(int, (task / "children").read_text().split()):
-            yield child
-            yield from _descendants(child)
+def descendants(pid: int, name: str = "") -> Iterator[int]:
+    """The processes that a process has started, and those that they have.
+
+    Args:
+        pid: The process.
+        name: Only those whose names have this text.
+    """
+    with suppress(FileNotFoundError, ProcessLookupError):  # it has ended
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            for child in map(int, (task / "children").read_text().split()):
+                if name in Path(f"/proc/{child}/comm").read_text():
+                    yield child
+                yield from descendants(child, name)
 
 
 def used(pid: int) -> float:
