@@ -10,5 +10,15 @@ package Modelica "The part of the Modelica Standard Library 4.0.0 that our libra
       type Period = Real(final quantity = "Time", final unit = "s");
     end SI;
   end Units;
+  package Utilities
+    package Files
+      function loadResource
+        input String uri;
+        output String fileReference;
+      algorithm
+        fileReference := uri;
+      end loadResource;
+    end Files;
+  end Utilities;
   annotation (version = "4.0.0");
 end Modelica;
