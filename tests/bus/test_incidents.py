@@ -74,7 +74,7 @@ def test_a_fault_and_a_request(start_daemon: Callable[..., Daemon], tmp_path: Pa
     of_five = [item["field"] for item in inputs]
     assert all(before[0][name] is not None for name in of_five)
     assert all(after[-1][name] is None for name in of_five)
-    names(file.attachment("reading.txt").decode(), "slave 5", f"cycle {after[0]['cycle']}:")
+    names(file.attachment("reading.txt").decode(), "slave 5", f"(cycle {after[0]['cycle']})")
     assert set(file.sizes) >= {
         "frames.pcapng", "bus.json", "configuration.json", "log.txt", "events.json",
         "statistics.json",

@@ -83,6 +83,7 @@ def make(path: Path, bus: Bus, signals: Sequence[TraceSignal] = (), document: An
     ]
     trigger = Trigger("fault", BEGIN_NS + 30_000_000, 'slave 4 "EL3008" </p> is lost')
     found = Incident(bus.name, [trigger], signals, rows, [], [], ["eth0"], [], 0)
+    found.reading = "Slave 4 was lost.\n"
     found.documents = {"bus": bus.to_dict() if document is None else document}
     write(path, found)
     return path
@@ -214,6 +215,23 @@ def test_a_recording_of_each_kind(tmp_path: Path, suffix: str) -> None:
     export(path, tmp_path / "m" / "Run.mo")
     translated(tmp_path / "m", "Run")
     names((tmp_path / "m" / "Run.mo").read_text(), "slave4Channel1Value(quantity =", "2025-11-24")
+
+
+def test_a_file_needs_no_daemon(
+    tmp_path: Path, bus: Bus, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = make(tmp_path / "a.mcap", bus)
+    incident(make_parser().parse_args(["incident", "show", str(path)]))
+    assert capsys.readouterr().out == "Slave 4 was lost.\n"
+    for suffix, head in (
+        (".pcapng", b"\x0a\x0d\x0d\x0a"),
+        (".json", b"[]"),
+        (".mcap", b"\x89MCAP"),
+    ):
+        export(path, tmp_path / f"out{suffix}")
+        assert (tmp_path / f"out{suffix}").read_bytes().startswith(head)
+    with pytest.raises(UsageError, match=r"nosuch/b\.mcap is not a file"):
+        export(tmp_path / "nosuch" / "b.mcap", tmp_path / "c.csv")
 
 
 def test_yesterdays_values_are_inputs_of_an_fmu(tmp_path: Path, bus: Bus) -> None:

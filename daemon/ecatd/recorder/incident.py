@@ -52,6 +52,7 @@ class Row:
     exchange_us: float  #: From its first frame to its last answer.
     incomplete: int  #: Domains whose last exchange failed.
     values: list[float | None]  #: The raw value of each entry; None if it is an older one.
+    unanswered: int = 0  #: Frames without an answer.
 
 
 @dataclass(slots=True)
