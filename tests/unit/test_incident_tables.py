@@ -33,6 +33,7 @@ from ecatd.operations.traces import TraceSignal, column_type
 from ecatd.recorder.incident import Incident, Row, Trigger, write
 from ecatdev import sample_buses
 from ecatdev.checks import check_syntax
+from ecatgen.fmu import generate_fmu
 from openmodelica import OpenModelica, needs_omc, simulate
 
 BEGIN_NS = 1_764_000_000_000_000_000
@@ -236,8 +237,12 @@ def test_a_file_needs_no_daemon(
 
 def test_yesterdays_values_are_inputs_of_an_fmu(tmp_path: Path, bus: Bus) -> None:
     """FMPy gives the voltage that was measured to a model, from a program and as a command."""
-    fmu = make_fmu(tmp_path, "2.0")
     path = make(tmp_path / "a.mcap", bus)
+    # All names are those of the FMU of the bus, so its inputs can have yesterday's outputs.
+    plant = generate_fmu(bus, "Plant", tmp_path, fmi=2).fmu
+    known = {item.name for item in fmpy.read_model_description(str(plant)).modelVariables}
+    assert {*export(path, tmp_path / "all.csv")[0]} - {"time"} <= known
+    fmu = make_fmu(tmp_path, "2.0")
     rows = export(path, tmp_path / "a.csv", f"voltage={LEVEL}")
     assert [*rows[0]] == ["time", "cycle", "el3008.valid", "voltage"]
     given = fmpy.util.read_csv(tmp_path / "a.csv")
