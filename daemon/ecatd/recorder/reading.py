@@ -56,6 +56,8 @@ _EXPLAINS: Mapping[str, frozenset[str]] = {
     "working_counter": frozenset({"exchange", "disturbance"}),
 }
 """Which kinds explain which others, if they are close together. The earlier rows explain more."""
+_OF_ITSELF = frozenset({"emergency", "al_state", _STARVED})
+"""Kinds that a slave says of itself, so they explain what becomes of this slave, not of others."""
 _NO_CAUSE = frozenset({"change", "claimed", _WELL, "safe", "configuration", "log_levels"})
 """Kinds that nobody looks for when something has gone wrong, unless something follows from them."""
 _GOOD = {
@@ -236,6 +238,8 @@ class _Reading:
         text = fact.text
         if fact.kind in ("al_state", "recovery", _STARVED):
             text = f"{self._who(fact.slaves)}: {_OF_SLAVE.sub('', text, count=1)}"
+        elif fact.kind == "emergency":
+            text = f"{self._who(fact.slaves)} sent an emergency: {text}"
         return text
 
     def _who(self, slaves: Sequence[int]) -> str:
@@ -326,6 +330,8 @@ def _causes(facts: Sequence[_Fact]) -> list[_Fact]:
 def _explains(cause: _Fact, effect: _Fact) -> bool:
     if cause is effect or effect.kind not in _EXPLAINS.get(cause.kind, ()):
         return False
+    if cause.kind in _OF_ITSELF and effect.kind in _OF_ITSELF | {"recovery", "stopped"}:
+        return bool({*cause.slaves} & {*effect.slaves})
     return cause.kind not in _EXACT or cause.time_ns <= effect.time_ns
 
 
