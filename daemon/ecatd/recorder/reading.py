@@ -16,7 +16,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from .incident import Incident, Row, Trigger
+from ecatd.etg.al import AlState
+
+from .incident import LAPSES, Incident, Row, Trigger
 
 _LOST, _FAILED, _LATE, _WELL = "lost frames", "failed", "late", "well"
 """Kinds of what frames say: without answers, with wrong counters, not sent; complete again."""
@@ -24,7 +26,7 @@ _LAPSE, _CONDITION, _STARVED = "lapse", "condition", "starved"
 """A client that has ended or hangs; a condition of the user; a slave that got no data in time."""
 _STARVED_CODES = frozenset({0x001A, 0x001B, 0x002C, 0x002D, 0x0032, 0x0034, 0x0036, 0x0037})
 """AL status codes (ETG.1000.6) of slaves that miss process data or are not synchronized."""
-_COMPUTER = frozenset({"missed", "overrun", "resets"})
+_COMPUTER = frozenset({"missed", "overruns"})
 """Counters that say that the computer was late."""
 _EXACT = frozenset({_LOST, _FAILED, _LATE, _WELL})
 """Kinds whose time is that of the cycle: they explain only what comes later."""
@@ -44,10 +46,12 @@ _EXPLAINS: Mapping[str, frozenset[str]] = {
     "slaves": _SYMPTOMS | {"cable", "safe", "clock", "absent"},
     "absent": _SYMPTOMS | {"cable"},
     "cable": frozenset({_LOST, _FAILED, _WELL, "working_counter", "exchange", "disturbance"}),
-    "emergency": frozenset({"al_state", "recovery", "stopped", _FAILED, _WELL, "working_counter"}),
+    "emergency": frozenset(
+        {"al_state", _STARVED, "recovery", "stopped", _FAILED, _WELL, "working_counter"}
+    ),
     _LATE: frozenset({"clock", "clock_difference", _STARVED}),
-    "al_state": _SYMPTOMS - {"al_state", _LOST},
-    _STARVED: _SYMPTOMS - {"al_state", _LOST},
+    "al_state": _SYMPTOMS - {"al_state", _STARVED, _LOST},
+    _STARVED: _SYMPTOMS - {"al_state", _STARVED, _LOST},
     _LAPSE: frozenset({"stopped", "safe"}),
     "claimed": frozenset({_CONDITION}),
     _LOST: frozenset({_WELL, "working_counter", "exchange", "disturbance", _STARVED, "recovery"}),
@@ -72,7 +76,6 @@ _TOGETHER_NS = 1_500_000_000
 """Facts with no longer pause between them may be of one cause."""
 _MOST = 60
 """Most lines."""
-_LAPSES = ("lapsed", "died", "gone")
 _OF_SLAVE = re.compile(r"slave \d+ \((?:[^()]|\([^()]*\))*\):? ")
 _STATISTICS = frozenset({"disturbance", "exchange"})
 """Kinds that tell of the last seconds, so they may be about something before."""
@@ -157,7 +160,7 @@ class _Reading:
                 continue
             if kind == "change" and str(event.get("what", "")).startswith("incident"):
                 continue
-            if kind == "safe" and event.get("reason") in _LAPSES:
+            if kind == "safe" and event.get("reason") in LAPSES:
                 kind = _LAPSE
             if kind == "al_state" and event.get("al_code") in _STARVED_CODES:
                 kind = _STARVED
@@ -165,7 +168,7 @@ class _Reading:
                 kind = _LATE
             slaves = event.get("missing") or ([event["slave"]] if "slave" in event else [])
             good = event.get("state") in _GOOD.get(kind, ()) or event.get("over") is True
-            good |= kind == "al_state" and event.get("al_state") == _OP
+            good |= kind == "al_state" and event.get("al_state") == AlState.OP
             good |= kind == "slaves" and not event.get("missing")
             good |= kind == "cable" and event.get("verdict") == "good"
             cycle = event.get("cycle")
@@ -250,9 +253,6 @@ class _Reading:
         if len(names) == 1:
             return f"slave {names[0]}"
         return f"slaves {', '.join(names[:-1])} and {names[-1]}"
-
-
-_OP = 8
 
 
 def _from_frames(rows: Sequence[Row]) -> Iterator[_Fact]:

@@ -38,7 +38,7 @@ from ecatd.trace.columns import Columns, described
 from ecatd.trace.cycles import CycleReader
 
 from .conditions import Conditions
-from .incident import Incident, Row, Trigger, write
+from .incident import LAPSES, Incident, Row, Trigger, write
 from .reading import read as first_reading
 
 _KEPT = 1000
@@ -157,7 +157,7 @@ class Recorder:
             return None
         if self._config.faults and _is_fault(event):
             return Trigger("fault", time_ns, f"{kind}: {text}")
-        if self._config.lapses and kind == "safe" and event.get("reason") in _LAPSES:
+        if self._config.lapses and kind == "safe" and event.get("reason") in LAPSES:
             return Trigger("lapse", time_ns, text)
         return None
 
@@ -417,10 +417,6 @@ class _Pending:
         """Keeps records if some of them are of the window."""
         if any(frame.time_ns + self.clock_ns >= self.begin_ns for frame in read_records(records)):
             self.records.append((ring, records))
-
-
-_LAPSES = ("lapsed", "died", "gone")
-"""Why outputs became safe, if their client has not given them back."""
 
 
 def _is_fault(event: dict[str, Any]) -> bool:
