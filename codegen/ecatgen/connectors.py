@@ -75,7 +75,7 @@ def connectors(
                 description=_description(pdo, entry),
                 pdo_name=pdo.name,
                 entry_name=entry.name,
-                modifiers=tuple(_modifiers(kind, entry, outputs=outputs)),
+                modifiers=(*unit_modifiers(entry), *_start(kind, outputs=outputs)),
                 scaling=_scaling(entry),
                 scale=entry.scale,
                 offset=entry.offset,
@@ -119,7 +119,8 @@ def _placement(extent: Extent) -> Code:
     return Code("\n    annotation (Placement(transformation(extent = %s)))") % extent
 
 
-def _modifiers(kind: Kind, entry: Entry, *, outputs: bool) -> Iterator[Code]:
+def unit_modifiers(entry: Entry) -> Iterator[Code]:
+    """Yields the modifications of a connector that say what its value is: quantity and units."""
     unit, display_unit = modelica_unit(entry.unit), entry.display_unit
     quantity = entry.quantity or QUANTITIES.get(unit, "")
     if quantity:
@@ -128,6 +129,9 @@ def _modifiers(kind: Kind, entry: Entry, *, outputs: bool) -> Iterator[Code]:
         yield Code("unit = %s") % modelica_string(unit)
     if display_unit:
         yield Code("displayUnit = %s") % modelica_string(display_unit)
+
+
+def _start(kind: Kind, *, outputs: bool) -> Iterator[Code]:
     if not outputs:  # an output has no start value: the equations of the model give it
         yield Code("start = %s") % _START[kind]
         yield Code("fixed = true")

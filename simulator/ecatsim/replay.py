@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import bisect
-import csv
-import json
 import re
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from ecatd.base.addresses import parse_address
-from ecatd.base.errors import ConfigError, EcatError, StateError, UsageError
-from ecatd.base.incident_file import CYCLE, IncidentFile, NoIncidentError
+from ecatd.base.errors import ConfigError, UsageError
+from ecatd.base.incident_file import CYCLE, IncidentFile
+from ecatd.base.recording_file import UTC, recorded_rows
 from ecatd.etg.datatypes import is_real, value_range
 from ecatd.etg.pdo import Entry
 
@@ -24,8 +22,6 @@ from .slave.device import Device
 
 _TITLE = re.compile(r"(\d+)/.* \((0x[0-9A-Fa-f]+:[0-9A-Fa-f]+)\)")
 _TIME, _FIRST = 0, 2
-_UTC = "utc"
-"""A column of the wall clock, which says nothing about inputs."""
 Value = int | float
 
 
@@ -104,7 +100,7 @@ class Replay:
             raise ConfigError(f"{path}:1: this is not a recording of `ecatctl record`")
         known = 0
         for column, title in enumerate(head[_FIRST:], _FIRST):
-            if title == _UTC:
+            if title == UTC:  # the wall clock says nothing about inputs
                 continue
             match = _TITLE.fullmatch(title)
             if match is None:
@@ -171,41 +167,19 @@ class Replay:
 
 
 def _rows(path: Path) -> Iterator[Sequence[Any]]:
-    """Yields the head and then the rows of a recording, as its CSV file has them."""
-    read = {".mcap": _mcap, ".parquet": _parquet}.get(path.suffix.lower(), _csv)
-    try:
-        yield from read(path)
-    except (OSError, EcatError):
-        raise
-    except Exception as error:  # the libraries raise many kinds of errors
-        what = "it is not text in CSV" if read is _csv else f"{error!r}"
-        raise ConfigError(f"{path}: this is not a recording: {what}") from error
-
-
-def _csv(path: Path) -> Iterator[Sequence[str]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        yield from csv.reader(file)
-
-
-def _mcap(path: Path) -> Iterator[Sequence[Any]]:
-    make_reader = _library(path, "mcap.reader").make_reader
-    try:
-        incident = IncidentFile(path)
-    except NoIncidentError:
-        pass
-    else:
-        yield from _incident(incident)
-        return
-    names: list[str] | None = None
-    begin = 0
-    with path.open("rb") as file:
-        for _, _, message in make_reader(file).iter_messages():
-            content = json.loads(message.data)
-            if names is None:
-                names, begin = [*content["values"]], message.log_time
-                yield ["time_s", "cycle", *names]
-            cells = (content["values"][name] for name in names)
-            yield [1e-9 * (message.log_time - begin), content["cycle"], *cells]
+    """Yields the head and then the rows of a recording or an incident."""
+    if path.suffix.lower() == ".mcap":
+        try:
+            incident = IncidentFile(path)
+        except (ImportError, ValueError):
+            pass  # what is wrong with it is said when it is read as a recording
+        else:
+            try:
+                yield from _incident(incident)
+            except ValueError as error:
+                raise ConfigError(str(error)) from error
+            return
+    yield from recorded_rows(path)
 
 
 def _incident(incident: IncidentFile) -> Iterator[Sequence[Any]]:
@@ -217,24 +191,3 @@ def _incident(incident: IncidentFile) -> Iterator[Sequence[Any]]:
         begin = time_ns if begin is None else begin
         cells = (values[signal["raw"]] for signal in signals)
         yield [1e-9 * (time_ns - begin), values[CYCLE], *cells]
-
-
-def _parquet(path: Path) -> Iterator[Sequence[Any]]:
-    parquet = _library(path, "pyarrow.parquet")
-    with path.open("rb") as file:
-        table = parquet.ParquetFile(file)
-        yield table.schema_arrow.names
-        for batch in table.iter_batches():
-            yield from zip(*(column.to_pylist() for column in batch.columns), strict=True)
-
-
-def _library(path: Path, name: str) -> Any:
-    try:
-        return import_module(name)
-    except ImportError as error:
-        package = name.partition(".")[0]
-        extra = {"mcap": "record", "pyarrow": "parquet"}[package]
-        raise StateError(
-            f"{path}: files of this kind need the package {package}: pip install 'ecatd[{extra}]'; "
-            "CSV needs none"
-        ) from error

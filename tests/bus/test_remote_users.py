@@ -1,5 +1,6 @@
 """Users of other machines: certificates, what each may do, and what nobody may."""
 
+import json
 import os
 import re
 import shutil
@@ -67,6 +68,14 @@ name = "7.eve@press"
 name = "dora"
 write = ["log", "frames"]
 changes_max = 2
+[[gateway.user]]
+name = "fred"
+write = ["incident"]
+[flight_recorder]
+folder = "{folder}/incidents"
+before_s = 0.5
+after_s = 0.1
+faults = false
 """
 
 
@@ -83,7 +92,7 @@ class Site:
         made = remote_command("init", "--dir", str(self.folder), "--host", "machine.example")
         assert made.returncode == 0, made.stderr
         names(made.stdout, "users_ca", f"{self.folder}/daemon.pem", "machine.example")
-        for user in ("anna", "bob", "carl", "dora", "7.eve@press"):
+        for user in ("anna", "bob", "carl", "dora", "fred", "7.eve@press"):
             made = remote_command("user", user, "--dir", str(self.folder), "-o", str(self[user]))
             assert made.returncode == 0, made.stderr
             names(made.stdout, "[[gateway.user]]", f'name = "{user}"')
@@ -187,6 +196,31 @@ def test_only_a_user_with_the_right_captures_frames(site: Site, tmp_path: Path) 
             names(unpack(bytes(old.err.payload))["error"]["message"], f"ro/frames/{ring}")
             key = bus_key(site.daemon.bus, "rw", "frames", ring)
             assert [*anna.get(key, payload=payload, timeout=1.0)] == []
+
+
+def test_the_list_of_incidents_needs_no_right_but_their_content_does(
+    site: Site, tmp_path: Path
+) -> None:
+    """Who may record and delete them need not see the frames in them."""
+    pytest.importorskip("mcap")
+    made = site.ctl("fred", "--json", "incident", "record", "by fred")
+    assert made.returncode == 0, made.stderr
+    name = json.loads(made.stdout)["name"]
+    names(site.ctl("bob", "incident", "list").stdout, name, "by fred")
+    for user in ("bob", "fred"):
+        refused = site.ctl(user, "incident", "show", name)
+        assert refused.returncode == 6
+        names(one_line_error(refused.stderr, "ecatctl"), f"'{user}'", "'frames'")
+    names(site.ctl("dora", "incident", "show", name).stdout, "Bus", "by fred")
+    exported = site.ctl("dora", "incident", "export", name, "-o", str(tmp_path / "it.mcap"))
+    assert exported.returncode == 0, exported.stderr
+    for user in ("bob", "dora"):
+        for action in ("record", "delete"):
+            refused = site.ctl(user, "incident", action, name)
+            assert refused.returncode == 6
+            names(one_line_error(refused.stderr, "ecatctl"), f"'{user}'", "'incident'")
+    assert site.ctl("fred", "incident", "delete", name).returncode == 0
+    assert name not in site.ctl("bob", "incident", "list").stdout
 
 
 def test_r36_who_is_not_let_in(site: Site, tmp_path: Path) -> None:

@@ -1,13 +1,18 @@
 """The examples of the documentation, run as they stand."""
 
+import contextlib
 import re
+import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import rumoca
 
-from conftest import Daemon, names, run_module
+import ecatdev.checks
+from conftest import Daemon, names, run_module, wait_for
 from ecatd.base.errors import EcatError
 from ecatd.config import load_config
 
@@ -125,3 +130,77 @@ def test_the_page_about_commissioning(
     again = start_daemon(str(machine), config=own)
     assert again.ctl_json("sdo-read", "axis", "0x6065")["value"] == 50000
     names(again.ctl("pdos", "EL3008").stdout, "pressure", "bar")
+
+
+def test_the_page_about_a_fault_of_yesterday(
+    start_daemon: Callable[..., Daemon], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its commands, in order: the fault, the record, the mended model, and the machine again."""
+    pytest.importorskip("mcap")
+    page = "docs/yesterday.md"
+    (settings,) = blocks(page, "toml")
+    (model,) = blocks(page, "modelica")
+    folder = tmp_path / "incidents"
+    config = settings.replace("/tmp/incidents", str(folder))
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
+    commands = [line.split() for block in blocks(page, "sh") for line in block.splitlines()]
+    modules = {"ecatctl": "ecatd.cli", "ecatsim": "ecatsim"}
+    with contextlib.ExitStack() as stack:
+        daemon, old, said = None, None, []
+        for program, *arguments in commands:
+            if program == "ecatd":
+                if daemon is not None:
+                    assert daemon.stop() == 0
+                simulate, rig, option, file = arguments
+                assert simulate == "--simulate"
+                daemon = (
+                    start_daemon(rig, config=config)
+                    if option == "--config"
+                    else start_daemon(rig, option, file)
+                )
+                continue
+            assert daemon is not None
+            env = {**daemon.env, "ECATSIM_NAME": str(daemon.child_pid("ecatsim"))}
+            if program == "python" and old is None:  # it runs beside the others
+                old = stack.enter_context(
+                    subprocess.Popen(
+                        [sys.executable, *arguments], env=env, stdout=subprocess.PIPE, text=True
+                    )
+                )
+                stack.callback(old.kill)
+                wait_for(lambda: "owns outputs" in daemon.ctl("events").stdout, daemon)  # noqa: B023
+                continue
+            if program == "python":
+                done = subprocess.run(
+                    [sys.executable, *arguments],
+                    env=env,
+                    capture_output=True,
+                    text=True,
+                    check=False,
+                )
+                said.append(done.stdout)
+            else:
+                if program == "ecatsim":  # as long as a person needs: the start is not recorded
+                    wait_for(lambda: daemon.ctl_json("stats")["cycles"] > 400, daemon)  # noqa: B023
+                done = run_module(modules[program], *arguments, env=env)
+            assert done.returncode == 0, (program, arguments, done.stderr)
+            if program == "ecatsim":
+                wait_for(lambda: any(folder.glob("*.mcap")), daemon)
+            if arguments[:2] == ["incident", "show"]:
+                names(done.stdout, "3/Channel 1/Output was 1, above 0.5")
+                assert old is not None
+                old.kill()
+                names(old.communicate()[0], "pump on at -8.16 V")
+    against, mended, again, mended_again = said
+    for mistaken in (against, again):
+        names(mistaken, "pump on at -8.16 V", "switched on 1 times")
+    assert mended == mended_again == "the pump has not run\n"
+    (tmp_path / "TankControl.mo").write_text(f"within ;\n{model}")
+    stand_in = Path(ecatdev.checks.__file__).parent / "Modelica"
+    library = tmp_path / "library"
+    library.mkdir()
+    for name in ("Tank.mo", "Tank.txt", "TankControl.mo"):
+        (tmp_path / name).rename(library / name)
+    shutil.copytree(stand_in, library / "Modelica")
+    rumoca.Session(roots=[str(library)]).load(str(library / "TankControl.mo"), model="TankControl")

@@ -37,7 +37,7 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> F
         fmi: Major version of FMI: 2 or 3.
         sources: C files to compile.
     """
-    instances = _instances(library.blocks)
+    instances = instance_names(library.blocks)
     variables = tuple(_Builder(fmi, bus).all(library.blocks, instances))
     references = {item.name: item.reference for item in variables}
     first = 1 if fmi == 2 else 0
@@ -66,7 +66,7 @@ def build_fmu(bus: Bus, library: Library, fmi: int, sources: Sequence[str]) -> F
     )
 
 
-def _instances(blocks: Sequence[Block]) -> list[str]:
+def instance_names(blocks: Sequence[Block]) -> list[str]:
     """Returns the prefix of each slave's variables: the usual name of its block, made unique."""
     own = [item.name for item in common.PARAMETERS + common.DIAGNOSTICS]
     namespace = names.Namespace([*own, "time"], suffix="Slave")

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import NoAnswerError, StateError, UsageError
-from ecatd.base.files import write_whole
 from ecatd.base.timeouts import Timeout
 from ecatd.operations.incidents import (
     DeleteIncident,
@@ -21,8 +20,9 @@ from ecatd.operations.incidents import (
     RecordIncident,
 )
 
+from .arguments import connect
 from .output import print_json, print_table
-from .saving import add_force, add_out, check_target
+from .saving import add_force, add_out, check_target, save_bytes
 
 if TYPE_CHECKING:
     from ecatd.base.incident_file import IncidentFile
@@ -40,7 +40,8 @@ _PAUSE = 0.1
 """Seconds between two looks whether an incident has been written."""
 _MORE_S = 60.0
 """Seconds for that beside those behind the trigger."""
-_FORMATS = (".mcap", ".pcapng", ".csv", ".txt", ".json")
+_TABLES = (".csv", ".txt", ".mo")
+_FORMATS = (".mcap", ".pcapng", ".json", *_TABLES)
 
 
 def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
@@ -50,22 +51,28 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "name",
         nargs="?",
         metavar="NAME",
-        help="the incident, as `list` names it, or `last`; for show and export also a FILE.mcap; "
-        "for record: the reason",
+        help="the incident, as `list` names it, or `last`; for show and export also a FILE.mcap, "
+        "and for export a file of `ecatctl record`; for record: the reason",
+    )
+    command.add_argument(
+        "--signal",
+        action="append",
+        default=[],
+        metavar="[NAME=]SIGNAL",
+        help=f"for export as {', '.join(_TABLES)}: only this value, such as '4/Channel 1/*'; NAME: "
+        "the name that it gets; repeat it for more values",
     )
     add_out(command, f"for export: the file; its name ends in {', '.join(_FORMATS)}", "--out")
     add_force(command)
 
 
-def incident(remote: Remote, options: argparse.Namespace) -> None:
-    """Carries out an action."""
-    {
-        "list": _list,
-        "show": _show,
-        "export": _export,
-        "record": _record,
-        "delete": _delete,
-    }[options.action](remote, options)
+def incident(options: argparse.Namespace) -> None:
+    """Carries out an action; a file on this machine needs no daemon."""
+    if options.action in ("show", "export"):
+        {"show": _show, "export": _export}[options.action](options)
+        return
+    with connect(options) as remote:
+        {"list": _list, "record": _record, "delete": _delete}[options.action](remote, options)
 
 
 def _list(remote: Remote, options: argparse.Namespace) -> None:
@@ -104,17 +111,20 @@ def _find(remote: Remote, options: argparse.Namespace) -> Incident:
 
 
 @contextmanager
-def _local(remote: Remote, options: argparse.Namespace) -> Iterator[Path]:
+def _local(options: argparse.Namespace) -> Iterator[Path]:
     """The incident as a file on this machine: that of the user, or a copy of the daemon's."""
     if options.name and Path(options.name).is_file():
         yield Path(options.name)
         return
-    item = _find(remote, options)
+    if options.name and ("/" in options.name or Path(options.name).suffix not in ("", ".mcap")):
+        raise UsageError(f"{options.name} is not a file")
     with tempfile.TemporaryDirectory(prefix="ecatctl-") as folder:
-        path = Path(folder) / item["name"]
-        with path.open("wb") as file:
-            while data := remote.request(ReadIncident(item["name"], file.tell()))["data"]:
-                file.write(data)
+        with connect(options) as remote:
+            item = _find(remote, options)
+            path = Path(folder) / item["name"]
+            with path.open("wb") as file:
+                while data := remote.request(ReadIncident(item["name"], file.tell()))["data"]:
+                    file.write(data)
         yield path
 
 
@@ -143,8 +153,8 @@ def _attachment(found: IncidentFile, name: str) -> bytes:
         return found.attachment(name)
 
 
-def _show(remote: Remote, options: argparse.Namespace) -> None:
-    with _local(remote, options) as path:
+def _show(options: argparse.Namespace) -> None:
+    with _local(options) as path:
         found = _open(path)
         reading = _attachment(found, "reading.txt").decode(errors="replace")
         if options.json:
@@ -155,34 +165,68 @@ def _show(remote: Remote, options: argparse.Namespace) -> None:
             print(reading, end="")
 
 
-def _export(remote: Remote, options: argparse.Namespace) -> None:
+def _export(options: argparse.Namespace) -> None:
     if options.out is None:
         raise UsageError("incident export needs --out FILE")
     suffix = options.out.suffix.lower()
     if suffix not in _FORMATS:
         raise UsageError(f"{options.out}: give a file name that ends with {', '.join(_FORMATS)}")
-    check_target(options.out, force=options.force)
-    with _local(remote, options) as path:
-        data = path.read_bytes() if suffix == ".mcap" else _content(_open(path), suffix)
-    try:
-        write_whole(options.out, data, ".incident-")
-    except OSError as error:
-        raise StateError(f"{options.out} cannot be written: {error.strerror}") from error
+    if options.signal and suffix not in _TABLES:
+        raise UsageError(f"--signal chooses values of a table: {', '.join(_TABLES)}")
+    targets = [options.out]
+    if suffix == ".mo":
+        targets.append(options.out.with_suffix(".txt"))
+    for target in targets:
+        check_target(target, force=options.force)
+    with _local(options) as path:
+        contents = _contents(path, options)
+    # The block comes last: if it is there, its table is, too.
+    for target, data in reversed([*zip(targets, contents, strict=True)]):
+        save_bytes(target, data, force=options.force)
     if options.json:
-        print_json({"bus": remote.bus, "file": str(options.out), "bytes": len(data)})
+        files = [str(target) for target in targets]
+        sizes = [len(data) for data in contents]
+        print_json({"file": files[0], "bytes": sizes[0], "files": files})
     else:
-        print(f"{options.out}: {len(data)} bytes")
+        for target, data in zip(targets, contents, strict=True):
+            print(f"{target}: {len(data)} bytes")
 
 
-def _content(found: IncidentFile, suffix: str) -> bytes:
-    if suffix == ".pcapng":
-        return _attachment(found, "frames.pcapng")
-    from .incident_tables import combi_time_table, csv_table
+def _contents(path: Path, options: argparse.Namespace) -> list[bytes]:
+    """What goes into each file of an export."""
+    suffix = options.out.suffix.lower()
+    if suffix in _TABLES:
+        return _tables(path, options)
+    if suffix == ".mcap":
+        return [path.read_bytes()]
+    name = {".pcapng": "frames.pcapng", ".json": "events.json"}[suffix]
+    return [_attachment(_open(path), name)]
 
-    if suffix == ".json":
-        return _attachment(found, "events.json")
-    with _told(found.path):
-        return (csv_table if suffix == ".csv" else combi_time_table)(found).encode()
+
+def _tables(path: Path, options: argparse.Namespace) -> list[bytes]:
+    from ecatd.base.incident_file import IncidentFile, NoIncidentError
+
+    from . import incident_tables as tables
+
+    with _told(path):
+        try:
+            found = IncidentFile(path) if path.suffix.lower() == ".mcap" else None
+        except NoIncidentError:
+            found = None
+        if found is not None:
+            table = tables.incident_table(found, options.signal)
+        else:
+            table = tables.recording_table(path, options.signal)
+    for note in table.source.notes:
+        print(f"ecatctl: warning: {note}", file=sys.stderr)
+    match options.out.suffix.lower():
+        case ".csv":
+            texts = [tables.csv_table(table)]
+        case ".txt":
+            texts = [tables.combi_time_table(table)]
+        case _:
+            texts = [tables.modelica_block(table, options.out), tables.combi_time_table(table)]
+    return [text.encode() for text in texts]
 
 
 def _record(remote: Remote, options: argparse.Namespace) -> None:

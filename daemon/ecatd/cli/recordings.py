@@ -19,13 +19,12 @@ from importlib import import_module
 from typing import Any, NamedTuple, Protocol
 
 from ecatd.base.errors import StateError, UsageError
+from ecatd.base.recording_file import EXTRAS, NUMBER, TIME, UTC, column_title
 from ecatd.base.version import VERSION
 
 Cell = float | int | None
 """A value; None if it cannot be trusted."""
 
-_UTC = "utc"
-"""The last column of CSV and Parquet files: when the values came, by the clock of the PC."""
 _ROWS = 5000
 """Rows of a Parquet file that are kept before they are written."""
 _TEXT = 1 << 13
@@ -34,8 +33,8 @@ _STEP = 1 << 20
 """Bytes of a file for which room is made at once."""
 _MESSAGE, _CHUNK = 64, 256
 """Most bytes of an MCAP file for a message beside its data, and for a chunk in the index."""
-_LIBRARIES = {".mcap": ("mcap", "record"), ".parquet": ("pyarrow", "parquet")}
-"""What writes files of some formats, and the extra of ecatd that brings it."""
+_LIBRARIES = {".mcap": "mcap", ".parquet": "pyarrow"}
+"""What writes files of some formats."""
 _CELL, _GROUP, _COLUMN = 16, 512, 1024
 """Most bytes of a Parquet file for a value, for each column of 5000 rows, and for a column."""
 
@@ -50,7 +49,7 @@ class Column(NamedTuple):
     @property
     def title(self) -> str:
         """Name and unit."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
+        return column_title(self.name, self.unit)
 
 
 class Recording(Protocol):
@@ -99,13 +98,13 @@ def check_format(suffix: str, name: object) -> None:
         raise UsageError(f"{name}: give a file name that ends with {', '.join(FORMATS)}")
     if suffix not in _LIBRARIES:
         return
-    library, extra = _LIBRARIES[suffix]
+    library = _LIBRARIES[suffix]
     try:
         import_module(library)
     except ImportError as error:
         raise StateError(
-            f"{name}: files of this kind need the package {library}: pip install 'ecatd[{extra}]'; "
-            "CSV needs none"
+            f"{name}: files of this kind need the package {library}: pip install "
+            f"'ecatd[{EXTRAS[library]}]'; CSV needs none"
         ) from error
 
 
@@ -117,7 +116,7 @@ class _Csv:
         self.infinite = 0
         self._size = 0  # bytes of the whole rows in the file
         self._begin()
-        self._lines.writerow(["time_s", "cycle", *(column.title for column in columns), _UTC])
+        self._lines.writerow([TIME, NUMBER, *(column.title for column in columns), UTC])
         self._write()
 
     def _begin(self) -> None:
@@ -246,11 +245,11 @@ class _Parquet:
     def __init__(self, file: io.FileIO, bus: str, columns: Sequence[Column]) -> None:
         self._arrow: Any = import_module("pyarrow")
         arrow = self._arrow
-        fields = [arrow.field("time_s", arrow.float64()), arrow.field("cycle", arrow.uint64())]
+        fields = [arrow.field(TIME, arrow.float64()), arrow.field(NUMBER, arrow.uint64())]
         for column in columns:
             kind = getattr(arrow, column.kind)()
             fields.append(arrow.field(column.name, kind, metadata={"unit": column.unit}))
-        fields.append(arrow.field(_UTC, arrow.timestamp("us", tz="UTC")))
+        fields.append(arrow.field(UTC, arrow.timestamp("us", tz="UTC")))
         self._schema = arrow.schema(fields, metadata={"bus": bus, "ecatctl": VERSION})
         self._room = _Room(file)
         self._end = 4096 + _COLUMN * len(fields)

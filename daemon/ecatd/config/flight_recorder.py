@@ -62,8 +62,8 @@ class FlightRecorderConfig(Placed):
         after_s: Seconds behind the trigger.
         disk_mb: Most room for all incidents of this bus in `folder`; the oldest ones go first.
         per_hour: Most incidents in an hour that nobody has asked for.
-        faults: A fault begins an incident: slaves or links are lost, working counters are wrong,
-            errors rise, a slave sends an emergency.
+        faults: A fault begins an incident: slaves are lost or leave OP, links are lost, working
+            counters are wrong, errors rise, a slave sends an emergency.
         lapses: A client that ends without releasing its outputs, or hangs, begins an incident.
         condition: Values that begin an incident.
     """

@@ -39,6 +39,8 @@ OWN = (
 )
 """Fields of each message before those of the entries: number of the cycle, how many cycles before
 it are missing, time from its first frame to its last answer, domains whose last exchange failed."""
+LAPSES = ("lapsed", "died", "gone")
+"""Why outputs became safe, if their client has not given them back."""
 CYCLES, EVENTS, LOG = "cycles", "events", "log"
 """Ends of topics."""
 
@@ -52,6 +54,7 @@ class Row:
     exchange_us: float  #: From its first frame to its last answer.
     incomplete: int  #: Domains whose last exchange failed.
     values: list[float | None]  #: The raw value of each entry; None if it is an older one.
+    unanswered: int = 0  #: Frames without an answer.
 
 
 @dataclass(slots=True)

@@ -38,7 +38,7 @@ from ecatd.trace.columns import Columns, described
 from ecatd.trace.cycles import CycleReader
 
 from .conditions import Conditions
-from .incident import Incident, Row, Trigger, write
+from .incident import LAPSES, Incident, Row, Trigger, write
 from .reading import read as first_reading
 
 _KEPT = 1000
@@ -46,6 +46,10 @@ _KEPT = 1000
 _PERIOD_S = 0.25
 """Seconds between two looks at the values of conditions."""
 _HOUR_S = 3600.0
+_NAMED = 3
+"""Most deleted incidents that the log names at a time."""
+_AT_ONCE = 3
+"""Most incidents that are collected and written at a time; each needs memory."""
 _SECTIONS = ("bus", "realtime", "flight_recorder")
 
 
@@ -72,10 +76,11 @@ class Recorder:
         self._layout: list[Any] = []
         self._started = 0.0
         self._pending: _Pending | None = None
-        self._task: asyncio.Task[None] | None = None
+        self._recordings: set[asyncio.Task[None]] = set()
+        self._writing = asyncio.Lock()
         self._watch: asyncio.Task[None] | None = None
         self._others: set[asyncio.Task[Any]] = set()
-        self._written: deque[float] = deque()
+        self._begun: deque[float] = deque()
         self._left_out = 0
 
     @property
@@ -152,7 +157,7 @@ class Recorder:
             return None
         if self._config.faults and _is_fault(event):
             return Trigger("fault", time_ns, f"{kind}: {text}")
-        if self._config.lapses and kind == "safe" and event.get("reason") in _LAPSES:
+        if self._config.lapses and kind == "safe" and event.get("reason") in LAPSES:
             return Trigger("lapse", time_ns, text)
         return None
 
@@ -167,33 +172,38 @@ class Recorder:
         return False
 
     def _begin(self, trigger: Trigger) -> None:
-        """Begins an incident, or adds a trigger to the one that has begun."""
-        if self._pending is not None:
-            self._pending.triggers.append(trigger)
+        """Begins an incident, or adds a trigger to the one in whose window it is."""
+        pending = self._pending
+        is_full = len(self._recordings) >= _AT_ONCE
+        if pending is not None and (is_full or trigger.time_ns <= pending.end_ns):
+            pending.triggers.append(trigger)
             return
         now = time.monotonic()
-        while self._written and now - self._written[0] > _HOUR_S:
-            self._written.popleft()
+        while self._begun and now - self._begun[0] > _HOUR_S:
+            self._begun.popleft()
         if trigger.kind != "request":
-            if len(self._written) >= self._config.per_hour:
+            if len(self._begun) >= self._config.per_hour:
                 self._left_out += 1
                 if self._left_out == 1:
                     self._log.warning(
-                        f"{self._config.per_hour} incidents were written in an hour "
+                        f"{self._config.per_hour} incidents have begun in an hour "
                         "(flight_recorder.per_hour), so further ones are left out for a while; "
                         "`ecatctl events` shows what goes on, and `ecatctl incident record` "
                         "still records"
                     )
                 return
             self._left_out = 0
-            self._written.append(now)
-        self._pending = _Pending(trigger)
-        self._task = asyncio.create_task(self._record(self._pending))
+            self._begun.append(now)
+        self._pending = _Pending(trigger, self._config)
+        task = asyncio.create_task(self._record(self._pending))
+        self._recordings.add(task)
+        task.add_done_callback(self._recordings.discard)
 
     async def _record(self, pending: _Pending) -> None:
         try:
             await self._collect(pending)
-            await asyncio.to_thread(self._write, pending)
+            async with self._writing:
+                await asyncio.to_thread(self._write, pending)
         except OSError as error:
             self._log.warning(
                 f"an incident cannot be written to {self.folder} (flight_recorder.folder): "
@@ -208,14 +218,11 @@ class Recorder:
         except Exception as error:  # a defect here must not be silent, and ends no recorder
             self._log.error(f"defect while an incident is written: {error!r}")
         finally:
-            self._pending = None
+            if self._pending is pending:
+                self._pending = None
 
     async def _collect(self, pending: _Pending) -> None:
         """Fetches frames: those before the trigger at once, those behind it later."""
-        config = self._config
-        begin_ns = pending.triggers[0].time_ns - round(1e9 * config.before_s)
-        pending.end_ns = pending.triggers[0].time_ns + round(1e9 * config.after_s)
-        pending.begin_ns = begin_ns
         with suppress(EcatError):  # the bus server has ended: what is there is written
             if self._client is not None:
                 self._client.sample()
@@ -262,7 +269,11 @@ class Recorder:
             documents={**self._documents, **pending.documents},
         )
         self._make_rows(pending, incident)
-        incident.reading = first_reading(incident)
+        try:
+            incident.reading = first_reading(incident)
+        except Exception as error:  # the values are worth more than words about them
+            self._log.error(f"defect in the first reading of an incident: {error!r}")
+            incident.reading = f"{pending.triggers[0].reason}\n"
         make_folder(self.folder)
         path = self.folder / file_name(self._name, pending.triggers[0].time_ns)
         write(path, incident)
@@ -274,7 +285,14 @@ class Recorder:
                 "it was not kept: choose a larger value, or a smaller before_s"
             )
             return
-        gone = f"; {len(deleted)} older ones were deleted" if deleted else ""
+        gone = ""
+        if deleted:
+            more = f" and {len(deleted) - _NAMED} more" if len(deleted) > _NAMED else ""
+            names = ", ".join(deleted[:_NAMED])
+            gone = (
+                f"; the oldest were deleted, to keep to flight_recorder.disk_mb = "
+                f"{self._config.disk_mb}: {names}{more}"
+            )
         self._log.info(f"an incident is in {path}{gone}", "incident_written")
 
     def _make_rows(self, pending: _Pending, incident: Incident) -> None:
@@ -284,7 +302,7 @@ class Recorder:
         signals = self._client.signals()
         columns = Columns(signals, self._layout)
         reader = CycleReader(self._layout, round(self._client.cycle_time * 1e9), *pending.newest)
-        facts: list[tuple[int, float, int]] = []
+        facts: list[tuple[int, float, int, int]] = []
         for ring, records in pending.records:
             if ring != "cycle":
                 continue
@@ -294,7 +312,8 @@ class Recorder:
                     continue
                 columns.add(cycle, reader.images)
                 failed = sum(state.is_known and not state.is_complete for state in cycle.domains)
-                facts.append((time_ns, (cycle.time_ns - cycle.begin_ns) / 1e3, failed))
+                exchange_us = (cycle.time_ns - cycle.begin_ns) / 1e3
+                facts.append((time_ns, exchange_us, failed, cycle.unanswered))
         batch = columns.take()
         incident.signals = [described(signal) for signal in signals]
         values: list[list[float | None]] = [list(row) for row in zip(*batch.columns, strict=True)]
@@ -304,8 +323,10 @@ class Recorder:
             for place in places:
                 values[place][number] = None
         incident.rows = [
-            Row(cycle, *fact, row)
-            for cycle, fact, row in zip(batch.cycles, facts, values, strict=True)
+            Row(cycle, time_ns, exchange_us, failed, row, unanswered)
+            for cycle, (time_ns, exchange_us, failed, unanswered), row in zip(
+                batch.cycles, facts, values, strict=True
+            )
         ]
 
     def _watch_conditions(self) -> None:
@@ -362,8 +383,7 @@ class Recorder:
         """Writes an incident that has begun at once, and ends."""
         if self._watch is not None:
             self._watch.cancel()
-        if self._task is not None:
-            await self._task
+        await asyncio.gather(*self._recordings)
         for task in list(self._others):
             task.cancel()
         self._server.close()
@@ -376,13 +396,16 @@ class _Pending:
 
     Attributes:
         triggers: What has begun it, and what came in its window.
+        begin_ns: Unix time at which its window begins.
+        end_ns: Unix time at which it ends.
         records: Parts of the frames, with their ring.
         newest: A cycle, and CLOCK_MONOTONIC of its end, about.
     """
 
-    def __init__(self, trigger: Trigger) -> None:
+    def __init__(self, trigger: Trigger, config: FlightRecorderConfig) -> None:
         self.triggers = [trigger]
-        self.begin_ns = self.end_ns = 0
+        self.begin_ns = trigger.time_ns - round(1e9 * config.before_s)
+        self.end_ns = trigger.time_ns + round(1e9 * config.after_s)
         self.positions = dict.fromkeys(RINGS, 0)
         self.records: list[tuple[str, bytes]] = []
         self.interfaces: list[str] = []
@@ -394,10 +417,6 @@ class _Pending:
         """Keeps records if some of them are of the window."""
         if any(frame.time_ns + self.clock_ns >= self.begin_ns for frame in read_records(records)):
             self.records.append((ring, records))
-
-
-_LAPSES = ("lapsed", "died", "gone")
-"""Why outputs became safe, if their client has not given them back."""
 
 
 def _is_fault(event: dict[str, Any]) -> bool:
@@ -412,6 +431,14 @@ def _is_fault(event: dict[str, Any]) -> bool:
             return bool(event["state"] != "up")
         case "emergency":
             return True
+        case "recovery":
+            return bool(event["state"] == "fallen")
+        case "ring":
+            return bool(event["state"] == "open")
+        case "sending":
+            return bool(event["error"])
+        case "foreign_master":
+            return not event.get("over")
         case _:
             return False
 

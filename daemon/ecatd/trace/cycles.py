@@ -56,12 +56,14 @@ class Cycle(NamedTuple):
         time_ns: CLOCK_MONOTONIC of its last answer; of its first frame if none came.
         begin_ns: CLOCK_MONOTONIC of its first frame.
         domains: Its domains, by number.
+        unanswered: How many of its frames had no answer in this cycle.
     """
 
     number: int
     time_ns: int
     begin_ns: int
     domains: tuple[DomainState, ...]
+    unanswered: int = 0
 
 
 @dataclass(slots=True)
@@ -170,7 +172,8 @@ class CycleReader:
                 is_sent = command == datagram["command"]
                 self._domains[domain].take(datagram, exchange, at, is_sent=is_sent)
         domains = tuple(domain.end() for domain in self._domains)
-        return Cycle(self._number, self._time_ns, self._begin_ns, domains)
+        unanswered = sum(not exchange.answer for exchange in self._exchanges.values())
+        return Cycle(self._number, self._time_ns, self._begin_ns, domains, unanswered)
 
 
 def _datagrams(frame: bytes) -> Iterator[tuple[int, int, int]]:

@@ -51,7 +51,7 @@ function _shtab_ecatctl_using
 end
 
 set -g _shtab_ecatctl_commands buses graph slaves pdos state states read record watch write check dc info claims shm metrics stats top web sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis errors events incident waiting eoe eoe-read eoe-write foe-read foe-write sii-read sii-write alias soe-read soe-write identify reg-read reg-write rescan reboot config log log-level startup scan cstruct xml generate library client-flags capture doctor remote service
-set -g _shtab_ecatctl_opts_with_value --address --allow --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --port --raw --root --seconds --severity --since --size --templates --timeout --type --user --watch -n -o
+set -g _shtab_ecatctl_opts_with_value --address --allow --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --port --raw --root --seconds --severity --signal --since --size --templates --timeout --type --user --watch -n -o
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -336,7 +336,8 @@ complete -c ecatctl -n '_shtab_ecatctl_using incident' -l connect -x -d 'ask a d
 complete -c ecatctl -n '_shtab_ecatctl_using incident' -l identity -x -d 'your certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
 complete -c ecatctl -n '_shtab_ecatctl_using incident' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using incident' -l json -d 'print JSON for programs'
-complete -c ecatctl -n '_shtab_ecatctl_using incident' -s o -l out -xka "(__fish_complete_path (commandline -ct))" -d 'for export: the file; its name ends in .mcap, .pcapng, .csv, .txt, .json'
+complete -c ecatctl -n '_shtab_ecatctl_using incident' -l signal -x -d 'for export as .csv, .txt, .mo: only this value, such as '"'"'4/Channel 1/*'"'"'; NAME: the name that it gets; repeat it for more values'
+complete -c ecatctl -n '_shtab_ecatctl_using incident' -s o -l out -xka "(__fish_complete_path (commandline -ct))" -d 'for export: the file; its name ends in .mcap, .pcapng, .json, .csv, .txt, .mo'
 complete -c ecatctl -n '_shtab_ecatctl_using incident' -l force -d 'replace FILE if it exists'
 complete -c ecatctl -n '_shtab_ecatctl_using incident; and test $_shtab_ecatctl_npos -eq 0' -ka "list show export record delete" -d 'list, show, export, record, delete'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a waiting -d 'Show which requests wait for slaves, and for how long.'

@@ -80,4 +80,20 @@ package Sources "Sources of signals"
         Line(points = {{-80, -68}, {-44, -68}, {-44, 46}, {-4, 46}, {-4, -68}, {36, -68}, {36, 46}, {72, 46}}),
         Text(extent = {{-150, -150}, {150, -110}}, textString = "%period")}));
   end BooleanPulse;
+  block CombiTimeTable
+    extends Icons.Block;
+    parameter Boolean tableOnFile = false;
+    parameter String tableName = "NoName";
+    parameter String fileName = "NoName";
+    parameter Boolean verboseRead = true;
+    parameter Integer columns[:] = {2};
+    parameter Types.Smoothness smoothness = Types.Smoothness.LinearSegments;
+    parameter Types.Extrapolation extrapolation = Types.Extrapolation.LastTwoPoints;
+    parameter Units.SI.Time startTime = 0;
+    Interfaces.RealOutput y[size(columns, 1)] annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
+  equation
+    for n in 1:size(columns, 1) loop
+      y[n] = time - startTime + columns[n];
+    end for;
+  end CombiTimeTable;
 end Sources;

@@ -24,6 +24,8 @@ package Blocks
   end Icons;
 
   package Types
+    type Smoothness = enumeration(LinearSegments, ContinuousDerivative, ConstantSegments, MonotoneContinuousDerivative1, MonotoneContinuousDerivative2, ModifiedContinuousDerivative);
+    type Extrapolation = enumeration(HoldLastPoint, LastTwoPoints, Periodic, NoExtrapolation);
     type Init = enumeration(NoInit, SteadyState, InitialState, InitialOutput);
   end Types;
 

@@ -1,0 +1,115 @@
+"""The first reading of incidents: what an engineer would say who has looked at everything."""
+
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from conftest import Daemon, wait_for
+from ecatd.base.incident_file import IncidentFile
+from ecatd.operations.incident_files import incidents
+from ecatsim.control import Simulator
+
+pytestmark = [pytest.mark.bus, pytest.mark.long]
+pytest.importorskip("mcap")
+
+SETTINGS = """
+[flight_recorder]
+folder = "{folder}"
+before_s = 0.4
+after_s = 1.0
+per_hour = 1000
+[[flight_recorder.condition]]
+signal = "3/0x7000:01"
+above = 0.5
+pause_s = 0
+"""
+CLOCK = r"\d\d:\d\d:\d\d\.\d{3} \(cycle \d+\) "
+LATER = r"  (\d+ cycles? later( \([\d.]+ s\))?|in the same cycle): "
+
+
+class Readings:
+    """The incidents of a daemon, as far as nobody has looked at them."""
+
+    def __init__(self, folder: Path, daemon: Daemon) -> None:
+        self.folder, self.daemon = folder, daemon
+        self.seen: set[str] = set()
+
+    def with_a(self, pattern: str) -> str:
+        """The next reading with a line that fits. A busy machine makes incidents of its own."""
+        found: list[str] = []
+
+        def look() -> bool:
+            for item in incidents(self.folder, self.daemon.bus):
+                if item["name"] not in self.seen:
+                    self.seen.add(item["name"])
+                    file = IncidentFile(self.folder / item["name"])
+                    found.append(file.attachment("reading.txt").decode())
+            return any(re.search(pattern, text, re.MULTILINE) for text in found)
+
+        try:
+            wait_for(look, self.daemon)
+        except BaseException:
+            print("\n".join(found))
+            raise
+        return next(text for text in found if re.search(pattern, text, re.MULTILINE))
+
+    def settle(self) -> None:
+        """Waits until the bus is well, and what has happened belongs to the past."""
+        wait_for(lambda: self.daemon.ctl("check", check=False).returncode == 0, self.daemon)
+        time.sleep(2)
+
+
+def test_readings(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
+    daemon = start_daemon("troll", config=SETTINGS.format(folder=tmp_path / "x"))
+    readings = Readings(tmp_path / "x", daemon)
+    wait_for(readings.folder.is_dir, daemon)
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator:
+        readings.settle()
+        simulator.faults.break_link(5)
+        text = readings.with_a(rf"^{CLOCK}slave count changed: 8, now 5.*behind slave 4")
+        for line in (
+            rf"^{LATER}slaves 5 \(EL3008\), 6 \(EL6751\) and 7 \(EL6751\): no answer$",
+            rf"^{LATER}slaves 5 \(EL3008\), 6 \(EL6751\) and 7 \(EL6751\): left OP$",
+            rf"^{LATER}the working counter was wrong \(1 domain\)$",
+        ):
+            assert re.search(line, text, re.MULTILINE), text
+        simulator.faults.heal_link(5)
+        readings.settle()
+
+        simulator.faults.al_error(4, 0x001D)
+        text = readings.with_a(rf"^{CLOCK}slave 4 \(EL3008\): .*0x001D: .*output.*")
+        assert re.search(rf"^{LATER}slave 4 \(EL3008\): left OP", text, re.MULTILINE), text
+        daemon.ctl("state", "4", "OP", check=False)
+        readings.settle()
+
+        simulator.faults.drop(count=3)
+        text = readings.with_a(rf"^{CLOCK}1 frame did not come back \(1 domain\)$")
+        assert re.search(r"^  3 cycles later: the exchanges .* complete again$", text, re.MULTILINE)
+        readings.settle()
+
+    daemon.ctl("incident", "record", "the noise again")
+    text = readings.with_a(r"\(request\): .* has asked for an incident: the noise again\.$")
+    assert "Nothing went wrong here" in text or "missing" in text, text
+    readings.settle()
+
+    daemon.ctl("write", "3/0x7000:01=1", "--for", "0.1", "--yes")
+    text = readings.with_a(r"\(condition\)")
+    assert re.search(
+        rf"^{CLOCK}'\w+' \(pid \d+\) owns outputs of slave 3 .*\n{LATER}3/.* was 1, above 0.5$",
+        text,
+        re.MULTILINE,
+    ), text
+    readings.settle()
+
+    client = daemon.client()
+    output = client.signal("3/0x7010:01")
+    client.sample()
+    claim = client.claim([output], lease=50)
+    output.raw = 1
+    client.commit()  # and then the client hangs
+    assert claim
+    readings.with_a(rf"^{CLOCK}outputs of slave 3 \(EL2008\) are safe: .*pid \d+")
+    client.close()
