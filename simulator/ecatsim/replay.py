@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import bisect
 import csv
-import json
-import re
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -13,16 +11,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ecatd.base.addresses import parse_address
 from ecatd.base.errors import ConfigError, EcatError, StateError, UsageError
 from ecatd.base.incident_file import CYCLE, IncidentFile, NoIncidentError
+from ecatd.base.recording_file import Place, RecordingFile
 from ecatd.etg.datatypes import is_real, value_range
 from ecatd.etg.pdo import Entry
 
 from .rig import Rig
 from .slave.device import Device
 
-_TITLE = re.compile(r"(\d+)/.* \((0x[0-9A-Fa-f]+:[0-9A-Fa-f]+)\)")
 _TIME, _FIRST = 0, 2
 _UTC = "utc"
 """A column of the wall clock, which says nothing about inputs."""
@@ -106,18 +103,18 @@ class Replay:
         for column, title in enumerate(head[_FIRST:], _FIRST):
             if title == _UTC:
                 continue
-            match = _TITLE.fullmatch(title)
-            if match is None:
+            place = Place.of(title)
+            if place is None:
                 raise ConfigError(
                     f"{path}:1: '{title}' has no address: record with `ecatctl record --raw`"
                 )
-            slave, key = int(match[1]), parse_address(match[2])
+            slave, _, key = place
             if slave >= len(rig.devices):
                 raise ConfigError(
                     f"{path}:1: '{title}' is of slave {slave}, but rig {rig.name} has {rig.size}"
                 )
             device = rig.devices[slave]
-            if key is None or key[0] not in device.dictionary:
+            if key[0] not in device.dictionary:
                 raise ConfigError(f"{path}:1: slave {slave} ({device.order}) has no '{title}'")
             entries = (entry for pdo in device.tx_pdos for entry in pdo.entries)
             found = next((e for e in entries if key == (e.index, e.subindex)), None)
@@ -188,7 +185,7 @@ def _csv(path: Path) -> Iterator[Sequence[str]]:
 
 
 def _mcap(path: Path) -> Iterator[Sequence[Any]]:
-    make_reader = _library(path, "mcap.reader").make_reader
+    _library(path, "mcap.reader")
     try:
         incident = IncidentFile(path)
     except NoIncidentError:
@@ -196,16 +193,12 @@ def _mcap(path: Path) -> Iterator[Sequence[Any]]:
     else:
         yield from _incident(incident)
         return
-    names: list[str] | None = None
-    begin = 0
-    with path.open("rb") as file:
-        for _, _, message in make_reader(file).iter_messages():
-            content = json.loads(message.data)
-            if names is None:
-                names, begin = [*content["values"]], message.log_time
-                yield ["time_s", "cycle", *names]
-            cells = (content["values"][name] for name in names)
-            yield [1e-9 * (message.log_time - begin), content["cycle"], *cells]
+    begin: int | None = None
+    for time_ns, cycle, values in RecordingFile(path).cycles():
+        if begin is None:
+            begin, names = time_ns, [*values]
+            yield ["time_s", "cycle", *names]
+        yield [1e-9 * (time_ns - begin), cycle, *(values[name] for name in names)]
 
 
 def _incident(incident: IncidentFile) -> Iterator[Sequence[Any]]:
