@@ -313,5 +313,6 @@ async def _a_slave_without_power(app: Top, pilot: Pilot[Any], daemon: Daemon) ->
 
 async def _no_daemon(app: Top, pilot: Pilot[Any], daemon: Daemon) -> None:
     daemon.stop()
-    await _until(pilot, lambda: "NO CONNECTION" in _shown(app))
+    await _until(pilot, lambda: "NO CONNECTION, values are of" in _shown(app))
+    await _until(pilot, lambda: "is not running; start it with" in " ".join(_shown(app).split()))
     await _until(pilot, lambda: _state(app, "timing") == "unknown")

@@ -189,7 +189,7 @@ class Session:
         asked: deque[tuple[tuple[str, ...], Iterable[Any]]] = deque()
         ahead = 1
         while True:
-            for operation in islice(coming, ahead - len(asked)):
+            for operation in islice(coming, max(0, ahead - len(asked))):
                 asked.append(self._send(operation))
             if not asked:
                 return

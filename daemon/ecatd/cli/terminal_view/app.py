@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 from rich.text import Text
-from textual import on, work
+from textual import on
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.events import Event, Key, MouseDown
@@ -16,6 +16,7 @@ from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Footer, Input, Static, TabbedContent, TabPane
 
+from ecatd.base.daemon_threads import in_daemon_thread
 from ecatd.base.errors import EcatError
 from ecatd.base.sanitized_output import printable
 from ecatd.description.bus import Bus, Slave
@@ -357,12 +358,13 @@ class Top(App[None]):
             line.append(f"  at {self._connect}", "dim")
         if self._lost:
             old = f", values are of {_clock(self._look.at)}" if self._look else ""
-            line.append(f"  {MARKS['bad']} NO CONNECTION{old}: {self._lost}", "bold red")
+            line.append(f"  {MARKS['bad']} NO CONNECTION{old}", "bold red")
         elif self._look is None:
             line.append("  connecting…", "dim")
         else:
             line.append(f"  {_clock(time.time())}", "dim")
         self._main("#head").update(line)
+        self._moved()
         self._watch_hand()
 
     # --- lines of the lists -----------------------------------------------------------------------
@@ -499,7 +501,8 @@ class Top(App[None]):
     def _moved(self) -> None:
         if self._is_there and (active := self._main(TabbedContent).active):
             lines = self._main(f"#{active}").query_one(Lines)
-            text = self._said or lines.detail
+            lost = f"No connection: {self._lost}" if self._lost else ""
+            text = printable(self._said or lost or lines.detail)
             if text != self._detail:  # drawing it costs more than all else
                 self._detail = text
                 self._main("#detail").update(Text(text))
@@ -523,8 +526,10 @@ class Top(App[None]):
 
     # --- buses ------------------------------------------------------------------------------------
 
-    @work(thread=True, exclusive=True, group="buses")
     def _find_buses(self) -> None:
+        self.run_worker(in_daemon_thread(self._ask_buses), group="buses", exclusive=True)
+
+    def _ask_buses(self) -> None:
         try:
             self.feed.asking()  # so that what the user asks for later comes at once
             found = self.feed.buses()
@@ -582,9 +587,10 @@ class Top(App[None]):
             self._say(f"This output is a copy of {output['source']} (`[[outputs.copy]]`).")
             return
         self._say("Asking whether you may drive outputs…")
-        self._ask_output(event.key, self._bus.slaves[output["slave"]])
+        slave = self._bus.slaves[output["slave"]]
+        ask = in_daemon_thread(lambda: self._ask_output(event.key, slave))
+        self.run_worker(ask, group="outputs", exclusive=True)
 
-    @work(thread=True, exclusive=True, group="outputs")
     def _ask_output(self, name: str, slave: Slave) -> None:
         try:
             why_not = self.feed.asking().why_not("outputs", slave)

@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, ClassVar
 
 from rich.text import Text
-from textual import on, work
+from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
 from textual.widgets import Footer, Input, Static
 
 from ecatd.base.addresses import address_text
+from ecatd.base.daemon_threads import in_daemon_thread
 from ecatd.base.errors import EcatError, SdoAbortError
 from ecatd.base.sanitized_output import printable
 from ecatd.etg.dictionary import Access, DictionaryEntry, DictionaryObject, access_text
@@ -101,15 +102,18 @@ class Objects(Screen[None]):
     def on_mount(self) -> None:
         """Begins to read the dictionary."""
         self.set_focus(self._lines)
-        self._look()
+        self._beside(self._look)
 
     @property
     def _lines(self) -> ObjectLines:
         return self.query_one(ObjectLines)
 
+    def _beside(self, call: Callable[[], None]) -> None:
+        """Calls in a thread that does not delay the end, however slow a slave is."""
+        self.run_worker(in_daemon_thread(call))
+
     # --- what there is ----------------------------------------------------------------------------
 
-    @work(thread=True, group="list")
     def _look(self) -> None:
         try:
             remote = self._feed.asking()
@@ -260,7 +264,8 @@ class Objects(Screen[None]):
     def _chosen(self, event: Lines.Chosen) -> None:
         if event.key in self._places:
             self._say(f"Reading {event.key}…")
-            self._read([self._places[event.key]])
+            places = [self._places[event.key]]
+            self._beside(lambda: self._read(places))
         else:
             self.open(event.key, int(event.key, 16) not in self._open)
 
@@ -277,10 +282,8 @@ class Objects(Screen[None]):
             return
         if is_open:
             self._open.add(index)
-            self._read(
-                [(index, subindex) for subindex, e in found.entries.items() if e.access & 7],
-                is_whole=True,
-            )
+            places = [(index, subindex) for subindex, e in found.entries.items() if e.access & 7]
+            self._beside(lambda: self._read(places, is_whole=True))
         else:
             self._open.discard(index)
             self._lines.move_to(key[:6])
@@ -291,7 +294,6 @@ class Objects(Screen[None]):
         assert found is not None, "only described objects have places"
         return found.entries[place[1]]
 
-    @work(thread=True, group="values")
     def _read(self, places: list[Place], *, is_whole: bool = False) -> None:
         try:
             remote = self._feed.asking()
@@ -341,7 +343,7 @@ class Objects(Screen[None]):
                 self._say("Nothing was written.")
             else:
                 self._say(f"Writing {key}…")
-                self._write(place, value)
+                self._beside(lambda: self._write(place, value))
 
         now = self._values.get(place, "")
         known = "" if now.startswith("refused") else now.partition(" = ")[0].rpartition(" ")[2]
@@ -350,7 +352,6 @@ class Objects(Screen[None]):
         ask = Ask(f"New value of {what}", ", ".join(facts), known, "write it to the slave")
         self.app.push_screen(ask, write)
 
-    @work(thread=True, group="values")
     def _write(self, place: Place, value: str) -> None:
         where = self._slave.position, *place
         try:
