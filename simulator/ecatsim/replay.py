@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import bisect
-import re
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ecatd.base.addresses import parse_address
 from ecatd.base.errors import ConfigError, UsageError
 from ecatd.base.incident_file import CYCLE, IncidentFile
-from ecatd.base.recording_file import UTC, recorded_rows
+from ecatd.base.recording_file import UTC, Place, recorded_rows
 from ecatd.etg.datatypes import is_real, value_range
 from ecatd.etg.pdo import Entry
 
 from .rig import Rig
 from .slave.device import Device
 
-_TITLE = re.compile(r"(\d+)/.* \((0x[0-9A-Fa-f]+:[0-9A-Fa-f]+)\)")
 _TIME, _FIRST = 0, 2
 Value = int | float
 
@@ -102,18 +99,18 @@ class Replay:
         for column, title in enumerate(head[_FIRST:], _FIRST):
             if title == UTC:  # the wall clock says nothing about inputs
                 continue
-            match = _TITLE.fullmatch(title)
-            if match is None:
+            place = Place.of(title)
+            if place is None:
                 raise ConfigError(
                     f"{path}:1: '{title}' has no address: record with `ecatctl record --raw`"
                 )
-            slave, key = int(match[1]), parse_address(match[2])
+            slave, _, key = place
             if slave >= len(rig.devices):
                 raise ConfigError(
                     f"{path}:1: '{title}' is of slave {slave}, but rig {rig.name} has {rig.size}"
                 )
             device = rig.devices[slave]
-            if key is None or key[0] not in device.dictionary:
+            if key[0] not in device.dictionary:
                 raise ConfigError(f"{path}:1: slave {slave} ({device.order}) has no '{title}'")
             entries = (entry for pdo in device.tx_pdos for entry in pdo.entries)
             found = next((e for e in entries if key == (e.index, e.subindex)), None)

@@ -176,6 +176,11 @@ def test_a_user_without_rights_only_reads(site: Site) -> None:
     refused = site.ctl("bob", "sdo-write", "0", "0x6060", "0", "9")
     assert refused.returncode == 6
     names(one_line_error(refused.stderr, "ecatctl"), "'bob'", "'sdo'", "only read")
+    with site.as_user("bob") as bob, site.as_user("anna") as anna:
+        bus = bob.describe()
+        names(bob.why_not("sdo", bus.slaves[0]), "'bob'", "'sdo'", "gateway.user.write")
+        assert [anna.why_not("sdo", bus.slaves[n]) for n in (0, 1)] == ["", ""]
+        names(anna.why_not("sdo", bus.slaves[2]), "'anna'", "0, EK1100", "gateway.user.slaves")
     wait_for(lambda: "refused: user 'bob'" in site.daemon.log, site.daemon)
 
 

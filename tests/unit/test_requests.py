@@ -1,6 +1,6 @@
 """Requests from outside: right ones pass, wrong ones are refused by name."""
 
-from typing import Any
+from typing import Annotated, Any
 
 import msgpack
 import pytest
@@ -17,6 +17,7 @@ from ecatd.master.ethernet.traffic import EthernetTraffic
 from ecatd.operations.bus import ReadRights
 from ecatd.operations.catalog import OPERATIONS, parse
 from ecatd.operations.encoding import unpack
+from ecatd.operations.fields import Field, Printable, Verbatim
 from ecatd.operations.objects import SdoRead
 from ecatd.operations.operation import Operation, to_map
 from ecatd.operations.query import from_query, to_query
@@ -43,6 +44,12 @@ def test_requests_survive(request_: Any) -> None:
     key, parameters, payload = to_query(request_)
     assert from_query(key, parameters, payload or {}) == request_
     assert all(part and not set(part) & set("/*$?#") for part in key)
+
+
+def test_a_rule_is_not_another_one_with_the_same_number() -> None:
+    assert Printable(10) != Verbatim(10)
+    fields = [Field.of(Annotated[str, rule(10)] | None) for rule in (Printable, Verbatim)]
+    assert [field.rule for field in fields] == [Printable(10), Verbatim(10)]
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,11 @@ _SCREENS = {
     "screen-slaves": ("ecatctl slaves", "ecatctl graph", "ecatctl check"),
 }
 """What a picture shows, by its name."""
-_VIEWS = {"screen-top": ("1",), "screen-top-signals": ("2", "/", *"value", "enter")}
+_VIEWS = {
+    "screen-top": ("1",),
+    "screen-top-signals": ("2", "/", *"value", "enter"),
+    "screen-top-objects": ("1", "enter", *("down",) * 5, "enter"),
+}
 """Keys that bring `ecatctl top` to what a picture shows."""
 _SIZE = (112, 24)
 _WITHOUT_POWER = 5
@@ -92,9 +96,11 @@ async def _draw_top(file: Path, keys: tuple[str, ...], daemon: int) -> None:
     with Simulator(simulator) as segment:
         segment.faults.drift(*_DRIFTS)
         async with app.run_test(size=_SIZE) as pilot:
-            await pilot.press(*keys)
+            for key in keys:
+                await pilot.press(key)
+                await pilot.pause(2 if key == "enter" else 0.1)  # so that objects are there
             await pilot.pause(10)  # so that the signals have a course
-            if "2" not in keys:  # values of slaves that take no part are not shown
+            if keys == ("1",):  # values of slaves that take no part are not shown
                 segment.faults.power_off(_WITHOUT_POWER)
                 await pilot.pause(3)
             _save(file, app.export_screenshot(title="ecatctl top"))

@@ -22,10 +22,17 @@ class Batch(Generic[T]):
     Args:
         tell: Gets the last ones, and how many before them were left out.
         most: How many it keeps.
+        longest: Seconds of the longest interval.
     """
 
-    def __init__(self, tell: Callable[[list[T], int], None], most: int = _GATHERED_MAX) -> None:
+    def __init__(
+        self,
+        tell: Callable[[list[T], int], None],
+        most: int = _GATHERED_MAX,
+        longest: float = _LONGEST_PAUSE,
+    ) -> None:
         self._tell = tell
+        self._longest = longest
         self._events: deque[T] = deque(maxlen=most)
         self._left_out = 0
         self._timer: asyncio.TimerHandle | None = None
@@ -50,7 +57,7 @@ class Batch(Generic[T]):
     def _pass_on(self, now: float) -> None:
         self._timer = None
         quiet = now - self._next > 2 * self._pause
-        self._pause = _PAUSE if quiet else min(2 * self._pause, _LONGEST_PAUSE)
+        self._pause = _PAUSE if quiet else min(2 * self._pause, self._longest)
         self._next = now + self._pause
         self._flush()
 

@@ -1,22 +1,95 @@
-"""Reads files of `ecatctl record`: CSV, MCAP and Parquet. `ecatd.cli.recordings` writes them."""
+"""Reads files of `ecatctl record`: CSV, MCAP and Parquet. `ecatd.cli.recordings` writes them.
+
+Files of the flight recorder are others: see `incident_file.py`.
+"""
 
 from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC as _ZONE
 from datetime import datetime
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from .addresses import parse_address
 from .errors import ConfigError, EcatError, StateError
 
 TIME, NUMBER, UTC = "time_s", "cycle", "utc"
 """The first two columns, and the last one: when the values came, by the clock of the PC."""
 EXTRAS = {"mcap": "record", "pyarrow": "parquet"}
 """The packages that files of some formats need, and the extra of ecatd that brings each."""
+SCHEMA = "ecatd.cycle"
+"""Name of the schema of the messages."""
+_TITLE = re.compile(r"(\d+)/(.*) \((0x[0-9A-Fa-f]+:[0-9A-Fa-f]+)\)")
+
+
+class Place(NamedTuple):
+    """Where the values of a column come from."""
+
+    slave: int  #: Position of the slave.
+    label: str  #: Name of the entry.
+    address: tuple[int, int]  #: Index and subindex.
+
+    @classmethod
+    def of(cls, column: str) -> Place | None:
+        """That of a column such as `4/Value (0x6000:11)`, in any format; None: it names none."""
+        match = _TITLE.fullmatch(column)
+        address = parse_address(match[3]) if match else None
+        return cls(int(match[1]), match[2], address) if match and address else None
+
+
+class RecordingFile:
+    """A recording in MCAP: a message in JSON for each cycle. Only what is asked for is read.
+
+    Args:
+        path: The file.
+
+    Raises:
+        ImportError: The package `mcap` is missing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._make_reader: Any = import_module("mcap.reader").make_reader
+
+    def cycles(self) -> Iterator[tuple[int, int, Mapping[str, Any]]]:
+        """Unix time in ns, number of the cycle, and values by column; None for a missing one.
+
+        Raises:
+            OSError: The file cannot be read.
+            ValueError: It is no MCAP file, is damaged, or holds something else.
+        """
+        with self._path.open("rb") as file:
+            messages = self._make_reader(file).iter_messages()
+            while True:
+                try:
+                    schema, _, message = next(messages)
+                    if schema is None or schema.name != SCHEMA:
+                        continue
+                    content = json.loads(message.data)
+                    found = message.log_time, content["cycle"], dict(content["values"])
+                except StopIteration:
+                    return
+                except OSError:
+                    raise
+                except Exception as error:  # the library raises many kinds of errors
+                    raise ValueError(f"{error!r}") from error
+                yield found
+
+    def units(self) -> dict[str, str]:
+        """The units by column, from the schema of the file; they may be missing."""
+        found: dict[str, str] = {}
+        with self._path.open("rb") as file, suppress(Exception):  # of many kinds, by the library
+            for schema in self._make_reader(file).get_summary().schemas.values():
+                if schema.name == SCHEMA:
+                    values = json.loads(schema.data)["properties"]["values"]["properties"]
+                    found |= {name: str(it.get("description", "")) for name, it in values.items()}
+        return found
 
 
 def column_title(name: str, unit: str) -> str:
@@ -50,25 +123,16 @@ def _csv(path: Path) -> Iterator[Sequence[str]]:
 
 
 def _mcap(path: Path) -> Iterator[Sequence[Any]]:
-    make_reader = _library(path, "mcap.reader").make_reader
+    _library(path, "mcap.reader")
+    file = RecordingFile(path)
     names: list[str] | None = None
     begin = 0
-    with path.open("rb") as file:
-        for schema, _, message in make_reader(file).iter_messages():
-            content = json.loads(message.data)
-            if names is None:
-                names, begin = [*content["values"]], message.log_time
-                units = _units(json.loads(schema.data))
-                titles = (column_title(name, units.get(name, "")) for name in names)
-                yield [TIME, NUMBER, *titles, UTC]
-            cells = (content["values"][name] for name in names)
-            moment = datetime.fromtimestamp(message.log_time / 1e9, _ZONE)
-            yield [1e-9 * (message.log_time - begin), content["cycle"], *cells, moment]
-
-
-def _units(schema: dict[str, Any]) -> dict[str, str]:
-    found = schema["properties"]["values"]["properties"]
-    return {name: item["description"] for name, item in found.items()}
+    for time_ns, number, values in file.cycles():
+        if names is None:
+            names, begin, units = [*values], time_ns, file.units()
+            yield [TIME, NUMBER, *(column_title(name, units.get(name, "")) for name in names), UTC]
+        moment = datetime.fromtimestamp(time_ns / 1e9, _ZONE)
+        yield [1e-9 * (time_ns - begin), number, *(values[name] for name in names), moment]
 
 
 def _parquet(path: Path) -> Iterator[Sequence[Any]]:

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from ecatd.base.errors import SdoAbortError, UsageError
+from ecatd.base.errors import EcatError, SdoAbortError, UsageError
 from ecatd.etg.datatypes import STRINGS, bit_length, decode, type_alias, type_name
 from ecatd.etg.dictionary import (
     Access,
@@ -80,7 +80,13 @@ def read_objects(
     if index is not None:
         return [remote.describe_object(found.position, index)]
     indices = sorted(remote.request(ListObjects(found.position))["objects"])
-    return [remote.describe_object(found.position, item) for item in counted(indices, "objects")]
+    described = []
+    coming = remote.describe_objects(found.position, indices)
+    for _, item in zip(counted(indices, "objects"), coming, strict=True):
+        if isinstance(item, EcatError):
+            raise item
+        described.append(item)
+    return described
 
 
 def _from_esi(found: Slave, source: str) -> list[DictionaryObject]:
@@ -172,9 +178,9 @@ def _rows(
                 "bits": entry.bit_length,
                 "access": access_text(entry.access),
                 "pdo": mapping_text(entry.access),
-                "default": _described_value(entry, entry.default),
-                "minimum": _described_value(entry, entry.minimum),
-                "maximum": _described_value(entry, entry.maximum),
+                "default": described_value(entry, entry.default),
+                "minimum": described_value(entry, entry.minimum),
+                "maximum": described_value(entry, entry.maximum),
             }
             if values and entry.access & Access.READ:
                 row |= _value(remote, position, item.index, subindex, entry)
@@ -182,7 +188,7 @@ def _rows(
         yield {"index": item.index, "name": item.name, "entries": entries}
 
 
-def _described_value(entry: DictionaryEntry, data: bytes | None) -> int | float | bool | str | None:
+def described_value(entry: DictionaryEntry, data: bytes | None) -> int | float | bool | str | None:
     """A default or limit, which a slave sends in the size of the entry; None: it sends none."""
     if data is None:
         return None

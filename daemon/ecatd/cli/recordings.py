@@ -19,7 +19,7 @@ from importlib import import_module
 from typing import Any, NamedTuple, Protocol
 
 from ecatd.base.errors import StateError, UsageError
-from ecatd.base.recording_file import EXTRAS, NUMBER, TIME, UTC, column_title
+from ecatd.base.recording_file import EXTRAS, NUMBER, SCHEMA, TIME, UTC, column_title
 from ecatd.base.version import VERSION
 
 Cell = float | int | None
@@ -205,7 +205,7 @@ class _Mcap:
         self._room.keep(self._end)
         writer: Any = import_module("mcap.writer").Writer(self._room.buffer)
         writer.start(library=f"ecatctl {VERSION}")
-        number = writer.register_schema(name="ecatd.cycle", encoding="jsonschema", data=schema)
+        number = writer.register_schema(name=SCHEMA, encoding="jsonschema", data=schema)
         self._channel = writer.register_channel(
             topic=f"/{bus}", message_encoding="json", schema_id=number
         )

@@ -140,13 +140,19 @@ def _document(remote: Remote, options: argparse.Namespace, found: SdoValue) -> d
     }
 
 
-def _data(remote: Remote, options: argparse.Namespace, chosen: DataType | None) -> bytes | str:
-    """What to write: bytes, or a text that the daemon converts to bytes.
+def to_write(
+    remote: Remote,
+    slave: int | str,
+    index: int,
+    subindex: int,
+    text: str,
+    chosen: DataType | None = None,
+) -> bytes | str:
+    """What a typed value stands for: bytes, or a text that the daemon converts to bytes.
 
     Raises:
         UsageError: The value is malformed, a file cannot be read, or a unit does not fit.
     """
-    text: str = options.value
     if (data := hex_bytes(text)) is not None:
         return data
     if text.startswith("@"):
@@ -156,24 +162,21 @@ def _data(remote: Remote, options: argparse.Namespace, chosen: DataType | None) 
     if chosen is not None:
         return encode(chosen, text)
     match = _WITH_UNIT.fullmatch(text)
-    return text if match is None else _raw(remote, options, float(match[1]), match[2])
-
-
-def _raw(remote: Remote, options: argparse.Namespace, value: float, unit: str) -> str:
-    """Converts a physical value to the raw one; returns the text itself if the object is a text."""
+    if match is None:
+        return text
+    known = remote.sdo_read(slave, index, subindex)
+    if known.data_type in STRINGS:
+        return text
     from ecatd.description.physical import nearest_raw
     from ecatd.etg.pdo import Entry  # loading it takes longer than the rest of the command
 
-    known = remote.sdo_read(options.slave, options.index, options.subindex)
-    if known.data_type in STRINGS:
-        return str(options.value)
     entry = Entry(
-        *(options.index, options.subindex, known.name, known.data_type, 8 * len(known.data)),
+        *(index, subindex, known.name, known.data_type, 8 * len(known.data)),
         unit=known.unit,
         scale=known.scale,
         offset=known.offset,
     )
-    return str(nearest_raw(entry, value, unit))
+    return str(nearest_raw(entry, float(match[1]), match[2]))
 
 
 def sdo_write(remote: Remote, options: argparse.Namespace) -> None:
@@ -188,10 +191,9 @@ def sdo_write(remote: Remote, options: argparse.Namespace) -> None:
             f"{address_text(options.index, 0)}"
         )
     options.subindex = subindex
-    data = _data(remote, options, chosen)
-    written = remote.sdo_write(
-        options.slave, options.index, options.subindex, data, complete=options.complete
-    )
+    place = options.slave, options.index, subindex
+    data = to_write(remote, *place, options.value, chosen)
+    written = remote.sdo_write(*place, data, complete=options.complete)
     if chosen is not None:
         written = written._replace(data_type=chosen)
     if options.json:

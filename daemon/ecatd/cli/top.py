@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 
 from ecatd.base.errors import StateError, UsageError
@@ -41,5 +42,7 @@ def top(options: argparse.Namespace) -> None:
         pass  # what is wrong with bus or address is said as by all commands
     app = Top(options.bus, options.connect, options.timeout)
     app.run()
-    if app.failure:
-        raise app.failure
+    for stream in streams:
+        stream.flush()
+    # Threads may wait for Zenoh, and the end of Python within a call of it would be an abort.
+    os._exit(app.return_code or 0)

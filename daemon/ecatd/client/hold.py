@@ -48,6 +48,20 @@ class Hold:
         self._next = time.monotonic() + _RENEW_S
         self._session.request(self._renewal)
 
+    def change(self, values: Mapping[str, str | float | None]) -> None:
+        """Holds other values, and perhaps other outputs.
+
+        Args:
+            values: All outputs that are held from now on; None keeps a value.
+
+        Raises:
+            EcatError: As when it begins; then nothing has changed.
+            LeaseError: The outputs were lost, and have their safe values.
+        """
+        self._session.request(HoldOutputs(self._writer, dict(values)))
+        self._renewal = HoldOutputs(self._writer, dict.fromkeys(values))
+        self._next = time.monotonic() + _RENEW_S
+
     def release(self) -> None:
         """Gives the outputs back; they take their safe values."""
         self._session.request(ReleaseOutputs(self._writer))

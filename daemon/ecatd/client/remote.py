@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from ecatd.base.errors import NotPermittedError
+from ecatd.base.errors import EcatError, NotPermittedError
 
 from .arguments import octets, real
-from .session import Session
+from .session import HOW_TO_CHANGE, Session
 
 # What only some requests need is loaded by them: most commands are one request, and short.
 if TYPE_CHECKING:
     from ecatd.config import Config
-    from ecatd.description.bus import Bus
+    from ecatd.description.bus import Bus, Slave
     from ecatd.description.cables import LinkVerdict
     from ecatd.etg.dictionary import DictionaryObject
     from ecatd.etg.idns import IdnValue
@@ -83,6 +83,31 @@ class Remote(Session):
         from ecatd.operations.bus import ReadRights
 
         return self.request(ReadRights(self.user))
+
+    def why_not(self, right: str, slave: Slave) -> str:
+        """Why the user of this session may not use a right for a slave; empty if this is allowed.
+
+        Args:
+            right: As `gateway.user.write` names it.
+            slave: The slave.
+        """
+        if self.is_local:
+            return ""
+        if not self.user:
+            return f"this connection only reads: {HOW_TO_CHANGE}"
+        found = self.rights()
+        if right not in found["write"]:
+            return (
+                f"user '{self.user}' has no right '{right}' (gateway.user.write in the "
+                "configuration of the daemon)"
+            )
+        names = {slave.position, slave.given_name, slave.name} - {""}
+        if found["slaves"] and names.isdisjoint(found["slaves"]):
+            return (
+                f"user '{self.user}' may change only slaves {', '.join(map(str, found['slaves']))} "
+                "(gateway.user.slaves in the configuration of the daemon)"
+            )
+        return ""
 
     def describe(self) -> Bus:
         """The bus description."""
@@ -195,6 +220,24 @@ class Remote(Session):
         from ecatd.operations.objects import DescribeObject
 
         return DictionaryObject.from_map(self.request(DescribeObject(slave, index)))
+
+    def describe_objects(
+        self, slave: int | str, indices: Iterable[int]
+    ) -> Iterator[DictionaryObject | EcatError]:
+        """What many objects of a slave are, in order; or why one is not described.
+
+        Args:
+            slave: Position or name.
+            indices: Of the objects, taken from there when they are asked for.
+        """
+        from ecatd.etg.dictionary import DictionaryObject
+        from ecatd.operations.objects import DescribeObject
+
+        for answer in self.request_all(DescribeObject(slave, index) for index in indices):
+            if isinstance(answer, EcatError):
+                yield answer
+            else:
+                yield DictionaryObject.from_map(answer)
 
     def read_idn(self, slave: int | str, idn: int, drive: int = 0) -> IdnValue:
         """Reads an IDN of a drive (SoE), given as `ecatd.etg.idns.parse_idn` makes it.

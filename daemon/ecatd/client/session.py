@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import time
+from collections import deque
+from collections.abc import Iterable, Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -34,7 +37,13 @@ from .why_no_connection import why_no_connection
 
 _GATEWAY_PATIENCE, _GATEWAY_PAUSE = 5.0, 0.05
 """Seconds for which a gateway is waited for that starts while the bus runs, and between tries."""
+_AHEAD_MAX = 8
+"""Operations of which the answers are awaited at a time, if there are many."""
 _JOIN = f"{JOIN}; to read only, add '--connect {LOOPBACK}', where ecatd listens by default"
+HOW_TO_CHANGE = (
+    "changes and frames are permitted on its own machine to members of the group 'ecat', and to "
+    "users with a certificate (`ecatctl remote`)"
+)
 
 A = TypeVar("A")
 
@@ -81,6 +90,7 @@ class Session:
         bus: Name of the bus, as given.
         full_name: Its name in keys: HOST/BUS if the daemon has a `gateway.host`.
         timeout: Seconds to wait for an answer.
+        is_local: Whether it uses the Unix socket of a daemon of this machine.
         zenoh: The session of Zenoh.
     """
 
@@ -101,7 +111,7 @@ class Session:
         self.timeout = seconds("timeout", timeout)
         endpoint = Endpoint.of(connect or f"{LOCAL}/")
         self._identity = find_identity(identity) if endpoint.is_encrypted else None
-        self._is_local = endpoint.protocol == LOCAL
+        self.is_local = endpoint.protocol == LOCAL
         self._connect = connect
         zenoh.init_log_from_env_or("off")
         self.zenoh = self._opened()
@@ -163,6 +173,38 @@ class Session:
         Raises:
             EcatError: The error that the daemon replied, as its own class.
         """
+        found: A = self._answer(*self._send(operation))
+        return found
+
+    def request_all(self, operations: Iterable[Operation[A]]) -> Iterator[A | EcatError]:
+        """Has the daemon carry out many operations that take little time; the answers in order.
+
+        While answers come soon, some operations are asked for ahead, so that the way to the daemon
+        and back is not waited for each time.
+
+        Args:
+            operations: Which are taken from there when they are asked for.
+        """
+        coming = iter(operations)
+        asked: deque[tuple[tuple[str, ...], Iterable[Any]]] = deque()
+        ahead = 1
+        while True:
+            for operation in islice(coming, max(0, ahead - len(asked))):
+                asked.append(self._send(operation))
+            if not asked:
+                return
+            begin = time.monotonic()
+            answer: A | EcatError
+            try:
+                answer = self._answer(*asked.popleft())
+            except EcatError as error:
+                answer = error
+            soon = time.monotonic() - begin < self.timeout / (4 * _AHEAD_MAX)
+            ahead = min(2 * ahead, _AHEAD_MAX) if soon else 1
+            yield answer
+
+    def _send(self, operation: Operation[Any]) -> tuple[tuple[str, ...], Iterable[Any]]:
+        """Asks; returns the key, and where the replies come."""
         if getattr(operation, "by", None) == "":
             operation = on_behalf(operation, who())
         key, parameters, payload = to_query(operation)
@@ -173,9 +215,12 @@ class Session:
         selector = bus_key(self.full_name, *key) + (f"?{parameters}" if parameters else "")
         data = pack(payload) if payload is not None else None
         try:
-            replies = self.zenoh.get(selector, payload=data, timeout=self.timeout)
+            return key, self.zenoh.get(selector, payload=data, timeout=self.timeout)
         except zenoh.ZError as error:  # it was closed meanwhile, by another thread
             raise UnreachableError(f"the connection to the daemon has ended: {error}") from error
+
+    def _answer(self, key: tuple[str, ...], replies: Iterable[Any]) -> Any:
+        """Waits for the answer."""
         for reply in replies:
             sample = reply.ok if reply.ok is not None else reply.err
             if sample is None:
@@ -186,8 +231,7 @@ class Session:
                 break  # an error reply of Zenoh itself: nobody answered
             if "error" in answer:
                 raise EcatError.from_reply(answer["error"])
-            found: A = answer
-            return found
+            return answer
         raise self._silence(key)
 
     def ask_all(self, *what: str) -> list[dict[str, dict[str, Any]]]:
@@ -216,14 +260,14 @@ class Session:
 
     def _silence(self, key: tuple[str, ...]) -> EcatError:
         """Why no answer came: a change that is asked for from the network gets none at all."""
-        if self._connect and not self.zenoh.info.transports():
+        if self._connect and not self.is_connected:
             return UnreachableError(
                 f"the connection to {self._connect} has ended, or was never made: ecatd there has "
                 "ended, or its machine cannot be reached now" + self._doubt(key)
             )
         buses = self.alive()
         alive = self.full_name in buses
-        if buses and not alive and not self._is_local:
+        if buses and not alive and not self.is_local:
             return UnreachableError(
                 f"bus '{self.bus}' is not running there, or its machine cannot be reached now; "
                 f"running: {', '.join(buses)}; choose one with --bus"
@@ -234,7 +278,7 @@ class Session:
                 "does not name this user in [[gateway.user]], or it serves another bus. Or its "
                 "machine cannot be reached now, or its gateway is just starting"
             )
-        if not alive and self._is_local:
+        if not alive and self.is_local:
             return _why_no_daemon(self.bus)
         if not alive:
             start = how_to_start(self.bus.rpartition("/")[2])
@@ -247,15 +291,17 @@ class Session:
                 f"of its configuration), or the certificate in {self._identity.path} has another "
                 "name"
             )
-        if key[0] == "rw" and not self._is_local:
-            return NotPermittedError(
-                f"{silent}: changes and frames are permitted on its own machine to members of the "
-                f"group 'ecat', and to users with a certificate (`ecatctl remote`)"
-            )
+        if key[0] == "rw" and not self.is_local:
+            return NotPermittedError(f"{silent}: {HOW_TO_CHANGE}")
         return NoAnswerError(
             f"{silent} within {Timeout(self.timeout, '--timeout')}: a slave or the bus server is "
             f"busy or hangs" + self._doubt(key)
         )
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is a connection now."""
+        return bool(self.zenoh.info.transports())
 
     @property
     def _is_known(self) -> bool:

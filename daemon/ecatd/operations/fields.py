@@ -7,6 +7,7 @@ comes from: a key, parameters, a payload, the shared memory, a program.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import UnionType
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
@@ -22,12 +23,12 @@ TRANSFER_MAX = 1 << 53
 COUNT_MAX = 1 << 62
 """Highest number of what is counted."""
 
-
 _SPECIAL = frozenset("/*$#?%")
 """What has a meaning in keys."""
 
 
-class Limits(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Limits:
     """The least and the greatest value of a number."""
 
     least: int  #: The least one.
@@ -43,7 +44,8 @@ class Limits(NamedTuple):
             )
 
 
-class Printable(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Printable:
     """A text without control characters."""
 
     most: int  #: Its most characters.
@@ -54,7 +56,8 @@ class Printable(NamedTuple):
             raise UsageError(f"{where} must be up to {self.most} printable characters")
 
 
-class Verbatim(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Verbatim:
     """A text that stands in a key as it is, since Zenoh's access control compares it."""
 
     most: int  #: Its most characters.
@@ -83,14 +86,12 @@ ClientName = Annotated[str, Printable(BY_MAX)]
 """The name that the client of a change gives itself, for the log; its daemon adds who it is."""
 UserName = Annotated[str, Verbatim(64)]
 """The common name of a certificate, as in `as/NAME/…`."""
-
-
 WriterName = Annotated[str, Printable(60)]
-"""What a writer of outputs calls itself. The number differs from that of `UserName`: `typing` takes
-equal tuples for the same annotation."""
+"""What a writer of outputs calls itself."""
 
 
-class ValuesOfOutputs(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class ValuesOfOutputs:
     """Values by names of outputs."""
 
     most: int  #: Most outputs.

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ecatd.base.addresses import address_text, parse_address
+from ecatd.base.addresses import address_text
 from ecatd.base.errors import EcatError, UsageError
+from ecatd.base.recording_file import Place, RecordingFile
 
 from .hub import Hub
-
-_TITLE = re.compile(r"(\d+)/(.*) \((0x[0-9A-Fa-f]+:[0-9A-Fa-f]+)\)")
-_SCHEMA = "ecatd.cycle"
 
 
 class Recording:
@@ -33,11 +27,11 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._reader: Any = import_module("mcap.reader").make_reader
+        self._file = RecordingFile(path)
         first = next(self.cycles(), None)
         if first is None:
             raise UsageError(f"{path}: there are no values of `ecatctl record` in it")
-        units = self._units()
+        units = self._file.units()
         found: dict[str, Mapping[str, Any]] = {}
         self.columns: dict[str, str] = {}
         for column in first[2]:
@@ -50,44 +44,27 @@ class Recording:
     def cycles(self) -> Iterator[tuple[int, int, Mapping[str, Any]]]:
         """See `Contents`."""
         try:
-            with self._path.open("rb") as file:
-                for schema, _, message in self._reader(file).iter_messages():
-                    if schema is not None and schema.name == _SCHEMA:
-                        content = json.loads(message.data)
-                        values = dict(content["values"])
-                        yield message.log_time, content["cycle"], values
+            yield from self._file.cycles()
         except OSError as error:
             raise UsageError(f"cannot read '{self._path}': {error.strerror}") from error
-        except EcatError:
-            raise
-        except Exception as error:  # the library raises many kinds of errors
+        except ValueError as error:
             raise UsageError(
-                f"{self._path}: this is not a whole recording of `ecatctl record`: {error!r}"
+                f"{self._path}: this is not a whole recording of `ecatctl record`: {error}"
             ) from error
 
     def tell(self, hub: Hub) -> None:
         """See `Contents`: there is nothing else."""
 
-    def _units(self) -> dict[str, str]:
-        """The units, from the schema of the file; they may be missing."""
-        found: dict[str, str] = {}
-        with self._path.open("rb") as file, suppress(Exception):  # of many kinds, by the library
-            for schema in self._reader(file).get_summary().schemas.values():
-                if schema.name == _SCHEMA:
-                    values = json.loads(schema.data)["properties"]["values"]["properties"]
-                    found |= {name: str(it.get("description", "")) for name, it in values.items()}
-        return found
-
 
 def _describe(column: str, unit: str) -> dict[str, Any]:
-    match = _TITLE.fullmatch(column)
-    address = parse_address(match[3]) if match else None
+    place = Place.of(column)
     slave, _, entry = column.partition("/")
+    address = address_text(*place.address) if place else entry
     return {
-        "name": f"{match[1]}/{address_text(*address)}" if match and address else column,
-        "label": f"{match[1]}/{match[2]}" if match else column,
+        "name": f"{place.slave}/{address}" if place else column,
+        "label": f"{place.slave}/{place.label}" if place else column,
         "slave": int(slave) if slave.isdigit() else -1,
-        "address": address_text(*address) if address else entry,
+        "address": address,
         "output": False,
         "type": "float64",
         "bits": 64,

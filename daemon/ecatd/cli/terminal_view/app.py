@@ -1,52 +1,86 @@
-"""The application: puts what the feed says into lamps, tables and lists."""
+"""The application: puts what the feed says into lamps and lists."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 from rich.text import Text
-from textual import on, work
+from textual import on
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
+from textual.events import Event, Key, MouseDown
 from textual.message import Message
 from textual.screen import ModalScreen
-from textual.widgets import DataTable, Footer, Input, Static, TabbedContent, TabPane
+from textual.widgets import Footer, Input, Static, TabbedContent, TabPane
 
+from ecatd.base.daemon_threads import in_daemon_thread
 from ecatd.base.errors import EcatError
 from ecatd.base.sanitized_output import printable
-from ecatd.description.bus import Bus
+from ecatd.description.bus import Bus, Slave
 from ecatd.operations.health import row_label
 from ecatd.view.lamps import Lamps, owner_name
 
+from .ask import Ask
+from .by_hand import ByHand
 from .feed import Feed, Look, Lost, Opened, Row, Told
+from .filter_line import FilterLine
+from .glyphs import MARKS, STYLES
 from .lamp_line import LampLine
+from .lines import Column, Line, Lines
 from .objects import Objects
-from .signals import Signals
+from .signals import Meaning, Signals
 
 _EVENTS = 500
 """Events that are kept."""
-_TABS = ("slaves", "signals", "events", "outputs", "buses")
+_ALONE_S = 60.0
+"""Seconds without a key or a click after which outputs held by hand are released: a terminal cannot
+see whether somebody is there, and a broken connection of ssh can look alive for long."""
+_TABS = ("slaves", "signals", "events", "outputs", "owners", "buses")
 _PANEL_TABS = {"topology": "slaves", "timing": "signals", "outputs": "outputs", "events": "events"}
 _SEVERE = {"error": "bold red", "warning": "yellow", "notice": "", "info": "dim"}
+_STATE_OF_CABLE = {"bad": "bad", "strained": "warning"}
 
-_HELP = """\
-1 … 5      slaves, signals, events, outputs, buses
-← →        the tab beside (in the line of tabs)
+_HELP = f"""\
+1 … 6      slaves, signals, events, outputs, owners, buses
+← →        the tab beside
 ↑ ↓        move; Page Up, Page Down, Home, End too
 Enter      slaves: objects of the slave
            buses: show this bus
+e          outputs: drive one by hand; x releases all
 l  L       the next lamp, the lamp before; v shows why
 /          filter by name; Esc ends it
 t          colours for a dark or a light terminal
 q          quit
 
-Marks: ● good   ▲ warning   ■ bad   ? unknown
-The mouse works too: click lamps, tabs, rows.
+Marks: {"   ".join(f"{mark} {state}" for state, mark in MARKS.items())}
+The mouse works too: click lamps, tabs and lines; a click on
+the line under the cursor opens it.
 
 Esc closes this help."""
+
+
+class SlaveLines(Lines):
+    """The slaves."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "choose", "Objects")]
+
+
+class OutputLines(Lines):
+    """The outputs."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("e,enter", "choose", "By hand…", key_display="e"),
+        Binding("x", "app.release", "Release"),
+    ]
+
+
+class BusLines(Lines):
+    """The buses."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "choose", "Show")]
 
 
 class Help(ModalScreen[None]):
@@ -66,9 +100,6 @@ class Top(App[None]):
         bus: Name of the bus.
         connect: Zenoh endpoint, or None for this machine.
         timeout: Seconds to wait for an answer.
-
-    Attributes:
-        failure: Why it has ended, if the user has not ended it.
     """
 
     class Came(Message):
@@ -79,31 +110,54 @@ class Top(App[None]):
             self.feed = feed
             self.told = told
 
+    class HeldNow(Message):
+        """What the user holds by hand from now on, and a sentence about it."""
+
+        def __init__(self, by_hand: ByHand, held: Mapping[str, str], text: str) -> None:
+            super().__init__()
+            self.by_hand = by_hand
+            self.held = held
+            self.text = text
+
     ENABLE_COMMAND_PALETTE = False
     CSS = """
-    #head { height: 1; }
+    #head, #held { height: 1; }
+    #held { display: none; text-style: bold reverse; color: ansi_yellow; }
     LampLine { height: auto; max-height: 5; min-height: 2; }
-    #filter { height: 1; border: none; padding: 0; display: none; }
-    #message { height: auto; max-height: 4; }
+    FilterLine { height: 1; display: none; padding: 0 1; }
+    FilterLine Label { text-style: bold; }
+    FilterLine Input { width: 1fr; height: 1; border: none; padding: 0; }
+    #detail { height: auto; min-height: 2; max-height: 5; color: ansi_cyan; padding: 0 1; }
+    #message { height: auto; max-height: 4; padding: 0 1; }
     TabbedContent { height: 1fr; }
+    Tabs, Tabs:focus { height: 1; }
+    Tabs Underline { display: none; }
+    Tab { padding: 0 1; }
+    Tab.-active, Tabs:focus Tab.-active { text-style: bold reverse; }
     TabPane { padding: 0; }
-    DataTable { height: 1fr; scrollbar-size-vertical: 1; scrollbar-size-horizontal: 0; }
-    Signals { height: 1fr; scrollbar-size-vertical: 1; }
+    Lines { height: 1fr; scrollbar-size-vertical: 1; overflow-x: hidden; }
     Footer { height: 1; }
     ModalScreen { align: center middle; }
-    #box { width: auto; max-width: 78; height: auto; border: round ansi_blue; padding: 0 1; }
+    #box { width: auto; max-width: 76; height: auto; border: round ansi_blue; padding: 0 1; }
     Ask #box { width: 72; }
-    Ask Input { border: none; height: 1; margin: 1 0; }
+    Ask Label { width: 100%; }
+    #what { text-style: bold; }
+    #facts { color: ansi_cyan; }
+    .sure { text-style: bold; color: ansi_yellow; }
+    Ask Input { border: round ansi_cyan; height: 3; padding: 0 1; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("question_mark", "help", "Help", key_display="?"),
-        Binding("slash", "filter", "Filter", key_display="/"),
+        # With priority, so that what is typed right after it goes into the line.
+        Binding("slash", "filter", "Filter", key_display="/", priority=True),
         Binding("l", "lamp(1)", "Lamp"),
         Binding("L", "lamp(-1)", "Lamp before", show=False),
         Binding("v", "evidence", "Why"),
         Binding("t", "colours", "Colours"),
         Binding("q", "quit", "Quit"),
         Binding("escape", "leave_filter", show=False),
+        Binding("left", "beside(-1)", show=False),
+        Binding("right", "beside(1)", show=False),
         *(
             Binding(str(number), f"tab('{name}')", show=False)
             for number, name in enumerate(_TABS, 1)
@@ -112,7 +166,6 @@ class Top(App[None]):
 
     def __init__(self, bus: str, connect: str | None, timeout: float) -> None:
         super().__init__(ansi_color=True)
-        self.failure: EcatError | None = None
         self.theme = "ansi-dark"
         self._bus_name = bus
         self._connect = connect
@@ -121,69 +174,107 @@ class Top(App[None]):
         self._bus: Bus | None = None
         self._look: Look | None = None
         self._lost = ""
-        self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
-        self._filter = ""
-        self._labels: dict[tuple[int, str], str] = {}  # names of entries for people
+        self._events: deque[tuple[int, dict[str, Any]]] = deque(maxlen=_EVENTS)
+        self._counted = 0  # events
+        self._meanings: dict[tuple[int, str], Meaning] = {}
         self._opened: Opened | None = None
+        self._held: Mapping[str, str] = {}
+        self._touched = 0.0  # when the user last did something
+        self._said = ""
+        self._detail = ""  # what is shown below the lists
         self.feed: Feed
+        self.by_hand: ByHand
 
     def compose(self) -> ComposeResult:
-        """Head, lamps, tabs, keys."""
+        """Head, lamps, tabs, what the line under the cursor says, keys."""
         yield Static(id="head")
+        yield Static(id="held")
         yield LampLine()
-        yield Input(placeholder="only what has this in its name", id="filter")
+        yield FilterLine()
         with TabbedContent(initial="slaves"):
             with TabPane("1 Slaves", id="slaves"):
-                yield DataTable(id="slave-table", cursor_type="row")
+                yield SlaveLines(
+                    (
+                        Column("#", 3, right=True),
+                        Column("SLAVE", 24, 36),
+                        Column("STATE", 14, 40),
+                        Column("WHAT IS WRONG", 30),
+                    ),
+                    "Waiting for the slaves…",
+                    id="slave-lines",
+                )
             with TabPane("2 Signals", id="signals"):
                 yield Signals()
             with TabPane("3 Events", id="events"):
-                yield DataTable(id="event-table", cursor_type="row")
+                yield Lines(
+                    (Column("TIME", 8), Column("KIND", 15, 20), Column("WHAT", 49)),
+                    "Nothing has happened yet",
+                    id="event-lines",
+                )
             with TabPane("4 Outputs", id="outputs"):
-                yield DataTable(id="output-table", cursor_type="row")
-            with TabPane("5 Buses", id="buses"):
-                yield DataTable(id="bus-table", cursor_type="row")
+                yield OutputLines(
+                    (
+                        Column("OUTPUT", 26, 46),
+                        Column("VALUE", 12, 16, right=True),
+                        Column("SINCE", 8),
+                        Column("OWNER, OR WHY IT IS SAFE", 25),
+                    ),
+                    "No outputs",
+                    id="output-lines",
+                )
+            with TabPane("5 Owners", id="owners"):
+                yield Lines(
+                    (
+                        Column("OWNER", 32, 46),
+                        Column("OUTPUTS", 7, right=True),
+                        Column("LEASE", 8, right=True),
+                        Column("SILENT", 8, right=True),
+                        Column("SINCE", 14),
+                    ),
+                    "No program uses the shared memory of this bus: all outputs are safe or copied",
+                    id="owner-lines",
+                )
+            with TabPane("6 Buses", id="buses"):
+                yield BusLines((Column("BUS", 30, 46), Column("", 30)), id="bus-lines")
+        yield Static(id="detail", markup=False)
         yield Footer(show_command_palette=False)
 
     def on_mount(self) -> None:
-        """Columns, and the first questions."""
-        heads = {
-            "slave": (("#", 3), ("SLAVE", 22), ("STATE", 26), ("WHAT IS WRONG", None)),
-            "event": (("TIME", 8), ("KIND", 16), ("WHAT", None)),
-            "output": (("OUTPUT", 28), ("VALUE", 10), ("OWNER", 20), ("SINCE", 8), ("WHY", None)),
-            "bus": (("BUS", 30), ("", None)),
-        }
-        for name, columns in heads.items():
-            table = self.query_one(f"#{name}-table", DataTable)
-            for title, width in columns:
-                table.add_column(title, width=width, key=title)
-        self.query_one("#slave-table").focus()
+        """The first questions."""
+        self.set_focus(self._list("slave"))
         self.set_interval(1.0, self._tick)
         self.set_interval(5.0, self._find_buses)
         self._begin(self._bus_name)
 
     def on_unmount(self) -> None:
         """Ends the threads."""
-        self.feed.close()
+        self._end()
 
     def _begin(self, bus: str) -> None:
         self._bus_name = bus
         self._lamps = Lamps()
         self._look, self._bus, self._lost = None, None, ""
         self._events.clear()
-        self.query_one(LampLine).show(())
-        for table in self.query(DataTable):
-            if table.id != "bus-table":
-                table.clear()
+        self._main(LampLine).show(())
+        for name in ("slave", "event", "output", "owner"):
+            self._list(name).fill(())
         feed = Feed(
             bus,
             self._connect,
             self._timeout,
             lambda told: self.post_message(self.Came(feed, told)),
         )
-        self.feed = feed
+        by_hand = ByHand(
+            feed.open,
+            lambda held, text: self.post_message(self.HeldNow(by_hand, held, text)),
+        )
+        self.feed, self.by_hand, self._held = feed, by_hand, {}
         self._tick()
         self._find_buses()
+
+    def _end(self) -> None:
+        self.feed.close()
+        self.by_hand.close()
 
     # --- what comes -------------------------------------------------------------------------------
 
@@ -191,8 +282,8 @@ class Top(App[None]):
     def _came(self, message: Came) -> None:
         if message.feed is not self.feed:
             return  # of a bus that was shown before
-        if not self.screen_stack or not self.screen_stack[0].query(Signals):
-            return  # the end has begun, and the screen is gone
+        if not self._is_there:
+            return
         told = message.told
         if isinstance(told, Row):
             self._main(Signals).add(told.values)
@@ -202,16 +293,22 @@ class Top(App[None]):
         elif isinstance(told, Lost):
             self._lost = told.text
             self._judge()
+            self._tick()
         else:
             self._take(told)
-        self._tick()
+            self._tick()
+
+    @property
+    def _is_there(self) -> bool:
+        """Whether the main screen is there: not when the end has begun."""
+        return bool(self.screen_stack) and bool(self.screen_stack[0].query("#detail"))
 
     def _main(self, kind: Any) -> Any:
         """A widget of the main screen, also while another one is in front of it."""
         return self.screen_stack[0].query_one(kind)
 
-    def _table(self, name: str) -> DataTable[Any]:
-        found: DataTable[Any] = self._main(f"#{name}-table")
+    def _list(self, name: str) -> Lines:
+        found: Lines = self._main(f"#{name}-lines")
         return found
 
     def _take(self, look: Look) -> None:
@@ -219,21 +316,29 @@ class Top(App[None]):
         self._look, self._bus, self._lost = look, look.bus, ""
         if look.begins:
             self._events.clear()
-            self._table("event").clear()
         self._judge()
         if is_other:
-            self._labels = dict(_labels(look.bus))
+            self._meanings = dict(_meanings(look.bus))
             self._begin_signals()
-        self._draw_slaves()
-        self._draw_outputs()
         for event in look.events:
-            self._events.append(event)
-        if look.events:
-            self._draw_events()
+            self._counted += 1
+            self._events.append((self._counted, event))
+        self._draw(events=bool(look.events) or look.begins)
+
+    def _draw(self, *, events: bool = True) -> None:
+        if self._look is None:
+            return
+        if self._look.states is not None:
+            self._list("slave").fill([*self._slave_lines(self._look.states)])
+        if self._look.outputs is not None:
+            self._list("output").fill([*self._output_lines(self._look.outputs)])
+            self._list("owner").fill([*self._owner_lines(self._look.outputs)])
+        if events:
+            self._list("event").fill([*self._event_lines()], newest_first=True)
 
     def _begin_signals(self) -> None:
         if self._opened is not None and self._bus is not None:
-            self._main(Signals).begin(self._opened.signals, self._labels, self._opened.why_not)
+            self._main(Signals).begin(self._opened.signals, self._meanings, self._opened.why_not)
 
     def _judge(self) -> None:
         look = self._look
@@ -243,92 +348,143 @@ class Top(App[None]):
         self._main(LampLine).show(self._lamps.look(*maps, time.time()))
 
     def _tick(self) -> None:
-        if not self.screen_stack:
+        if not self._is_there:
             return
         line = Text(no_wrap=True, overflow="ellipsis")
         line.append(f"ecatd {self._bus_name}", "bold")
         if self._bus is not None:
-            line.append(f"  {self._bus.cycle_time_us:g} µs  {len(self._bus.slaves)} slaves")
+            line.append(f"  cycle {self._bus.cycle_time_us:g} µs  {len(self._bus.slaves)} slaves")
         if self._connect:
             line.append(f"  at {self._connect}", "dim")
         if self._lost:
             old = f", values are of {_clock(self._look.at)}" if self._look else ""
-            line.append(f"  ■ NO CONNECTION{old}: {self._lost}", "bold red")
+            line.append(f"  {MARKS['bad']} NO CONNECTION{old}", "bold red")
         elif self._look is None:
             line.append("  connecting…", "dim")
         else:
             line.append(f"  {_clock(time.time())}", "dim")
         self._main("#head").update(line)
+        self._moved()
+        self._watch_hand()
 
-    def _draw_slaves(self) -> None:
-        assert self._look is not None
-        states = self._look.states
-        if states is None:
-            return
-        rows = []
+    # --- lines of the lists -----------------------------------------------------------------------
+
+    def _slave_lines(self, states: Mapping[str, Any]) -> Iterator[Line]:
+        cables = {
+            cable["slave"]: cable["verdict"]
+            for cable in states.get("cables", ())
+            if cable["verdict"] in _STATE_OF_CABLE
+        }
         for row in states["slaves"]:
-            name = row_label(row).partition("(")[2].removesuffix(")")
+            name = printable(row_label(row).partition("(")[2].removesuffix(")"))
             if not self._fits(f"{row['position']} {name}"):
                 continue
-            fine = row["al_state"] == 8 and not row["recovery"]
-            style = "green" if fine else "dim" if row["recovery"] == "absent" else "bold red"
-            wrong = ", ".join(filter(None, (row["recovery"], row["recovery_text"])))
+            state = "good"
+            if row["al_state"] != 8 or row["recovery"]:
+                state = "unknown" if row["recovery"] == "absent" else "bad"
+            wrong = [row["recovery"], row["recovery_text"]]
+            if verdict := cables.get(row["position"]):
+                wrong.append(f"the cable in front of it is {verdict}: see `ecatctl errors`")
+                state = _STATE_OF_CABLE[verdict] if state == "good" else state
+            said = printable(", ".join(filter(None, wrong)))
             since = f"since {_clock(row['since'])}" if row["since"] else ""
-            mark = "●" if fine else "?" if row["recovery"] == "absent" else "■"
-            rows.append(
+            style = STYLES[state]
+            yield Line(
+                str(row["position"]),
                 (
-                    str(row["position"]),
-                    Text(str(row["position"]), justify="right"),
-                    Text(printable(name)),
-                    Text(f"{mark} {row['text']}", style),
-                    Text(printable(", ".join(filter(None, (wrong, since)))), style),
-                )
+                    Text(str(row["position"])),
+                    Text(name),
+                    Text(f"{MARKS[state]} {printable(row['text'])}", style),
+                    Text(", ".join(filter(None, (said, since))), style),
+                ),
+                f"{row['position']} {name}: {printable(row['text'])}"
+                f"{f' {since}' if since else ''}{f': {said}' if said else ''}. "
+                f"{self._about(row['position'])}",
             )
-        _fill(self._table("slave"), rows)
 
-    def _draw_outputs(self) -> None:
-        assert self._look is not None
-        found = self._look.outputs
-        if found is None:
-            return
-        rows = []
+    def _about(self, position: int) -> str:
+        """What a slave is, and what can be done with it here."""
+        slaves = self._bus.slaves if self._bus else []
+        if not 0 <= position < len(slaves):
+            return ""
+        slave = slaves[position]
+        entries = [len([*slave.entries(outputs=out)]) for out in (True, False)]
+        what = f"{entries[0]} outputs, {entries[1]} inputs" if any(entries) else "No process data"
+        coe = "Enter shows its objects" if slave.coe else "it has no objects"
+        return f"{what}; {coe}"
+
+    def _output_lines(self, found: Mapping[str, Any]) -> Iterator[Line]:
         for output in found["outputs"]:
-            name = self._labels.get((output["slave"], output["address"]), output["name"])
+            meaning = self._meanings.get((output["slave"], output["address"]))
+            name = meaning.label if meaning else printable(output["name"])
             owner = owner_name(found["owners"][output["owner"]]) if output["owner"] >= 0 else ""
+            if output["name"] in self._held:
+                owner = "you, by hand"
             if output["state"] == "copied":
                 owner = f"copy of {output['source']}"
             if not self._fits(f"{name} {owner}"):
                 continue
             value = output["value"] if output.get("physical") is None else output["physical"]
-            shown = "–" if value is None else f"{value:.7g} {output.get('unit', '')}"
+            shown = "–" if value is None else f"{value:.7g} {output.get('unit', '')}".strip()
+            named = meaning.values.get(value, "") if meaning and value is not None else ""
             style = "" if output["owner"] >= 0 else "dim"
-            rows.append(
+            if output["name"] in self._held:
+                style = "bold yellow"
+            since = _clock(output["since"]) if output["since"] else ""
+            why = printable(output["reason"])
+            who = printable(owner or output["state"])
+            said = f"{who}{f': {why}' if why else ''}"
+            yield Line(
+                output["name"],
                 (
-                    output["name"],
-                    Text(printable(name), style),
-                    Text(shown.strip(), style, justify="right"),
-                    Text(printable(owner or output["state"]), style),
-                    Text(_clock(output["since"]) if output["since"] else "", "dim"),
-                    Text(printable(output["reason"]), style),
-                )
+                    Text(name, style),
+                    Text(printable(shown), style),
+                    Text(since, "dim"),
+                    Text(said, style),
+                ),
+                f"{name} ({output['name']}): {printable(shown)}{f' ({named})' if named else ''}; "
+                f"{f'since {since} ' if since else ''}{said}",
             )
-        _fill(self._table("output"), rows)
 
-    def _draw_events(self) -> None:
-        table = self._table("event")
-        at_top = table.cursor_row <= 0
-        table.clear()
-        for event in reversed(self._events):
-            what = self._what(event)
+    def _owner_lines(self, found: Mapping[str, Any]) -> Iterator[Line]:
+        for owner in found["owners"]:
+            name = printable(owner_name(owner))
+            if not self._fits(name):
+                continue
+            since = _clock(owner["since"]) if owner["since"] else ""
+            lapsed = owner["state"] == "lapsed"
+            lost = f"it has lost its outputs: {owner['reason']}" if lapsed else ""
+            facts = [
+                f"{name} owns {owner['outputs']} of {len(found['outputs'])} outputs",
+                f"lease {owner['lease_ms']:g} ms, silent for {owner['silent_ms']:.3g} ms",
+                f"{owner['lapses']} leases lost in its place since the start of the daemon",
+            ]
+            if owner["refused"]:
+                facts.append(f"{owner['refused']} values out of their range refused")
+            yield Line(
+                str(owner["slot"]),
+                (
+                    Text(name, "bold red" if lapsed else ""),
+                    Text(str(owner["outputs"])),
+                    Text(f"{owner['lease_ms']:.5g} ms"),
+                    Text(f"{owner['silent_ms']:.3g} ms"),
+                    Text(f"{since} {lost}".strip(), "bold red" if lapsed else "dim"),
+                ),
+                "; ".join(filter(None, [*facts, lost])),
+            )
+
+    def _event_lines(self) -> Iterator[Line]:
+        for number, event in reversed(self._events):
+            what = printable(self._what(event))
             if not self._fits(f"{event['event']} {what}"):
                 continue
             style = _SEVERE.get(event["severity"], "")
-            moment = time.strftime("%H:%M:%S", time.localtime(event["time_ns"] / 1e9))
-            table.add_row(
-                Text(moment, "dim"), Text(event["event"], style), Text(printable(what), style)
+            clock = _clock(event["time_ns"] / 1e9)
+            yield Line(
+                str(number),
+                (Text(clock, "dim"), Text(event["event"], style), Text(what, style)),
+                f"{clock} {event['severity']} {event['event']}: {what}",
             )
-        if at_top and table.row_count:
-            table.move_cursor(row=0)
 
     def _what(self, event: dict[str, Any]) -> str:
         position, text = event.get("slave", -1), str(event.get("text", ""))
@@ -338,41 +494,171 @@ class Top(App[None]):
         return (text if label in text else f"{label}: {text}") + times
 
     def _fits(self, text: str) -> bool:
-        return self._filter in text.casefold()
+        found: bool = self._main(FilterLine).text in text.casefold()
+        return found
+
+    @on(Lines.Moved)
+    def _moved(self) -> None:
+        if self._is_there and (active := self._main(TabbedContent).active):
+            lines = self._main(f"#{active}").query_one(Lines)
+            lost = f"No connection: {self._lost}" if self._lost else ""
+            text = printable(self._said or lost or lines.detail)
+            if text != self._detail:  # drawing it costs more than all else
+                self._detail = text
+                self._main("#detail").update(Text(text))
+
+    @on(TabbedContent.TabActivated)
+    def _other_tab(self) -> None:
+        self._said = ""
+        self._moved()
+
+    def _say(self, text: str) -> None:
+        """Says something in place of what the line under the cursor says, until the next key."""
+        self._said = text
+        self._moved()
+
+    async def on_event(self, event: Event) -> None:
+        """Sees each key and click before all others."""
+        if isinstance(event, Key | MouseDown):
+            self._touched = time.monotonic()
+            self._said = ""
+        await super().on_event(event)
 
     # --- buses ------------------------------------------------------------------------------------
 
-    @work(thread=True, exclusive=True, group="buses")
     def _find_buses(self) -> None:
+        self.run_worker(in_daemon_thread(self._ask_buses), group="buses", exclusive=True)
+
+    def _ask_buses(self) -> None:
         try:
+            self.feed.asking()  # so that what the user asks for later comes at once
             found = self.feed.buses()
         except (EcatError, OSError):
             return
-        self.call_from_thread(self._show_buses, found)
+        self.call_later(self._show_buses, found)
 
     def _show_buses(self, found: list[str]) -> None:
-        rows = [
-            (
-                bus,
-                Text(bus),
-                Text("shown now" if bus == self._bus_name else "Enter shows it", "dim"),
-            )
-            for bus in found
-        ]
-        _fill(self._table("bus"), rows)
+        if not self._is_there:
+            return
+        self._list("bus").fill(
+            [
+                Line(
+                    bus,
+                    (
+                        Text(bus),
+                        Text("shown now" if bus == self._bus_name else "Enter shows it", "dim"),
+                    ),
+                )
+                for bus in found
+            ]
+        )
 
-    @on(DataTable.RowSelected, "#bus-table")
-    def _choose_bus(self, event: DataTable.RowSelected) -> None:
-        bus = event.row_key.value
-        if bus and bus != self._bus_name:
-            self.feed.close()
-            self._begin(bus)
+    @on(Lines.Chosen, "#bus-lines")
+    def _choose_bus(self, event: Lines.Chosen) -> None:
+        if event.key != self._bus_name:
+            self._end()
+            self._begin(event.key)
             self.action_tab("slaves")
 
-    @on(DataTable.RowSelected, "#slave-table")
-    def _choose_slave(self, event: DataTable.RowSelected) -> None:
-        if self._bus is not None and event.row_key.value is not None:
-            self.push_screen(Objects(self.feed, self._bus.slaves[int(event.row_key.value)]))
+    @on(Lines.Chosen, "#slave-lines")
+    def _choose_slave(self, event: Lines.Chosen) -> None:
+        if self._bus is None:
+            return
+        slave = self._bus.slaves[int(event.key)]
+        if slave.coe:
+            self.push_screen(Objects(self.feed, slave))
+        else:
+            self._say(f"{printable(slave.label)} has no objects: it does not support CoE.")
+
+    # --- outputs by hand --------------------------------------------------------------------------
+
+    @on(Lines.Chosen, "#output-lines")
+    def _choose_output(self, event: Lines.Chosen) -> None:
+        """Asks for a value for an output."""
+        outputs = self._look.outputs if self._look else None
+        if self._bus is None or outputs is None:
+            return
+        output = next(each for each in outputs["outputs"] if each["name"] == event.key)
+        if output["owner"] >= 0 and event.key not in self._held:
+            owner = owner_name(outputs["owners"][output["owner"]])
+            self._say(f"{owner} owns this output. Outputs by hand never take one from its owner.")
+            return
+        if output["state"] == "copied":
+            self._say(f"This output is a copy of {output['source']} (`[[outputs.copy]]`).")
+            return
+        self._say("Asking whether you may drive outputs…")
+        slave = self._bus.slaves[output["slave"]]
+        ask = in_daemon_thread(lambda: self._ask_output(event.key, slave))
+        self.run_worker(ask, group="outputs", exclusive=True)
+
+    def _ask_output(self, name: str, slave: Slave) -> None:
+        try:
+            why_not = self.feed.asking().why_not("outputs", slave)
+        except EcatError as error:
+            why_not = str(error)
+        self.call_later(self._open_question, name, slave, why_not)
+
+    def _open_question(self, name: str, slave: Slave, why_not: str) -> None:
+        if not self._is_there:
+            return
+        if why_not:
+            self._say(f"You may not drive outputs by hand: {why_not}")
+            return
+        if len(self.screen_stack) > 1 or self.query_one(TabbedContent).active != "outputs":
+            return  # the user has gone on meanwhile
+        self._say("")
+
+        def drive(value: str | None) -> None:
+            if value is None:
+                self._say("Nothing was changed.")
+            else:
+                self.by_hand.want({**self._held, name: value.strip()})
+
+        meaning = self._meanings.get((slave.position, name.partition("/")[2]))
+        named = ", ".join([*meaning.values.values()][:6]) if meaning else ""
+        facts = (
+            f"Of {printable(slave.label)}. A number, with its unit if it has one"
+            f"{f', or {named}' if named else ''}. The output keeps it until you "
+            f"press x, for {_ALONE_S:.0f} s without a key, or until top ends."
+        )
+        label = meaning.label if meaning else name
+        ask = Ask(f"Drive {label} ({name}) by hand", facts, self._held.get(name, ""), "drive it")
+        self.push_screen(ask, drive)
+
+    @on(HeldNow)
+    def _held_now(self, message: HeldNow) -> None:
+        if message.by_hand is not self.by_hand or not self._is_there:
+            return
+        self._held = message.held
+        if message.text:
+            self._say(message.text)
+        self._watch_hand()
+        self._draw(events=False)
+
+    def _watch_hand(self) -> None:
+        """Shows what is held by hand, and ends it if nobody is there."""
+        line = self._main("#held")
+        line.display = bool(self._held)
+        if not self._held:
+            return
+        left = self._touched + _ALONE_S - time.monotonic()
+        if left <= 0:
+            self.by_hand.want({})
+        what = ", ".join(f"{name} = {value}" for name, value in self._held.items())
+        line.update(
+            Text(
+                f" BY HAND, x releases ({max(0.0, left):.0f} s without a key, too): {what}",
+                no_wrap=True,
+                overflow="ellipsis",
+            )
+        )
+
+    def action_release(self) -> None:
+        """Releases all that is held by hand."""
+        if self._held:
+            self.by_hand.want({})
+        else:
+            self._say("You hold no outputs by hand.")
 
     # --- keys -------------------------------------------------------------------------------------
 
@@ -381,8 +667,13 @@ class Top(App[None]):
         if len(self.screen_stack) > 1:
             return
         self.query_one(TabbedContent).active = name
-        pane = self.query_one(f"#{name}", TabPane)
-        pane.query("DataTable, Signals").first().focus()
+        self.set_focus(self.query_one(f"#{name}", TabPane).query_one(Lines))
+
+    def action_beside(self, by: int) -> None:
+        """Shows the tab beside."""
+        if len(self.screen_stack) == 1:
+            at = _TABS.index(self.query_one(TabbedContent).active)
+            self.action_tab(_TABS[(at + by) % len(_TABS)])
 
     def action_help(self) -> None:
         """Shows the keys."""
@@ -406,32 +697,28 @@ class Top(App[None]):
     def _show_evidence(self, message: LampLine.Chosen) -> None:
         evidence = message.lamp["evidence"]
         self.action_tab(_PANEL_TABS[evidence["panel"]])
-        table = self._table("slave")
-        if evidence["slave"] is not None and (key := str(evidence["slave"])) in table.rows:
-            table.move_cursor(row=table.get_row_index(key))
+        if evidence["slave"] is not None:
+            self._list("slave").move_to(str(evidence["slave"]))
 
     def action_filter(self) -> None:
-        """Opens the line for the filter."""
-        field = self._main("#filter")
-        field.display = True
-        field.focus()
+        """Opens the line for the filter of this screen."""
+        for line in self.screen.query(FilterLine):
+            line.open()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """A / within a text is a letter."""
+        del parameters
+        return action != "filter" or not isinstance(self.focused, Input)
 
     def action_leave_filter(self) -> None:
         """Shows all again."""
-        field = self._main("#filter")
-        if field.display:
-            field.value = ""
-            field.display = False
+        if self._main(FilterLine).end():
             self.action_tab(self.query_one(TabbedContent).active)
 
     @on(Input.Changed, "#filter")
     def _filter_changed(self, event: Input.Changed) -> None:
-        self._filter = event.value.casefold()
         self._main(Signals).filter(event.value)
-        if self._look is not None:
-            self._draw_slaves()
-            self._draw_outputs()
-            self._draw_events()
+        self._draw()
 
     @on(Input.Submitted, "#filter")
     def _filter_done(self, event: Input.Submitted) -> None:
@@ -440,8 +727,8 @@ class Top(App[None]):
         self.action_tab(self.query_one(TabbedContent).active)
 
 
-def _labels(bus: Bus) -> Iterator[tuple[tuple[int, str], str]]:
-    """Names of entries for people, by slave and address: `4 Value`.
+def _meanings(bus: Bus) -> Iterator[tuple[tuple[int, str], Meaning]]:
+    """What entries mean, by slave and address; their names for people are such as `4 Value`.
 
     Where a slave has several entries of a name, that of their PDO is before it.
     """
@@ -453,30 +740,13 @@ def _labels(bus: Bus) -> Iterator[tuple[tuple[int, str], str]]:
             name = entry.name or address
             if uses[entry.name] > 1 and pdo.name and pdo.name != name:
                 name = f"{pdo.name} / {name}"
-            yield (slave.position, address), printable(f"{slave.position} {name}")
+            values = {
+                value.number * entry.scale + entry.offset: printable(value.name)
+                for value in entry.values
+            }
+            label = printable(f"{slave.position} {name}")
+            yield (slave.position, address), Meaning(label, values)
 
 
 def _clock(moment: float) -> str:
     return time.strftime("%H:%M:%S", time.localtime(moment))
-
-
-def _fill(table: DataTable[Any], rows: list[tuple[Any, ...]]) -> None:
-    """Brings a table up to date; the cursor stays where it is if the same rows are there.
-
-    Args:
-        table: The table.
-        rows: The key of each row, and its cells.
-    """
-    columns = [*table.columns]
-    if [key.value for key in table.rows] == [row[0] for row in rows]:
-        for key, *cells in rows:
-            for column, cell in zip(columns, cells, strict=True):
-                if table.get_cell(key, column) != cell:
-                    table.update_cell(key, column, cell, update_width=True)
-        return
-    at = table.cursor_row
-    table.clear()
-    for key, *cells in rows:
-        table.add_row(*cells, key=key)
-    if 0 <= at < table.row_count:
-        table.move_cursor(row=at)

@@ -86,6 +86,8 @@ class Feed:
         self._timeout = timeout
         self._tell = tell
         self._ended = threading.Event()
+        self._asking: Remote | None = None
+        self._lock = threading.Lock()
         self._pattern = "*"
         self._is_other_pattern = threading.Event()
         for work in (self._watch, self._stream):
@@ -103,8 +105,22 @@ class Feed:
             self._is_other_pattern.set()
 
     def open(self, timeout: float | None = None) -> Remote:
-        """Opens a session of its own, for one request of the user."""
+        """Opens a session."""
         return Remote(self.bus, self._connect, timeout or self._timeout)
+
+    def asking(self) -> Remote:
+        """The session for requests of the user, in any thread.
+
+        Raises:
+            EcatError: It cannot be opened.
+        """
+        with self._lock:
+            if self._asking is not None and not self._asking.is_connected:
+                self._asking.close()
+                self._asking = None
+            if self._asking is None:
+                self._asking = self.open()
+            return self._asking
 
     def buses(self) -> list[str]:
         """The buses in reach: of this machine, or behind the endpoint."""

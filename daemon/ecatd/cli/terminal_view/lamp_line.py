@@ -12,9 +12,8 @@ from textual.widgets import Static
 
 from ecatd.view.lamps import Lamp
 
-MARKS = {"good": "●", "warning": "▲", "bad": "■", "unknown": "?"}
-"""A shape for each state, since not all terminals and people see colours."""
-STYLES = {"good": "green", "warning": "yellow", "bad": "bold red", "unknown": "dim"}
+from .glyphs import MARKS, STYLES
+
 _SHORT = {
     "slaves_in_op": "OP",
     "working_counter": "WKC",

@@ -1,78 +1,65 @@
-"""The objects of a slave: to browse, to read, and to write where the user may."""
+"""The objects of a slave: to browse, to read, and to write where the user may.
+
+The list of objects is there at once. What each is, the slave says for one entry at a time, which
+can take long: this is asked in the background, first for the objects that are seen. An object with
+several entries is opened to see them, and this reads their values.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, ClassVar
 
 from rich.text import Text
-from textual import on, work
+from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical
-from textual.screen import ModalScreen, Screen
-from textual.widgets import DataTable, Footer, Input, Label, Static
+from textual.screen import Screen
+from textual.widgets import Footer, Input, Static
 
-from ecatd.base.errors import EcatError
-from ecatd.etg.dictionary import Access, DictionaryEntry, access_text
+from ecatd.base.addresses import address_text
+from ecatd.base.daemon_threads import in_daemon_thread
+from ecatd.base.errors import EcatError, SdoAbortError
+from ecatd.base.sanitized_output import printable
+from ecatd.etg.dictionary import Access, DictionaryEntry, DictionaryObject, access_text
+from ecatd.etg.error_codes import abort_advice
 from ecatd.operations.objects import ListObjects
 
-from ..dictionary import read_value, type_text
-from ..sdo import physical_text, value_text
+from ..dictionary import described_value, read_value, type_text
+from ..sdo import physical_text, to_write, value_text
+from .ask import Ask
+from .filter_line import FilterLine
+from .lines import Column, Line, Lines
 
 if TYPE_CHECKING:
-    from ecatd.client.remote import SdoValue
+    from ecatd.client.remote import Remote, SdoValue
     from ecatd.description.bus import Slave
 
     from .feed import Feed
 
+_DRAW_S = 0.2
+"""Seconds between two changes of the list while objects are being described."""
+_KEYS = "Enter opens and reads, e writes, / filters."
 
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """An entry of an object."""
-
-    index: int
-    subindex: int
-    entry: DictionaryEntry
-
-    @property
-    def address(self) -> str:
-        """`0x6060:00`."""
-        return f"0x{self.index:04X}:{self.subindex:02X}"
+Place = tuple[int, int]
+"""Index and subindex."""
 
 
-class Ask(ModalScreen[str | None]):
-    """Asks for a value, and then whether to write it."""
+class ObjectLines(Lines):
+    """The list."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "cancel", "Cancel")]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("enter", "choose", "Read"),
+        Binding("right", "open(True)", show=False),
+        Binding("left", "open(False)", show=False),
+    ]
 
-    def __init__(self, what: str, value: str) -> None:
-        super().__init__()
-        self._what = what
-        self._value = value
-        self._typed: str | None = None
-
-    def compose(self) -> ComposeResult:
-        """The question."""
-        with Vertical(id="box"):
-            yield Label(f"New value of {self._what}", markup=False)
-            yield Input(self._value, id="value")
-            yield Label("Enter goes on, Esc cancels.", id="hint", markup=False)
-
-    @on(Input.Submitted)
-    def typed(self, event: Input.Submitted) -> None:
-        """First Enter: what will be done. Second Enter: do it."""
-        if self._typed == event.value:
-            self.dismiss(event.value)
-            return
-        self._typed = event.value
-        self.query_one("#hint", Label).update(
-            f"Write {event.value!r} to the slave? Enter writes, Esc cancels."
-        )
-
-    def action_cancel(self) -> None:
-        """Writes nothing."""
-        self.dismiss(None)
+    def action_open(self, is_open: bool) -> None:
+        """Opens or closes the object under the cursor."""
+        if isinstance(self.screen, Objects) and self.key is not None:
+            self.screen.open(self.key, is_open)
 
 
 class Objects(Screen[None]):
@@ -80,178 +67,333 @@ class Objects(Screen[None]):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,q", "back", "Back"),
-        Binding("enter", "read", "Read", priority=False),
         Binding("e", "edit", "Write…"),
-        Binding("slash", "filter", "Filter"),
+        Binding("l,L,v,t", "none", show=False),
     ]
 
     def __init__(self, feed: Feed, slave: Slave) -> None:
         super().__init__()
         self._feed = feed
         self._slave = slave
-        self._places: list[tuple[_Place, str]] = []
-        self._values: dict[str, str] = {}
+        self._objects: dict[int, DictionaryObject | None] = {}  # None: not described yet
+        self._open: set[int] = set()
+        self._values: dict[Place, str] = {}
+        self._places: dict[str, Place] = {}  # of lines that have a value
+        self._why_not = ""  # the user may not write
+        self._drawn = 0.0
 
     def compose(self) -> ComposeResult:
-        """Title, table, line of messages."""
-        yield Static(Text(f"Objects of {self._slave.label}", "bold"), id="title")
-        yield Input(placeholder="text in the name or address", id="filter")
-        yield DataTable(cursor_type="row", zebra_stripes=False)
-        yield Static("Reading what objects there are…", id="message", markup=False)
-        yield Footer()
+        """Title, list, line of messages."""
+        yield Static(Text(f"Objects of {printable(self._slave.label)}", "bold"), id="title")
+        yield FilterLine()
+        yield ObjectLines(
+            (
+                Column("OBJECT", 12),
+                Column("TYPE", 10, 14),
+                Column("ACCESS", 6, 24),
+                Column("VALUE", 20, 40),
+                Column("NAME", 18),
+            )
+        )
+        yield Static(id="detail", markup=False)
+        yield Static("Asking which objects there are…", id="message", markup=False)
+        yield Footer(show_command_palette=False)
 
     def on_mount(self) -> None:
         """Begins to read the dictionary."""
-        table = self.query_one(DataTable)
-        for name, width in (("OBJECT", 10), ("TYPE", 12), ("ACCESS", 9), ("VALUE", 20)):
-            table.add_column(name, width=width, key=name)
-        table.add_column("NAME", key="NAME")
-        self.query_one("#filter").display = False
-        table.focus()
-        self._list()
+        self.set_focus(self._lines)
+        self._beside(self._look)
 
-    @work(thread=True, exclusive=True, group="list")
-    def _list(self) -> None:
+    @property
+    def _lines(self) -> ObjectLines:
+        return self.query_one(ObjectLines)
+
+    def _beside(self, call: Callable[[], None]) -> None:
+        """Calls in a thread that does not delay the end, however slow a slave is."""
+        self.run_worker(in_daemon_thread(call))
+
+    # --- what there is ----------------------------------------------------------------------------
+
+    def _look(self) -> None:
         try:
-            with self._feed.open() as remote:
-                indices = sorted(remote.request(ListObjects(self._slave.position))["objects"])
-                for number, index in enumerate(indices, 1):
-                    if not self.is_attached:
-                        return
-                    found = remote.describe_object(self._slave.position, index)
-                    single = [*found.entries] == [0]
-                    places = [
-                        (
-                            _Place(index, subindex, entry),
-                            found.name if single else f"{found.name}: {entry.name}",
-                        )
-                        for subindex, entry in found.entries.items()
-                    ]
-                    said = f"{number} of {len(indices)} objects"
-                    self.app.call_from_thread(self._add, places, said)
+            remote = self._feed.asking()
+            indices = sorted(remote.request(ListObjects(self._slave.position))["objects"])
+            self._tell(self._list, indices)
+            try:
+                self._why_not = remote.why_not("sdo", self._slave)
+            except EcatError as error:
+                self._why_not = str(error)
+            self._describe(remote, indices)
         except EcatError as error:
-            self.app.call_from_thread(self._say, str(error))
+            self._tell(self._say, printable(str(error)))
         except RuntimeError:  # the screen was closed meanwhile
             return
 
-    def _add(self, places: list[tuple[_Place, str]], said: str) -> None:
-        self._places += places
-        for place, name in places:
-            self._add_row(place, name)
-        self._say(f"{said}. Enter reads a value, e writes one.")
+    def _tell(self, call: object, *arguments: object) -> None:
+        """Calls in the thread of the screen.
 
-    def _add_row(self, place: _Place, name: str) -> None:
-        wanted = self.query_one("#filter", Input).value.casefold()
-        if wanted in f"{place.address} {name}".casefold():
-            self.query_one(DataTable).add_row(
-                Text(place.address),
-                Text(type_text(place.entry)),
-                Text(access_text(place.entry.access)),
-                Text(self._values.get(place.address, "")),
-                Text(name),
-                key=place.address,
-            )
+        Raises:
+            RuntimeError: The screen was closed.
+        """
+        if not self.is_attached:
+            raise RuntimeError("closed")
+        self.app.call_from_thread(call, *arguments)  # type: ignore[arg-type]
+
+    def _list(self, indices: list[int]) -> None:
+        self._objects = dict.fromkeys(indices)
+        self._draw()
+
+    def _describe(self, remote: Remote, indices: list[int]) -> None:
+        asked: deque[int] = deque()
+
+        def seen_first() -> Iterator[int]:
+            missing = dict.fromkeys(indices)
+            while missing:
+                seen = (int(key[:6], 16) for key in self._lines.seen)
+                index = next((index for index in seen if index in missing), next(iter(missing)))
+                del missing[index]
+                asked.append(index)
+                yield index
+
+        described = remote.describe_objects(self._slave.position, seen_first())
+        for number, found in enumerate(described, 1):
+            index = asked.popleft()
+            if isinstance(found, SdoAbortError):  # a slave may list what it does not describe
+                found = DictionaryObject(index, f"not described: {found.text}", 0, 0)
+            elif isinstance(found, EcatError):
+                raise found
+            said = f"{number} of {len(indices)} objects described. {_KEYS}"
+            if number == len(indices):
+                said = f"{number} objects. {_KEYS}"
+            self._objects[index] = found
+            if number == len(indices) or time.monotonic() - self._drawn > _DRAW_S:
+                self._tell(self._show_described, said)
+
+    def _show_described(self, said: str) -> None:
+        self._drawn = time.monotonic()
+        self._say(said)
+        self._draw()
+
+    # --- the list ---------------------------------------------------------------------------------
+
+    def _draw(self) -> None:
+        self._places.clear()
+        self._lines.empty = "No object has this in its name or address"
+        self._lines.fill([*self._make_lines(self.query_one(FilterLine).text)])
+
+    def _make_lines(self, wanted: str) -> Iterator[Line]:
+        for index, found in self._objects.items():
+            key = f"0x{index:04X}"
+            if found is None:
+                if wanted in key.casefold():
+                    yield _line(key, f"  {key}", name=Text("…", "dim"), detail=f"{key}: …")
+                continue
+            name = printable(found.name)
+            fits = wanted in f"{key} {name}".casefold()
+            if _is_single(found):
+                if fits:
+                    yield self._entry_line((index, 0), found.entries[0], name, f"  {key}:00")
+                continue
+            texts = {
+                subindex: f"{address_text(index, subindex)} {entry.name}".casefold()
+                for subindex, entry in found.entries.items()
+            }
+            fitting = [subindex for subindex, text in texts.items() if fits or wanted in text]
+            if not fits and not fitting:
+                continue
+            is_open = index in self._open or (not fits and bool(wanted))
+            mark = ("▼" if is_open else "►") if found.entries else " "
+            count = f"{len(found.entries)} entries" if found.entries else ""
+            detail = f"{key} {name}: {count or 'no entries'}"
+            yield _line(key, f"{mark} {key}", Text(count, "dim"), Text(name, "bold"), detail)
+            if is_open:
+                for subindex in fitting:
+                    entry = found.entries[subindex]
+                    title = f"    {printable(entry.name)}"
+                    yield self._entry_line(
+                        (index, subindex), entry, title, f"       :{subindex:02X}"
+                    )
+
+    def _entry_line(self, place: Place, entry: DictionaryEntry, title: str, head: str) -> Line:
+        key = address_text(*place)
+        self._places[key] = place
+        access = access_text(entry.access)
+        value = self._values.get(place, "")
+        facts = [f"{key} {title.strip()}: {type_text(entry)}, {access}", *_limits(entry)]
+        return Line(
+            key,
+            (
+                Text(head),
+                Text(type_text(entry), "dim"),
+                Text(access, "" if entry.access & Access.WRITE else "dim"),
+                Text(value, "red" if value.startswith("refused") else "bold"),
+                Text(title),
+            ),
+            ", ".join([*facts, *([f"now {value}"] if value else [])]),
+        )
+
+    @on(Lines.Moved)
+    def _moved(self) -> None:
+        self.query_one("#detail", Static).update(Text(self._lines.detail))
 
     def _say(self, text: str) -> None:
         if self.is_attached:
-            self.query_one("#message", Static).update(text)
+            self.query_one("#message", Static).update(Text(text))
 
     @on(Input.Changed, "#filter")
     def _filter(self) -> None:
-        self.query_one(DataTable).clear()
-        for place, name in self._places:
-            self._add_row(place, name)
+        self._draw()
 
     @on(Input.Submitted, "#filter")
     def _filtered(self) -> None:
-        self.query_one(DataTable).focus()
+        self.set_focus(self._lines)
 
-    def action_filter(self) -> None:
-        """Shows the line for the filter."""
-        field = self.query_one("#filter")
-        field.display = True
-        field.focus()
+    def action_none(self) -> None:
+        """Keys of the other screen that have no sense here."""
 
     def action_back(self) -> None:
         """Back to the bus; first out of the filter."""
-        field = self.query_one("#filter", Input)
-        if field.has_focus:
-            field.value = ""
-            field.display = False
-            self.query_one(DataTable).focus()
+        if self.query_one(FilterLine).end():
+            self.set_focus(self._lines)
         else:
             self.dismiss()
 
-    @property
-    def _place(self) -> _Place | None:
-        table = self.query_one(DataTable)
-        if not table.row_count:
-            return None
-        key = table.coordinate_to_cell_key(table.cursor_coordinate).row_key.value
-        return next((place for place, _ in self._places if place.address == key), None)
+    # --- reading ----------------------------------------------------------------------------------
 
-    @on(DataTable.RowSelected)
-    def _selected(self) -> None:
-        self.action_read()
+    @on(Lines.Chosen)
+    def _chosen(self, event: Lines.Chosen) -> None:
+        if event.key in self._places:
+            self._say(f"Reading {event.key}…")
+            places = [self._places[event.key]]
+            self._beside(lambda: self._read(places))
+        else:
+            self.open(event.key, int(event.key, 16) not in self._open)
 
-    def action_read(self) -> None:
-        """Reads the value of the entry under the cursor."""
-        if (place := self._place) is not None:
-            self._say(f"Reading {place.address}…")
-            self._read(place)
+    def open(self, key: str, is_open: bool) -> None:
+        """Opens an object, which reads its values, or closes it.
 
-    @work(thread=True, group="values")
-    def _read(self, place: _Place) -> None:
+        Args:
+            key: Of its line, or of the line of one of its entries.
+            is_open: Whether it shall be open.
+        """
+        index = int(key[:6], 16)
+        found = self._objects[index]
+        if found is None or _is_single(found) or is_open == (index in self._open):
+            return
+        if is_open:
+            self._open.add(index)
+            places = [(index, subindex) for subindex, e in found.entries.items() if e.access & 7]
+            self._beside(lambda: self._read(places, is_whole=True))
+        else:
+            self._open.discard(index)
+            self._lines.move_to(key[:6])
+        self._draw()
+
+    def _entry(self, place: Place) -> DictionaryEntry:
+        found = self._objects[place[0]]
+        assert found is not None, "only described objects have places"
+        return found.entries[place[1]]
+
+    def _read(self, places: list[Place], *, is_whole: bool = False) -> None:
         try:
-            with self._feed.open() as remote:
-                found = read_value(
-                    remote, self._slave.position, place.index, place.subindex, place.entry
-                )
+            remote = self._feed.asking()
+            for place in places:
+                try:
+                    found = read_value(remote, self._slave.position, *place, self._entry(place))
+                except SdoAbortError as error:
+                    if not is_whole:
+                        raise
+                    self._tell(self._note, place, f"refused: {error.text}")
+                else:
+                    self._tell(self._show, place, found, "")
         except EcatError as error:
-            self.app.call_from_thread(self._say, f"{place.address}: {error}")
+            where = address_text(*places[0]) if len(places) == 1 else f"0x{places[0][0]:04X}"
+            self._tell(self._say, f"{where} was not read: {_why(error)}")
+        except RuntimeError:  # the screen was closed meanwhile
             return
-        self.app.call_from_thread(self._show, place, found, "")
 
-    def _show(self, place: _Place, found: SdoValue, done: str) -> None:
+    def _note(self, place: Place, text: str) -> None:
+        self._values[place] = printable(text)
+        self._draw()
+
+    def _show(self, place: Place, found: SdoValue, done: str) -> None:
         physical = physical_text(found)
-        text = value_text(found) + (f" = {physical}" if physical else "")
-        self._values[place.address] = text
-        if not self.is_attached:
-            return
-        table = self.query_one(DataTable)
-        if place.address in table.rows:
-            table.update_cell(place.address, "VALUE", Text(text))
-        self._say(f"{done}{place.address} {found.name}: {text}")
+        self._note(place, value_text(found) + (f" = {physical}" if physical else ""))
+        self._say(f"{done}{address_text(*place)} {printable(found.name)}: {self._values[place]}")
+
+    # --- writing ----------------------------------------------------------------------------------
 
     def action_edit(self) -> None:
         """Asks for a value, and writes it."""
-        place = self._place
-        if place is None:
+        key = self._lines.key
+        place = self._places.get(key or "")
+        if key is None or place is None:
+            self._say("Open an object, and choose one of its entries to write it.")
             return
-        if not place.entry.access & Access.WRITE:
-            self._say(f"{place.address} cannot be written: its access is read only.")
+        entry = self._entry(place)
+        if self._why_not:
+            self._say(f"You may not write objects: {self._why_not}")
+            return
+        if not entry.access & Access.WRITE:
+            self._say(f"{key} cannot be written: its access is {access_text(entry.access)}.")
             return
 
         def write(value: str | None) -> None:
             if value is None:
                 self._say("Nothing was written.")
             else:
-                self._say(f"Writing {place.address}…")
-                self._write(place, value)
+                self._say(f"Writing {key}…")
+                self._beside(lambda: self._write(place, value))
 
-        known = self._values.get(place.address, "").partition(" = ")[0].rpartition(" ")[2]
-        what = f"{place.address} ({place.entry.name}) of {self._slave.label}"
-        self.app.push_screen(Ask(what, known), write)
+        now = self._values.get(place, "")
+        known = "" if now.startswith("refused") else now.partition(" = ")[0].rpartition(" ")[2]
+        facts = [f"{type_text(entry)}, {access_text(entry.access)}", *_limits(entry)]
+        what = f"{key} ({printable(entry.name)}) of {printable(self._slave.label)}"
+        ask = Ask(f"New value of {what}", ", ".join(facts), known, "write it to the slave")
+        self.app.push_screen(ask, write)
 
-    @work(thread=True, group="values")
-    def _write(self, place: _Place, value: str) -> None:
+    def _write(self, place: Place, value: str) -> None:
+        where = self._slave.position, *place
         try:
-            with self._feed.open() as remote:
-                remote.sdo_write(self._slave.position, place.index, place.subindex, value)
-                found = read_value(
-                    remote, self._slave.position, place.index, place.subindex, place.entry
-                )
+            remote = self._feed.asking()
+            remote.sdo_write(*where, to_write(remote, *where, value))
+            try:
+                found = read_value(remote, *where, self._entry(place))
+            except EcatError as error:  # many entries can only be written
+                said = f"{address_text(*place)} was written; it cannot be read: {error}"
+                self._tell(self._say, said)
+            else:
+                self._tell(self._show, place, found, "Written. ")
         except EcatError as error:
-            self.app.call_from_thread(self._say, f"{place.address} was not written: {error}")
+            self._tell(self._say, f"{address_text(*place)} was not written: {_why(error)}")
+        except RuntimeError:  # the screen was closed meanwhile
             return
-        self.app.call_from_thread(self._show, place, found, "Written. ")
+
+
+def _is_single(found: DictionaryObject) -> bool:
+    """Whether an object is one value."""
+    return [*found.entries] == [0]
+
+
+def _line(
+    key: str, head: str, count: Text | str = "", name: Text | str = "", detail: str = ""
+) -> Line:
+    cells = (Text(head), Text(""), Text(""), Text.assemble(count), Text.assemble(name))
+    return Line(key, cells, detail)
+
+
+def _limits(entry: DictionaryEntry) -> Iterator[str]:
+    known: Mapping[str, bytes | None] = {
+        "least": entry.minimum,
+        "most": entry.maximum,
+        "delivered as": entry.default,
+    }
+    for title, data in known.items():
+        if data is not None:
+            yield printable(f"{title} {described_value(entry, data)}")
+
+
+def _why(error: EcatError) -> str:
+    """Why it was refused, and what to do."""
+    advice = abort_advice(error.code) if isinstance(error, SdoAbortError) else ""
+    return printable(f"{error}{f': {advice}' if advice else ''}")

@@ -1,13 +1,14 @@
 """The line of each change that somebody asks for: what, values, who, and the outcome.
 
 A change over Zenoh has a line of its own. A program with shared memory may write an object at each
-sample, so its changes are told together, at growing intervals: one line for each object.
+sample, so its changes are told together, at growing intervals: one line for each object. So are the
+values of outputs that somebody moves by hand, each second.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ ZENOH = -1
 """In place of the slot of a program: the request came over Zenoh."""
 _asking: ContextVar[int] = ContextVar("slot", default=ZENOH)
 """The slot of the program whose request is being carried out."""
+_OF_HAND_S = 1.0
+"""Seconds of the longest interval between two lines about an output that is moved by hand."""
 SHOWN = 32
 """Bytes of a value in a line."""
 
@@ -89,12 +92,19 @@ class Changes:
     ) -> None:
         self._log = log
         self._publish = publish
-        self._batches: dict[int, Batch[Change]] = {}  # by slot
-        self._waiting: dict[int, dict[str, Change]] = {}  # the last ones in a batch, by `what`
+        self._batches: dict[Hashable, Batch[Change]] = {}  # by slot, or by holding
+        self._waiting: dict[Hashable, dict[str, Change]] = {}  # the last ones in a batch, by `what`
 
     @contextmanager
     def record(
-        self, what: str, after: str, by: str, *, before: str = "", is_secret: bool = False
+        self,
+        what: str,
+        after: str,
+        by: str,
+        *,
+        before: str = "",
+        is_secret: bool = False,
+        holding: Hashable = None,
     ) -> Iterator[Change]:
         """Records the change that the block makes, also if it fails.
 
@@ -104,9 +114,11 @@ class Changes:
             by: Who asks for it.
             before: The value before, if it is known.
             is_secret: See `Change`.
+            holding: Of outputs that are held by hand, whose changes are told together; until
+                `end_holding`.
         """
-        slot = _asking.get()
-        earlier = self._waiting.get(slot, {}).get(what)
+        source = _asking.get() if holding is None else holding
+        earlier = self._waiting.get(source, {}).get(what)
         before = earlier.result if earlier else before
         change = Change(what, after, by, before, is_secret=is_secret)
         try:
@@ -116,27 +128,35 @@ class Changes:
             raise
         finally:
             if change.is_recorded:
-                self._note(change, slot)
+                self._note(change, source, holding)
 
-    def _note(self, change: Change, slot: int) -> None:
-        if slot == ZENOH:
+    def _note(self, change: Change, source: Hashable, holding: Hashable) -> None:
+        if source == ZENOH:
             self._record([change])
             return
-        if slot not in self._batches:
-            self._batches[slot] = Batch(partial(self._record_all, slot))
-        self._waiting.setdefault(slot, {})[change.what] = change
-        self._batches[slot].note(change)
+        if source not in self._batches:
+            tell = partial(self._record_all, source)
+            self._batches[source] = (
+                Batch(tell) if holding is None else Batch(tell, longest=_OF_HAND_S)
+            )
+        self._waiting.setdefault(source, {})[change.what] = change
+        self._batches[source].note(change)
 
-    def _record_all(self, slot: int, changes: list[Change], left_out: int) -> None:
-        self._waiting.pop(slot, None)
+    def end_holding(self, holding: Hashable) -> None:
+        """Records what waits of outputs that were held by hand."""
+        if batch := self._batches.pop(holding, None):
+            batch.close()
+
+    def _record_all(self, source: Hashable, changes: list[Change], left_out: int) -> None:
+        self._waiting.pop(source, None)
         groups: dict[tuple[str, str, bool, bool], list[Change]] = {}
         for item in changes:
             alike = item.what, item.by, bool(item.problem), item.is_doubtful
             groups.setdefault(alike, []).append(item)
         if left_out:
             self._log.notice(
-                f"{left_out} earlier changes by the program in slot {slot} are not told, because "
-                "they came too often"
+                f"{left_out} earlier changes by {changes[0].by} are not told, because they came "
+                "too often"
             )
         for group in groups.values():
             self._record(group)
@@ -154,7 +174,7 @@ class Changes:
             how = f"{outcome}{often}: {last.problem}"
             return f"{last.what}: change {values}by {last.by} {how}"
 
-        text = line(f"{was}to {last.after} ")
+        text = line(f"{was}to {last.after}{_between(alike)} ")
         redacted = line("") if last.is_secret else ""
         facts = {"what": last.what, "by": last.by, "times": len(alike)}
         self._write(facts, text, failed=bool(last.problem), redacted=redacted)
@@ -178,6 +198,23 @@ class Changes:
         """Records the changes that are still waiting."""
         for batch in self._batches.values():
             batch.close()
+
+
+def _between(alike: Sequence[Change]) -> str:
+    """Where the values were meanwhile, if they are numbers beyond the first and the last one."""
+    ends = _numbers((alike[0].before or alike[0].after, alike[-1].after))
+    values = _numbers(change.after for change in alike)
+    if not ends or not values or (min(ends) <= min(values) and max(values) <= max(ends)):
+        return ""
+    return f" (between {min(*ends, *values):.15g} and {max(*ends, *values):.15g})"
+
+
+def _numbers(texts: Iterable[str]) -> list[float]:
+    """The numbers; none if one of the texts is no number."""
+    try:
+        return [float(text) for text in texts]
+    except ValueError:
+        return []
 
 
 def shown(data: bytes) -> str:

@@ -12,7 +12,8 @@ import os
 import socket
 import subprocess
 import sys
-from contextlib import ExitStack, suppress
+from collections.abc import Iterable
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -111,20 +112,20 @@ class Hands:
                 for name, value in values.items()
                 if name not in before or (value is not None and value != before[name])
             }
-            with ExitStack() as records:
-                for name, value in changed.items():
-                    records.enter_context(self._record(name, value, before.get(name), request.by))
-                try:
+            try:
+                with ExitStack() as records:
+                    for name, value in changed.items():
+                        records.enter_context(
+                            self._record(key, name, value, before.get(name), request.by)
+                        )
                     await self._ask(holding, key[0], values)
-                except (LeaseError, UnreachableError):
-                    self._forget(key)
-                    raise
-                except EcatError:
-                    if not before:  # it has not begun
-                        self._forget(key)
-                    raise
-            for name in [name for name in before if name not in values]:
-                self._note_end(name, request.by, "released")
+            except EcatError as error:
+                if not before or isinstance(error, LeaseError | UnreachableError):
+                    self._forget(key)  # it has not begun, or has ended
+                    self._changes.end_holding(key)
+                raise
+            if released := [name for name in before if name not in values]:
+                self._note_end(key, released, request.by, "released")
             holding.values = {
                 name: before.get(name) if value is None else value for name, value in values.items()
             }
@@ -137,7 +138,7 @@ class Hands:
     async def release(self, request: ReleaseOutputs) -> Released:
         """Releases outputs of one writer, or all that are held by hand."""
         user = whose(request.by)
-        released = []
+        released: list[str] = []
         for key, holding in [*self._holdings.items()]:
             if request.writer is not None and key != (user, request.writer):
                 continue
@@ -147,9 +148,8 @@ class Hands:
                 if self._process is not None:
                     await self._process.ask({"holding": holding.number, "release": True})
                 self._forget(key)
-                for name in holding.values:
-                    self._note_end(name, request.by, "released")
-                    released.append(name)
+                self._note_end(key, holding.values, request.by, "released")
+                released += holding.values
         return {"outputs": released}
 
     def _begin(self, key: Key, request: HoldOutputs) -> _Holding:
@@ -194,10 +194,8 @@ class Hands:
         for key, holding in [*self._holdings.items()]:
             if holding.number == number:
                 self._forget(key)
-                for name in holding.values:
-                    self._note_end(
-                        name, holding.by, f"safe, since no renewal came for {LEASE_S * 1e3:g} ms"
-                    )
+                how = f"safe, since no renewal came for {LEASE_S * 1e3:g} ms"
+                self._note_end(key, holding.values, holding.by, how)
 
     def _has_ended(self, process: _Process) -> None:
         """The process has ended, and with it all holdings."""
@@ -263,14 +261,19 @@ class Hands:
             raise UsageError(f"{label}, output {entry.address} takes whole numbers, not {value}")
         return number if is_real(entry.data_type) or isinstance(number, int) else int(number)
 
-    def _record(self, name: str, value: float | None, before: float | None, by: str) -> Any:
+    def _record(
+        self, key: Key, name: str, value: float | None, before: float | None, by: str
+    ) -> AbstractContextManager[object]:
         after = "its safe value, held" if value is None else f"{value:.15g}"
         was = "" if before is None else f"{before:.15g}"
-        return self._changes.record(self._what(name), after, f"{by}, by hand", before=was)
+        by = f"{by}, by hand"
+        return self._changes.record(self._what(name), after, by, before=was, holding=key)
 
-    def _note_end(self, name: str, by: str, how: str) -> None:
-        what = self._what(name)
-        self._changes.record_step(what, by, f"{what}: {how}; it was held by hand by {by}")
+    def _note_end(self, key: Key, names: Iterable[str], by: str, how: str) -> None:
+        self._changes.end_holding(key)
+        for name in names:
+            what = self._what(name)
+            self._changes.record_step(what, by, f"{what}: {how}; it was held by hand by {by}")
 
     def _what(self, name: str) -> str:
         label, entry = self._entry(name)
@@ -360,8 +363,9 @@ def _lapsed(writer: str) -> LeaseError:
 
 
 def _plain(user: str) -> str:
-    """The name of a user, as `on_behalf` has put it into a text."""
-    return user.removeprefix("user '").removesuffix("'")
+    """The name of a user, as `on_behalf` has put it into a text; on this machine `somebody`."""
+    name = user.removeprefix("user '").removesuffix("'")
+    return name if name != user else "somebody"
 
 
 def _number(text: str) -> int | float | None:
