@@ -51,6 +51,7 @@ from .access import (
 )
 from .admission import RELAYED, Admission
 from .certificates import contents, watch_certificates, wrong_certificates
+from .history import Histories
 from .listening import Listening
 from .metrics import MetricsServer
 from .publisher import Publisher, publish_stats
@@ -164,7 +165,8 @@ class Gateway:
         self._keep(asyncio.create_task(watch_routers(sessions.network, in_use, self._log)))
         self._streams = Streams(sessions, self._name, self._full_name)
         self._traces = Traces(sessions, self._bus, self._name, self._full_name, self._log)
-        self._handlers = Handlers(self, self._streams, self._traces)
+        histories = Histories(self._bus, self._name)
+        self._handlers = Handlers(self, self._streams, self._traces, histories)
         loop = asyncio.get_running_loop()
 
         def receive(query: zenoh.Query, replies: Replies) -> None:

@@ -10,9 +10,12 @@ from typing import NamedTuple
 from ecatd.client import Signal
 from ecatd.client.signals import letter
 from ecatd.operations.image import DomainImage
-from ecatd.operations.traces import TYPES, TraceSignal, column_type
+from ecatd.operations.traces import TYPES, TraceBatch, TraceSignal, column_type
 
 from .cycles import PADDING, Cycle
+
+_ROWS = 256
+"""Cycles whose values wait as they were read; columns take less memory."""
 
 
 def described(signal: Signal) -> TraceSignal:
@@ -44,6 +47,18 @@ class Batch(NamedTuple):
     columns: list[array[float]]
     invalid: list[list[int]]
 
+    def to_map(self, clock_ns: int, after: int, lost: bool) -> TraceBatch:
+        """It for readers; `TraceBatch` describes the arguments."""
+        return {
+            "cycles": self.cycles.tobytes(),
+            "times_ns": self.times_ns.tobytes(),
+            "clock_ns": clock_ns,
+            "columns": [column.tobytes() for column in self.columns],
+            "invalid": [[at, *places] for at, places in enumerate(self.invalid) if places],
+            "after": after,
+            "lost": lost,
+        }
+
 
 class Columns:
     """Collects the values of some entries.
@@ -55,6 +70,7 @@ class Columns:
 
     def __init__(self, signals: Sequence[Signal], layout: Sequence[DomainImage]) -> None:
         self._signals = signals
+        self._types = [TYPES[column_type(item.data_type, item.bit_length)] for item in signals]
         self._groups = [_group(signal, layout[signal.domain]) for signal in signals]
         self._whole = [
             _Words(domain, signals) for domain in sorted({signal.domain for signal in signals})
@@ -65,15 +81,14 @@ class Columns:
         self._begin()
 
     def _begin(self) -> None:
-        self._batch = Batch(
-            array("Q"),
-            array("q"),
-            [
-                array(TYPES[column_type(signal.data_type, signal.bit_length)])
-                for signal in self._signals
-            ],
-            [[] for _ in self._signals],
-        )
+        self._cycles, self._times_ns = array("Q"), array("q")
+        self._columns: list[array[float]] = [array(kind) for kind in self._types]
+        self._rows: list[list[tuple[float, ...]]] = [[] for _ in self._whole]
+        self._invalid: list[list[int]] = [[] for _ in self._signals]
+
+    def __len__(self) -> int:
+        """How many cycles were added since the last `take`."""
+        return len(self._cycles)
 
     def add(self, cycle: Cycle, images: Sequence[bytearray]) -> None:
         """Adds the values of a cycle.
@@ -82,15 +97,15 @@ class Columns:
             cycle: The cycle.
             images: The image of each domain, as `CycleReader` has them then.
         """
-        batch, place = self._batch, len(self._batch.cycles)
-        batch.cycles.append(cycle.number)
-        batch.times_ns.append(cycle.time_ns)
-        columns = batch.columns
-        for words in self._whole:
-            for number, value in zip(words.places, words.read(images[words.domain]), strict=True):
-                columns[number].append(value)
+        place = len(self._cycles)
+        self._cycles.append(cycle.number)
+        self._times_ns.append(cycle.time_ns)
+        for words, rows in zip(self._whole, self._rows, strict=True):
+            rows.append(words.read(images[words.domain]))
         for number, signal in self._odd:
-            columns[number].append(_bits(images[signal.domain], signal))
+            self._columns[number].append(_bits(images[signal.domain], signal))
+        if place % _ROWS == _ROWS - 1:
+            self._turn()
         if any(not state.is_complete or state.absent for state in cycle.domains):
             self._mark(cycle, place)
 
@@ -99,13 +114,22 @@ class Columns:
             state = cycle.domains[signal.domain]
             missing = state.absent >> group & 1 if group >= 0 else not state.is_complete
             if not state.is_known or (missing and not signal.output):
-                self._batch.invalid[number].append(place)
+                self._invalid[number].append(place)
 
     def take(self) -> Batch:
         """Returns what was collected since the last call."""
-        batch = self._batch
+        self._turn()
+        batch = Batch(self._cycles, self._times_ns, self._columns, self._invalid)
         self._begin()
         return batch
+
+    def _turn(self) -> None:
+        """Makes columns of rows: many at a time, since that is quick."""
+        for words, rows in zip(self._whole, self._rows, strict=True):
+            values = [*zip(*rows, strict=True)]
+            for number, place in words.places.items() if rows else ():
+                self._columns[number].extend(values[place])
+            rows.clear()
 
 
 def _group(signal: Signal, domain: DomainImage) -> int:
@@ -131,14 +155,13 @@ class _Words:
             at = (offset + first[offset].bit_length) // 8
             order[offset] = len(order)
         self.domain = domain
-        self.places = [number for number, _ in mine]
-        self._order = [order[signal.bit_offset] for _, signal in mine]
+        self.places = {number: order[signal.bit_offset] for number, signal in mine}
+        """For each entry its place among the words."""
         self._unpack = struct.Struct(form).unpack_from
 
-    def read(self, image: bytearray) -> list[float]:
-        """The values of the entries at `places`."""
-        words = self._unpack(image)
-        return [words[place] for place in self._order]
+    def read(self, image: bytearray) -> tuple[float, ...]:
+        """The words of an image."""
+        return self._unpack(image)
 
 
 def _bits(image: bytearray, signal: Signal) -> float:

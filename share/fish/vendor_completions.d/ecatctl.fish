@@ -51,7 +51,7 @@ function _shtab_ecatctl_using
 end
 
 set -g _shtab_ecatctl_commands buses graph slaves pdos state states read record watch write check dc info claims shm metrics stats top web sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis errors events incident waiting eoe eoe-read eoe-write foe-read foe-write sii-read sii-write alias soe-read soe-write identify reg-read reg-write rescan reboot config log log-level startup scan cstruct xml generate library client-flags capture doctor remote service
-set -g _shtab_ecatctl_opts_with_value --address --allow --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --port --raw --root --seconds --severity --since --size --templates --timeout --type --user --watch -n -o
+set -g _shtab_ecatctl_opts_with_value --address --allow --as --backup --before --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --port --raw --root --seconds --severity --since --size --templates --timeout --type --user --watch -n -o
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -127,6 +127,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using record' -l json -d 'print JSON for 
 complete -c ecatctl -n '_shtab_ecatctl_using record' -s o -l out -xka "(__fish_complete_path (commandline -ct))" -d 'the file; its name ends in .csv, .mcap, .parquet'
 complete -c ecatctl -n '_shtab_ecatctl_using record' -l raw -d 'record raw values, which `ecatd --simulate RIG --replay FILE` and `ecatsim run` need'
 complete -c ecatctl -n '_shtab_ecatctl_using record' -l every -x -d 'record only every Nth cycle (default: 1)'
+complete -c ecatctl -n '_shtab_ecatctl_using record' -l before -x -d 'begin with the last S seconds, as far as ecatd keeps them'
 complete -c ecatctl -n '_shtab_ecatctl_using record' -l force -d 'replace FILE if it exists'
 complete -c ecatctl -n '_shtab_ecatctl_using record' -l for -x -d 'stop after S seconds (default: when you press Ctrl-C)'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a watch -d 'Show values as they change, with minimum, mean and maximum.'

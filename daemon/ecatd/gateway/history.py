@@ -1,0 +1,123 @@
+"""History: the values of entries in cycles of the last seconds, for whoever has just begun to look.
+
+A reader asks for one part after the other, as quickly as it takes them, so nobody else gets them,
+and nothing waits for a reader that takes none. What has read a part goes on with the next one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+
+from ecatd.operations.bus_client import BusClient
+from ecatd.operations.handlers import handles
+from ecatd.operations.traces import History, ReadHistory
+from ecatd.trace.columns import Columns, described
+
+from .kept_frames import KeptFrames
+
+_CYCLES_MAX, _VALUES_MAX = 500, 100_000
+"""Cycles, and values, of a part: some ms of work, so that traces come in time."""
+_READERS_MAX = 8
+"""Readers that can go on. One more: the one that has waited longest begins anew, which takes it
+longer."""
+_ABANDONED_S = 5.0
+"""Seconds after which a reader that does not ask is forgotten."""
+
+
+class Histories:
+    """The histories that are being read.
+
+    Args:
+        server: The bus server.
+        bus: Name of the bus.
+    """
+
+    def __init__(self, server: BusClient, bus: str) -> None:
+        self._server = server
+        self._bus = bus
+        self._turn = asyncio.Lock()
+        self._readers: dict[tuple[str, int], _Reader] = {}
+
+    @handles(ReadHistory)
+    async def read(self, request: ReadHistory) -> History:
+        """Returns a part. Parts for several readers are made one after the other.
+
+        Raises:
+            UsageError: There are too many entries.
+            StateError: No entry fits a pattern, or the bus server keeps no frames.
+        """
+        async with self._turn:
+            reader = self._readers.pop((request.patterns, request.begin), None)
+            if reader is None:
+                frames = await KeptFrames.open(self._server, self._bus, request.begin)
+                try:
+                    # With many entries it takes a while, in which others get their answers.
+                    reader = await asyncio.to_thread(_Reader, frames, request.patterns)
+                finally:
+                    frames.close()
+            answer = await reader.read(request.begin, request.end)
+            if answer["more"]:
+                self._keep((request.patterns, answer["next"]), reader)
+            return answer
+
+    def _keep(self, key: tuple[str, int], reader: _Reader) -> None:
+        self._readers[key] = reader
+        if len(self._readers) > _READERS_MAX:
+            del self._readers[next(iter(self._readers))]
+        loop = asyncio.get_running_loop()
+        loop.call_later(_ABANDONED_S, self._forget, key, reader)
+
+    def _forget(self, key: tuple[str, int], reader: _Reader) -> None:
+        if self._readers.get(key) is reader:
+            del self._readers[key]
+
+
+class _Reader:
+    """What reads a history.
+
+    Args:
+        frames: The frames.
+        patterns: Those of the entries.
+    """
+
+    def __init__(self, frames: KeptFrames, patterns: str) -> None:
+        signals = frames.choose(patterns)
+        self._frames = frames
+        self._columns = Columns(signals, frames.layout)
+        self._signals = [described(signal) for signal in signals]
+        self._most = max(1, min(_CYCLES_MAX, _VALUES_MAX // len(signals)))
+        self._cycles = frames.cycles()
+        self._last = 0
+
+    async def read(self, begin: int, end: int) -> History:
+        """Reads the next part, up to the cycle `end`."""
+        frames, lost = self._frames, False
+        while not (is_done := await asyncio.to_thread(self._collect, end)) and frames.more:
+            await frames.fetch()
+            lost |= frames.lost
+            self._cycles = frames.cycles()
+        more = is_done and len(self._columns) == self._most
+        batch = self._columns.take()
+        numbers, after = batch.cycles, self._last
+        self._last = numbers[-1] if numbers else after
+        if not after and not frames.has_first:
+            begin = numbers[0] if numbers else end
+        return {
+            "signals": self._signals,
+            "begin": begin,
+            "batch": batch.to_map(frames.clock_ns, after, lost),
+            "next": self._last + 1 if self._last else begin,
+            "more": more,
+        }
+
+    def _collect(self, end: int) -> bool:
+        """Takes what was fetched; returns whether this part has all it can."""
+        if len(self._columns) == self._most:
+            return True
+        for cycle, images in self._cycles:
+            if cycle.number >= end:
+                return True
+            self._columns.add(cycle, images)
+            if len(self._columns) == self._most:
+                return True
+        return False
