@@ -7,6 +7,7 @@ and nothing waits for a reader that takes none. What has read a part goes on wit
 from __future__ import annotations
 
 import asyncio
+import time
 
 from ecatd.operations.bus_client import BusClient
 from ecatd.operations.handlers import handles
@@ -36,6 +37,7 @@ class Histories:
         self._server = server
         self._bus = bus
         self._turn = asyncio.Lock()
+        self._rest_until = 0.0
         self._readers: dict[tuple[str, int], _Reader] = {}
 
     @handles(ReadHistory)
@@ -47,6 +49,9 @@ class Histories:
             StateError: No entry fits a pattern, or the bus server keeps no frames.
         """
         async with self._turn:
+            # Half of the time is for traces and all else, however many ask.
+            await asyncio.sleep(max(0.0, self._rest_until - time.monotonic()))
+            began = time.monotonic()
             reader = self._readers.pop((request.patterns, request.begin), None)
             if reader is None:
                 frames = await KeptFrames.open(self._server, self._bus, request.begin)
@@ -58,6 +63,8 @@ class Histories:
             answer = await reader.read(request.begin, request.end)
             if answer["more"]:
                 self._keep((request.patterns, answer["next"]), reader)
+            now = time.monotonic()
+            self._rest_until = now + (now - began)
             return answer
 
     def _keep(self, key: tuple[str, int], reader: _Reader) -> None:

@@ -75,9 +75,7 @@ class Columns:
         self._whole = [
             _Words(domain, signals) for domain in sorted({signal.domain for signal in signals})
         ]
-        self._odd = [
-            (number, signal) for number, signal in enumerate(signals) if not letter(signal)
-        ]
+        self._bits = _bits(signals)
         self._begin()
 
     def _begin(self) -> None:
@@ -102,8 +100,17 @@ class Columns:
         self._times_ns.append(cycle.time_ns)
         for words, rows in zip(self._whole, self._rows, strict=True):
             rows.append(words.read(images[words.domain]))
-        for number, signal in self._odd:
-            self._columns[number].append(_bits(images[signal.domain], signal))
+        columns = self._columns
+        for (domain, first), entries in self._bits.items():
+            word = int.from_bytes(images[domain][first : first + PADDING + 1], "little")
+            for number, shift, mask, sign, real in entries:
+                value: float = word >> shift & mask
+                if real:
+                    data = (word >> shift & mask).to_bytes(8, "little")
+                    (value,) = struct.unpack_from(real, data)
+                elif word >> shift & sign:
+                    value -= sign << 1
+                columns[number].append(value)
         if place % _ROWS == _ROWS - 1:
             self._turn()
         if any(not state.is_complete or state.absent for state in cycle.domains):
@@ -164,13 +171,25 @@ class _Words:
         return self._unpack(image)
 
 
-def _bits(image: bytearray, signal: Signal) -> float:
-    """The value of an entry that begins or ends within a byte."""
-    first, shift = divmod(signal.bit_offset, 8)
-    bits = signal.bit_length
-    word = int.from_bytes(image[first : first + PADDING + 1], "little") >> shift & (1 << bits) - 1
-    if signal.real:
-        data = word.to_bytes(bits // 8, "little")
-        value: float = struct.unpack("<f" if bits == 32 else "<d", data)[0]
-        return value
-    return word - (1 << bits) if signal.signed and word >> bits - 1 else word
+class _Entry(NamedTuple):
+    """An entry that begins or ends within a byte."""
+
+    number: int  #: Its number among the entries.
+    shift: int  #: Bits before it in its first byte.
+    mask: int  #: Its bits.
+    sign: int  #: The bit that makes its value negative; 0 if none does.
+    real: str  #: Its letter in `struct` if it is a floating-point number.
+
+
+def _bits(signals: Sequence[Signal]) -> dict[tuple[int, int], list[_Entry]]:
+    """The entries that begin or end within a byte, by domain and first byte."""
+    found: dict[tuple[int, int], list[_Entry]] = {}
+    for number, signal in enumerate(signals):
+        if letter(signal):
+            continue
+        first, shift = divmod(signal.bit_offset, 8)
+        mask = (1 << signal.bit_length) - 1
+        real = ("<f" if signal.bit_length == 32 else "<d") if signal.real else ""
+        entry = _Entry(number, shift, mask, mask + 1 >> 1 if signal.signed else 0, real)
+        found.setdefault((signal.domain, first), []).append(entry)
+    return found

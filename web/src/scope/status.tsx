@@ -23,7 +23,7 @@ export function StatusLine({ model }: { model: ScopeModel }) {
       <span>
         {isFile && model.entries.value.length === 0 ? "A file" : isFile ? (model.ended.value ? `The whole file: ${time}` : "The file is being read …") : `Recorded ${time} of 10:00 min`}
         {status ? `, ${status.rows} rows, ${(status.bytes / 1e6).toFixed(0)} MB` : ""}
-        {history && !isFile ? `; a signal begins ${history.seconds.toFixed(1)} s back` : ""}
+        {history && !isFile ? `; new signals begin ${history.seconds.toFixed(1)} s back` : ""}
       </span>
       {status && <span title="JavaScript for each picture">{status.drawing.toFixed(1)} ms, {status.frames}/s</span>}
       <span role="status" class="scope-warning">{warnings.join(" ")}</span>
