@@ -224,7 +224,8 @@ def test_an_optional_slave_that_is_absent(start_daemon: Callable[..., Daemon]) -
 
 
 def test_what_cannot_be_traced(start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("line:160")
+    address = f"tcp/127.0.0.1:{free_port()}"
+    daemon = start_daemon("line:160", config=f'[gateway]\nlisten = ["{address}"]\n')
     with daemon.client() as client:
         client.sample()
         signals = find_signals(client, [f"{slave}/*" for slave in range(20)])
@@ -245,9 +246,17 @@ def test_what_cannot_be_traced(start_daemon: Callable[..., Daemon]) -> None:
             for slave in range(8):
                 open_traces.enter_context(session.trace([f"{slave}/*"]))
             open_traces.enter_context(session.trace(["0/*"]))  # one that is open already
+            # The network has no place that is kept for this machine.
+            with Remote(daemon.bus, address, timeout=60) as other:
+                with pytest.raises(BusyError) as full:
+                    other.trace(["8/*"])
+                names(full.value, 8)
+                assert other.request(ReadHistory("8/*"))["batch"]["cycles"]
+            for slave in range(8, 12):
+                open_traces.enter_context(session.trace([f"{slave}/*"]))
             with pytest.raises(BusyError) as full:
-                session.trace(["8/*"])
-            names(full.value, 8)
+                session.trace(["12/*"])
+            names(full.value, 12)
     assert daemon.stop() == 0
     daemon = start_daemon("line:1", config=f"{LOCAL}[flight_recorder]\nmemory_mb = 0\n")
     with remote(daemon) as session, pytest.raises(StateError) as none:

@@ -55,7 +55,7 @@ from .history import Histories
 from .listening import Listening
 from .metrics import MetricsServer
 from .publisher import Publisher, publish_stats
-from .replies import TAKEN_WITHIN_S, Replies
+from .replies import IS_HERE, TAKEN_WITHIN_S, Replies
 from .routers import watch_routers
 from .sessions import Sessions
 from .streams import Streams
@@ -255,6 +255,7 @@ class Gateway:
     def _receive(self, query: zenoh.Query, replies: Replies) -> None:
         """Starts to answer a query; the reply is sent when the bus server has answered."""
         begin = time.monotonic()
+        IS_HERE.set(replies.are_here)  # of this call, and what it starts
         parts = str(query.key_expr).split("/")[3:]  # those that follow the name of the bus
         try:
             answer = self._carry_out(query, parts)

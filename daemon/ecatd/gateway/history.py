@@ -15,6 +15,7 @@ from ecatd.operations.traces import History, ReadHistory
 from ecatd.trace.columns import Columns, described
 
 from .kept_frames import KeptFrames
+from .replies import IS_HERE
 
 _CYCLES_MAX, _VALUES_MAX = 500, 100_000
 """Cycles, and values, of a part: some ms of work, so that traces come in time."""
@@ -37,22 +38,27 @@ class Histories:
         self._server = server
         self._bus = bus
         self._turn = asyncio.Lock()
+        self._queues = {is_here: asyncio.Lock() for is_here in (True, False)}
         self._rest_until = 0.0
-        self._readers: dict[tuple[str, int], _Reader] = {}
+        self._readers: dict[bool, dict[tuple[str, int], _Reader]] = {True: {}, False: {}}
+        """Those of this machine, and of the network, by what they are asked next."""
 
     @handles(ReadHistory)
     async def read(self, request: ReadHistory) -> History:
-        """Returns a part. Parts for several readers are made one after the other.
+        """Returns a part.
+
+        Parts are made one after the other; this machine and the network take turns.
 
         Raises:
             UsageError: There are too many entries.
             StateError: No entry fits a pattern, or the bus server keeps no frames.
         """
-        async with self._turn:
+        async with self._queues[IS_HERE.get()], self._turn:
             # Half of the time is for traces and all else, however many ask.
             await asyncio.sleep(max(0.0, self._rest_until - time.monotonic()))
             began = time.monotonic()
-            reader = self._readers.pop((request.patterns, request.begin), None)
+            readers = self._readers[IS_HERE.get()]
+            reader = readers.pop((request.patterns, request.begin), None)
             if reader is None:
                 frames = await KeptFrames.open(self._server, self._bus, request.begin)
                 try:
@@ -62,21 +68,10 @@ class Histories:
                     frames.close()
             answer = await reader.read(request.begin, request.end)
             if answer["more"]:
-                self._keep((request.patterns, answer["next"]), reader)
+                _keep(readers, (request.patterns, answer["next"]), reader)
             now = time.monotonic()
             self._rest_until = now + (now - began)
             return answer
-
-    def _keep(self, key: tuple[str, int], reader: _Reader) -> None:
-        self._readers[key] = reader
-        if len(self._readers) > _READERS_MAX:
-            del self._readers[next(iter(self._readers))]
-        loop = asyncio.get_running_loop()
-        loop.call_later(_ABANDONED_S, self._forget, key, reader)
-
-    def _forget(self, key: tuple[str, int], reader: _Reader) -> None:
-        if self._readers.get(key) is reader:
-            del self._readers[key]
 
 
 class _Reader:
@@ -128,3 +123,16 @@ class _Reader:
             if len(self._columns) == self._most:
                 return True
         return False
+
+
+def _keep(readers: dict[tuple[str, int], _Reader], key: tuple[str, int], reader: _Reader) -> None:
+    """Keeps what can go on, for a while."""
+
+    def forget() -> None:
+        if readers.get(key) is reader:
+            del readers[key]
+
+    readers[key] = reader
+    if len(readers) > _READERS_MAX:
+        del readers[next(iter(readers))]
+    asyncio.get_running_loop().call_later(_ABANDONED_S, forget)

@@ -87,7 +87,8 @@ class KeptFrames:
             first = newest + 1 if first is None else first
             # Before it, each domain has an exchange. The reader leaves one cycle out, and the
             # newest one may have ended a while ago.
-            before = 3 + max(client.domain(number).divider for number in range(len(layout)))
+            dividers = [client.domain(number).divider for number in range(len(layout))]
+            before = 3 + max(dividers, default=1)
             age = max(0, newest - first)
             since_ns = now_ns - round(cycle_ns * (age * (1 + _DRIFT) + before))
             reader = CycleReader(layout, cycle_ns, newest, now_ns)

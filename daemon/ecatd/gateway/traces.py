@@ -24,9 +24,11 @@ from ecatd.operations.zenoh_keys import SCHEMA, bus_key
 from ecatd.trace.columns import Columns, described
 
 from .kept_frames import KeptFrames
+from .replies import IS_HERE
 from .sessions import Publisher, Sessions
 
-_TRACES_MAX = 8
+_TRACES_MAX, _HERE_MAX = 8, 4
+"""Traces, and how many more this machine can open than the network."""
 _PERIOD_S = 0.05
 """Seconds between two batches."""
 _ABANDONED_S = 5.0
@@ -75,10 +77,9 @@ class Traces:
         return trace.description
 
     async def _make(self, name: str, patterns: str) -> _OpenTrace:
-        if len(self._traces) >= _TRACES_MAX:
-            raise BusyError(
-                f"{_TRACES_MAX} traces are open already; try again when some have ended"
-            )
+        most = _TRACES_MAX + _HERE_MAX * IS_HERE.get()
+        if len(self._traces) >= most:
+            raise BusyError(f"{most} traces are open already; try again when some have ended")
         if self._source is None:
             self._source = await KeptFrames.open(self._server, self._bus)
             self._task = asyncio.create_task(self._run(self._source))

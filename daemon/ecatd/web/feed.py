@@ -15,6 +15,8 @@ from .page import Page
 
 _TAKEN_WITHIN_S = 5.0
 """Seconds in which a page must take a part of the history, or there is no more of it."""
+_HELD_MAX = 400
+"""Batches that wait for the history: 20 s. What takes longer will not catch up."""
 
 History = Callable[[Page, Sequence[str], int], AsyncGenerator[Cycles, None]]
 
@@ -40,6 +42,8 @@ class Feed:
 
     def take(self, cycles: Cycles, names: frozenset[str]) -> None:
         """Takes the next cycles of a trace with the signals `names`."""
+        if self._task is not None and self._task.done():
+            self._task.result()  # a defect must not be silent
         page, last = self._page, self._last
         self._last = cycles.numbers[-1]
         new = cycles.after(last)
@@ -74,7 +78,8 @@ class Feed:
                     await asyncio.wait_for(page.drained(), _TAKEN_WITHIN_S)
                 except TimeoutError:
                     is_quick = False
-                if not is_quick:
+                if not is_quick or len(self._held) > _HELD_MAX:
+                    is_quick = False
                     break
         for cycles in self._held:
             if is_quick and cycles.columns.keys() >= {*names}:
