@@ -242,6 +242,9 @@ def test_what_cannot_be_traced(start_daemon: Callable[..., Daemon]) -> None:
         every = [f"{signal.slave}/{signal.address}" for signal in signals]
         found = session.request(ReadHistory("\n".join(every)))["signals"]
         assert len(found) == len(every) > 1000  # names are no patterns: there may be many of them
+        for slave in range(16):  # one after the other
+            with session.trace([f"{slave}/*"]) as trace:
+                next(iter(trace))
         with contextlib.ExitStack() as open_traces:
             for slave in range(8):
                 open_traces.enter_context(session.trace([f"{slave}/*"]))

@@ -79,6 +79,9 @@ class Traces:
     async def _make(self, name: str, patterns: str) -> _OpenTrace:
         most = _TRACES_MAX + _HERE_MAX * IS_HERE.get()
         if len(self._traces) >= most:
+            # Somebody who chooses one signal after the other leaves many of them.
+            self._traces = {n: t for n, t in self._traces.items() if not t.was_left}
+        if len(self._traces) >= most:
             raise BusyError(f"{most} traces are open already; try again when some have ended")
         if self._source is None:
             self._source = await KeptFrames.open(self._server, self._bus)
@@ -151,6 +154,12 @@ class _OpenTrace:
         self.asked = time.monotonic()
         self._last = 0
         self._lost = False
+        self._was_read = False
+
+    @property
+    def was_left(self) -> bool:
+        """Whether nobody listens any more."""
+        return self._was_read and not self._publisher.is_wanted
 
     def publish(self, clock_ns: int, lost: bool) -> None:
         """Publishes what was collected, if it is something."""
@@ -166,4 +175,5 @@ class _OpenTrace:
         """Whether somebody listens, or has just opened it."""
         if self._publisher.is_wanted:
             self.asked = time.monotonic()
+            self._was_read = True
         return time.monotonic() - self.asked < _ABANDONED_S
