@@ -125,6 +125,25 @@ uint32_t cyclic_frame_ring_read(const cyclic_frame_ring_t *ring, uint64_t *posit
   return bytes;
 }
 
+uint64_t cyclic_frame_ring_find(const cyclic_frame_ring_t *ring, uint64_t time_ns) {
+  uint64_t head = __atomic_load_n(&ring->head, __ATOMIC_ACQUIRE);
+  uint64_t tail = __atomic_load_n(&ring->tail, __ATOMIC_RELAXED), at = tail, found = tail;
+  while (at < head) {
+    cyclic_frame_record record;
+    get(ring, at, &record, sizeof record);
+    __atomic_thread_fence(__ATOMIC_ACQUIRE);
+    tail = __atomic_load_n(&ring->tail, __ATOMIC_RELAXED);
+    if (tail > at) { /* overwritten meanwhile; the writer is slower than this loop */
+      at = found = tail;
+      continue;
+    }
+    if (record.time_ns > time_ns) break;
+    found = at;
+    at += record_bytes(record.length);
+  }
+  return found;
+}
+
 uint64_t cyclic_frame_ring_end(const cyclic_frame_ring_t *ring) {
   return __atomic_load_n(&ring->head, __ATOMIC_ACQUIRE);
 }

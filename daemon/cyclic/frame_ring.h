@@ -31,6 +31,8 @@ CYCLIC_API void cyclic_relay_set_frame_ring(cyclic_relay_t *r, cyclic_frame_ring
  * that is left; then `*position` advances by more than the returned number. */
 CYCLIC_API uint32_t cyclic_frame_ring_read(const cyclic_frame_ring_t *ring, uint64_t *position, void *to,
                                            uint32_t room);
+/* The position of the last record that is not newer than `time_ns`; of the oldest one, if all are newer. */
+CYCLIC_API uint64_t cyclic_frame_ring_find(const cyclic_frame_ring_t *ring, uint64_t time_ns);
 /* The position behind the newest record. */
 CYCLIC_API uint64_t cyclic_frame_ring_end(const cyclic_frame_ring_t *ring);
 CYCLIC_API void cyclic_frame_ring_free(cyclic_frame_ring_t *ring);

@@ -7,7 +7,7 @@ import random
 import re
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
@@ -16,7 +16,8 @@ from conftest import CYCLE_TIME_US, PATIENCE, Daemon, free_port, names, wait_for
 from ecatd.base.errors import BusyError, LeaseError, StateError, UnreachableError, UsageError
 from ecatd.client.patterns import find_signals
 from ecatd.client.remote import Remote
-from ecatd.client.trace import Batch
+from ecatd.client.trace import Batch, Trace
+from ecatd.operations.traces import ReadHistory
 from ecatd.shm.contract import Validity
 from ecatsim.control import Simulator
 
@@ -123,6 +124,13 @@ def compare(daemon: Daemon, *patterns: str) -> tuple[int, int]:
                 found |= {cycle: (batch, at) for at, cycle in enumerate(batch.cycles)}
                 if len(samples.seen.keys()) > ENOUGH and len(found) > ENOUGH:
                     break
+    return check(samples, found, trace, daemon)
+
+
+def check(
+    samples: Samples, found: Mapping[int, tuple[Batch, int]], trace: Trace, daemon: Daemon
+) -> tuple[int, int]:
+    """Compares cycles of a trace, each in its batch, with what a client saw; see `compare`."""
     same = invalid = 0
     for (_, cycle), entries in samples.seen.items():
         if cycle not in found:
@@ -149,6 +157,39 @@ def test_a_trace_has_what_clients_see(start_daemon: Callable[..., Daemon]) -> No
         simulator.faults.drop(all_frames=True, count=0, probability=0.03)
         simulator.faults.drop(all_frames=True, count=0, probability=0.03, seed=2, way_back=True)
         same, invalid = compare(daemon, *patterns)
+    assert same > ENOUGH // 2
+    assert invalid > 10
+
+
+def test_history_is_what_a_client_saw_and_live_cycles_follow_without_a_gap(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    daemon = start_daemon(str(RIGS / "domains.py"), config=MIXED)
+    patterns = [f"{slave}/*:0[1-4]" for slave in (0, 1, 4, 10, 33, 34, 39)]
+    with Simulator(str(daemon.child_pid("ecatsim"))) as simulator, remote(daemon) as session:
+        simulator.faults.drop(all_frames=True, count=0, probability=0.03)
+        with session.trace(["0/*:0[1-4]"]) as other, Samples(daemon, patterns) as samples:
+            wait_for(lambda: len(samples.seen) > ENOUGH, daemon)
+            before: dict[int, tuple[Batch, int]] = {}
+            with session.trace(patterns, before_s=600) as trace:
+                for batch in trace:
+                    assert not batch.lost
+                    assert not before.keys() & {*batch.cycles}
+                    before |= {cycle: (batch, at) for at, cycle in enumerate(batch.cycles)}
+                    if batch.cycles[-1] > trace.live + ENOUGH:
+                        break
+            assert [*before] == sorted(before)
+            assert next(iter(before)) == trace.begin < trace.live - ENOUGH
+            history = {cycle: found for cycle, found in before.items() if cycle < trace.live}
+            for batch in other:
+                for at, cycle in enumerate(batch.cycles):
+                    if cycle >= trace.begin:
+                        mine, place = before[cycle]
+                        for name in range(len(other.signals)):
+                            assert mine.columns[name][place] == batch.columns[name][at]
+                if batch.cycles[-1] >= trace.live + ENOUGH // 2:
+                    break
+    same, invalid = check(samples, history, trace, daemon)
     assert same > ENOUGH // 2
     assert invalid > 10
 
@@ -183,28 +224,75 @@ def test_an_optional_slave_that_is_absent(start_daemon: Callable[..., Daemon]) -
 
 
 def test_what_cannot_be_traced(start_daemon: Callable[..., Daemon]) -> None:
-    daemon = start_daemon("line:160")
+    address = f"tcp/127.0.0.1:{free_port()}"
+    daemon = start_daemon("line:160", config=f'[gateway]\nlisten = ["{address}"]\n')
+    with daemon.client() as client:
+        client.sample()
+        signals = find_signals(client, [f"{slave}/*" for slave in range(20)])
     with remote(daemon) as session:
         for pattern, error, *told in (
             ("*", UsageError, "10000"),
             ("7/nosuch", StateError, "nosuch"),
             ("\n".join(["*"] * 101), UsageError, "101", "100"),
         ):
-            with pytest.raises(error) as refused:
-                session.trace([pattern])
-            names(refused.value, *told)
+            for ask in (session.trace, lambda them: session.request(ReadHistory(them[0]))):
+                with pytest.raises(error) as refused:
+                    ask([pattern])
+                names(refused.value, *told)
+        every = [f"{signal.slave}/{signal.address}" for signal in signals]
+        found = session.request(ReadHistory("\n".join(every)))["signals"]
+        assert len(found) == len(every) > 1000  # names are no patterns: there may be many of them
+        for slave in range(16):  # one after the other
+            with session.trace([f"{slave}/*"]) as trace:
+                next(iter(trace))
         with contextlib.ExitStack() as open_traces:
             for slave in range(8):
                 open_traces.enter_context(session.trace([f"{slave}/*"]))
             open_traces.enter_context(session.trace(["0/*"]))  # one that is open already
+            # The network has no place that is kept for this machine.
+            with Remote(daemon.bus, address, timeout=60) as other:
+                with pytest.raises(BusyError) as full:
+                    other.trace(["8/*"])
+                names(full.value, 8)
+                assert other.request(ReadHistory("8/*"))["batch"]["cycles"]
+            for slave in range(8, 12):
+                open_traces.enter_context(session.trace([f"{slave}/*"]))
             with pytest.raises(BusyError) as full:
-                session.trace(["8/*"])
-            names(full.value, 8)
+                session.trace(["12/*"])
+            names(full.value, 12)
     assert daemon.stop() == 0
     daemon = start_daemon("line:1", config=f"{LOCAL}[flight_recorder]\nmemory_mb = 0\n")
     with remote(daemon) as session, pytest.raises(StateError) as none:
         session.trace(["*"])
     names(none.value, "flight_recorder.memory_mb", 0)
+
+
+def test_history_begins_with_what_is_kept(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    """Half a megabyte of frames are some 2000 cycles."""
+    config = f"cycle_time_us = 1000\n{LOCAL}[flight_recorder]\nmemory_mb = 1\n"
+    daemon = start_daemon("line:1", config=config)
+    with daemon.client() as client:
+        client.wait(5000, timeout=PATIENCE)
+    with remote(daemon) as session, session.trace(["0/*:01"], before_s=600) as trace:
+        first = next(iter(trace))
+        assert first.cycles[0] == trace.begin > 1000
+        assert not first.lost
+        whole = session.request(ReadHistory("0/*:01"))
+        assert trace.begin <= whole["begin"] < trace.live + 2000
+        old = session.request(ReadHistory("0/*:01", 1, 500))
+        assert not old["batch"]["cycles"]
+        assert not old["more"]
+        assert old["begin"] == 500
+    file = tmp_path / "run.csv"
+    done = daemon.ctl_json("record", "0/*:01", "-o", str(file), "--before", "600", "--for", "0.1")
+    assert 0.1 < done["before_s"] < 60
+    assert done["cycles"] == round(1000 * done["before_s"]) + 100 - done["left_out"]
+    assert done["lost"] == 0
+    again = ("-o", str(file), "--force", "--before", "600", "--for", "0.1")
+    told = daemon.ctl("record", "0/*:01", *again)
+    names(told.stdout, "600 s", "flight_recorder.memory_mb")
 
 
 def test_a_gateway_that_stood_still_says_what_is_lost(

@@ -29,6 +29,8 @@ static void *write_all(void *ring) {
   return NULL;
 }
 
+static uint64_t max_of(uint64_t a, uint64_t b) { return a > b ? a : b; }
+
 int main(void) {
   cyclic_frame_ring_t *ring = cyclic_frame_ring_new(BYTES);
   uint8_t *to = malloc(ROOM), expected[2048];
@@ -36,7 +38,7 @@ int main(void) {
   pthread_t writer;
   pthread_create(&writer, NULL, write_all, ring);
   while (last < FRAMES) {
-    uint64_t before = position;
+    uint64_t before = position = max_of(position, cyclic_frame_ring_find(ring, last));
     uint32_t at = 0, bytes = cyclic_frame_ring_read(ring, &position, to, ROOM);
     lost += position - before > bytes;
     while (at < bytes) {
@@ -55,6 +57,16 @@ int main(void) {
     }
   }
   pthread_join(writer, NULL);
+  for (number = last - 10; number < last + 3; number++) { /* its record, or the newest one */
+    cyclic_frame_record record;
+    position = cyclic_frame_ring_find(ring, number);
+    if (cyclic_frame_ring_read(ring, &position, to, ROOM) < sizeof record) return 3;
+    memcpy(&record, to, sizeof record);
+    if (record.time_ns != (number < last ? number : last)) return 4;
+  }
+  position = 0;
+  if (cyclic_frame_ring_find(ring, 1) == 0) return 5; /* gone; it is the oldest that is left */
+  if (cyclic_frame_ring_read(ring, &position, to, ROOM) == 0) return 6;
   position = (uint64_t)1 << 60; /* of an earlier run */
   if (cyclic_frame_ring_read(ring, &position, to, ROOM) == 0) return 2;
   printf("%llu seen, %llu gaps\n", (unsigned long long)seen, (unsigned long long)lost);

@@ -166,9 +166,11 @@ def test_what_is_drawn_is_what_is_recorded(troll: Daemon, page: Any, tmp_path: P
         stderr=subprocess.STDOUT,
     )
     try:
+        added_ms = 1000 * time.time()
         add(page, SIGNAL)
         until(lambda: page.locator(".scope-status").get_attribute("data-view"))
         until(lambda: status(page)["rows"] > 300)
+        assert status(page)["first"] < added_ms  # it begins with its last seconds
         peaks(troll, 4)
         page.get_by_role("button", name="Live").click()
         page.wait_for_timeout(300)

@@ -17,7 +17,7 @@ PATIENCE = 60.0
 
 def test_a_client_that_takes_nothing_holds_up_nobody() -> None:
     """Sending blocks, as Zenoh does, and another reply is sent nevertheless."""
-    replies, taken, sent = Replies(64), threading.Event(), threading.Event()
+    replies, taken, sent = Replies(64, are_here=True), threading.Event(), threading.Event()
     begun = threading.Semaphore(0)
 
     def blocked() -> None:
@@ -33,7 +33,7 @@ def test_a_client_that_takes_nothing_holds_up_nobody() -> None:
 
 
 def test_queries_are_limited_and_their_places_come_back() -> None:
-    replies, taken = Replies(64), threading.Event()
+    replies, taken = Replies(64, are_here=True), threading.Event()
     begun: list[int] = []
     all_begun = threading.Event()
 

@@ -57,7 +57,8 @@ def read(reader: CycleReader, records: bytes) -> list[tuple[int, bool, bytes]]:
 def test_lost_and_wrong_answers_leave_the_last_inputs() -> None:
     reader = CycleReader(LAYOUT, CYCLE_NS, newest=100, now_ns=100 * CYCLE_NS)
     records = (
-        exchange(100, b"a1", b"A1")
+        exchange(99, b"a0", b"A0")  # it may have lost frames, so it is left out
+        + exchange(100, b"a1", b"A1")
         + exchange(101, b"a2", None)
         + exchange(102, b"a3", b"A3", wkc=1)
         + exchange(104, b"a5", b"A5")
@@ -75,12 +76,22 @@ def test_numbers_go_on_beyond_sixteen_bits_and_after_a_gap() -> None:
     newest = 5 * 65536 + 3
     reader = CycleReader(LAYOUT, CYCLE_NS, newest=newest, now_ns=newest * CYCLE_NS)
     first = 5 * 65536 - 2
-    found = read(reader, b"".join(exchange(first + n, b"oo", b"ii") for n in range(5)))
+    found = read(reader, b"".join(exchange(first + n, b"oo", b"ii") for n in range(-1, 5)))
     assert [number for number, *_ in found] == [first + n for n in range(4)]
     reader.restart()
     later = first + 40 * 65536 + 7  # frames in between were overwritten
-    found = read(reader, exchange(later, b"oo", b"ii") + exchange(later + 1, b"oo", b"ii"))
+    found = read(reader, b"".join(exchange(later + n, b"oo", b"ii") for n in range(-1, 2)))
     assert [number for number, *_ in found] == [later]
+
+
+def test_a_cycle_of_which_the_first_frames_were_overwritten_is_left_out() -> None:
+    """The rest of it says nothing of the outputs that were in them."""
+    reader = CycleReader(LAYOUT, CYCLE_NS, newest=50, now_ns=50 * CYCLE_NS)
+    whole = [exchange(50 + n, b"oo", b"ii") for n in range(5)]
+    rest = whole[0][len(exchange(50, b"oo", None)) :]
+    assert [number for number, *_ in read(reader, rest + b"".join(whole[1:3]))] == [51]
+    reader.restart()
+    assert [number for number, *_ in read(reader, b"".join(whole[2:]))] == [53]
 
 
 def test_an_answer_to_another_frame_does_not_count() -> None:
@@ -88,7 +99,8 @@ def test_an_answer_to_another_frame_does_not_count() -> None:
     late = record(8, frame(7, b"b1B1", 3), sent=False)
     short = record(8, b"\0" * 5, sent=False)
     records = (
-        exchange(7, b"b1", None)
+        exchange(6, b"", None)
+        + exchange(7, b"b1", None)
         + record(8, frame(8, b"b2\0\0", 0), sent=True)
         + late
         + short
@@ -107,7 +119,8 @@ def test_a_domain_is_unknown_until_its_first_exchange_and_old_after_a_bad_one() 
     reader = CycleReader(LAYOUT, CYCLE_NS, newest=5, now_ns=5 * CYCLE_NS)
     nothing = bytes(FIRST_DATAGRAM) + struct.pack("<BBIHHHH", 7, 0x85, 0, 2, 0, 0, 0)
     records = (
-        record(5, nothing, sent=True)
+        record(4, nothing, sent=True)
+        + record(5, nothing, sent=True)
         + exchange(6, b"c1", b"C1", wkc=1)
         + record(7, nothing, sent=True)
         + exchange(8, b"c2", b"C2")
@@ -121,6 +134,6 @@ def test_a_domain_is_unknown_until_its_first_exchange_and_old_after_a_bad_one() 
     reader.restart()
     states = [
         cycle.domains[0]
-        for cycle in reader.read(record(20, nothing, sent=True) + record(21, nothing, sent=True))
+        for cycle in reader.read(b"".join(record(20 + n, nothing, sent=True) for n in range(3)))
     ]
     assert [state.is_known for state in states] == [False]

@@ -82,13 +82,13 @@ def test_cycles_that_a_page_has_are_left_out_with_their_marks() -> None:
     st.lists(st.lists(st.integers(-100, 100), min_size=1, max_size=900), min_size=1, max_size=20)
 )
 def test_a_slow_page_gets_each_peak_at_its_place(parts: list[list[int]]) -> None:
-    extremes, at = Extremes(["a"]), 1
+    extremes, at = Extremes(["a"], 3), 1
     values: list[int] = []
     for part in parts:
         extremes.add(cycles(at, {"a": ("int8", [*part])}))
         values += part
         at += len(part)
-    header, found = read(extremes.pack(3))
+    header, found = read(extremes.pack())
     first, _, last = found[""]
     assert header["kind"] == "minmax"
     assert header["count"] <= 2000
@@ -101,8 +101,8 @@ def test_a_slow_page_gets_each_peak_at_its_place(parts: list[list[int]]) -> None
 
 
 def test_values_that_nobody_can_trust_are_no_extremes() -> None:
-    extremes = Extremes(["a"])
+    extremes = Extremes(["a"], 1)
     extremes.add(cycles(1, {"a": ("float64", [1, 9, math.nan])}, invalid={"a": [1]}))
-    header, found = read(extremes.pack(1))
+    header, found = read(extremes.pack())
     assert found["a"][0][0] == 1
     assert header["invalid"] == [[0, 1, 2]]

@@ -27,7 +27,9 @@ export class Connection {
   private socket: WebSocket | null = null;
   private number = 0;
   private readonly waiting = new Map<number, Waiting>();
-  private trace: { signals: string[]; generation: number } = { signals: [], generation: 0 };
+  private trace: { signals: string[]; history: string[]; generation: number } = {
+    signals: [], history: [], generation: 0,
+  };
 
   constructor(private readonly listener: Listener) {}
 
@@ -51,9 +53,12 @@ export class Connection {
     });
   }
 
-  /** Says which signals the page wants in each cycle; returns the generation of their batches. */
-  setTrace(signals: string[]): number {
-    this.trace = { signals, generation: this.trace.generation + 1 };
+  /**
+   * Says which signals the page wants in each cycle, and which of them begin with their last seconds;
+   * returns the generation of their batches.
+   */
+  setTrace(signals: string[], history: string[]): number {
+    this.trace = { signals, history, generation: this.trace.generation + 1 };
     this.send({ type: "trace", ...this.trace });
     return this.trace.generation;
   }

@@ -33,7 +33,7 @@ export class LiveValues {
     if (this.wanted.size === 0) return;
     const batch = readBatch(data);
     const last = batch.cycles.length - 1;
-    if (last < 0) return;
+    if (last < 0 || batch.kind === "history") return;
     for (const [name, column] of batch.columns) {
       if (!this.wanted.has(name)) continue;
       const value = "values" in column ? column.values[last]! : column.max[last]!;

@@ -22,7 +22,7 @@ const connection: Connection = new Connection({
   },
 });
 const traces = new Traces(connection);
-const scope = new ScopeModel(traces.part());
+const scope = new ScopeModel(traces.part(true));
 const state = new State(connection, traces, scope);
 
 render(<Page state={state} />, document.getElementById("page")!);

@@ -77,8 +77,11 @@ export type Message =
 export type Request =
   /** A query of docs/zenoh-keys.md. The server adds `id` and `by`. */
   | { type: "ask"; ask: number; key: string; parameters: Value; payload: Value }
-  /** The signals whose value in each cycle the page wants from now on; none ends it. */
-  | { type: "trace"; signals: string[]; generation: number };
+  /**
+   * The signals whose value in each cycle the page wants from now on; none ends it. Those of them in
+   * `history` begin with their last seconds.
+   */
+  | { type: "trace"; signals: string[]; history: string[]; generation: number };
 
 export type ColumnType =
   | "int8" | "uint8" | "int16" | "uint16" | "int32" | "uint32" | "int64" | "uint64"
@@ -91,8 +94,11 @@ export type Column =
 interface BatchHeader {
   /** `generation` of the request that it answers. */
   generation: number;
-  /** "minmax": the page was too slow for all cycles; each place stands for several of them. */
-  kind: "raw" | "minmax";
+  /**
+   * "minmax": the page was too slow for all cycles; each place stands for several of them.
+   * "history": the cycles are from before those that have come, and have only new signals.
+   */
+  kind: "raw" | "minmax" | "history";
   count: number;
   cycles: number;
   last_cycles?: number;
@@ -105,7 +111,7 @@ interface BatchHeader {
 /** Some cycles of a trace. */
 export interface Batch {
   generation: number;
-  kind: "raw" | "minmax";
+  kind: BatchHeader["kind"];
   /** Numbers of the cycles; a number that is missing was not exchanged. */
   cycles: Float64Array;
   /** For "minmax": the last cycle of each place. */

@@ -3,18 +3,24 @@ import type { Connection } from "./connection";
 import type { Value } from "./protocol";
 
 /** What a part of the page may ask of the connection. */
-export type Tracer = Pick<Connection, "ask" | "setTrace">;
+export interface Tracer {
+  ask: Connection["ask"];
+  setTrace(signals: string[]): number;
+}
 
 export class Traces {
-  private readonly wishes = new Map<object, string[]>();
+  private readonly wishes = new Map<{ history: boolean }, string[]>();
   private asked = "";
   private generation = 0;
 
   constructor(private readonly connection: Connection) {}
 
-  /** For a part of the page. Its batches also have the signals of the other parts. */
-  part(): Tracer {
-    const self = {};
+  /**
+   * For a part of the page; if `history`, its signals begin with their last seconds. Its batches also
+   * have the signals of the other parts.
+   */
+  part(history = false): Tracer {
+    const self = { history };
     return {
       ask: (key: string, parameters: Value = {}, payload: Value = {}) =>
         this.connection.ask(key, parameters, payload),
@@ -26,12 +32,18 @@ export class Traces {
   }
 
   private send(): number {
-    const union = [...new Set([...this.wishes.values()].flat())].sort();
-    const text = union.join("\n");
+    const wishes = [...this.wishes];
+    const signals = union(wishes.map(([, names]) => names));
+    const history = union(wishes.filter(([part]) => part.history).map(([, names]) => names));
+    const text = JSON.stringify([signals, history]);
     if (text !== this.asked) {
       this.asked = text;
-      this.generation = this.connection.setTrace(union);
+      this.generation = this.connection.setTrace(signals, history);
     }
     return this.generation;
   }
+}
+
+function union(lists: string[][]): string[] {
+  return [...new Set(lists.flat())].sort();
 }

@@ -14,7 +14,7 @@ from ecatd.base.errors import NotPermittedError, StateError, UsageError
 from ecatd.base.files import open_new
 from ecatd.etg.scaling import to_physical
 
-from .arguments import times
+from .arguments import seconds, times
 from .output import print_json
 from .recordings import FORMATS, Cell, Column, Recording, check_format, open_recording
 from .saving import add_force, add_out, check_target
@@ -53,6 +53,13 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         metavar="N",
         help="record only every Nth cycle (default: 1)",
     )
+    command.add_argument(
+        "--before",
+        type=seconds,
+        default=0.0,
+        metavar="S",
+        help="begin with the last S seconds, as far as ecatd keeps them",
+    )
     add_force(command)
     add_for(command, "stop after S seconds (default: when you press Ctrl-C)")
 
@@ -64,7 +71,7 @@ def record(remote: Remote, options: argparse.Namespace) -> None:
     check_target(options.out, force=options.force)
     recording = None
     try:
-        with remote.trace(options.patterns or ["*"]) as trace:
+        with remote.trace(options.patterns or ["*"], options.before) as trace:
             _check_period(options, trace.cycle_time)
             with _alone(options.out, force=options.force) as file, ended_by_signals():
                 columns = [_Column(signal, options.raw) for signal in trace.signals]
@@ -84,12 +91,14 @@ def record(remote: Remote, options: argparse.Namespace) -> None:
             options.out.unlink()
         safe = f"{rows} cycles are safe in it" if rows else "nothing was recorded"
         raise StateError(f"{options.out} cannot be written: {error.strerror}; {safe}") from error
+    before = (trace.live - trace.begin) * trace.cycle_time
     if options.json:
         print_json(
             {
                 "bus": options.bus,
                 "file": str(options.out),
                 "cycles": counts.cycles,
+                "before_s": round(before, 6),
                 "left_out": counts.left_out,
                 "lost": counts.lost,
                 "empty": counts.empty,
@@ -97,7 +106,10 @@ def record(remote: Remote, options: argparse.Namespace) -> None:
             }
         )
         return
-    more = f"; {counts.left_out} cycles are missing, since ecatd left them out" * bool(
+    more = f"; it begins {before:.3f} s before and not {options.before:g} s, since ecatd keeps no "
+    more += "older frames (flight_recorder.memory_mb)"
+    more *= before + trace.cycle_time < options.before
+    more += f"; {counts.left_out} cycles are missing, since ecatd left them out" * bool(
         counts.left_out
     )
     more += f"; {counts.lost} cycles are missing, since they were lost on the way here" * bool(
@@ -188,7 +200,7 @@ def _record(
                 first = batch.cycles[0]
             places = [at for at, cycle in enumerate(batch.cycles) if (cycle - first) % every == 0]
             if options.seconds is not None:
-                end = first + max(1, round(options.seconds / step))
+                end = trace.live + max(1, round(options.seconds / step))
                 places = [at for at in places if batch.cycles[at] < end]
             rows = _rows(batch, places, columns)
             is_lost |= batch.lost

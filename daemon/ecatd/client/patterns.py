@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
@@ -29,13 +29,14 @@ def find_signals(client: Client, patterns: Sequence[str]) -> list[Signal]:
         )
     if not patterns:
         return client.signals()
+    known = _by_name(client)
     found: dict[int, Signal] = {}
     for pattern in patterns:
         slave, _, entry = pattern.rpartition("/")
         address = parse_address(entry)
         shown = address_text(*address) if address else entry
-        fitting = _fitting(client, f"{slave or '*'}/{shown}")
-        if not fitting and "/" in pattern and not _GLOB & set(pattern):
+        fitting = _fitting(known, f"{slave or '*'}/{shown}")
+        if not fitting and "/" in pattern and not is_glob(pattern):
             fitting = [client.signal(pattern)]  # raises an error about the name
         if not fitting:
             raise StateError(
@@ -45,14 +46,33 @@ def find_signals(client: Client, patterns: Sequence[str]) -> list[Signal]:
     return [found[number] for number in sorted(found)]
 
 
-def _fitting(client: Client, pattern: str) -> list[Signal]:
-    """The entries that fit a pattern; small and capital letters count as equal."""
+def is_glob(pattern: str) -> bool:
+    """Whether a pattern can fit several names, so that it takes a while to look at all of them."""
+    return not _GLOB.isdisjoint(pattern) or "/" not in pattern
+
+
+def _by_name(client: Client) -> dict[str, list[Signal]]:
+    """The entries by all their names, in small letters."""
     slaves = {slave.position: slave.name for slave in client.slaves()}
-    return [
-        signal
-        for signal in client.signals()
-        if any(fnmatchcase(name, pattern.lower()) for name in _names(signal, slaves[signal.slave]))
-    ]
+    found: dict[str, list[Signal]] = {}
+    for signal in client.signals():
+        for name in _names(signal, slaves[signal.slave]):
+            found.setdefault(name, []).append(signal)
+    return found
+
+
+def _fitting(known: Mapping[str, list[Signal]], pattern: str) -> list[Signal]:
+    """The entries that fit a pattern; small and capital letters count as equal."""
+    pattern = pattern.lower()
+    if not is_glob(pattern):
+        return known.get(pattern, [])
+    found = {
+        signal.number: signal
+        for name, signals in known.items()
+        if fnmatchcase(name, pattern)
+        for signal in signals
+    }
+    return [*found.values()]
 
 
 def find_output(client: Client, name: str) -> Signal:
@@ -66,7 +86,7 @@ def find_output(client: Client, name: str) -> Signal:
     try:
         return client.signal(name, direction=Direction.OUTPUT)
     except StateError:
-        fitting = [] if _GLOB & set(name) else _fitting(client, name)
+        fitting = [] if _GLOB & set(name) else _fitting(_by_name(client), name)
         outputs = [signal for signal in fitting if signal.output]
         if len(outputs) != 1:
             raise

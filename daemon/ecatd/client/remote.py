@@ -153,21 +153,27 @@ class Remote(Session):
         opened = self.request(OpenStream(pattern, real("rate", rate)))
         return Stream(self.zenoh, opened, self.timeout)
 
-    def trace(self, patterns: Sequence[str]) -> Trace:
+    def trace(self, patterns: Sequence[str], before_s: float = 0.0) -> Trace:
         """The values of entries in every cycle, as the frames have carried them.
 
         Args:
             patterns: SLAVE/ENTRY with * and ?; see `find_signals`.
+            before_s: Seconds before now with which it begins, as far as the daemon keeps them.
 
         Raises:
             UsageError: There are too many entries.
             StateError: No entry fits a pattern, or the daemon keeps no frames.
         """
-        from ecatd.operations.traces import OpenTrace
+        from ecatd.operations.traces import History, OpenTrace, ReadHistory
 
         from .trace import Trace
 
-        return Trace(self.zenoh, self.request(OpenTrace("\n".join(patterns))), self.timeout)
+        lines = "\n".join(patterns)
+
+        def ask(begin: int, end: int) -> History:
+            return self.request(ReadHistory(lines, begin, end))
+
+        return Trace(self.zenoh, self.request(OpenTrace(lines)), self.timeout, before_s, ask)
 
     def stats(self) -> Snapshot:
         """Statistics of the bus since the start of the exchange."""

@@ -51,10 +51,11 @@ from .access import (
 )
 from .admission import RELAYED, Admission
 from .certificates import contents, watch_certificates, wrong_certificates
+from .history import Histories
 from .listening import Listening
 from .metrics import MetricsServer
 from .publisher import Publisher, publish_stats
-from .replies import TAKEN_WITHIN_S, Replies
+from .replies import IS_HERE, TAKEN_WITHIN_S, Replies
 from .routers import watch_routers
 from .sessions import Sessions
 from .streams import Streams
@@ -164,7 +165,8 @@ class Gateway:
         self._keep(asyncio.create_task(watch_routers(sessions.network, in_use, self._log)))
         self._streams = Streams(sessions, self._name, self._full_name)
         self._traces = Traces(sessions, self._bus, self._name, self._full_name, self._log)
-        self._handlers = Handlers(self, self._streams, self._traces)
+        histories = Histories(self._bus, self._name)
+        self._handlers = Handlers(self, self._streams, self._traces, histories)
         loop = asyncio.get_running_loop()
 
         def receive(query: zenoh.Query, replies: Replies) -> None:
@@ -253,6 +255,7 @@ class Gateway:
     def _receive(self, query: zenoh.Query, replies: Replies) -> None:
         """Starts to answer a query; the reply is sent when the bus server has answered."""
         begin = time.monotonic()
+        IS_HERE.set(replies.are_here)  # of this call, and what it starts
         parts = str(query.key_expr).split("/")[3:]  # those that follow the name of the bus
         try:
             answer = self._carry_out(query, parts)

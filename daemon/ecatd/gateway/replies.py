@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextvars import ContextVar
 from queue import SimpleQueue
 
 TAKEN_WITHIN_S = 2.0
@@ -20,6 +21,8 @@ UNDER_WAY_MAX = 64
 """Queries of the network that have no answer yet; they take turns with those of this machine."""
 UNDER_WAY_HERE_MAX = 512
 """Queries of this machine that have no answer yet: more than may wait for slaves."""
+IS_HERE: ContextVar[bool] = ContextVar("IS_HERE", default=True)
+"""Whether the query that is being answered comes from this machine, which has places of its own."""
 _THREADS = 8
 _ROOM, _QUERY_BYTES = 32 << 20, 2048
 """Most bytes of queries that wait to be under way, and what one takes without its payload."""
@@ -30,9 +33,14 @@ class Replies:
 
     Args:
         under_way_max: Most queries that have no answer yet.
+        are_here: Whether they are those of this machine.
+
+    Attributes:
+        are_here: As above.
     """
 
-    def __init__(self, under_way_max: int) -> None:
+    def __init__(self, under_way_max: int, *, are_here: bool) -> None:
+        self.are_here = are_here
         self._places = threading.Semaphore(under_way_max)
         self._queries: SimpleQueue[tuple[int, Callable[[], None]]] = SimpleQueue()
         self._room, self._free = threading.Condition(), _ROOM

@@ -28,7 +28,10 @@ class Sessions:
     def __init__(self, sessions: Sequence[zenoh.Session]) -> None:
         self._sessions = sessions
         network = sessions[1:]
-        self._replies = [Replies(UNDER_WAY_HERE_MAX), *(Replies(UNDER_WAY_MAX) for _ in network)]
+        self._replies = [
+            Replies(UNDER_WAY_HERE_MAX, are_here=True),
+            *(Replies(UNDER_WAY_MAX, are_here=False) for _ in network),
+        ]
         self._kept: list[object] = []  # else Zenoh ends them
 
     @property

@@ -14,28 +14,25 @@ from collections.abc import Sequence
 
 import zenoh
 
-from ecatd.base.errors import BusyError, EcatError, UsageError
+from ecatd.base.errors import BusyError, EcatError
 from ecatd.base.log import Log
-from ecatd.client import Client
-from ecatd.client.patterns import find_signals
 from ecatd.operations.bus_client import BusClient
 from ecatd.operations.encoding import pack
-from ecatd.operations.frames import NEWEST, ReadFrames
 from ecatd.operations.handlers import handles
-from ecatd.operations.image import DomainImage, ReadImage
-from ecatd.operations.traces import OpenTrace, Trace, TraceBatch
+from ecatd.operations.traces import OpenTrace, Trace
 from ecatd.operations.zenoh_keys import SCHEMA, bus_key
 from ecatd.trace.columns import Columns, described
-from ecatd.trace.cycles import CycleReader
 
+from .kept_frames import KeptFrames
+from .replies import IS_HERE
 from .sessions import Publisher, Sessions
 
-_TRACES_MAX, _SIGNALS_MAX, _PATTERNS_MAX = 8, 10000, 100
+_TRACES_MAX, _HERE_MAX = 8, 4
+"""Traces, and how many more this machine can open than the network."""
 _PERIOD_S = 0.05
 """Seconds between two batches."""
 _ABANDONED_S = 5.0
 """Seconds after which a trace without readers ends."""
-_RING = "cycle"
 
 
 class Traces:
@@ -59,7 +56,7 @@ class Traces:
         self._log = log
         self._opening = asyncio.Lock()
         self._traces: dict[str, _OpenTrace] = {}
-        self._source: _Source | None = None
+        self._source: KeptFrames | None = None
         self._task: asyncio.Task[None] | None = None
 
     @handles(OpenTrace)
@@ -80,25 +77,20 @@ class Traces:
         return trace.description
 
     async def _make(self, name: str, patterns: str) -> _OpenTrace:
-        if len(self._traces) >= _TRACES_MAX:
-            raise BusyError(
-                f"{_TRACES_MAX} traces are open already; try again when some have ended"
-            )
+        most = _TRACES_MAX + _HERE_MAX * IS_HERE.get()
+        if len(self._traces) >= most:
+            # Somebody who chooses one signal after the other leaves many of them.
+            self._traces = {n: t for n, t in self._traces.items() if not t.was_left}
+        if len(self._traces) >= most:
+            raise BusyError(f"{most} traces are open already; try again when some have ended")
         if self._source is None:
-            self._source = await _Source.open(self._server, self._bus)
+            self._source = await KeptFrames.open(self._server, self._bus)
             self._task = asyncio.create_task(self._run(self._source))
         # With many entries it takes a while, in which others get their answers.
         return await asyncio.to_thread(self._choose, self._source, name, patterns)
 
-    def _choose(self, source: _Source, name: str, patterns: str) -> _OpenTrace:
-        lines = patterns.split("\n")
-        if len(lines) > _PATTERNS_MAX:
-            raise UsageError(f"{len(lines)} patterns: at most {_PATTERNS_MAX} are possible")
-        signals = find_signals(source.client, lines)
-        if len(signals) > _SIGNALS_MAX:
-            raise UsageError(
-                f"{len(signals)} entries fit '{patterns}': at most {_SIGNALS_MAX} are possible"
-            )
+    def _choose(self, source: KeptFrames, name: str, patterns: str) -> _OpenTrace:
+        signals = source.choose(patterns)
         key = bus_key(self._full_name, "ro", "trace", name)
         return _OpenTrace(
             self._session.publisher(key),
@@ -110,7 +102,7 @@ class Traces:
             },
         )
 
-    async def _run(self, source: _Source) -> None:
+    async def _run(self, source: KeptFrames) -> None:
         """Publishes until nobody listens any more."""
         try:
             while True:
@@ -120,8 +112,9 @@ class Traces:
                     if not self._traces:
                         break
                     traces = [*self._traces.values()]
-                more = await source.publish(traces)
-                if not more:
+                await source.fetch()
+                await asyncio.to_thread(_publish, source, traces)
+                if not source.more:
                     await asyncio.sleep(max(0.0, begin + _PERIOD_S - time.monotonic()))
         except EcatError as error:
             self._log.warning(f"traces have ended: {error}")
@@ -132,7 +125,7 @@ class Traces:
         finally:
             self._source = None
             self._traces.clear()
-            source.client.close()
+            source.close()
 
     def close(self) -> None:
         """Ends all traces."""
@@ -140,70 +133,12 @@ class Traces:
             self._task.cancel()
 
 
-class _Source:
-    """Where the values come from: frames that the bus server keeps.
-
-    Args:
-        server: The bus server.
-        client: A client of the bus.
-        layout: Which datagrams carry which bytes of the image of each domain.
-        reader: What reads the frames.
-        position: Where it goes on.
-    """
-
-    def __init__(
-        self,
-        server: BusClient,
-        client: Client,
-        layout: Sequence[DomainImage],
-        reader: CycleReader,
-        position: int,
-    ) -> None:
-        self._server = server
-        self.client = client
-        self.layout = layout
-        self._reader = reader
-        self._position = position
-
-    @classmethod
-    async def open(cls, server: BusClient, bus: str) -> _Source:
-        """Begins with the next cycle.
-
-        Raises:
-            StateError: The bus server keeps no frames.
-        """
-        layout = (await server.ask(ReadImage()))["domains"]
-        frames = await server.ask(ReadFrames(_RING, NEWEST))
-        client = await asyncio.to_thread(Client, bus)
-        try:
-            client.sample()
-            reader = CycleReader(
-                layout,
-                round(client.cycle_time * 1e9),
-                client.cycle,
-                time.monotonic_ns(),
-            )
-        except EcatError:
-            client.close()
-            raise
-        return cls(server, client, layout, reader, frames["position"])
-
-    async def publish(self, traces: list[_OpenTrace]) -> bool:
-        """Publishes what is new; returns whether there is more."""
-        frames = await self._server.ask(ReadFrames(_RING, self._position))
-        self._position = frames["position"]
-        lost = frames["overwritten"] > 0
-        if lost:
-            self._reader.restart()
-        await asyncio.to_thread(self._publish, traces, frames["records"], frames["clock_ns"], lost)
-        return bool(frames["more"])
-
-    def _publish(self, traces: list[_OpenTrace], records: bytes, clock_ns: int, lost: bool) -> None:
-        for cycle in self._reader.read(records):
-            for trace in traces:
-                trace.columns.add(cycle, self._reader.images)
+def _publish(source: KeptFrames, traces: Sequence[_OpenTrace]) -> None:
+    for cycle, images in source.cycles():
         for trace in traces:
-            trace.publish(clock_ns, lost)
+            trace.columns.add(cycle, images)
+    for trace in traces:
+        trace.publish(source.clock_ns, source.lost)
 
 
 class _OpenTrace:
@@ -218,25 +153,27 @@ class _OpenTrace:
         self.description = description
         self.asked = time.monotonic()
         self._last = 0
+        self._lost = False
+        self._was_read = False
+
+    @property
+    def was_left(self) -> bool:
+        """Whether nobody listens any more."""
+        return self._was_read and not self._publisher.is_wanted
 
     def publish(self, clock_ns: int, lost: bool) -> None:
-        batch = self.columns.take()
-        if not batch.cycles:
+        """Publishes what was collected, if it is something."""
+        self._lost |= lost
+        if not len(self.columns):
             return
-        message: TraceBatch = {
-            "cycles": batch.cycles.tobytes(),
-            "times_ns": batch.times_ns.tobytes(),
-            "clock_ns": clock_ns,
-            "columns": [column.tobytes() for column in batch.columns],
-            "invalid": [[at, *places] for at, places in enumerate(batch.invalid) if places],
-            "after": self._last,
-            "lost": lost,
-        }
-        self._last = batch.cycles[-1]
+        batch = self.columns.take()
+        message = batch.to_map(clock_ns, self._last, self._lost)
+        self._last, self._lost = batch.cycles[-1], False
         self._publisher.put(pack({"schema": SCHEMA, **message}))
 
     def is_wanted(self) -> bool:
         """Whether somebody listens, or has just opened it."""
         if self._publisher.is_wanted:
             self.asked = time.monotonic()
+            self._was_read = True
         return time.monotonic() - self.asked < _ABANDONED_S

@@ -40,6 +40,8 @@ class ReadFrames(Operation[Frames]):
     ring: str  #: `cycle`, or `control` for all others than those of the cyclic exchange.
     #: Where to begin: 0 for the oldest, 2^62 behind the newest, or `position` of the last answer.
     position: Count = 0
+    #: CLOCK_MONOTONIC in ns: leave out the frames before the last one that is not newer.
+    since_ns: Count = 0
 
     def _check(self) -> None:
         if self.ring not in RINGS:

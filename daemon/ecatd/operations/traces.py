@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ecatd.etg.datatypes import is_real, is_signed
 
+from .fields import COUNT_MAX, Count
 from .operation import Map, Operation
 
 TYPES = {
@@ -62,6 +63,19 @@ class TraceBatch(Map):
     lost: bool  #: Whether cycles in between are lost, since the gateway got no processor for long.
 
 
+class History(Map):
+    """A part of what was before a trace was opened."""
+
+    signals: list[TraceSignal]  #: The entries, as in [Trace](#trace).
+    #: Number of the first cycle that the answer can have: `begin` of the request, or a greater one,
+    #: if the daemon keeps no older ones.
+    begin: int
+    #: Cycles, as in a trace; `after` is that of the part before, if somebody has just read it.
+    batch: TraceBatch
+    next: int  #: Where the next request goes on: behind the last cycle of the batch.
+    more: bool  #: Whether there are more cycles before `end`.
+
+
 class OpenTrace(Operation[Trace]):
     """Opens a trace of entries; it ends 5 s after the last reader has left.
 
@@ -72,3 +86,19 @@ class OpenTrace(Operation[Trace]):
     key = "ro/trace"
     #: SLAVE/ENTRY with `*` and `?`, percent-encoded: `4%2F*`. Several stand in lines (`%0A`).
     patterns: str = "*"
+
+
+class ReadHistory(Operation[History]):
+    """Asks for the values of entries in cycles of the last seconds.
+
+    The daemon has them as long as it keeps the frames (`flight_recorder.memory_mb`). An answer has
+    some hundred cycles; ask again with `begin` = `next` while there are `more`. To have all cycles
+    up to now and from now on: open a trace, wait for its first batch, and ask for the cycles before
+    its first one.
+    """
+
+    op = "history"
+    key = "ro/history"
+    patterns: str = "*"  #: As in `ro/trace`.
+    begin: Count = 0  #: Number of the first cycle; 0 for the oldest that is kept.
+    end: Count = COUNT_MAX  #: Number of the cycle behind the last one; by default all there are.

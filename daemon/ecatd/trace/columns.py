@@ -10,9 +10,12 @@ from typing import NamedTuple
 from ecatd.client import Signal
 from ecatd.client.signals import letter
 from ecatd.operations.image import DomainImage
-from ecatd.operations.traces import TYPES, TraceSignal, column_type
+from ecatd.operations.traces import TYPES, TraceBatch, TraceSignal, column_type
 
 from .cycles import PADDING, Cycle
+
+_ROWS = 256
+"""Cycles whose values wait as they were read; columns take less memory."""
 
 
 def described(signal: Signal) -> TraceSignal:
@@ -44,6 +47,18 @@ class Batch(NamedTuple):
     columns: list[array[float]]
     invalid: list[list[int]]
 
+    def to_map(self, clock_ns: int, after: int, lost: bool) -> TraceBatch:
+        """It for readers; `TraceBatch` describes the arguments."""
+        return {
+            "cycles": self.cycles.tobytes(),
+            "times_ns": self.times_ns.tobytes(),
+            "clock_ns": clock_ns,
+            "columns": [column.tobytes() for column in self.columns],
+            "invalid": [[at, *places] for at, places in enumerate(self.invalid) if places],
+            "after": after,
+            "lost": lost,
+        }
+
 
 class Columns:
     """Collects the values of some entries.
@@ -55,25 +70,23 @@ class Columns:
 
     def __init__(self, signals: Sequence[Signal], layout: Sequence[DomainImage]) -> None:
         self._signals = signals
+        self._types = [TYPES[column_type(item.data_type, item.bit_length)] for item in signals]
         self._groups = [_group(signal, layout[signal.domain]) for signal in signals]
         self._whole = [
             _Words(domain, signals) for domain in sorted({signal.domain for signal in signals})
         ]
-        self._odd = [
-            (number, signal) for number, signal in enumerate(signals) if not letter(signal)
-        ]
+        self._bits = _bits(signals)
         self._begin()
 
     def _begin(self) -> None:
-        self._batch = Batch(
-            array("Q"),
-            array("q"),
-            [
-                array(TYPES[column_type(signal.data_type, signal.bit_length)])
-                for signal in self._signals
-            ],
-            [[] for _ in self._signals],
-        )
+        self._cycles, self._times_ns = array("Q"), array("q")
+        self._columns: list[array[float]] = [array(kind) for kind in self._types]
+        self._rows: list[list[tuple[float, ...]]] = [[] for _ in self._whole]
+        self._invalid: list[list[int]] = [[] for _ in self._signals]
+
+    def __len__(self) -> int:
+        """How many cycles were added since the last `take`."""
+        return len(self._cycles)
 
     def add(self, cycle: Cycle, images: Sequence[bytearray]) -> None:
         """Adds the values of a cycle.
@@ -82,15 +95,24 @@ class Columns:
             cycle: The cycle.
             images: The image of each domain, as `CycleReader` has them then.
         """
-        batch, place = self._batch, len(self._batch.cycles)
-        batch.cycles.append(cycle.number)
-        batch.times_ns.append(cycle.time_ns)
-        columns = batch.columns
-        for words in self._whole:
-            for number, value in zip(words.places, words.read(images[words.domain]), strict=True):
+        place = len(self._cycles)
+        self._cycles.append(cycle.number)
+        self._times_ns.append(cycle.time_ns)
+        for words, rows in zip(self._whole, self._rows, strict=True):
+            rows.append(words.read(images[words.domain]))
+        columns = self._columns
+        for (domain, first), entries in self._bits.items():
+            word = int.from_bytes(images[domain][first : first + PADDING + 1], "little")
+            for number, shift, mask, sign, real in entries:
+                value: float = word >> shift & mask
+                if real:
+                    data = (word >> shift & mask).to_bytes(8, "little")
+                    (value,) = struct.unpack_from(real, data)
+                elif word >> shift & sign:
+                    value -= sign << 1
                 columns[number].append(value)
-        for number, signal in self._odd:
-            columns[number].append(_bits(images[signal.domain], signal))
+        if place % _ROWS == _ROWS - 1:
+            self._turn()
         if any(not state.is_complete or state.absent for state in cycle.domains):
             self._mark(cycle, place)
 
@@ -99,13 +121,22 @@ class Columns:
             state = cycle.domains[signal.domain]
             missing = state.absent >> group & 1 if group >= 0 else not state.is_complete
             if not state.is_known or (missing and not signal.output):
-                self._batch.invalid[number].append(place)
+                self._invalid[number].append(place)
 
     def take(self) -> Batch:
         """Returns what was collected since the last call."""
-        batch = self._batch
+        self._turn()
+        batch = Batch(self._cycles, self._times_ns, self._columns, self._invalid)
         self._begin()
         return batch
+
+    def _turn(self) -> None:
+        """Makes columns of rows: many at a time, since that is quick."""
+        for words, rows in zip(self._whole, self._rows, strict=True):
+            values = [*zip(*rows, strict=True)]
+            for number, place in words.places.items() if rows else ():
+                self._columns[number].extend(values[place])
+            rows.clear()
 
 
 def _group(signal: Signal, domain: DomainImage) -> int:
@@ -131,23 +162,34 @@ class _Words:
             at = (offset + first[offset].bit_length) // 8
             order[offset] = len(order)
         self.domain = domain
-        self.places = [number for number, _ in mine]
-        self._order = [order[signal.bit_offset] for _, signal in mine]
+        self.places = {number: order[signal.bit_offset] for number, signal in mine}
+        """For each entry its place among the words."""
         self._unpack = struct.Struct(form).unpack_from
 
-    def read(self, image: bytearray) -> list[float]:
-        """The values of the entries at `places`."""
-        words = self._unpack(image)
-        return [words[place] for place in self._order]
+    def read(self, image: bytearray) -> tuple[float, ...]:
+        """The words of an image."""
+        return self._unpack(image)
 
 
-def _bits(image: bytearray, signal: Signal) -> float:
-    """The value of an entry that begins or ends within a byte."""
-    first, shift = divmod(signal.bit_offset, 8)
-    bits = signal.bit_length
-    word = int.from_bytes(image[first : first + PADDING + 1], "little") >> shift & (1 << bits) - 1
-    if signal.real:
-        data = word.to_bytes(bits // 8, "little")
-        value: float = struct.unpack("<f" if bits == 32 else "<d", data)[0]
-        return value
-    return word - (1 << bits) if signal.signed and word >> bits - 1 else word
+class _Entry(NamedTuple):
+    """An entry that begins or ends within a byte."""
+
+    number: int  #: Its number among the entries.
+    shift: int  #: Bits before it in its first byte.
+    mask: int  #: Its bits.
+    sign: int  #: The bit that makes its value negative; 0 if none does.
+    real: str  #: Its letter in `struct` if it is a floating-point number.
+
+
+def _bits(signals: Sequence[Signal]) -> dict[tuple[int, int], list[_Entry]]:
+    """The entries that begin or end within a byte, by domain and first byte."""
+    found: dict[tuple[int, int], list[_Entry]] = {}
+    for number, signal in enumerate(signals):
+        if letter(signal):
+            continue
+        first, shift = divmod(signal.bit_offset, 8)
+        mask = (1 << signal.bit_length) - 1
+        real = ("<f" if signal.bit_length == 32 else "<d") if signal.real else ""
+        entry = _Entry(number, shift, mask, mask + 1 >> 1 if signal.signed else 0, real)
+        found.setdefault((signal.domain, first), []).append(entry)
+    return found

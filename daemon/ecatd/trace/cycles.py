@@ -104,11 +104,14 @@ class CycleReader:
         self._cycle_time_ns = cycle_time_ns
         self._known = newest, now_ns
         self._number: int | None = None
+        self._is_whole = False  # its first frame was seen
         self._time_ns = self._begin_ns = 0
         self._exchanges: dict[int, _Exchange] = {}
 
     def read(self, records: bytes) -> Iterator[Cycle]:
         """Yields each cycle that ends in some records; `images` are those of this cycle then.
+
+        The first one is left out, at the begin and after `restart`: frames of it may be missing.
 
         Args:
             records: Those behind the ones of the call before, as `ReadFrames` returns them.
@@ -116,8 +119,9 @@ class CycleReader:
         for frame in read_records(records):
             number = self._number_of(frame)
             if number != self._number:
-                if self._number is not None:
+                if self._is_whole:
                     yield self._end()
+                self._is_whole = self._number is not None
                 self._number, self._time_ns = number, frame.time_ns
                 self._begin_ns = frame.time_ns
                 self._exchanges = {}
@@ -128,6 +132,7 @@ class CycleReader:
         if self._number is not None:
             self._known = self._number, self._time_ns
         self._number = None
+        self._is_whole = False
         self._exchanges = {}
         for domain in self._domains:
             domain.state = _UNKNOWN

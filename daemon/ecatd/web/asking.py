@@ -10,8 +10,8 @@ from ecatd.client.identity import who
 from ecatd.operations.operation import Operation, needs_right, on_behalf, right_of
 from ecatd.operations.query import find_kind, from_query
 
-_PUBLISHED = ("trace", "stream")
-"""Operations that begin what only a subscriber of Zenoh can read."""
+_AS_BATCHES = ("trace", "history", "stream")
+"""Operations whose values pages get in batches."""
 
 
 def to_operation(
@@ -31,7 +31,7 @@ def to_operation(
     """
     parts = key.split("/")
     kind = find_kind(parts)
-    if kind.op in _PUBLISHED or not kind.key.startswith(("ro/", "rw/")):
+    if kind.op in _AS_BATCHES or not kind.key.startswith(("ro/", "rw/")):
         raise UsageError(f"'{key}' is not for pages: ask for values with a message 'trace'")
     if needs_right(kind) and right_of(kind) not in may:
         right = right_of(kind)

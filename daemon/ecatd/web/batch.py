@@ -58,9 +58,14 @@ class Cycles:
         )
 
 
-def pack_cycles(cycles: Cycles, names: Iterable[str], generation: int) -> bytes:
-    """The binary message with the columns of one page, `names`."""
-    message = _Message(cycles, names, generation, "raw")
+def pack_cycles(
+    cycles: Cycles, names: Iterable[str], generation: int, *, is_history: bool = False
+) -> bytes:
+    """The binary message with the columns of one page, `names`.
+
+    Cycles of the history are from before those that the page has got.
+    """
+    message = _Message(cycles, names, generation, "history" if is_history else "raw")
     message.add_times(cycles.numbers, cycles.times_ms)
     for name, column in message.columns.items():
         column["at"] = message.add(cycles.columns[name])
@@ -80,10 +85,17 @@ class Extremes:
 
     Args:
         names: The signals.
+        generation: The number of the wish for them.
+
+    Attributes:
+        names: As above.
+        generation: As above.
+        lost: Whether cycles before were lost on the way.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
-        self._names = names
+    def __init__(self, names: Sequence[str], generation: int) -> None:
+        self.names = names
+        self.generation = generation
         self._types: Mapping[str, str] = {}
         self._first, self._last, self._times = array("d"), array("d"), array("d")
         self._least = {name: array("d") for name in names}
@@ -111,7 +123,7 @@ class Extremes:
             self._times.append(cycles.times_ms[begin])
             self._last.append(0)
         self._last[-1] = cycles.numbers[end - 1]
-        for name in self._names:
+        for name in self.names:
             least, greatest = self._least[name], self._greatest[name]
             if is_new:
                 least.append(math.nan)
@@ -135,14 +147,14 @@ class Extremes:
         self._in_last %= self._each
         self._last = array("d", [*self._last[1::2], *self._last[len(self._last) // 2 * 2 :]])
         self._first, self._times = self._first[::2], self._times[::2]
-        for name in self._names:
+        for name in self.names:
             self._least[name] = _pairs(self._least[name], _lesser)
             self._greatest[name] = _pairs(self._greatest[name], _greater)
 
-    def pack(self, generation: int) -> bytes:
+    def pack(self) -> bytes:
         """The binary message."""
         whole = Cycles(self._first, self._times, self._least, self._types, {}, self.lost)
-        message = _Message(whole, self._names, generation, "minmax")
+        message = _Message(whole, self.names, self.generation, "minmax")
         message.add_times(self._first, self._times)
         message.header["last_cycles"] = message.add(self._last)
         for name, column in message.columns.items():
@@ -150,7 +162,7 @@ class Extremes:
             column["max"] = message.add(self._greatest[name])
         message.header["invalid"] = [
             [number, *places]
-            for number, name in enumerate(self._names)
+            for number, name in enumerate(self.names)
             if (places := [at for at, value in enumerate(self._least[name]) if value != value])
         ]
         return message.pack()

@@ -109,16 +109,31 @@ class Hub:
         self._tell("signals", {"type": "signals", "signals": [*self.signals.values()]})
 
     def value(
-        self, key: str, answer: Mapping[str, Any] | EcatError, at: float | None = None
+        self,
+        key: str,
+        answer: Mapping[str, Any] | EcatError,
+        at: float | None = None,
+        *,
+        only: Page | None = None,
     ) -> None:
-        """Tells what was found out about a key, or why nothing; `at` is Unix time, if not now."""
+        """Tells what was found out about a key, or why nothing.
+
+        Args:
+            key: The key.
+            answer: The answer, or the reason.
+            at: Unix time, if not now.
+            only: The page that it concerns; by default all.
+        """
         at = time.time() if at is None else at
         message: dict[str, Any] = {"type": "value", "key": key, "at": at}
         if isinstance(answer, EcatError):
             message |= {"value": None, "failure": failure(answer)}
         else:
             message["value"] = answer
-        self._tell(key, message)
+        if only is None:
+            self._tell(key, message)
+        else:
+            only.tell(key, encode(message))
 
     def lamps(self, lamps: Iterable[Mapping[str, Any]], at: float) -> None:
         """Tells the lamps as they were at a Unix time."""

@@ -24,13 +24,15 @@ from ecatd.base.errors import BusyError, EcatError, UsageError
 from .batch import Cycles, Extremes, pack_cycles
 from .messages import encode, failure
 
-SIGNALS_MAX = 100
-"""Signals of a page, and of all pages together: each is a pattern of `ro/trace`."""
+SIGNALS_MAX = 500
+"""Signals of a page: more than anybody can look at."""
 _ASKS_MAX = 32
 """Questions of a page that may wait for their answers."""
 _EVENTS_MAX = 1000
 _VALUES_MAX = 200_000
-"""Values of a trace that may wait for a page: 1 s of 100 signals with a cycle of 500 µs."""
+"""Values of a trace that may wait for a page: 2 s of 100 signals with a cycle of 1 ms."""
+_STRETCHES_MAX = 4
+"""Lists of minima and maxima that may wait: a page begins another one when it wishes others."""
 _RATE, _BURST = 50.0, 200.0
 """Messages a second from a page, and how many at once. More of them wait."""
 _ASK_NUMBER_MAX = (1 << 53) - 1
@@ -59,6 +61,7 @@ class Page:
 
     Attributes:
         signals: The signals that it wants.
+        history: Those of them of which it also wants the last seconds.
         generation: The number of that wish.
     """
 
@@ -66,6 +69,7 @@ class Page:
         self._socket = socket
         self._hub = hub
         self.signals: tuple[str, ...] = ()
+        self.history: frozenset[str] = frozenset()
         self.generation = 0
         self._wake = asyncio.Event()
         self._drained = asyncio.Event()
@@ -73,9 +77,9 @@ class Page:
         self._answers: deque[str] = deque()
         self._events: deque[str] = deque()
         self._left_out = 0
-        self._cycles: deque[tuple[Cycles, Sequence[str], int]] = deque()
+        self._cycles: deque[tuple[Cycles, Sequence[str], int, bool]] = deque()
         self._waiting = 0  # values in them
-        self._extremes: tuple[Extremes, int] | None = None
+        self._extremes: deque[Extremes] = deque()  # of what is behind them
         self._asks: dict[int, asyncio.Task[None]] = {}
 
     def tell(self, key: str, text: str) -> None:
@@ -96,19 +100,31 @@ class Page:
     def tell_cycles(self, cycles: Cycles, names: Sequence[str], generation: int) -> None:
         """Sends values of a trace; if the page is too slow, their minima and maxima."""
         self._wake.set()
-        size = len(cycles.numbers) * len(names)
-        if self._extremes is None and self._waiting + size <= _VALUES_MAX:
-            self._cycles.append((cycles, names, generation))
-            self._waiting += size
+        if not self._extremes and self._queue(cycles, names, generation, is_history=False):
             return
-        if self._extremes is None or self._extremes[1] != generation:
-            waiting = [item for item in self._cycles if item[2] == generation]
-            self._extremes = (Extremes(names), generation)
-            self._cycles.clear()
-            self._waiting = 0
-            for before, _, _ in waiting:
-                self._extremes[0].add(before)
-        self._extremes[0].add(cycles)
+        last = self._extremes[-1] if self._extremes else None
+        if last is None or (last.names, last.generation) != (names, generation):
+            last = Extremes(names, generation)
+            if len(self._extremes) == _STRETCHES_MAX:
+                last.lost = True
+                self._extremes.popleft()
+            self._extremes.append(last)
+        last.add(cycles)
+
+    def tell_history(self, cycles: Cycles, names: Sequence[str], generation: int) -> bool:
+        """Sends values from before; returns whether the page is quick enough to take them."""
+        self._wake.set()
+        return not self._extremes and self._queue(cycles, names, generation, is_history=True)
+
+    def _queue(
+        self, cycles: Cycles, names: Sequence[str], generation: int, *, is_history: bool
+    ) -> bool:
+        size = len(cycles.numbers) * len(names)
+        if self._waiting + size > _VALUES_MAX:
+            return False
+        self._cycles.append((cycles, names, generation, is_history))
+        self._waiting += size
+        return True
 
     async def drained(self) -> None:
         """Waits until the page has taken all values of its trace."""
@@ -147,14 +163,12 @@ class Page:
             self._events.clear()
             self._left_out = 0
             return text
-        if self._extremes:
-            extremes, generation = self._extremes
-            self._extremes = None
-            return extremes.pack(generation)
         if self._cycles:
-            cycles, names, generation = self._cycles.popleft()
+            cycles, names, generation, is_history = self._cycles.popleft()
             self._waiting -= len(cycles.numbers) * len(names)
-            return pack_cycles(cycles, names, generation)
+            return pack_cycles(cycles, names, generation, is_history=is_history)
+        if self._extremes:
+            return self._extremes.popleft().pack()
         return None
 
     async def _receive(self) -> None:
@@ -189,16 +203,32 @@ class Page:
                 0 <= number <= _ASK_NUMBER_MAX
             ):
                 self._ask(number, key, _map(rest, "parameters"), _map(rest, "payload"))
-            case {"type": "trace", "signals": list(names), "generation": int(generation)} if (
-                0 <= generation <= _ASK_NUMBER_MAX
-            ):
-                if not all(isinstance(name, str) for name in names):
-                    raise UsageError("names of signals are texts")
-                known = dict.fromkeys(name for name in names if name in self._hub.signals)
-                self.signals, self.generation = (*known,)[:SIGNALS_MAX], generation
-                self._hub.wish(self)
+            case {
+                "type": "trace",
+                "signals": list(names),
+                "generation": int(generation),
+                **rest,
+            } if 0 <= generation <= _ASK_NUMBER_MAX:
+                self._wish(names, rest.get("history", []), generation)
             case _:
                 raise UsageError("this is no message of a page")
+
+    def _wish(self, names: Sequence[Any], history: Any, generation: int) -> None:
+        if not isinstance(history, list) or not all(
+            isinstance(name, str) for name in (*names, *history)
+        ):
+            raise UsageError("names of signals are texts")
+        known = dict.fromkeys(name for name in names if name in self._hub.signals)
+        self.signals, self.generation = (*known,)[:SIGNALS_MAX], generation
+        self.history = frozenset(history).intersection(self.signals)
+        if len(known) > SIGNALS_MAX:
+            error = UsageError(
+                f"this page wants {len(known)} signals: at most {SIGNALS_MAX} are possible, so the "
+                "others stay empty; remove some, or open another page"
+            )
+            message = {"type": "value", "key": "ro/trace", "value": None, "at": time.time()}
+            self.tell("ro/trace", encode({**message, "failure": failure(error)}))
+        self._hub.wish(self)
 
     def _ask(
         self, number: int, key: str, parameters: Mapping[str, Any], payload: Mapping[str, Any]

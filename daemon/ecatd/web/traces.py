@@ -1,7 +1,8 @@
 """One trace for all pages: the values of all their signals in each cycle.
 
 If a page wants other signals, another trace is opened beside the present one, and takes over at the
-cycle at which it begins: no page misses a cycle because of another one.
+cycle at which it begins: no page misses a cycle because of another one. `feed.py` brings the trace
+to each page.
 """
 
 from __future__ import annotations
@@ -10,20 +11,26 @@ import asyncio
 import threading
 import time
 from array import array
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import AsyncGenerator, Iterable, Sequence
 from contextlib import suppress
 
 from ecatd.base.daemon_threads import in_daemon_thread
 from ecatd.base.errors import EcatError, UsageError
 from ecatd.client.remote import Remote
-from ecatd.client.trace import Batch, Trace
-from ecatd.operations.traces import OpenTrace, TraceSignal
+from ecatd.client.trace import Batch, Trace, read_batch
+from ecatd.operations.traces import OpenTrace, ReadHistory, TraceSignal
 
 from .batch import Cycles
+from .feed import Feed
 from .hub import Hub
-from .page import SIGNALS_MAX, Page
+from .page import Page
 from .signals import pattern
 
+HISTORY_S = 10.0
+"""Seconds with which a signal begins, if the daemon keeps them: what the scope shows at first."""
+_SIGNALS_MAX = 2000
+"""Signals of all pages together: four pages, each with all it can have."""
 _SETTLE_S = 0.05
 """Seconds for which more wishes are waited for: people choose several signals at once."""
 _RETRY_S = 1.0
@@ -47,8 +54,8 @@ class Traces:
         self._task: asyncio.Task[None] | None = None
         self._now: _Running | None = None
         self._next: _Running | None = None
-        self._sent: dict[Page, tuple[float, Sequence[str], int]] = {}
-        """For each page the last cycle that it has, its signals, and the number of that wish."""
+        self._feeds: dict[Page, Feed] = {}
+        self._has_failed = False
 
     def use(self, remote: Remote | None) -> None:
         """Uses another session from now on, or none."""
@@ -59,7 +66,9 @@ class Traces:
             if trace is not None:
                 trace.stop()
         self._now = self._next = None
-        self._sent.clear()
+        for feed in self._feeds.values():
+            feed.stop()
+        self._feeds.clear()
         self._remote = remote
         if remote is not None:
             self._changed.set()
@@ -74,7 +83,8 @@ class Traces:
             await self._changed.wait()
             await asyncio.sleep(_SETTLE_S)
             self._changed.clear()
-            self._sent = {page: sent for page, sent in self._sent.items() if page.signals}
+            for page in [page for page in self._feeds if not page.signals]:
+                self._feeds.pop(page).stop()
             names = self._wanted()
             latest = self._next or self._now
             if not names:
@@ -99,23 +109,35 @@ class Traces:
                 self._next = trace
 
     def _wanted(self) -> list[str]:
-        wanted = dict.fromkeys(name for page in self._hub.pages for name in page.signals)
-        return sorted(name for name in wanted if name in self._hub.signals)
+        """The signals of all pages. Those that want the most get none if they are too many."""
+        wanted: set[str] = set()
+        for page in sorted(self._hub.pages, key=lambda page: len(page.signals)):
+            more = wanted.union(name for name in page.signals if name in self._hub.signals)
+            if len(more) <= _SIGNALS_MAX:
+                wanted = more
+            else:
+                error = UsageError(
+                    f"with this page, all pages together want {len(more)} signals: at most "
+                    f"{_SIGNALS_MAX} are possible. Remove some here, or close other pages"
+                )
+                self._hub.value(OpenTrace.key, error, only=page)
+        return sorted(wanted)
 
     async def _open(self, remote: Remote, names: list[str]) -> _Running:
-        if len(names) > SIGNALS_MAX:
-            raise UsageError(
-                f"all pages together want {len(names)} signals: at most {SIGNALS_MAX} are possible"
-            )
-        patterns = sorted({pattern(name) for name in names})
-        opened = await in_daemon_thread(lambda: remote.request(OpenTrace("\n".join(patterns))))
-        running = _Running(names, _columns(opened["signals"], self._hub), self)
+        patterns = _patterns(names)
+        opened = await in_daemon_thread(lambda: remote.request(OpenTrace(patterns)))
+        columns = _columns(opened["signals"], self._hub)
+        running = _Running(names, columns, opened["cycle_time_us"] / 1e6, self)
         trace = await in_daemon_thread(lambda: Trace(remote.zenoh, opened, remote.timeout))
         running.start(trace)
+        if self._has_failed:
+            self._has_failed = False
+            self._hub.value(OpenTrace.key, {})
         return running
 
     def _fail(self, error: EcatError) -> None:
         """Tells why there are no values, and tries again."""
+        self._has_failed = True
         self._hub.value(OpenTrace.key, error)
         asyncio.get_running_loop().call_later(_RETRY_S, self._changed.set)
 
@@ -146,13 +168,35 @@ class Traces:
     def _hand_out(self, trace: _Running, cycles: Cycles) -> None:
         trace.last = cycles.numbers[-1]
         for page in self._hub.pages:
-            last, names, generation = self._sent.get(page, (0.0, (), -1))
-            if generation != page.generation and trace.names.issuperset(page.signals):
-                names, generation = page.signals, page.generation
-            new = cycles.after(last)
-            if new is not None and names and trace.names.issuperset(names):
-                page.tell_cycles(new, names, generation)
-            self._sent[page] = (cycles.numbers[-1], names, generation)
+            if page.signals:
+                if page not in self._feeds:
+                    self._feeds[page] = Feed(page, self._history)
+                self._feeds[page].take(cycles, trace.names)
+
+    async def _history(
+        self, page: Page, names: Sequence[str], end: int
+    ) -> AsyncGenerator[Cycles, None]:
+        """The last seconds of some signals before a cycle, as far as the daemon keeps them."""
+        remote, trace = self._remote, self._now
+        if remote is None or trace is None:  # it has just ended
+            return
+        patterns = _patterns(names)
+        columns: list[tuple[str, str]] = []
+        begin, more = max(1, end - round(HISTORY_S / trace.cycle_time)), True
+        while more:
+            ask = ReadHistory(patterns, begin, end)
+            try:
+                part = await in_daemon_thread(lambda: remote.request(ask))  # noqa: B023
+            except EcatError as error:  # the signals begin now
+                self._hub.value(OpenTrace.key, {"history_s": 0.0, "why": str(error)}, only=page)
+                return
+            if not columns:
+                columns = _columns(part["signals"], self._hub)
+                seconds = (end - part["begin"]) * trace.cycle_time
+                self._hub.value(OpenTrace.key, {"history_s": seconds}, only=page)
+            begin, more = part["next"], part["more"]
+            if part["batch"]["cycles"]:
+                yield _cycles(read_batch(part["batch"], part["signals"]), columns)
 
     def ended(self, trace: _Running, error: EcatError) -> None:
         """A trace has ended."""
@@ -166,11 +210,13 @@ class _Running:
 
     Args:
         names: The signals that pages want of it.
-        columns: The names of its columns; empty for a column that nobody wants.
+        columns: See `_columns`.
+        cycle_time: Seconds of a cycle.
         traces: Who gets its cycles.
 
     Attributes:
         names: The signals that it has.
+        cycle_time: Seconds of a cycle.
         held: Cycles that wait for the trace before.
         last: The last cycle that was handed out.
         began: When it was opened, by `time.monotonic`.
@@ -178,11 +224,15 @@ class _Running:
     """
 
     def __init__(
-        self, names: Sequence[str], columns: Sequence[tuple[str, str]], traces: Traces
+        self,
+        names: Sequence[str],
+        columns: Sequence[tuple[str, str]],
+        cycle_time: float,
+        traces: Traces,
     ) -> None:
         self.names = frozenset(names) & {name for name, _ in columns}
+        self.cycle_time = cycle_time
         self._columns = columns
-        self._types = dict(columns)
         self._traces = traces
         self._loop = asyncio.get_running_loop()
         self._stops = threading.Event()
@@ -207,7 +257,7 @@ class _Running:
                     for batch in trace:
                         if self._stops.is_set():
                             return
-                        cycles = self._cycles(batch)
+                        cycles = _cycles(batch, self._columns)
                         self._loop.call_soon_threadsafe(self._traces.take, self, cycles)
             except EcatError as error:
                 if not self._stops.is_set():
@@ -218,32 +268,37 @@ class _Running:
             self.stop()
             self._traces.ended(self, error)
 
-    def _cycles(self, batch: Batch) -> Cycles:
-        names = [name for name, _ in self._columns]
-        return Cycles(
-            array("d", batch.cycles),
-            array("d", [utc_ns / 1e6 for utc_ns in batch.utc_ns]),
-            {name: column for name, column in zip(names, batch.columns, strict=True) if name},
-            self._types,
-            {names[at]: places for at, places in batch.invalid.items() if names[at]},
-            batch.lost,
-        )
+
+def _cycles(batch: Batch, columns: Sequence[tuple[str, str]]) -> Cycles:
+    """A batch for pages.
+
+    Args:
+        batch: The batch.
+        columns: See `_columns`.
+    """
+    names = [name for name, _ in columns]
+    return Cycles(
+        array("d", batch.cycles),
+        array("d", [utc_ns / 1e6 for utc_ns in batch.utc_ns]),
+        {name: column for name, column in zip(names, batch.columns, strict=True) if name},
+        dict(columns),
+        {names[at]: places for at, places in batch.invalid.items() if names[at]},
+        batch.lost,
+    )
+
+
+def _patterns(names: Iterable[str]) -> str:
+    return "\n".join(sorted({pattern(name) for name in names}))
 
 
 def _columns(signals: Sequence[TraceSignal], hub: Hub) -> list[tuple[str, str]]:
-    """The name here, and the type, of each column of a trace."""
-    left = dict(hub.signals)
+    """The name here, and the type, of each column of a trace; no name if nobody wants it."""
+    names: dict[tuple[int, str, bool], deque[str]] = {}
+    for name, known in hub.signals.items():
+        what = (known["slave"], known["address"], known["output"])
+        names.setdefault(what, deque()).append(name)
     found = []
     for signal in signals:
-        what = (signal["slave"], signal["address"], signal["output"])
-        name = next(
-            (
-                name
-                for name, known in left.items()
-                if (known["slave"], known["address"], known["output"]) == what
-            ),
-            "",
-        )
-        left.pop(name, None)
-        found.append((name, signal["type"]))
+        left = names.get((signal["slave"], signal["address"], signal["output"]))
+        found.append((left.popleft() if left else "", signal["type"]))
     return found

@@ -27,6 +27,8 @@ export class ScopeModel {
   readonly marks = signal<Mark[]>([]);
   readonly emphasised = signal<string | null>(null);
   readonly dark = signal(false);
+  /** The seconds with which the newest signals began, and why they are none. */
+  readonly history = signal<{ seconds: number; why: string } | null>(null);
   /** What the user should know: a failure, or what has just happened. */
   readonly notice = signal("");
   readonly link = signal<{ up: boolean; text: string } | null>(null);
@@ -211,7 +213,9 @@ export class ScopeModel {
       this.order({ do: "restart", file: message.source === "file" });
     } else if (message.type === "link") this.link.value = { up: message.up, text: message.text };
     else if (message.type === "value" && message.key === "ro/trace") {
-      this.notice.value = message.failure ? `No samples come: ${message.failure.message}` : "";
+      const { history_s, why } = (message.value ?? {}) as { history_s?: number; why?: string };
+      if (history_s !== undefined) this.history.value = { seconds: history_s, why: why ?? "" };
+      else this.notice.value = message.failure ? `No samples come: ${message.failure.message}` : "";
     } else if (message.type === "end") {
       this.ended.value = true;
       this.order({ do: "all" });

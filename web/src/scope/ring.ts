@@ -171,7 +171,8 @@ export class Ring {
 
   /** Takes the cycles of a batch. Those that are there get the signals that they lack. */
   take(batch: Batch): void {
-    const isNew = batch.generation !== this.generation;
+    const reachesBack = batch.kind === "history";
+    const isNew = reachesBack || batch.generation !== this.generation;
     if (isNew) this.lastOfGeneration = -1;
     this.generation = batch.generation;
     const old = new Map<string, Set<number>>();
@@ -187,6 +188,7 @@ export class Ring {
       if (!touched.has(block)) touched.set(block, block.bytes);
       this.fill(block, row % BLOCK, batch, at, old);
     }
+    if (reachesBack) this.lastOfGeneration = -1;
     for (const [block, before] of touched) this.bytes += block.bytes - before;
     this.forget();
   }

@@ -4,6 +4,7 @@ import type { ScopeModel } from "./model";
 export function StatusLine({ model }: { model: ScopeModel }) {
   const status = model.status.value;
   const link = model.link.value;
+  const history = model.history.value;
   const isFile = model.source.value === "file";
   const warnings = [];
   if (link && !link.up) warnings.push(`Old values: ${link.text}`);
@@ -13,6 +14,7 @@ export function StatusLine({ model }: { model: ScopeModel }) {
   }
   if (status?.short) warnings.push("The memory for samples is full, so the oldest ones went.");
   if (status?.shift) warnings.push(`The clock was set back; newer times are shown ${(status.shift / 1000).toFixed(3)} s later.`);
+  if (history?.why) warnings.push(`Signals begin now: ${history.why}`);
   if (model.notice.value) warnings.push(model.notice.value);
   const minutes = status && status.rows > 1 ? (status.last - status.first) / 1000 : 0;
   const time = `${Math.floor(minutes / 60)}:${String(Math.floor(minutes % 60)).padStart(2, "0")}`;
@@ -21,6 +23,7 @@ export function StatusLine({ model }: { model: ScopeModel }) {
       <span>
         {isFile && model.entries.value.length === 0 ? "A file" : isFile ? (model.ended.value ? `The whole file: ${time}` : "The file is being read …") : `Recorded ${time} of 10:00 min`}
         {status ? `, ${status.rows} rows, ${(status.bytes / 1e6).toFixed(0)} MB` : ""}
+        {history && !isFile ? `; new signals begin ${history.seconds.toFixed(1)} s back` : ""}
       </span>
       {status && <span title="JavaScript for each picture">{status.drawing.toFixed(1)} ms, {status.frames}/s</span>}
       <span role="status" class="scope-warning">{warnings.join(" ")}</span>

@@ -20,6 +20,8 @@ def _declare(lib: ctypes.CDLL) -> ctypes.CDLL:
     lib.cyclic_frame_ring_read.argtypes = [
         *(pointer, ctypes.POINTER(u64), ctypes.c_char_p, ctypes.c_uint32)
     ]
+    lib.cyclic_frame_ring_find.restype = u64
+    lib.cyclic_frame_ring_find.argtypes = [pointer, u64]
     lib.cyclic_frame_ring_end.restype = u64
     lib.cyclic_frame_ring_end.argtypes = [pointer]
     for name in ("set_frame_ring", "relay_set_frame_ring"):
@@ -74,6 +76,10 @@ class FrameRing:
         buffer = ctypes.create_string_buffer(room)
         length = _LIB.cyclic_frame_ring_read(self._ring, ctypes.byref(at), buffer, room)
         return at.value, buffer.raw[:length]
+
+    def find(self, time_ns: int) -> int:
+        """The position of the last record that is not newer than a time; else of the oldest one."""
+        return int(_LIB.cyclic_frame_ring_find(self._ring, time_ns))
 
     @property
     def end(self) -> int:

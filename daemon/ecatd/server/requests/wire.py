@@ -102,6 +102,8 @@ def read_frames(
     now_ns = time.monotonic_ns()
     ring = rings[request.ring]
     begin = ring.end if request.position == NEWEST else request.position
+    if request.since_ns:
+        begin = max(begin, ring.find(request.since_ns))
     position, records = ring.read(begin, _ROOM)
     return {
         "records": records,
