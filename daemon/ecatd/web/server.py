@@ -31,7 +31,7 @@ from .tls import read_certificate
 
 _PAGES_MAX = 16
 """Pages of one user."""
-_OPEN_S = 5.0
+_OPEN_S = 10.0
 """Seconds in which a connection must say what it wants, after as many for a TLS handshake."""
 _MESSAGE_MAX = 256 * 1024
 """Bytes of a message of a page: a part of a file as a hex string."""
