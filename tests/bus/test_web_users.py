@@ -207,8 +207,8 @@ def web(site: Site) -> Iterator[Web]:
 def test_each_user_may_what_the_daemon_says(site: Site, web: Web) -> None:
     with ExitStack() as stack:
         anna, bob = (stack.enter_context(web.open(web.login(user))) for user in ("anna", "bob"))
-        assert anna.until(lambda message: message.get("may"))["may"] == ["sdo"]
         found = [signal["name"] for signal in anna.of_type("signals")["signals"]][:1]
+        assert anna.until(lambda message: message.get("may"))["may"] == ["sdo"]
         link = bob.until(lambda message: message["type"] == "link")
         assert link["up"], link
         assert bob.of_type("rights", "lamps")["type"] == "lamps"  # none came after the link

@@ -16,6 +16,7 @@ from ecatd.base.bus_name import check_bus_name, check_full_bus_name
 from ecatd.base.errors import StateError, UsageError
 from ecatd.base.files import write_whole
 from ecatd.operations.catalog import RIGHT_NAMES
+from ecatd.operations.endpoints import Endpoint
 from ecatd.web.listening import Address, read_address
 from ecatd.web.tls import CERTIFICATE, KEY, LOGINS
 
@@ -164,6 +165,11 @@ def _server(options: argparse.Namespace, files: dict[str, tuple[str, bytes]]) ->
         raise UsageError(
             f"{options.file} is shown at a loopback address only: who logs in has rights on a bus, "
             "and none on a file"
+        )
+    if not Endpoint.of(options.connect or GATEWAY).is_encrypted:
+        raise UsageError(
+            f"users are known by their certificates, and {options.connect} takes none: name the "
+            f"address of the gateway for users, such as --connect {GATEWAY}"
         )
     pair = options.certificate or CERTIFICATE, options.key or KEY
     return for_users(
