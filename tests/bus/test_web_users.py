@@ -1,6 +1,7 @@
 """`ecatctl web` for other machines: who logs in, what each may do, and what strangers get."""
 
 import base64
+import hashlib
 import http.client
 import json
 import select
@@ -22,8 +23,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from conftest import PATIENCE, Daemon, free_port, names, run_module
+from ecatd.base.errors import NotPermittedError
 from ecatd.base.openssl import openssl
 from ecatd.cli.authority import make_authority, make_identity, make_login, make_server
+from ecatd.client.identity import Identity
+from ecatd.client.remote import Remote
 
 pytestmark = [
     pytest.mark.bus,
@@ -43,6 +47,7 @@ slaves = [0]
 [[gateway.user]]
 name = "bob"
 """
+AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
 Answer = tuple[int, dict[str, str], str]
 
 
@@ -281,6 +286,15 @@ def test_strangers_get_nothing_over_tls(site: Site, web: Web) -> None:
         third.until(lambda message: message["type"] == "link" and message["up"])
 
 
+def test_the_key_of_the_server_opens_nothing_else(site: Site) -> None:
+    pair = [(site.folder / f"web.{end}").read_text() for end in ("pem", "key")]
+    authority = (site.folder / "authority.pem").read_text()
+    for user in ("anna", f"ecatctl web of {socket.gethostname()}"):
+        identity = Identity(site.folder / "web.pem", user, *pair, authority)
+        with pytest.raises(NotPermittedError, match=r"not one for users|does not accept"):
+            Remote(site.daemon.bus, site.gateway, 5.0, identity).rights()
+
+
 def test_nothing_is_said_without_encryption(web: Web) -> None:
     def plain(text: bytes) -> bytes:
         with socket.create_connection(("127.0.0.1", web.port), timeout=PATIENCE) as sock:
@@ -373,3 +387,59 @@ def test_what_cannot_listen_says_why(site: Site, tmp_path: Path) -> None:
     )
     assert found.returncode == 2
     names(found.stderr, "ecatctl web", "remote user anna")
+
+
+def test_the_login_in_a_browser(site: Site, web: Web) -> None:
+    sync_api = pytest.importorskip("playwright.sync_api", reason="needs the package playwright")
+    if (chromium := shutil.which("chromium")) is None or not AXE.exists():
+        pytest.skip("needs chromium, and axe-core of web/node_modules")
+    sync_api.expect.set_options(timeout=1000 * PATIENCE)
+    expect = sync_api.expect
+    public = openssl("x509", "-in", site.folder / "web.pem", "-noout", "-pubkey")
+    key = base64.b64decode("".join(public.splitlines()[1:-1]))
+    pin = base64.b64encode(hashlib.sha256(key).digest()).decode()
+    trust = f"--ignore-certificate-errors-spki-list={pin}"  # the key of this server, and no other
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", trust])
+        context = browser.new_context(viewport={"width": 1024, "height": 768}, bypass_csp=False)
+        page = context.new_page()
+        broken: list[str] = []
+        page.on("pageerror", lambda error: broken.append(str(error)))
+        page.on(
+            "console", lambda said: "Content Security" in said.text and broken.append(said.text)
+        )
+        page.goto(f"https://{web.host}/?bus={site.daemon.bus}#tab=events")
+        user, secret = page.get_by_label("User"), page.get_by_label("Password")
+        expect(user).to_be_focused()
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme)
+            # Of the tool, not of the page: it may run here although the page forbids such code.
+            page.evaluate(f"() => {{ {AXE.read_text()} }}")
+            found = page.evaluate("axe.run().then(({ violations }) => violations.map((v) => v.id))")
+            assert found == [], scheme
+        user.fill("bob")
+        secret.fill("wrong password")
+        page.keyboard.press("Enter")
+        expect(page.get_by_role("alert")).to_have_text("User and password do not fit.")
+        expect(secret).to_be_focused()
+        secret.fill(password("bob"))
+        page.get_by_role("button", name="Log in").click()
+        expect(page.locator(".lamp")).to_have_count(7)
+        expect(page.locator(".title-line")).to_contain_text("read only")
+        expect(page.locator(".title-line")).to_contain_text("bob")
+        assert "tab=events" in page.evaluate("location.hash")
+        (cookie,) = context.cookies()
+        assert cookie["name"] == f"__Host-ecatd-{web.port}"
+        assert (cookie["secure"], cookie["httpOnly"], cookie["sameSite"]) == (True, True, "Strict")
+        assert page.evaluate("document.cookie") == ""
+        page.reload()  # the cookie is enough
+        expect(page.locator(".lamp")).to_have_count(7)
+        page.get_by_role("button", name="Log out").click()
+        expect(user).to_be_visible()
+        assert context.cookies() == []
+        user.fill("carl")
+        secret.fill(password("carl"))
+        page.keyboard.press("Enter")
+        expect(page.locator(".way")).to_contain_text("does not name this user")
+        browser.close()
+        assert broken == []
