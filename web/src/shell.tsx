@@ -71,7 +71,7 @@ function Top({ state }: { state: State }) {
   return (
     <header class="top">
       <div class="title-line">
-        <h1>{title || "ecatd"}</h1>
+        <h1 class={buses.length > 1 ? "sr" : ""}>{title || "ecatd"}</h1>
         {buses.length > 1 && (
           <select aria-label="Bus" value={title} onChange={(event) => (location.search = `?bus=${encodeURIComponent(event.currentTarget.value)}`)}>
             {[...new Set([title, ...buses])].sort().map((bus) => <option key={bus}>{bus}</option>)}
