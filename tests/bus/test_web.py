@@ -20,6 +20,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from conftest import PATIENCE, Daemon, names
+from ecatd.base.paths import zenoh_socket
 from ecatd.web import files
 
 HAS_PAGE = (Path(files.__file__).parent / "_page" / "index.html").is_file()
@@ -75,21 +76,21 @@ class Web:
                     found += part
             return found
 
-    def open(self, **headers: str) -> "Page":
+    def open(self, query: str = "", **headers: str) -> "Page":
         """A page."""
         own = {"Cookie": self.cookie, "Origin": f"http://{self.host}"} | headers
         return Page(
             connect(
-                f"ws://{self.host}/socket",
+                f"ws://{self.host}/socket{query}",
                 additional_headers={key: value for key, value in own.items() if value},
                 max_size=None,
                 compression=None,
             )
         )
 
-    def refused(self, **headers: str) -> int:
+    def refused(self, query: str = "", **headers: str) -> int:
         """The status with which a WebSocket is refused."""
-        with pytest.raises(InvalidStatus) as found, self.open(**headers):
+        with pytest.raises(InvalidStatus) as found, self.open(query, **headers):
             pass
         return found.value.response.status_code
 
@@ -201,6 +202,27 @@ def test_pages_choose_signals_without_a_gap_for_each_other(web: Web) -> None:
             assert header["lost"] or cycles[0] == before + 1
         one.say(type="trace", signals=[found[2], "9/0x0000:00"], generation=2)
         assert [column["name"] for column in one.batch(2)[0]["columns"]] == [found[2]]
+
+
+def test_a_page_chooses_a_bus(troll: Daemon, web: Web) -> None:
+    silent = zenoh_socket(Path(troll.env["ECATD_RUNTIME_DIR"]), "other")
+    silent.parent.mkdir(parents=True)
+    with socket.socket(socket.AF_UNIX) as sock:  # a bus that has a gateway, which does not answer
+        sock.bind(str(silent))
+        try:
+            with web.open(f"?bus={troll.bus}") as page, web.open("?bus=other") as other:
+                assert page.of_type("hello")["title"] == troll.bus
+                page.until(lambda message: message["type"] == "link" and message["up"])
+                found = page.until(lambda message: message.get("buses"))["buses"]
+                assert found == sorted(["other", troll.bus])
+                assert other.of_type("hello")["title"] == "other"
+                link = other.of_type("link")
+                assert not link["up"]
+                names(link["text"], "other")
+        finally:
+            silent.unlink()
+    for wrong in ("..", "a/b", "x" * 500, "%00"):
+        assert web.refused(f"?bus={wrong}") == 400, wrong
 
 
 def test_it_comes_back_after_a_restart_of_the_gateway(troll: Daemon, web: Web) -> None:

@@ -204,6 +204,24 @@ def test_r31_who_may_use_the_bus(machine: Machine) -> None:
     machine("runuser -u stranger -- ecatctl check", status=3)
 
 
+def test_the_live_view_has_an_address_for_the_group(machine: Machine) -> None:
+    page = "/usr/lib/ecatd/lib/python3*/site-packages/ecatd/web/_page/index.html"
+    if machine(f"ls {page}", status=None).status:
+        pytest.skip("the page was not built: there is no Node.js")
+    assert machine.text("systemctl is-enabled ecatd-web; true") == "disabled"
+    machine("systemctl start ecatd-web")
+    machine.until("test -s /run/ecatd-web/address")
+    assert machine.text("stat -c %U:%G:%a /run/ecatd-web/address") == "ecatd-web:ecat:640"
+    address = machine.text("runuser -u mechanic -- cat /run/ecatd-web/address")
+    machine("runuser -u stranger -- cat /run/ecatd-web/address", status=1)
+    read = f"import urllib.request as r; print(r.urlopen('{address}').read())"
+    assert "page.js" in machine.text(f'/usr/lib/ecatd/bin/python -c "{read}"')
+    number = machine.text("systemctl show --property MainPID --value ecatd-web")
+    machine(f"nsenter -t {number} -m -- ls /run/ecatd/ecat0", status=2)
+    machine("systemctl stop ecatd-web")
+    machine("test -e /run/ecatd-web/address", status=1)
+
+
 def test_a_gateway_that_somebody_stopped(machine: Machine) -> None:
     machine("systemctl stop ecatd-gateway")
     told = machine("ecatctl --timeout 1 slaves", status=3).text
@@ -437,6 +455,7 @@ def test_nothing_stays(machine: Machine, drive: str) -> None:
     assert not left
     assert machine("id ecatd", status=1)
     assert machine("id ecatd-gateway", status=1)
+    assert machine("id ecatd-web", status=1)
     assert machine("getent group ecat", status=2)
     assert "ecatd" not in machine.text("systemctl list-units --all --no-pager | grep ecat; true")
     print("\n".join(f"| {what} | {figure} |" for what, figure in FIGURES))

@@ -10,13 +10,16 @@ from pathlib import Path
 import pytest
 
 from ecatd.admin.installation.places import LOCAL, files
+from ecatd.base.errors import LOOPBACK
+from ecatd.cli.main import make_parser as make_client_parser
 from ecatd.service.failed_starts import RESTART_S
 from ecatd.service.main import make_parser
 from ecatd.service.supervisor import STOP_PATIENCE_S
 
 UNITS = Path(__file__).parents[2] / "systemd"
 ALL = ("ecatd.service", "ecatd@.service", "ecatd-gateway.service", "ecatd-gateway@.service")
-EXPOSURE = {"ecatd.service": 2.3, "ecatd-gateway.service": 1.4}
+WEB = "ecatd-web.service"
+EXPOSURE = {"ecatd.service": 2.3, "ecatd-gateway.service": 1.4, WEB: 1.4}
 OF_ONE_BUS = ("# ", "Conflicts=", "After=ecatd@", "DefaultInstance=")
 
 needs_systemd = pytest.mark.skipif(
@@ -87,19 +90,37 @@ def test_the_program_knows_the_options(unit: str) -> None:
     assert options.no_gateway != options.only_gateway
 
 
+def test_the_live_view_has_no_right_on_the_bus() -> None:
+    unit = set(lines(WEB))
+    users = (UNITS / "ecatd.sysusers.conf").read_text().splitlines()
+    assert {"User=ecatd-web", "Group=ecatd-web", "CapabilityBoundingSet="} <= unit
+    assert "InaccessiblePaths=-/run/ecatd -/dev/shm" in unit
+    groups = [line for line in unit if line.startswith("SupplementaryGroups=")]
+    assert not groups + [line for line in users if line.startswith("m ecatd-web")]
+    (command,) = (line for line in unit if line.startswith("ExecStart="))
+    (given,) = (line for line in unit if line.startswith("Environment="))
+    gateway = given.partition("GATEWAY=")[2]
+    words = shlex.split(command.replace("${GATEWAY}", gateway).replace("$OPTIONS", ""))
+    options = make_client_parser().parse_args(words[1:])
+    assert (options.connect, options.address, options.allow) == (LOOPBACK, None, ())
+    folder = str(options.address_file.parent)
+    assert f"d {folder} 2750 ecatd-web ecat -" in (UNITS / "ecatd.tmpfiles.conf").read_text()
+
+
 @needs_systemd
 @pytest.mark.parametrize("folder", ["bin", "a b%n$HOME"])
 def test_systemd_understands_every_line(tmp_path: Path, folder: str) -> None:
     program = tmp_path / folder / "ecatd"
     program.parent.mkdir()
-    program.symlink_to(sys.executable)
+    for file in (program, program.with_name("ecatctl")):
+        file.symlink_to(sys.executable)
     units = []
     for path, data in files(LOCAL, program).items():
-        if path.name in ALL:
+        if path.name in (*ALL, WEB):
             unit = tmp_path / path.name.replace("@.", "@press.")
             unit.write_bytes(data)
             units.append(str(unit))
-    assert len(units) == len(ALL)
+    assert len(units) == len(ALL) + 1
     command = ["systemd-analyze", "verify", "--man=no", *units]
     told = subprocess.run(command, capture_output=True, text=True, check=False).stderr
     assert not [line for line in told.splitlines() if "ecatd" in line], told

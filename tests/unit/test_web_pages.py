@@ -17,8 +17,9 @@ from ecatd.base.errors import StateError
 from ecatd.web.batch import Cycles
 from ecatd.web.files import read_files
 from ecatd.web.hub import Hub
+from ecatd.web.listening import Address
 from ecatd.web.page import Page
-from ecatd.web.server import Server, bind
+from ecatd.web.server import Server, for_this_machine
 
 _BATCH, _BATCHES = 1000, 1200
 """More than the page keeps, and more than the kernel keeps."""
@@ -29,6 +30,8 @@ class Counting:
 
     kind, title = "bus", "counting"
     may: tuple[str, ...] = ()
+    user = ""
+    buses: tuple[str, ...] = ()
 
     async def run(self, hub: Hub) -> None:
         hub.describe([{"name": "a"}])
@@ -93,7 +96,7 @@ async def read(server: Server) -> list[tuple[str, list[tuple[float, float, float
 
 def test_a_page_that_takes_nothing_loses_no_peak_and_catches_up() -> None:
     async def run() -> list[tuple[str, list[tuple[float, float, float, float]]]]:
-        server = Server(Hub(Counting()), {}, bind(0))
+        server = for_this_machine(lambda _: Hub(Counting()), {}, Address(port=0))
         serving = asyncio.create_task(server.run(lambda: None))
         found = await read(server)
         serving.cancel()

@@ -15,9 +15,16 @@ interface Waiting {
   reject(error: AskError): void;
 }
 
+/** How somebody comes in: with the address that `ecatctl web` prints, or as a user with a password. */
+export interface Login {
+  by: "token" | "password";
+  /** What to do, or why it was refused. */
+  message: string;
+}
+
 export interface Listener {
-  /** The connection to `ecatctl web` has come, gone, or needs the token that this prints. */
-  connected(state: "open" | "lost" | "refused"): void;
+  /** The connection to `ecatctl web` has come, gone, or needs a login. */
+  connected(state: "open" | "lost" | "refused", login?: Login): void;
   message(message: Message): void;
   /** A batch of a trace; see `readBatch`. */
   batch(data: ArrayBuffer): void;
@@ -26,6 +33,7 @@ export interface Listener {
 export class Connection {
   private socket: WebSocket | null = null;
   private number = 0;
+  private again = 0;
   private readonly waiting = new Map<number, Waiting>();
   private trace: { signals: string[]; history: string[]; generation: number } = {
     signals: [], history: [], generation: 0,
@@ -63,6 +71,22 @@ export class Connection {
     return this.trace.generation;
   }
 
+  /** Logs a user in; returns why not, or "". */
+  async logIn(user: string, password: string): Promise<string> {
+    const text = String.fromCharCode(...new TextEncoder().encode(`${user}:${password}`));
+    const answer = await fetch("/login", { headers: { Authorization: `Basic ${btoa(text)}` } }).catch(() => null);
+    if (answer === null) return "The server does not answer. Try again.";
+    if (!answer.ok) return ((await answer.json()) as Login).message;
+    this.connect();
+    return "";
+  }
+
+  /** Ends the login; the page forgets all that it knows. */
+  async logOut(): Promise<void> {
+    await fetch("/logout").catch(() => null);
+    location.reload();
+  }
+
   private async login(): Promise<void> {
     const token = new URLSearchParams(location.hash.slice(1)).get("token");
     if (token === null) return;
@@ -78,7 +102,10 @@ export class Connection {
 
   private connect(): void {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/socket`);
+    clearTimeout(this.again);
+    const bus = new URLSearchParams(location.search).get("bus");
+    const which = bus === null ? "" : `?bus=${encodeURIComponent(bus)}`;
+    const socket = new WebSocket(`${scheme}://${location.host}/socket${which}`);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
     socket.onopen = () => {
@@ -89,7 +116,9 @@ export class Connection {
       if (typeof data === "string") this.take(JSON.parse(data) as Message);
       else this.listener.batch(data);
     };
-    socket.onclose = () => void this.lose();
+    socket.onclose = () => {
+      if (this.socket === socket) void this.lose();
+    };
   }
 
   private take(message: Message): void {
@@ -108,8 +137,9 @@ export class Connection {
     this.waiting.clear();
     // A browser does not tell the page why a WebSocket was refused; `/login` without a token does.
     const answer = await fetch("/login").catch(() => null);
-    this.listener.connected(answer?.status === 401 ? "refused" : "lost");
-    setTimeout(() => this.connect(), PAUSE_MS);
+    if (answer?.status === 401) this.listener.connected("refused", (await answer.json()) as Login);
+    else this.listener.connected("lost");
+    this.again = window.setTimeout(() => this.connect(), PAUSE_MS);
   }
 }
 

@@ -8,7 +8,7 @@ import { State } from "./state";
 import { Traces } from "./traces";
 
 const connection: Connection = new Connection({
-  connected: (state_) => state.takeConnected(state_),
+  connected: (state_, login) => state.takeConnected(state_, login),
   message: (message) => {
     state.take(message);
     if (message.type === "signals") scope.setSignals(message.signals);

@@ -54,10 +54,21 @@ export interface BusEvent extends Value {
   text: string;
 }
 
+export interface Rights {
+  /** Rights that the page may use; none: it only reads. */
+  may: string[];
+  /** Who is logged in; empty without logins. */
+  user: string;
+  /** Names of the buses that `?bus=NAME` in the address of the page can choose, if there are several. */
+  buses: string[];
+}
+
 /** Server → page. */
 export type Message =
-  /** The first message. `may`: rights that the page may use; none: it only reads. */
-  | { type: "hello"; version: string; source: "bus" | "file"; title: string; may: string[] }
+  /** The first message. */
+  | ({ type: "hello"; version: string; source: "bus" | "file"; title: string } & Rights)
+  /** They have changed. */
+  | ({ type: "rights" } & Rights)
   /** The way to the daemon. While it is down, all values are old. */
   | { type: "link"; up: boolean; text: string; since: number }
   | { type: "signals"; signals: Signal[] }

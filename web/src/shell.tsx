@@ -4,6 +4,7 @@ import { useEffect } from "preact/hooks";
 import { Tabs } from "./controls";
 import { DrivePanel } from "./drive/drive";
 import { Events } from "./events";
+import { LogIn } from "./login";
 import { Lamps } from "./lamps";
 import { Columns } from "./layout";
 import { OutputsPanel } from "./outputs";
@@ -48,7 +49,7 @@ export function Page({ state }: { state: State }) {
     addEventListener("keydown", onKey);
     return () => removeEventListener("keydown", onKey);
   }, []);
-  if (state.connected.value === "refused") return <Refused />;
+  if (state.connected.value === "refused") return state.login.value.by === "password" ? <LogIn state={state} /> : <Refused />;
   return (
     <div class={state.fresh.value || state.hello.value.title === "" ? "page" : "page stale"}>
       <Top state={state} />
@@ -63,17 +64,24 @@ export function Page({ state }: { state: State }) {
 }
 
 function Top({ state }: { state: State }) {
-  const { title, version, may, source } = state.hello.value;
+  const { title, version, may, source, user, buses } = state.hello.value;
   const info = state.of("ro/info").value.value;
   const cycle = state.bus.value?.cycle_time_us;
   const about = [info?.host, info?.interface, cycle === undefined ? "" : `cycle ${cycle / 1000} ms`, version === "" ? "" : `ecatd ${version}`];
   return (
     <header class="top">
       <div class="title-line">
-        <h1>{title || "ecatd"}</h1>
+        <h1 class={buses.length > 1 ? "sr" : ""}>{title || "ecatd"}</h1>
+        {buses.length > 1 && (
+          <select aria-label="Bus" value={title} onChange={(event) => (location.search = `?bus=${encodeURIComponent(event.currentTarget.value)}`)}>
+            {[...new Set([title, ...buses])].sort().map((bus) => <option key={bus}>{bus}</option>)}
+          </select>
+        )}
         <span class="about">{about.filter((text) => text !== undefined && text !== "").join(" · ")}</span>
         <Way state={state} />
         {source === "bus" && title !== "" && <span class="tag">{may.length === 0 ? "read only" : `may write: ${may.join(", ")}`}</span>}
+        {user !== "" && <span class="tag">{user}</span>}
+        {user !== "" && <button type="button" class="quiet nowrap" onClick={() => void state.connection.logOut()}>Log out</button>}
         <button type="button" class="quiet" onClick={() => (state.theme.value = NEXT[state.theme.value])} title="Light, dark, or as the system (t)">{state.theme.value}</button>
         <button type="button" class="quiet" aria-expanded={state.help.value} onClick={() => (state.help.value = !state.help.value)} title="Keys (?)" aria-label="Help">?</button>
       </div>
@@ -91,7 +99,7 @@ function Way({ state }: { state: State }) {
   if (connected !== "open") {
     return <span class="way bad" role="status">Connection to ecatctl web lost {lasting(now - state.lostAt.value)} ago, since {clock(state.lostAt.value)}. All values are old. Trying again …</span>;
   }
-  if (!link.up) return <span class="way bad" role="status">{link.text} All values are old, since {clock(link.since)} ({lasting(now - link.since)}).</span>;
+  if (!link.up) return <span class="way bad" role="status">{link.text}. {state.bus.value === null ? "It is tried again." : `All values are old, since ${clock(link.since)} (${lasting(now - link.since)}).`}</span>;
   return <span class="way" role="status">{state.hello.value.source === "file" ? link.text : "live"}</span>;
 }
 

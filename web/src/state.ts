@@ -1,9 +1,9 @@
 // What the server has sent, and what the user has chosen. Components read it; nothing else keeps it.
 import { computed, effect, signal, type Signal as Cell } from "@preact/signals";
 
-import type { Connection } from "./connection";
+import type { Connection, Login } from "./connection";
 import type { Bus, Configuration, Errors, Info, Outputs, Reading, States, Statistics } from "./maps";
-import type { BusEvent, Failure, Lamp, Message, Signal } from "./protocol";
+import type { BusEvent, Failure, Lamp, Message, Rights, Signal } from "./protocol";
 import { LiveValues } from "./live";
 import type { ScopeModel } from "./scope/scope";
 import type { Traces } from "./traces";
@@ -36,8 +36,10 @@ interface Answer<T> {
 
 export class State {
   readonly connected = signal<"opening" | "open" | "lost" | "refused">("opening");
-  readonly hello = signal<{ title: string; version: string; source: "bus" | "file"; may: string[] }>({
-    title: "", version: "", source: "bus", may: [],
+  /** How to come in, while `connected` is "refused". */
+  readonly login = signal<Login>({ by: "token", message: "" });
+  readonly hello = signal<Rights & { title: string; version: string; source: "bus" | "file" }>({
+    title: "", version: "", source: "bus", may: [], user: "", buses: [],
   });
   readonly link = signal({ up: true, text: "", since: 0 });
   readonly signals = signal<Signal[]>([]);
@@ -112,6 +114,9 @@ export class State {
         this.moment = null;
         document.title = `${message.title} – ecatd`;
         break;
+      case "rights":
+        this.hello.value = { ...this.hello.value, ...message };
+        break;
       case "link":
         this.link.value = message;
         break;
@@ -134,7 +139,8 @@ export class State {
     }
   }
 
-  takeConnected(state: "open" | "lost" | "refused"): void {
+  takeConnected(state: "open" | "lost" | "refused", login?: Login): void {
+    if (login !== undefined) this.login.value = login;
     if (this.connected.value === "open" && state !== "open") this.lostAt.value = Date.now() / 1000;
     this.connected.value = state;
   }

@@ -9,13 +9,16 @@ from __future__ import annotations
 import argparse
 import re
 import socket
+import sys
 import tempfile
 from collections.abc import Iterable, Sequence
+from getpass import getpass
 from pathlib import Path
 from typing import Any
 
 from ecatd.base.bus_name import HOST_NAME, HOST_NAME_RULE
 from ecatd.base.errors import StateError, UsageError
+from ecatd.base.openssl import openssl
 from ecatd.client.identity import find_identity, read_identity
 from ecatd.config.gateway import USER_NAME, USER_NAME_RULE
 from ecatd.operations.bus import ReadInfo
@@ -24,11 +27,13 @@ from .arguments import bounded, connect
 from .authority import (
     AUTHORITY,
     AUTHORITY_KEY,
+    LOGINS,
     check_authority,
     make_authority,
     make_identity,
+    make_login,
     make_server,
-    openssl,
+    make_web_server,
 )
 from .output import print_json
 from .router_config import router_config
@@ -44,6 +49,8 @@ actions:
   router NAME     make a certificate and the configuration of a Zenoh router, through which users
                   reach the buses of several machines
   show [FILE]     show whose identity a file is, and when it expires
+  web             make a certificate for `ecatctl web --address`, in place of an earlier one
+  login NAME      make, or change, the password with which a user logs in there
   test            connect, and say what the user may do
 
 First run `init` on the machine of the daemon, then `user` for each user. Both print the
@@ -52,10 +59,11 @@ $ECATD_IDENTITY, or save it as ~/.config/ecatd/identity.pem.
 """
 _FOLDER = Path("/etc/ecatd/tls")
 _DAEMON, _ROUTER = "daemon", "router"
+_PASSWORD_MIN, _PASSWORD_MAX = 10, 200
 _ROUTER_CONFIG = "zenohd.json5"
 _ROUTER_PORT = 7447
 _SERVER_DAYS, _USER_DAYS = 1825, 365
-_HOST_HELP = "init, machine, router: another name or address by which users reach that machine"
+_HOST_HELP = "init, machine, router, web: another name or address by which users reach that machine"
 _HOST = re.compile("[A-Za-z0-9:.*_-]{1,253}")
 
 
@@ -65,7 +73,10 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     command.formatter_class = argparse.RawDescriptionHelpFormatter
     command.add_argument("action", choices=_RUN, metavar="ACTION", help="one of the actions below")
     command.add_argument(
-        "name", nargs="?", metavar="NAME", help="user, machine, router: the name; show: a file"
+        "name",
+        nargs="?",
+        metavar="NAME",
+        help="user, login, machine, router: the name; show: a file",
     )
     command.add_argument(
         "--dir",
@@ -88,14 +99,17 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         "--days",
         type=bounded(1, 36500),
         metavar="N",
-        help=f"days until the certificate expires (default: {_SERVER_DAYS}; user: {_USER_DAYS})",
+        help=f"days until the certificate expires (default: {_SERVER_DAYS}; user, login: "
+        f"{_USER_DAYS}; web: always 825)",
     )
     command.add_argument(
         "-o",
         dest="out",
         type=Path,
         metavar="PATH",
-        help="user: the file (default: NAME.pem); machine, router: the folder (default: NAME)",
+        help="user: the file (default: NAME.pem); machine, router: the folder (default: NAME); "
+        "web: the folder (default: that of the authority); login: the file (default: "
+        "logins/NAME.pem there)",
     )
 
 
@@ -110,10 +124,11 @@ def remote(options: argparse.Namespace) -> None:
         EcatError: It cannot be done, or what it shows cannot be used.
     """
     action = options.action
-    if options.name is not None and action in ("init", "test"):
+    if options.name is not None and action in ("init", "web", "test"):
         raise UsageError(f"remote {action} takes no NAME")
-    if options.name is None and action in ("user", "machine", "router"):
-        raise UsageError(f"remote {action} needs the NAME of the {action}")
+    if options.name is None and action in ("user", "login", "machine", "router"):
+        of = "user" if action == "login" else action
+        raise UsageError(f"remote {action} needs the NAME of the {of}")
     document, text = _RUN[action](options)
     if options.json:
         print_json(document)
@@ -133,8 +148,7 @@ def _init(options: argparse.Namespace) -> _Done:
         "identities that it has signed would no longer hold. Remove the files of this folder "
         "first, or give another --dir",
     )
-    usual = (socket.gethostname(), socket.getfqdn(), "localhost", "127.0.0.1")
-    hosts, name = _hosts(options.host, usual), socket.gethostname()[:63]
+    hosts, name = _hosts(options.host, _usual_hosts()), socket.gethostname()[:63]
     days = options.days or _SERVER_DAYS
     _make_folder(folder)
     make_authority(folder)
@@ -147,6 +161,10 @@ def _init(options: argparse.Namespace) -> _Done:
         f"Keep {folder / AUTHORITY_KEY} to yourself: who has it can make users.\n"
         "Next: ecatctl remote user NAME",
     )
+
+
+def _usual_hosts() -> tuple[str, ...]:
+    return (socket.gethostname(), socket.getfqdn(), "localhost", "127.0.0.1")
 
 
 def _document(out: Path, hosts: list[str], days: int, there: Path) -> dict[str, Any]:
@@ -269,6 +287,57 @@ def _user(options: argparse.Namespace) -> _Done:
     )
 
 
+# --- web, login ---------------------------------------------------------------------------------
+
+
+def _web(options: argparse.Namespace) -> _Done:
+    authority = options.dir.resolve()
+    out = (options.out or authority).resolve()
+    check_authority(authority)
+    hosts = _hosts(options.host, _usual_hosts())
+    _make_folder(out)
+    days = make_web_server(authority, out, socket.gethostname(), hosts)
+    return (
+        {"folder": str(out), "hosts": hosts, "days": days},
+        f"{out}: a certificate of `ecatctl web`, for {days} days, for\n{', '.join(hosts)}\n\n"
+        f"Browsers trust it once {authority / AUTHORITY} is among their authorities.\n"
+        "Next: ecatctl remote login NAME; then ecatctl web --address 0.0.0.0\n"
+        "A server that runs uses it after its next start: systemctl restart ecatd-web",
+    )
+
+
+def _login(options: argparse.Namespace) -> _Done:
+    (name,) = _users([options.name])
+    folder = options.dir.resolve()
+    check_authority(folder)
+    out = options.out or folder / LOGINS / f"{name}.pem"
+    days = options.days or _USER_DAYS
+    password = _ask_password(name)
+    make_login(folder, out, name, password, days)
+    return (
+        {"user": name, "file": str(out), "days": days},
+        f"{out}: user '{name}' logs in to `ecatctl web --address` with this password, for {days} "
+        "days.\nWhat the user may do is in [[gateway.user]] of the daemon's configuration: "
+        f"nothing if '{name}' is not there.",
+    )
+
+
+def _ask_password(name: str) -> str:
+    """The password of a user, from the terminal, or the first line of standard input."""
+    if sys.stdin.isatty():
+        password = getpass(f"Password of '{name}': ")
+        if getpass("Once more: ") != password:
+            raise UsageError("the two passwords differ; nothing was changed")
+    else:
+        password = sys.stdin.readline().rstrip("\n")
+    if not _PASSWORD_MIN <= len(password) <= _PASSWORD_MAX or not password.isprintable():
+        raise UsageError(
+            f"a password has {_PASSWORD_MIN} to {_PASSWORD_MAX} printable characters; nothing was "
+            "changed"
+        )
+    return password
+
+
 # --- show, test ----------------------------------------------------------------------------------
 
 
@@ -350,6 +419,8 @@ _RUN = {
     "user": _user,
     "machine": _machine,
     "router": _router,
+    "web": _web,
+    "login": _login,
     "show": _show,
     "test": _test,
 }

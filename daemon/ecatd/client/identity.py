@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ecatd.base.errors import NotPermittedError, UsageError
+from ecatd.base.openssl import openssl
 
 _BLOCK = re.compile("-----BEGIN ([A-Z ]+)-----.*?-----END \\1-----\n?", re.DOTALL)
 _USER = re.compile("^ecatd user: (.+)$", re.MULTILINE)
@@ -34,6 +35,20 @@ class Identity(NamedTuple):
     certificate: str
     key: str
     authorities: str
+
+    @property
+    def is_locked(self) -> bool:
+        """Whether its private key needs a password first; see `unlock`."""
+        return "BEGIN ENCRYPTED" in self.key
+
+    def unlock(self, password: str) -> Identity:
+        """The identity with its private key.
+
+        Raises:
+            StateError: The password is wrong, or the program openssl is missing.
+        """
+        arguments = ("pkcs8", "-in", self.path, "-passin", "stdin")
+        return self._replace(key=openssl(*arguments, given=f"{password}\n"))
 
     @property
     def settings(self) -> dict[str, object]:
@@ -62,11 +77,17 @@ def find_identity(path: Path | None) -> Identity | None:
         NotPermittedError: The file cannot be read.
     """
     given = path or os.environ.get("ECATD_IDENTITY")
-    if given:
-        return read_identity(Path(given))
     home = os.environ.get("XDG_CONFIG_HOME") or Path("~/.config").expanduser()
     usual = Path(home) / "ecatd" / "identity.pem"
-    return read_identity(usual) if usual.exists() else None
+    if not given and not usual.exists():
+        return None
+    found = read_identity(Path(given or usual))
+    if found.is_locked:
+        raise UsageError(
+            f"{found.path} is a login of `ecatctl web`: its key is locked with a password. "
+            f"`ecatctl remote user {found.user}` makes an identity for other commands"
+        )
+    return found
 
 
 def read_identity(path: Path) -> Identity:

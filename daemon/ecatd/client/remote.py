@@ -63,8 +63,8 @@ class Remote(Session):
         bus: Name of the bus; HOST/BUS behind a router, and where the daemon has a `gateway.host`.
         connect: Zenoh endpoint such as `tls/host:7447`; by default the daemon of this machine.
         timeout: Seconds to wait for an answer.
-        identity: File with the certificate of a user, for an encrypted endpoint; by default the one
-            that `find_identity` finds.
+        identity: File with the certificate of a user, or what was read from one, for an encrypted
+            endpoint; by default the one that `find_identity` finds.
 
     Raises:
         UnreachableError: No daemon is there.

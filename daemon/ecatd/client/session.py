@@ -22,7 +22,7 @@ from ecatd.base.errors import (
     UnreachableError,
     UsageError,
 )
-from ecatd.base.paths import read_host, search_dirs, zenoh_socket
+from ecatd.base.paths import read_host, search_dirs, served_buses, zenoh_socket
 from ecatd.base.timeouts import Timeout
 from ecatd.linux.systemd_services import how_to_start
 from ecatd.operations.encoding import MAX_REPLY, pack, unpack
@@ -32,7 +32,7 @@ from ecatd.operations.query import to_query
 from ecatd.operations.zenoh_keys import AS, bus_key, bus_of, full_name, session_config
 
 from .arguments import refuse, seconds, text
-from .identity import find_identity, who
+from .identity import Identity, find_identity, who
 from .why_no_connection import why_no_connection
 
 _GATEWAY_PATIENCE, _GATEWAY_PAUSE = 5.0, 0.05
@@ -99,18 +99,20 @@ class Session:
         bus: str = "ecat0",
         connect: str | None = None,
         timeout: float = 10.0,
-        identity: Path | None = None,
+        identity: Path | Identity | None = None,
     ) -> None:
         text("bus", bus)
         if connect is not None:
             text("connect", connect)
-        if not isinstance(identity, Path | None):
-            raise refuse("identity", "a Path, or None", identity)
+        if not isinstance(identity, Path | Identity | None):
+            raise refuse("identity", "a Path, an Identity, or None", identity)
         self.bus = check_bus_name(bus) if connect is None else check_full_bus_name(bus)
         self.full_name = self.bus
         self.timeout = seconds("timeout", timeout)
         endpoint = Endpoint.of(connect or f"{LOCAL}/")
-        self._identity = find_identity(identity) if endpoint.is_encrypted else None
+        if not isinstance(identity, Identity):
+            identity = find_identity(identity) if endpoint.is_encrypted else None
+        self._identity = identity
         self.is_local = endpoint.protocol == LOCAL
         self._connect = connect
         zenoh.init_log_from_env_or("off")
@@ -257,6 +259,12 @@ class Session:
         """The names of the buses in reach, in order: BUS or HOST/BUS."""
         found = self.zenoh.liveliness().get(bus_key("*", "alive"), timeout=min(self.timeout, 2.0))
         return sorted(bus_of(reply.ok.key_expr) for reply in found if reply.ok is not None)
+
+    def neighbours(self) -> list[str]:
+        """The names of the buses that are reached in the same way as this one, in order."""
+        if self._connect:
+            return self.alive()
+        return sorted({bus for folder in search_dirs() for bus in served_buses(folder)})
 
     def _silence(self, key: tuple[str, ...]) -> EcatError:
         """Why no answer came: a change that is asked for from the network gets none at all."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import ssl
 
@@ -87,7 +88,7 @@ def _shake_hands(
         context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     else:
         try:
-            context.load_cert_chain(identity.path)
+            _load(context, identity)
             context.load_verify_locations(cadata=identity.authorities)
         except (OSError, ValueError) as error:
             return UsageError(f"{identity.path} cannot be used: {error}; {_shown(identity)}")
@@ -120,6 +121,14 @@ def _shake_hands(
         f"{endpoint} ends the connection: no ecatd listens there, or it does not let "
         f"{f'user {identity.user!r}' if identity else 'anybody'} in"
     )
+
+
+def _load(context: ssl.SSLContext, identity: Identity) -> None:
+    """Takes certificate and key; of a locked file, the key is open in this process only."""
+    with os.fdopen(os.memfd_create("identity"), "wb") as pair:
+        pair.write(f"{identity.certificate}\n{identity.key}".encode())
+        pair.flush()
+        context.load_cert_chain(f"/proc/self/fd/{pair.fileno()}")
 
 
 def _shown(identity: Identity | None) -> str:

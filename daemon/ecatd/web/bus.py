@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any
 
 from ecatd.base.daemon_threads import in_daemon_thread
@@ -28,6 +29,8 @@ from .traces import Traces
 _RETRY_S = 1.0
 """Seconds until a daemon that is away is asked again."""
 _EVENTS_S = 0.5
+_BUSES_S = 10.0
+"""Seconds until it is looked for other buses again."""
 _ASKS_MAX = 16
 """Questions of all pages that are asked at a time; the others wait."""
 _WATCHED: tuple[tuple[Operation[Any], float], ...] = (
@@ -52,14 +55,24 @@ class BusSource:
     Args:
         title: Name of the bus.
         connect: Opens a session; raises EcatError.
-        may: The rights of pages.
+        allow: The most that pages may do; a user of the daemon may have fewer rights.
+        user: Whose session it is; empty if the way to the daemon knows no users.
     """
 
     kind = "bus"
 
-    def __init__(self, title: str, connect: Callable[[], Remote], may: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        title: str,
+        connect: Callable[[], Remote],
+        allow: tuple[str, ...],
+        user: str = "",
+    ) -> None:
         self.title = title
-        self.may = may
+        self.may = () if user else allow  # of a user, until the daemon has said more
+        self.user = user
+        self.buses: tuple[str, ...] = ()
+        self._allow = allow
         self._connect = connect
         self._remote: Remote | None = None
         self._why_not: EcatError = UnreachableError("not connected to the daemon yet")
@@ -103,6 +116,7 @@ class BusSource:
         """
         events = await in_daemon_thread(lambda: remote.request(ReadEvents()))
         await self._describe(hub, await in_daemon_thread(lambda: remote.request(Describe())))
+        await self._introduce(remote, hub)
         hub.forget_events()
         hub.link(True, f"connected to bus '{remote.full_name}'")
         hub.events(events["events"], events["left_out"])
@@ -113,6 +127,7 @@ class BusSource:
             asyncio.create_task(self._watch(remote, hub, operation, period))
             for operation, period in _WATCHED
         ]
+        tasks.append(asyncio.create_task(self._watch_buses(remote, hub)))
         try:
             instance = events["instance"]
             while True:
@@ -128,6 +143,25 @@ class BusSource:
         finally:
             for task in tasks:
                 task.cancel()
+
+    async def _introduce(self, remote: Remote, hub: Hub) -> None:
+        """Finds out what the user may; raises EcatError if the daemon does not know the user."""
+        self.user = remote.user
+        self.may = self._allow
+        if remote.user:
+            may = (await in_daemon_thread(remote.rights))["write"]
+            self.may = tuple(right for right in self._allow if right in may)
+        hub.rights()
+
+    async def _watch_buses(self, remote: Remote, hub: Hub) -> None:
+        while True:
+            with suppress(EcatError):
+                found = await in_daemon_thread(remote.neighbours)
+                buses = tuple(found) if len(found) > 1 else ()
+                if buses != self.buses:
+                    self.buses = buses
+                    hub.rights()
+            await asyncio.sleep(_BUSES_S)
 
     async def _watch(
         self, remote: Remote, hub: Hub, operation: Operation[Any], period: float
@@ -166,7 +200,7 @@ class BusSource:
         self, key: str, parameters: Mapping[str, Any], payload: Mapping[str, Any]
     ) -> Mapping[str, Any]:
         """See `Source`."""
-        operation = to_operation(key, parameters, payload, self.may)
+        operation = to_operation(key, parameters, payload, self._allow)
         async with self._asking:
             remote = self._remote
             if remote is None:

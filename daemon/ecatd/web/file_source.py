@@ -59,6 +59,8 @@ class FileSource:
 
     kind = "file"
     may: tuple[str, ...] = ()
+    user = ""
+    buses: tuple[str, ...] = ()
 
     def __init__(self, path: Path) -> None:
         self.title = path.name

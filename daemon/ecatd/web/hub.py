@@ -23,6 +23,8 @@ class Source(Protocol):
     kind: str  #: `bus` or `file`.
     title: str  #: Name of the bus, or of the file.
     may: tuple[str, ...]  #: The rights of pages.
+    user: str  #: The user of the daemon who looks; empty if the way there knows none.
+    buses: tuple[str, ...]  #: The buses that can be looked at, if there is a choice.
 
     def run(self, hub: Hub) -> Coroutine[Any, Any, None]:
         """Tells the pages what there is until it is cancelled; while no page is open, it rests."""
@@ -61,7 +63,7 @@ class Hub:
         """Serves a page until it is closed."""
         source = self._source
         hello = {"type": "hello", "version": VERSION, "source": source.kind, "title": source.title}
-        page.tell("hello", encode({**hello, "may": source.may}))
+        page.tell("hello", encode(hello | self._rights()))
         for key, text in self._latest.items():
             page.tell(key, text)
         page.tell_events([*self._events], self._left_out)
@@ -96,6 +98,15 @@ class Hub:
     def wish(self, page: Page) -> None:
         """A page wants other signals in each cycle."""
         self._source.wish(page)
+
+    def rights(self) -> None:
+        """Tells what pages may, who looks, and which buses there are: something has changed."""
+        for page in self.pages:
+            page.tell("rights", encode({"type": "rights", **self._rights()}))
+
+    def _rights(self) -> dict[str, Any]:
+        source = self._source
+        return {"may": source.may, "user": source.user, "buses": source.buses}
 
     def link(self, up: bool, text: str) -> None:
         """Tells how the way to the daemon is, if that is new."""

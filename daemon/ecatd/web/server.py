@@ -1,91 +1,129 @@
-"""The server: files of the page, its login, its WebSocket. Loopback only."""
+"""The server: files of the page, its login, its WebSocket."""
 
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import signal
 import socket
+import ssl
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from ecatd.base.errors import StateError
+from ecatd.base.errors import BusyError, EcatError
+from ecatd.client.identity import Identity
 
-from .guard import HEADERS, Guard
+from .guard import HEADERS, LOOPBACK, Guard, only
 from .hub import Hub
+from .listening import Address, Listening, bind
+from .logins import Entrance, PasswordEntrance, TokenEntrance
 from .page import Page
+from .sessions import SESSION_S, Account, Session, Sessions
+from .tls import read_certificate
 
-ADDRESS = "127.0.0.1"
-PORT = 8570
-"""The port, if nobody asks for one; or one of the next ones."""
-_PORTS = 20
 _PAGES_MAX = 16
-_CONNECTIONS_MAX = 100
-_OPEN_S = 5.0
-"""Seconds in which a connection must say what it wants."""
+"""Pages of one user."""
+_OPEN_S = 10.0
+"""Seconds in which a connection must say what it wants, after as many for a TLS handshake."""
 _MESSAGE_MAX = 256 * 1024
 """Bytes of a message of a page: a part of a file as a hex string."""
 _BUFFER = 128 * 1024
 """Bytes to a page that the kernel keeps."""
-_ADVICE = (
-    "`ecatctl web` has printed the address with a token: open that one, or start it again. "
-    "Each start has another token."
-)
 
 
-def bind(port: int | None) -> socket.socket:
-    """A socket at a port of this machine, for programs of this machine.
+def for_this_machine(
+    hub_of: Callable[[str], Hub], files: Mapping[str, tuple[str, bytes]], address: Address
+) -> Server:
+    """A server for the user who starts it, at a loopback address: its page has a token.
 
     Args:
-        port: The port; 0 for any that is free; None for `PORT`, or the next one that is free.
+        hub_of: Makes what pages see of a bus; for an empty name of the usual one.
+        files: The files of the page; see `read_files`.
+        address: Where it listens.
 
     Raises:
-        StateError: It is in use.
+        EcatError: What `hub_of` raises for the usual bus, and `bind`.
     """
-    ports = range(PORT, PORT + _PORTS) if port is None else (port,)
-    reason = ""
-    for number in ports:
-        found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            found.bind((ADDRESS, number))
-            found.listen()
-            return found
-        except OSError as error:
-            found.close()
-            reason = error.strerror or str(error)
-    which = f"port {port}" if port is not None else f"ports {ports[0]} to {ports[-1]}"
-    raise StateError(f"{which} of {ADDRESS}: {reason}; `--port 0` takes one that is free")
+    account = Account("", hub_of)
+    account.hub("")  # a file that cannot be shown is refused before there is a page
+    sock = bind(address)
+    port = sock.getsockname()[1]
+    entrance = TokenEntrance(account)
+    guard = Guard(port, (*LOOPBACK, address.host), encrypted=False)
+    page = f"http://{address}:{port}/#token={entrance.token}"
+    return Server(page, entrance, Sessions(None), guard, files, sock, None)
+
+
+def for_users(
+    hub_of: Callable[[str, Identity], Hub],
+    files: Mapping[str, tuple[str, bytes]],
+    address: Address,
+    pair: tuple[Path, Path],
+    logins: Path,
+) -> Server:
+    """A server for users with a password, at any address.
+
+    Args:
+        hub_of: As above, for a user.
+        files: As above.
+        address: As above.
+        pair: The files of its certificate and its private key.
+        logins: The folder with a file of each user.
+
+    Raises:
+        EcatError: The certificate cannot be used, or what `bind` raises.
+    """
+    tls, names = read_certificate(*pair)
+    sock = bind(address)
+    port = sock.getsockname()[1]
+    sessions = Sessions(SESSION_S)
+    guard = Guard(port, names, encrypted=True)
+    entrance = PasswordEntrance(logins, sessions, hub_of)
+    page = f"https://{f'[{names[0]}]' if ':' in names[0] else names[0]}:{port}/"
+    return Server(page, entrance, sessions, guard, files, sock, tls)
 
 
 class Server:
     """Serves pages until a signal ends it.
 
     Args:
-        hub: What pages are told.
+        address: The address of the page.
+        entrance: How pages come in.
+        sessions: Those that have.
+        guard: Which requests are answered.
         files: The files of the page; see `read_files`.
         sock: Where it listens.
+        tls: What encrypts, if anything does.
+
+    Attributes:
+        address: The address of the page.
     """
 
     def __init__(
-        self, hub: Hub, files: Mapping[str, tuple[str, bytes]], sock: socket.socket
+        self,
+        address: str,
+        entrance: Entrance,
+        sessions: Sessions,
+        guard: Guard,
+        files: Mapping[str, tuple[str, bytes]],
+        sock: Listening,
+        tls: ssl.SSLContext | None,
     ) -> None:
-        self._hub = hub
+        self.address = address
+        self._entrance = entrance
+        self._sessions = sessions
+        self._guard = guard
         self._files = files
         self._socket = sock
-        self._port: int = sock.getsockname()[1]
-        self._guard = Guard(self._port)
-        self._connections = 0
-
-    @property
-    def address(self) -> str:
-        """The address of the page, with the token."""
-        return f"http://{ADDRESS}:{self._port}/#token={self._guard.token}"
+        self._tls = tls
 
     async def run(self, ready: Callable[[], None]) -> None:
         """Serves until SIGINT or SIGTERM; calls `ready` as soon as it does."""
@@ -96,29 +134,18 @@ class Server:
         silent = logging.getLogger("ecatd.web")
         silent.addHandler(logging.NullHandler())
         silent.propagate = False  # strangers must not write to the terminal
-        server = self
-
-        class Connection(ServerConnection):
-            """A connection; too many at a time are closed at once."""
-
-            def connection_made(self, transport: Any) -> None:
-                server._connections += 1
-                super().connection_made(transport)
-                # What waits in the kernel is old when it comes, and cannot become extremes.
-                transport.get_extra_info("socket").setsockopt(
-                    socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER
-                )
-                if server._connections > _CONNECTIONS_MAX:
-                    transport.abort()
-
-            def connection_lost(self, exc: Exception | None) -> None:
-                server._connections -= 1
-                super().connection_lost(exc)
-
+        encryption: dict[str, Any] = {}
+        if self._tls is not None:
+            self._socket.redirects = True
+            encryption = {
+                "ssl": self._tls,
+                "ssl_handshake_timeout": _OPEN_S,
+                "ssl_shutdown_timeout": 1.0,
+            }
         async with serve(
             self._serve,
             sock=self._socket,
-            create_connection=Connection,
+            create_connection=_Connection,
             process_request=self._answer,
             compression=None,  # costs more than the loopback interface
             open_timeout=_OPEN_S,
@@ -126,57 +153,117 @@ class Server:
             max_size=_MESSAGE_MAX,
             logger=silent,
             server_header=None,
+            **encryption,
         ):
             ready()
             await ends.wait()
-        await self._hub.rest()
 
     async def _serve(self, connection: ServerConnection) -> None:
-        await self._hub.serve(Page(connection, self._hub))
+        assert isinstance(connection, _Connection)
+        assert connection.session is not None, "else it was refused"
+        session = connection.session
+        self._socket.keep(connection.remote_address)
+        if session.is_over:
+            return
+        hub = session.account.hub(connection.bus)
+        session.connections.add(connection)
+        try:
+            await hub.serve(Page(connection, hub))
+        finally:
+            session.connections.discard(connection)
 
-    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+    async def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Answers a request, unless it opens the WebSocket."""
         headers = request.headers
-        path = request.path.partition("?")[0]
+        path, _, query = request.path.partition("?")
         if not self._guard.is_for_us(headers):
-            return _response(
-                HTTPStatus.MISDIRECTED_REQUEST,
-                "This server answers only as localhost or 127.0.0.1. From another machine: "
-                f"ssh -L {self._port}:{ADDRESS}:{self._port} HOST",
-            )
+            return _response(HTTPStatus.MISDIRECTED_REQUEST, self._names())
         if path == "/socket":
-            return self._refuse(headers)
+            return self._open(connection, headers, query)
+        if path in ("/login", "/logout") and self._guard.is_from_elsewhere(headers):
+            return _response(HTTPStatus.FORBIDDEN, "Only the page of this server may do this.")
         if path == "/login":
-            return self._login(headers)
+            return await self._login(headers, connection.remote_address[0])
+        if path == "/logout":
+            self._sessions.end(self._guard.secret(headers))
+            return _response(HTTPStatus.OK, "", cookie=self._guard.cookie("", 0))
         if path not in self._files:
             return _response(HTTPStatus.NOT_FOUND, "There is no such file.")
         kind, content = self._files[path]
         return _response(HTTPStatus.OK, content, kind)
 
-    def _refuse(self, headers: Headers) -> Response | None:
+    def _names(self) -> str:
+        if self._tls is not None:
+            return (
+                "This server answers only by the names in its certificate. `ecatctl remote web "
+                "--host NAME` makes one with another name."
+            )
+        port = self._socket.getsockname()[1]
+        return (
+            "This server answers only as localhost or 127.0.0.1. From another machine: "
+            f"ssh -L {port}:127.0.0.1:{port} HOST; or `ecatctl web --address`, with TLS and a login"
+        )
+
+    def _open(self, connection: ServerConnection, headers: Headers, query: str) -> Response | None:
         """Why a WebSocket is not opened; None if it is."""
         if not self._guard.is_from_us(headers):
             return _response(HTTPStatus.FORBIDDEN, "Only the page of this server may do this.")
-        if not self._guard.has_cookie(headers):
-            return _response(HTTPStatus.UNAUTHORIZED, _ADVICE)
-        if len(self._hub.pages) >= _PAGES_MAX:
+        session = self._sessions.find(self._guard.secret(headers))
+        if session is None:
+            return _response(HTTPStatus.UNAUTHORIZED, self._entrance.advice)
+        if session.account.pages >= _PAGES_MAX:
             return _response(
                 HTTPStatus.SERVICE_UNAVAILABLE, f"{_PAGES_MAX} pages are open; close one."
             )
+        bus = parse_qs(query).get("bus", [""])[0]
+        try:
+            session.account.hub(bus)
+        except EcatError as error:
+            return _response(HTTPStatus.BAD_REQUEST, str(error))
+        assert isinstance(connection, _Connection)
+        connection.session, connection.bus = session, bus
         return None
 
-    def _login(self, headers: Headers) -> Response:
-        if self._guard.has_token(headers):
-            response = _response(HTTPStatus.OK, "")
-            response.headers["Set-Cookie"] = self._guard.cookie
-            return response
-        if self._guard.has_cookie(headers):
+    async def _login(self, headers: Headers, address: str) -> Response:
+        shown = only(headers, "Authorization")
+        if not shown and self._sessions.find(self._guard.secret(headers)):
             return _response(HTTPStatus.OK, "")
-        return _response(HTTPStatus.UNAUTHORIZED, _ADVICE)
+        try:
+            account = await self._entrance.account(shown, address)
+        except EcatError as error:
+            busy = isinstance(error, BusyError)
+            return _response(
+                HTTPStatus.TOO_MANY_REQUESTS if busy else HTTPStatus.UNAUTHORIZED,
+                json.dumps({"by": self._entrance.by, "message": str(error)}),
+                "application/json",
+            )
+        lasts = SESSION_S if self._tls is not None else None
+        cookie = self._guard.cookie(self._sessions.begin(account), lasts)
+        return _response(HTTPStatus.OK, "", cookie=cookie)
+
+
+class _Connection(ServerConnection):
+    """A connection.
+
+    Attributes:
+        session: That of its cookie, if a WebSocket was opened.
+        bus: The bus that its page looks at; empty for the usual one.
+    """
+
+    session: Session | None = None
+    bus = ""
+
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        # What waits in the kernel is old when it comes, and cannot become extremes.
+        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
 
 
 def _response(
-    status: HTTPStatus, content: str | bytes, kind: str = "text/plain; charset=utf-8"
+    status: HTTPStatus,
+    content: str | bytes,
+    kind: str = "text/plain; charset=utf-8",
+    cookie: str = "",
 ) -> Response:
     body = content.encode() if isinstance(content, str) else content
     headers = Headers(
@@ -187,4 +274,6 @@ def _response(
             "Connection": "close",
         }
     )
+    if cookie:
+        headers["Set-Cookie"] = cookie
     return Response(status.value, status.phrase, headers, body)

@@ -23,6 +23,8 @@ CONFIGURATION = PurePosixPath("/etc/ecatd")
 STATE = PurePosixPath("/var/lib/ecatd")
 LOGS = PurePosixPath("/var/log/ecatd")
 SOCKETS = PurePosixPath("/run/ecatd")
+WEB = PurePosixPath("/run/ecatd-web")
+WEB_OPTIONS = PurePosixPath("/etc/default/ecatd-web")
 MEMORY = PurePosixPath("/dev/shm/ecat")
 ADMINISTRATION = PurePosixPath("/etc/systemd/system")
 """Where systemd keeps which units are enabled or masked, and changes of the administrator."""
@@ -49,6 +51,7 @@ _FILES = {
     "systemd/ecatd@.service": "units/",
     "systemd/ecatd-gateway.service": "units/",
     "systemd/ecatd-gateway@.service": "units/",
+    "systemd/ecatd-web.service": "units/",
     "systemd/10-ecatd.network": "network/",
     "systemd/85-ecatd.rules": "rules/",
     "systemd/ecatd.catalog": "catalog/",
@@ -60,9 +63,10 @@ _FILES = {
 }
 """The files and folders of the wheel in `ecatd/_system`, with the place of each. A file keeps its
 name in a place that ends with a slash."""
-_PROGRAM = b"/usr/local/bin/ecatd"
-"""The path of ecatd in the units of the repository."""
+_BIN = "/usr/local/bin"
+"""The folder of the programs in the units of the repository."""
 _OF_BUSES = re.compile(r"ecatd(@.+)?\.service")
+_STARTED = re.compile(r"ecatd(@.+|-web)?\.service")
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,16 +132,16 @@ class Place:
         return sorted(name for name in names if BUS_NAME.fullmatch(name))
 
     def autostart_links(self) -> list[Path]:
-        """The links by which systemd starts services of buses with the machine."""
+        """The links by which systemd starts services of ecatd with the machine."""
         return sorted(
             link
             for link in self.at(ADMINISTRATION).glob("*.*/ecatd*.service")
-            if link.parent.suffix in (".wants", ".requires") and _OF_BUSES.fullmatch(link.name)
+            if link.parent.suffix in (".wants", ".requires") and _STARTED.fullmatch(link.name)
         )
 
     def enabled(self) -> set[str]:
         """The services of buses that start with the machine."""
-        names = {link.name for link in self.autostart_links()}
+        names = {link.name for link in self.autostart_links() if _OF_BUSES.fullmatch(link.name)}
         return {"ecatd.service" if name == "ecatd@ecat0.service" else name for name in names}
 
     def is_masked(self, name: str) -> bool:
@@ -180,7 +184,10 @@ def files(folders: dict[str, PurePosixPath], program: Path) -> dict[PurePosixPat
             placed |= {target / path: data for path, data in _tree(item)}
         else:
             path = target / item.name if place.endswith("/") else target
-            placed[path] = item.read_bytes().replace(_PROGRAM, _word(program))
+            data = item.read_bytes()
+            for name in PROGRAMS:
+                data = data.replace(f"{_BIN}/{name}".encode(), _word(program.with_name(name)))
+            placed[path] = data
     return placed
 
 

@@ -21,13 +21,15 @@ from .places import (
     MEMORY,
     SOCKETS,
     STATE,
+    WEB,
+    WEB_OPTIONS,
     Place,
     files,
 )
 from .service import refuse_package, tell_system
 
-_USERS = ("ecatd", "ecatd-gateway")
-_GROUPS = ("ecat", "ecatd-gateway")
+_USERS = ("ecatd", "ecatd-gateway", "ecatd-web")
+_GROUPS = ("ecat", "ecatd-gateway", "ecatd-web")
 _LEFT = {
     SOCKETS.with_name(DOCTOR_CHANGES): (
         "what `ecatctl doctor --fix` has changed, until the machine starts again"
@@ -35,9 +37,10 @@ _LEFT = {
     CONFIGURATION: "your configuration",
     STATE: "files about faults",
     LOGS: "the audit file",
+    WEB_OPTIONS: "your options of ecatd-web",
 }
 """What only a purge removes, besides changes of the units."""
-_OF_UNITS = re.compile(r"ecatd(-gateway)?(@[^/]*)?\.service(\.d)?")
+_OF_UNITS = re.compile(r"ecatd(-gateway|-web)?(@[^/]*)?\.service(\.d)?")
 """The names of the units of ecatd, and of the folders with changes of them."""
 _NAMES_MAX = 5
 """Most files of a folder in one line."""
@@ -58,12 +61,13 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Action]:
         raise StateError("no service is installed, so there is nothing to remove")
     if place.is_running:
         stop = "the drives are stopped, and the slaves go to INIT"
-        yield run("systemctl", "stop", "ecatd.service", "ecatd@*.service", why=stop, may_fail=True)
+        units = ("ecatd-web.service", "ecatd.service", "ecatd@*.service")
+        yield run("systemctl", "stop", *units, why=stop, may_fail=True)
     for link in place.autostart_links():
         why = f"{link.name} no longer starts with the machine"
         yield place.remove(link, why)
     yield from take_away(place, files(LOCAL, place.programs / "ecatd"), purge=purge)
-    for folder in map(place.at, (SOCKETS, MEMORY)):
+    for folder in map(place.at, (SOCKETS, WEB, MEMORY)):
         if folder.is_dir():
             why = "if no other ecatd runs"
             yield place.action("remove", folder, why, partial(remove_empty, folder))
@@ -77,7 +81,7 @@ def uninstall(place: Place, *, purge: bool) -> Iterator[Action]:
         for group in _GROUPS:
             yield run("groupdel", group, may_fail=True)
     elif place.is_here:
-        what = f"users {' and '.join(_USERS)}, groups {' and '.join(_GROUPS)}"
+        what = f"users {', '.join(_USERS)}, groups {', '.join(_GROUPS)}"
         yield Action("keep", what, "files may belong to them")
 
 

@@ -180,14 +180,14 @@ def tell_system(place: Place, *, users: bool = True) -> Iterator[Action]:
         yield Action("skip", "commands of the system", f"{place.root} is not the running system")
         return
     if users and shutil.which("systemd-sysusers"):
-        yield run("systemd-sysusers", why="users and groups ecatd, ecatd-gateway, ecat")
+        yield run("systemd-sysusers", why="users and groups ecatd, ecatd-gateway, ecatd-web, ecat")
     elif users:
         why = (
             "it is not installed: make the users and groups of /etc/sysusers.d/ecatd.conf yourself"
         )
         yield Action("skip", "systemd-sysusers", why)
     if users and shutil.which("systemd-tmpfiles"):
-        why = "/dev/shm/ecat, for the shared memory"
+        why = "/dev/shm/ecat, for the shared memory; /run/ecatd-web"
         yield run("systemd-tmpfiles", "--create", "ecatd.conf", why=why)
     if not place.is_running:
         yield Action("skip", "systemctl, udevadm", "systemd does not run here")

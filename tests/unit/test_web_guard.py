@@ -1,0 +1,167 @@
+"""Who may use the page of `ecatctl web`: names of hosts, cookies, sessions, tries of passwords."""
+
+import asyncio
+import socket
+from typing import Any
+
+import pytest
+from websockets.datastructures import Headers
+
+from ecatd.base.errors import BusyError, UsageError
+from ecatd.web.guard import LOOPBACK, Guard
+from ecatd.web.hub import Hub
+from ecatd.web.listening import Address, Listening, bind, read_address
+from ecatd.web.logins import Attempts
+from ecatd.web.sessions import Account, Sessions
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port"),
+    [
+        ("0.0.0.0", "0.0.0.0", None),
+        ("192.168.1.7:9000", "192.168.1.7", 9000),
+        ("::", "::", None),
+        ("[::1]", "::1", None),
+        ("[fe80::1]:0", "fe80::1", 0),
+    ],
+)
+def test_an_address_with_and_without_a_port(text: str, host: str, port: int | None) -> None:
+    assert read_address(text) == Address(host, port)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "cell4", "cell4:8570", "1.2.3.4:", "1.2.3.4:65536", "[::1", "::1]:2", "1.2.3:5"]
+)
+def test_what_is_no_address(text: str) -> None:
+    with pytest.raises(ValueError, match=r"."):
+        read_address(text)
+
+
+def test_only_loopback_is_for_this_machine() -> None:
+    assert [Address(host).is_loopback for host in ("127.9.9.9", "::1", "0.0.0.0", "::")] == [
+        True,
+        True,
+        False,
+        False,
+    ]
+
+
+def test_names_of_the_server() -> None:
+    guard = Guard(
+        1, ["Cell4.example", "*.press.example", "10.0.0.7", "0:0:0:0:0:0:0:1"], encrypted=True
+    )
+    good = ("cell4.EXAMPLE:1", "a.press.example", "10.0.0.7:8570", "[::1]:8570", "[0::1]")
+    bad = ("press.example", "a.b.press.example", "10.0.0.70", "[::2]", "localhost", "", "x y", "*")
+    for host in (*good, *bad):
+        assert guard.is_for_us(Headers({"Host": host})) == (host in good), host
+    assert Guard(1, LOOPBACK, encrypted=False).is_for_us(Headers({"Host": "[::1]:9"}))
+
+
+def test_a_cookie_is_of_one_server() -> None:
+    guard, other = Guard(1, encrypted=True), Guard(2, encrypted=True)
+    name = guard.cookie("secret").partition(";")[0]
+    assert guard.secret(Headers({"Cookie": name})) == "secret"
+    assert guard.secret(Headers({"Cookie": f"a=b; {name}"})) == "secret"
+    assert other.secret(Headers({"Cookie": name})) == ""
+    assert Guard(1, encrypted=False).secret(Headers({"Cookie": name})) == ""
+    two = Headers([("Cookie", name), ("Cookie", "a=b")])
+    assert guard.secret(two) == ""
+
+
+class Connection:
+    """Stands for a WebSocket of a page."""
+
+    def __init__(self) -> None:
+        self.closed = 0
+
+    async def close(self, code: int, _: str) -> None:
+        self.closed = code
+
+
+def no_hub(bus: str) -> Hub:
+    raise UsageError(f"no bus {bus}")
+
+
+def test_a_session_ends_with_its_pages_by_time_and_by_request() -> None:
+    async def run() -> None:
+        sessions = Sessions(0.05)
+        account = Account("anna", no_hub)
+        secret = sessions.begin(account)
+        found = sessions.find(secret)
+        assert found is not None
+        page: Any = Connection()
+        found.connections.add(page)
+        assert sessions.account("anna") is account
+        assert sessions.find(secret + "x") is None
+        while not page.closed:  # its time ends
+            await asyncio.sleep(0.01)
+        assert found.is_over
+        assert sessions.find(secret) is None
+        assert sessions.account("anna") is None
+        lasting = Sessions(None)
+        first, second = lasting.begin(account), lasting.begin(account)
+        lasting.end(first)
+        lasting.end("unknown")
+        assert lasting.find(first) is None
+        assert lasting.find(second) is not None
+        for _ in range(31):
+            assert lasting.find(second) is not None
+            lasting.begin(account)
+        lasting.begin(account)  # one more than there may be: the oldest one ends
+        assert lasting.find(second) is None
+
+    asyncio.run(run())
+
+
+def test_tries_of_an_address_are_few_and_those_of_others_go_on() -> None:
+    now = [0.0]
+    attempts = Attempts(lambda: now[0])
+    for _ in range(10):
+        attempts.count("a")
+    for _ in range(100):
+        with pytest.raises(BusyError, match="wait 6 s"):
+            attempts.count("a")
+    attempts.count("b")
+    now[0] = 6.0
+    attempts.count("a")
+    with pytest.raises(BusyError):
+        attempts.count("a")
+    now[0] = 1000.0
+    for _ in range(10):
+        attempts.count("a")
+    with pytest.raises(BusyError):
+        attempts.count("a")
+
+
+def test_silent_connections_give_their_places_to_others() -> None:
+    listening: Listening = bind(Address(port=0))
+    there = listening.getsockname()
+
+    def come(source: str) -> tuple[socket.socket, socket.socket]:
+        theirs = socket.create_connection(there, source_address=(source, 0))
+        theirs.setblocking(False)
+        return theirs, listening.accept()[0]
+
+    def ended(theirs: socket.socket) -> bool:
+        try:
+            return theirs.recv(1) == b""
+        except BlockingIOError:
+            return False
+
+    sockets: list[tuple[socket.socket, socket.socket]] = []
+    try:
+        page = come("127.0.0.1")
+        listening.keep(page[0].getsockname())
+        many = [come("127.0.0.2") for _ in range(40)]
+        other = come("127.0.0.3")
+        sockets += [page, other, *many]
+        assert [ended(theirs) for theirs, _ in many] == [True] * 8 + [False] * 32
+        more = [come(f"127.0.0.{10 + number}") for number in range(40)]
+        sockets += more
+        assert sum(ended(theirs) for theirs, _ in many) == 8 + 9  # of those who have the most
+        assert not any(ended(theirs) for theirs, _ in (page, other, *more))
+    finally:
+        for pair in sockets:
+            for sock in pair:
+                sock.close()
+        listening.close()
