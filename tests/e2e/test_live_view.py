@@ -14,12 +14,14 @@ import pytest
 import ecatd.web
 from conftest import Daemon, free_port, wait_for
 from ecatsim.control.client import Simulator
+from rigs.files import FIRMWARE, PARAMETERS
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="needs the package playwright")
 expect = sync_api.expect
 
 CHROMIUM = shutil.which("chromium")
 PAGE = Path(ecatd.web.__file__).parent / "_page" / "index.html"
+FILES_RIG = Path(__file__).parents[1] / "rigs" / "files.py"
 AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
 pytestmark = [
     pytest.mark.bus,
@@ -42,14 +44,15 @@ def daemon(start_shared: Callable[..., Daemon]) -> Daemon:
 class Server:
     """An `ecatctl web`."""
 
-    def __init__(self, daemon: Daemon) -> None:
+    def __init__(self, daemon: Daemon, allow: str = "sdo,outputs") -> None:
         self._daemon = daemon
+        self._allow = allow
         self._port = free_port()
         self.start()
 
     def start(self) -> None:
         command = [sys.executable, "-m", "ecatd.cli", "web", "--no-browser"]
-        command += ["--port", str(self._port), "--allow", "sdo,outputs"]
+        command += ["--port", str(self._port), "--allow", self._allow]
         self._process = subprocess.Popen(
             command, env=self._daemon.env, text=True, stdout=subprocess.PIPE
         )
@@ -250,6 +253,56 @@ def test_set_up_health_and_eeprom(page: Any) -> None:
     with page.expect_download() as download:
         page.get_by_role("button", name="Save", exact=True).last.click()
     assert download.value.path().read_bytes()[:8].hex(" ") in first
+
+
+def test_files_are_read_and_written(
+    browser: Any, start_shared: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    daemon = start_shared(str(FILES_RIG))
+    server = Server(daemon, "foe")
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    asked: list[str] = []
+    page.on("dialog", lambda dialog: (asked.append(dialog.message), dialog.accept()))
+    page.goto(server.address + "&slave=0&part=files")
+    name, password = page.get_by_label("Name in the slave"), page.get_by_label("Password")
+    chooser = page.get_by_label("File to write")
+    read = page.get_by_role("button", name="Read", exact=True)
+    name.fill("parameters.bin")
+    with page.expect_download() as download:
+        read.click()
+    assert download.value.suggested_filename == "parameters.bin"
+    assert download.value.path().read_bytes() == PARAMETERS
+    expect(page.get_by_role("status").last).to_contain_text("bytes read from parameters.bin")
+    name.fill("no such")
+    read.click()
+    expect(page.get_by_role("alert")).to_contain_text("it has no such file")
+    file = tmp_path / FIRMWARE
+    file.write_bytes(bytes(40_000))
+    name.fill("")
+    chooser.set_input_files(file)
+    expect(page.get_by_role("alert")).to_contain_text("in BOOT only")
+    page.get_by_label("in BOOT").check()
+    chooser.set_input_files(file)
+    expect(page.get_by_text("the slave is busy")).to_be_visible()
+    # It goes on while the panel shows another slave.
+    slave(page, 1).click()
+    name.fill("secret.txt")
+    read.click()
+    expect(page.get_by_role("alert")).to_contain_text("password")
+    password.fill("0xC0FFEE")
+    with page.expect_download() as download:
+        read.click()
+    assert download.value.path().read_text() == "something"
+    slave(page, 0).click()
+    page.get_by_role("button", name="Abort").click()
+    expect(page.get_by_role("alert")).to_contain_text("it was cancelled by")
+    assert [text.split("?")[0] for text in asked] == [
+        *2 * [f"Write 40\u202f000 bytes to slave 0 CiA402, as file '{FIRMWARE}'"],
+        f"Stop in the middle of '{FIRMWARE}'",
+    ]
+    wait_for(lambda: slave(page, 0).get_attribute("class").startswith("node op"), daemon)
+    page.close()
+    server.stop()
 
 
 def test_timing(page: Any) -> None:

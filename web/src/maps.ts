@@ -1,4 +1,5 @@
 // The maps of docs/zenoh-keys.md that the page reads, as far as it reads them.
+import type { Failure } from "./protocol";
 
 export interface Entry {
   index: number;
@@ -28,6 +29,7 @@ export interface Slave {
   coe: boolean;
   eoe: boolean;
   soe: boolean;
+  foe: boolean;
   group: string;
   problems: string[];
   profiles: { description: string }[];
@@ -230,4 +232,15 @@ export interface Configuration {
 /** What has happened in an incident, in words. */
 export interface Reading {
   text: string;
+}
+
+/** A transfer of a file. */
+export interface Transfer {
+  transfer: number;
+  step: "receiving" | "to boot" | "transferring" | "from boot" | "done" | "failed";
+  received: number;
+  moved: number;
+  busy: string;
+  failure: Failure | null;
+  note: string;
 }

@@ -6,12 +6,13 @@ import type { Bus, Configuration, Errors, Info, Outputs, Reading, States, Statis
 import type { BusEvent, Failure, Lamp, Message, Signal } from "./protocol";
 import { LiveValues } from "./live";
 import type { ScopeModel } from "./scope/scope";
+import type { FileTransfer } from "./slave/foe";
 import type { Traces } from "./traces";
 
 export type Tab = "slave" | "drive" | "outputs" | "timing" | "events";
 export const TABS: readonly Tab[] = ["slave", "drive", "outputs", "timing", "events"];
-export type Part = "now" | "objects" | "setup" | "health" | "memory";
-const PARTS: readonly Part[] = ["now", "objects", "setup", "health", "memory"];
+export type Part = "now" | "objects" | "setup" | "health" | "files" | "memory";
+export const PARTS: readonly Part[] = ["now", "objects", "setup", "health", "files", "memory"];
 export type Theme = "auto" | "light" | "dark";
 
 const MOST_EVENTS = 2000;
@@ -56,6 +57,8 @@ export class State {
   readonly help = signal(false);
 
   readonly hidesReading = signal(false);
+  /** The last file of each slave: it goes on while the panel shows something else. */
+  readonly transfers = signal<ReadonlyMap<number, FileTransfer>>(new Map());
 
   private moment: number | null = null;
   private choseTab = false;
