@@ -309,8 +309,13 @@ def test_timing(page: Any) -> None:
     show(page, "Timing")
     for name in ("Exchange", "Wake-up", "Cycle"):
         expect(page.get_by_role("img", name=re.compile(f"{name}: half within .*s"))).to_be_visible()
+    worst = page.locator(".worst", has_text="longest exchange")
+    expect(worst).to_contain_text(
+        re.compile(r"longest exchange [0-9.]+.*\d\d:\d\d:\d\d\.\d{3}.*cycle")
+    )
     show(page, "1 min")
-    expect(page.locator(".timing")).to_contain_text("since this panel was opened")
+    expect(worst).to_be_visible()
+    expect(page.locator(".timing")).to_contain_text("since this page was opened")
     expect(page.locator(".timing")).to_contain_text("Scheduling")
     show(page, "Slave")
 

@@ -244,3 +244,15 @@ export interface Transfer {
   failure: Failure | null;
   note: string;
 }
+
+/** The worst cycles since the start, and of the last 300 and 60 s. */
+export type Worst = Record<"start" | "300" | "60", {
+  name: string;
+  title: string;
+  cycle: number;
+  took_us: number;
+  /** Unix time in seconds. */
+  at: number;
+  /** What stood beside it, as sentences. */
+  beside: string[];
+}[]>;

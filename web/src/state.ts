@@ -2,7 +2,7 @@
 import { computed, effect, signal, type Signal as Cell } from "@preact/signals";
 
 import type { Connection } from "./connection";
-import type { Bus, Configuration, Errors, Info, Outputs, Reading, States, Statistics } from "./maps";
+import type { Bus, Configuration, Errors, Info, Outputs, Reading as FirstReading, States, Statistics, Worst } from "./maps";
 import type { BusEvent, Failure, Lamp, Message, Signal } from "./protocol";
 import { LiveValues } from "./live";
 import type { ScopeModel } from "./scope/scope";
@@ -16,6 +16,9 @@ export const PARTS: readonly Part[] = ["now", "objects", "setup", "health", "fil
 export type Theme = "auto" | "light" | "dark";
 
 const MOST_EVENTS = 2000;
+/** Statistics that are kept for the histograms of the last minutes: how far apart, how long. */
+const READING_S = 2;
+const READINGS_S = 310;
 const THEME = "ecatd-theme";
 
 interface Answers {
@@ -26,7 +29,14 @@ interface Answers {
   "ro/errors": Errors;
   "ro/outputs": Outputs;
   "ro/config": Configuration;
-  reading: Reading;
+  reading: FirstReading;
+  worst: Worst;
+}
+
+/** Statistics, and when they came. */
+export interface Reading {
+  at: number;
+  statistics: Statistics;
 }
 
 interface Answer<T> {
@@ -56,6 +66,8 @@ export class State {
   readonly theme = signal<Theme>((localStorage.getItem(THEME) as Theme | null) ?? "auto");
   readonly help = signal(false);
 
+  /** The oldest first. */
+  readonly readings = signal<Reading[]>([]);
   readonly hidesReading = signal(false);
   /** The last file of each slave: it goes on while the panel shows something else. */
   readonly transfers = signal<ReadonlyMap<number, FileTransfer>>(new Map());
@@ -133,6 +145,7 @@ export class State {
         const value = message.value ?? cell.value.value;
         cell.value = { value, failure: message.failure ?? null, at: message.at };
         if (message.key === "reading") this.takeReading(message.at);
+        if (message.key === "ro/stats" && message.value !== null) this.keepStatistics(message.value as unknown as Statistics, message.at);
       }
     }
   }
@@ -152,6 +165,13 @@ export class State {
   slaveName(position: number): string {
     const slave = this.bus.value?.slaves[position];
     return slave === undefined ? `slave ${position}` : slave.given_name || slave.name || `slave ${position}`;
+  }
+
+  private keepStatistics(statistics: Statistics, at: number): void {
+    const kept = this.readings.value.filter((item) => item.statistics.instance === statistics.instance && item.at > at - READINGS_S);
+    // The newest one always; it stays if it is far enough from the one before.
+    if (kept.length > 1 && kept.at(-1)!.at - kept.at(-2)!.at < READING_S) kept.pop();
+    this.readings.value = [...kept, { at, statistics }];
   }
 
   private takeEvents(events: BusEvent[], leftOut: number): void {
