@@ -310,9 +310,7 @@ def test_timing(page: Any) -> None:
     for name in ("Exchange", "Wake-up", "Cycle"):
         expect(page.get_by_role("img", name=re.compile(f"{name}: half within .*s"))).to_be_visible()
     worst = page.locator(".worst", has_text="longest exchange")
-    expect(worst).to_contain_text(
-        re.compile(r"longest exchange [0-9.]+.*\d\d:\d\d:\d\d\.\d{3}.*cycle")
-    )
+    expect(worst).to_contain_text(re.compile(r"exchange [0-9.]+.*\d\d:\d\d:\d\d\.\d{3}"))
     show(page, "1 min")
     expect(worst).to_be_visible()
     expect(page.locator(".timing")).to_contain_text("since this page was opened")

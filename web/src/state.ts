@@ -100,6 +100,7 @@ export class State {
     this.readFragment();
     addEventListener("hashchange", () => this.readFragment());
     effect(() => this.writeFragment());
+    effect(() => void (document.title = this.title()));
     effect(() => {
       localStorage.setItem(THEME, this.theme.value);
       document.documentElement.dataset["theme"] = this.theme.value;
@@ -125,7 +126,6 @@ export class State {
       case "hello":
         this.hello.value = message;
         this.moment = null;
-        document.title = `${message.title} – ecatd`;
         break;
       case "link":
         this.link.value = message;
@@ -153,6 +153,14 @@ export class State {
   takeConnected(state: "open" | "lost" | "refused"): void {
     if (this.connected.value === "open" && state !== "open") this.lostAt.value = Date.now() / 1000;
     this.connected.value = state;
+  }
+
+  /** The bus and its worst lamp, for those who see only the tab. */
+  private title(): string {
+    const lamps = this.lamps.value;
+    const worst = lamps.find((lamp) => lamp.state === "bad") ?? lamps.find((lamp) => lamp.state === "warning");
+    const sign = !this.fresh.value ? "✕ No connection · " : worst === undefined ? "" : `${worst.state === "bad" ? "■" : "▲"} ${worst.title} · `;
+    return `${sign}${this.hello.value.title || "ecatd"}`;
   }
 
   /** Opens a slave in the panel. */

@@ -46,7 +46,7 @@ def find_worst(
     now: float,
     seconds: float | None = None,
 ) -> list[Worst]:
-    """The worst cycles of a time span.
+    """The worst cycles of a time span; the longest one only if another one has the longest exchange.
 
     Args:
         snapshot: Statistics since the start.
@@ -54,9 +54,10 @@ def find_worst(
         now: Unix time in seconds when the statistics were read.
         seconds: How many seconds back, at most 300; None: since the start.
     """
-    found = []
+    found: list[Worst] = []
     for name in shm.WORST:
-        if (cycle := snapshot.worst_of(name, seconds)) is not None:
+        cycle = snapshot.worst_of(name, seconds)
+        if cycle is not None and (name, cycle.cycle) not in {("cycle", it.cycle) for it in found}:
             at = now - (snapshot.read_ns - cycle.end_ns) / 1e9
             beside = (*_facts(name, cycle, snapshot), *_events(cycle, at, snapshot, events))
             found.append(Worst(name, cycle.cycle, cycle.took_ns(name) / 1000, at, beside))

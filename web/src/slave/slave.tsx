@@ -19,7 +19,8 @@ export function SlavePanel({ state }: { state: State }) {
   const position = state.selected.value;
   const slave = position === null ? undefined : state.bus.value?.slaves[position];
   if (slave === undefined) {
-    return <p class="empty">{position === null || state.bus.value === null ? "Choose a slave on the left." : `The bus has no slave ${position}.`}</p>;
+    const { bus: { value: bus } } = state;
+    return <p class="empty">{bus === null ? "Nothing is known of the bus yet." : bus.slaves.length === 0 ? "The bus has no slaves." : position === null ? "Choose a slave on the left." : `The bus has no slave ${position}.`}</p>;
   }
   const al = state.states.value?.slaves.find((item) => item.position === position);
   const hasMailbox = slave.coe || slave.eoe || slave.soe || slave.foe;
