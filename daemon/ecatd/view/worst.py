@@ -46,7 +46,7 @@ def find_worst(
     now: float,
     seconds: float | None = None,
 ) -> list[Worst]:
-    """The worst cycles of a time span; the longest one only if another one has the longest exchange.
+    """The worst cycles of a time span; the longest one only if it has not the longest exchange too.
 
     Args:
         snapshot: Statistics since the start.

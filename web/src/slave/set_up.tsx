@@ -34,7 +34,9 @@ export function SetUp({ state, slave }: { state: State; slave: Slave }) {
   const states = state.states.value;
   const [place, table] = config === null ? [-1, undefined] : tableOf(config.config as Table, slave);
   const startup = (table?.["startup"] as Table[] | undefined) ?? [];
-  const others = Object.entries(table ?? {}).filter(([name]) => name !== "startup");
+  // What nobody has written is as it always is; `[[slave.startup]]` is shown above.
+  const isWritten = (name: string) => Object.keys(config?.origins ?? {}).some((key) => key.split(/[.[]/).slice(0, 3).join() === `slave,${place}],${name}`);
+  const others = Object.entries(table ?? {}).filter(([name, value]) => name !== "startup" && value != null && isWritten(name));
   const device = wire.state === "there" ? wire.value.devices.find((item) => item.position === slave.position) : undefined;
   const rows = (["vendor", "product", "revision", "serial"] as const).map((name) => {
     const found = device?.[name];
@@ -88,7 +90,7 @@ function Parameter({ state, slave, item, origin }: { state: State; slave: Slave;
   const [index, subindex] = object.split(":");
   const found = useAsked<Sdo>(`${slave.position}/${object}`, () =>
     state.connection.ask(`ro/sdo/${slave.position}/${index}/${Number.parseInt(subindex ?? "0", 16)}`, item["complete"] === true ? { complete: true } : {}));
-  const unit = item["unit"] === undefined ? "" : ` ${said(item["unit"])}`;
+  const unit = item["unit"] == null ? "" : ` ${said(item["unit"])}`;
   const configured = `${said(item["value"] ?? item["hex"])}${unit}`;
   let has = "…", differs = false;
   if (found.state === "failed") has = "not readable";
@@ -107,7 +109,7 @@ function Parameter({ state, slave, item, origin }: { state: State; slave: Slave;
     <li>
       <span class="value-name"><code>{object}</code></span>
       <span class="value-number">{configured} <span class="muted">·</span> <span class={differs ? "text-warn" : "muted"}>{has}{differs && " differs"}</span></span>
-      <span class="value-note">{notes.filter((note) => note !== undefined && note !== "").map(String).join(" · ")}</span>
+      <span class="value-note">{notes.filter((note) => note != null && note !== "").map(String).join(" · ")}</span>
     </li>
   );
 }
