@@ -85,8 +85,9 @@ static void exchange(cyclic_t *c, uint64_t receive_until) {
   cyclic_ports_receive(c, 0, c->first_turn, receive_until);
   if (c->first_turn < c->frames) close_outputs(c, receive_until);
   received = cyclic_now();
-  cyclic_count(&c->health->exchange, received - c->send_ns);
-  c->typical_ns += ((int64_t)(received - c->send_ns) - c->typical_ns) / 16;
+  c->exchange_ns = received - c->send_ns;
+  cyclic_count(&c->health->exchange, c->exchange_ns);
+  c->typical_ns += ((int64_t)c->exchange_ns - c->typical_ns) / 16;
   for (i = 0; i < c->domains; i++)
     if (c->due >> i & 1) conclude_domain(c, i, received);
   cyclic_publish_bus(c);
@@ -185,6 +186,7 @@ void cyclic_run(cyclic_t *c) {
     end = cyclic_now();
     cyclic_publish_cycle(c, end);
     cyclic_count(&c->health->cycle, end - c->now_ns);
+    cyclic_publish_worst(c, end);
     advance(c, period, end);
     if (__atomic_load_n(&c->restart, __ATOMIC_RELAXED)) {
       cyclic_publish_restart(c);

@@ -233,6 +233,10 @@ struct cyclic {
   uint64_t next_ns;               /* the deadline, for other threads */
   uint64_t now_ns;                /* start of the current cycle */
   uint64_t send_ns;
+  uint64_t exchange_ns;           /* how long the exchange of this cycle took */
+  uint64_t lost_before, mailbox_frames_before; /* counters at the end of the cycle before */
+  uint64_t span_ns;               /* start of the span of the worst cycles; `span`: its entry */
+  uint32_t span;
   int64_t typical_ns;             /* of an exchange, averaged */
   uint64_t overrun_told_ns;
   uint32_t overruns;              /* missed deadlines that no event has reported yet */
@@ -318,6 +322,7 @@ void cyclic_publish_domain(cyclic_t *c, struct domain *domain, uint64_t time_ns)
 void cyclic_publish_bus(cyclic_t *c);     /* slaves, ring, clock */
 void cyclic_publish_restart(cyclic_t *c); /* zeroes counters and histograms */
 void cyclic_publish_cycle(cyclic_t *c, uint64_t time_ns);
+void cyclic_publish_worst(cyclic_t *c, uint64_t end_ns); /* keeps the cycle if it is one of the worst */
 void cyclic_count(ecat_shm_histogram *histogram, uint64_t ns);
 
 /* wake.c */

@@ -51,6 +51,52 @@ void cyclic_publish_bus(cyclic_t *c) {
 
 static void forget(void *base, size_t from, size_t to) { memset((uint8_t *)base + from, 0, to - from); }
 
+static void keep_if_worst(ecat_shm_worst *kept, const ecat_shm_worst *cycle, uint64_t took_ns) {
+  if (took_ns <= kept->took_ns) return;
+  __atomic_store_n(&kept->again, cycle->cycle, __ATOMIC_RELAXED);
+  __atomic_thread_fence(__ATOMIC_RELEASE);
+  __atomic_store_n(&kept->took_ns, took_ns, __ATOMIC_RELAXED);
+  __atomic_store_n(&kept->wakeup_ns, cycle->wakeup_ns, __ATOMIC_RELAXED);
+  __atomic_store_n(&kept->exchange_ns, cycle->exchange_ns, __ATOMIC_RELAXED);
+  __atomic_store_n(&kept->cycle_ns, cycle->cycle_ns, __ATOMIC_RELAXED);
+  __atomic_store_n(&kept->end_ns, cycle->end_ns, __ATOMIC_RELAXED);
+  __atomic_store_n(&kept->lost, cycle->lost, __ATOMIC_RELAXED);
+  __atomic_store_n(&kept->mailbox_frames, cycle->mailbox_frames, __ATOMIC_RELAXED);
+  __atomic_store_n(&kept->cycle, cycle->cycle, __ATOMIC_RELEASE);
+}
+
+void cyclic_publish_worst(cyclic_t *c, uint64_t end_ns) {
+  ecat_shm_health *health = c->health;
+  uint64_t mailbox_frames = __atomic_load_n(&health->mailbox_frames, __ATOMIC_RELAXED);
+  ecat_shm_worst cycle = {.cycle = c->cycle,
+                          .wakeup_ns = c->now_ns - c->deadline_ns,
+                          .exchange_ns = c->exchange_ns,
+                          .cycle_ns = end_ns - c->now_ns,
+                          .end_ns = end_ns,
+                          .lost = health->lost - c->lost_before,
+                          .mailbox_frames = mailbox_frames - c->mailbox_frames_before};
+  struct {
+    ecat_shm_worst *kept;
+    uint64_t took_ns;
+  } kinds[] = {{health->worst_wakeup, cycle.wakeup_ns},
+               {health->worst_exchange, cycle.exchange_ns},
+               {health->worst_cycle, cycle.cycle_ns}};
+  uint32_t i;
+  int begins = c->span == 0 || end_ns - c->span_ns >= ECAT_WORST_SPAN_S * 1000000000ull;
+  c->lost_before = health->lost;
+  c->mailbox_frames_before = mailbox_frames;
+  if (begins) {
+    const uint32_t spans = sizeof health->worst_wakeup / sizeof *health->worst_wakeup - 1;
+    c->span = c->span % spans + 1; /* entry 0 is that since the start */
+    c->span_ns = end_ns;
+  }
+  for (i = 0; i < sizeof kinds / sizeof *kinds; i++) {
+    if (begins) memset(&kinds[i].kept[c->span], 0, sizeof *kinds[i].kept);
+    keep_if_worst(&kinds[i].kept[0], &cycle, kinds[i].took_ns);
+    keep_if_worst(&kinds[i].kept[c->span], &cycle, kinds[i].took_ns);
+  }
+}
+
 /* Keeps the counters of the relay, since another thread writes them. */
 void cyclic_publish_restart(cyclic_t *c) {
   ecat_shm_health *health = c->health;
@@ -58,6 +104,8 @@ void cyclic_publish_restart(cyclic_t *c) {
   c->overruns = 0;
   forget(health, offsetof(ecat_shm_health, start_ns), offsetof(ecat_shm_health, mailbox_frames));
   forget(health, offsetof(ecat_shm_health, delay_cycles), offsetof(ecat_shm_health, mailbox));
+  forget(health, offsetof(ecat_shm_health, worst_wakeup), sizeof *health);
+  c->lost_before = 0;
   health->wakeup.min_ns = health->exchange.min_ns = health->cycle.min_ns = UINT64_MAX;
   health->delay.min_ns = health->dc_offset.min_ns = UINT64_MAX;
   for (i = 0; i < c->domains; i++) memset(c->domain[i].status, 0, sizeof *c->domain[i].status);

@@ -94,7 +94,13 @@ def test_stats_since_the_start(rates: Daemon) -> None:
         assert order == sorted(order)
         assert 0 < row["min"] <= row["mean"] <= row["max"]
     assert second["slaves"] == {"expected": 8, "found": 8, "al_status": 8}
+    for name in ("wakeup", "exchange", "cycle"):
+        first, *_ = second["worst"][name]  # it is counted an instant later than the others
+        took = first["duration" if name == "cycle" else name]
+        assert took == second[name]["max"] or took <= rates.ctl_json("stats")[name]["max"]
+        assert 0 < first["cycle"] <= second["cycle_number"] + 1
     text = rates.ctl("stats").stdout
+    assert re.search(r"longest exchange: [0-9.]+ µs in cycle \d+, at 20", text)
     assert f"bus {rates.bus}: running for 0:00:" in text
     assert "8 of 8 slaves" in text
     assert "SINCE START, µs" in text

@@ -21,7 +21,15 @@ from ecatd.cli.stats_screen import histogram_lines, stats_lines
 from ecatd.shm import contract as shm
 from ecatd.shm.statistics.maps import from_map, histogram_to_map, interval_to_map, to_map
 from ecatd.shm.statistics.problems import find_problems
-from ecatd.shm.statistics.snapshot import Bin, Clock, Domain, Grant, Histogram, Snapshot
+from ecatd.shm.statistics.snapshot import (
+    Bin,
+    Clock,
+    Domain,
+    Grant,
+    Histogram,
+    LongCycle,
+    Snapshot,
+)
 
 EDGE = 1 << 33  # from here on times share the last bucket
 SAMPLES = st.lists(st.integers(0, 2 * EDGE), max_size=300)
@@ -61,6 +69,16 @@ def snapshot(scale: int = 1, **changes: Any) -> Snapshot:
         counters={item.name: (n + 1) * scale for n, item in enumerate(shm.COUNTERS)},
         delay_cycles=(0, 990 * scale, 9 * scale, scale),
         times=times,
+        worst={
+            name: tuple(
+                LongCycle(
+                    *(n * 100 * scale, 10_000 * n, 50_000 * n, 60_000 * n),
+                    *(10**9 + n * scale * 10**8, n % 2, n),
+                )
+                for n in (3, 2)
+            )
+            for name in shm.WORST
+        },
         domains=tuple(
             Domain(
                 *(number, name, divider, divider - 1, 10, 20, 12, 12),

@@ -87,3 +87,12 @@ export function useAsked<T>(key: string, ask: () => Promise<unknown>): Loaded<T>
   }, [key]);
   return loaded;
 }
+
+/** Gives a file to the user. */
+export function save(bytes: Uint8Array, name: string): void {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([bytes as BlobPart]));
+  link.download = name;
+  link.click();
+  URL.revokeObjectURL(link.href);
+}

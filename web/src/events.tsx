@@ -1,9 +1,10 @@
 // What has happened, the newest first.
 import { useState } from "preact/hooks";
 
+import { Mark } from "./lamps";
 import type { BusEvent } from "./protocol";
 import type { State } from "./state";
-import { clock, counted, lasting } from "./text";
+import { ago, clock, counted } from "./text";
 
 const SEVERITIES = ["error", "warning", "notice", "info"] as const;
 const AT_ONCE = 200;
@@ -56,9 +57,11 @@ export function Events({ state }: { state: State }) {
           const text = (
             <>
               <span class="event-when">
+                {(event.severity === "error" || event.severity === "warning") && <Mark state={event.severity === "error" ? "bad" : "warning"} />}
                 <time dateTime={new Date(seconds * 1000).toISOString()}>{clock(seconds, true)}</time>
-                <span class="muted">{lasting(now - seconds)}{now - seconds >= 1 && " ago"}</span>
+                <span class="muted">{ago(now - seconds)}</span>
                 {typeof event["times"] === "number" && event["times"] > 1 && <span class="muted">{event["times"]} times</span>}
+                {typeof event["slave"] === "number" && <span class="event-slave">{event["slave"]} {state.slaveName(event["slave"])}</span>}
               </span>
               <span class="event-text">{event.text}</span>
             </>

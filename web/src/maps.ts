@@ -1,4 +1,5 @@
 // The maps of docs/zenoh-keys.md that the page reads, as far as it reads them.
+import type { Failure } from "./protocol";
 
 export interface Entry {
   index: number;
@@ -28,6 +29,7 @@ export interface Slave {
   coe: boolean;
   eoe: boolean;
   soe: boolean;
+  foe: boolean;
   group: string;
   problems: string[];
   profiles: { description: string }[];
@@ -231,3 +233,26 @@ export interface Configuration {
 export interface Reading {
   text: string;
 }
+
+/** A transfer of a file. */
+export interface Transfer {
+  transfer: number;
+  step: "receiving" | "to boot" | "transferring" | "from boot" | "done" | "failed";
+  received: number;
+  moved: number;
+  busy: string;
+  failure: Failure | null;
+  note: string;
+}
+
+/** The worst cycles since the start, and of the last 300 and 60 s. */
+export type Worst = Record<"start" | "300" | "60", {
+  name: string;
+  title: string;
+  cycle: number;
+  took_us: number;
+  /** Unix time in seconds. */
+  at: number;
+  /** What stood beside it, as sentences. */
+  beside: string[];
+}[]>;

@@ -56,7 +56,7 @@ export function OutputsPanel({ state }: { state: State }) {
       </Section>
       <div class="toolbar"><input type="search" placeholder="Search outputs" aria-label="Search outputs" value={search} onInput={(e) => setSearch(e.currentTarget.value)} /></div>
       {[...groups].map(([slave, outputs]) => (
-        <Section key={slave} title={`${slave} ${state.slaveName(slave)}`} aside={<button type="button" class="link" onClick={() => state.open(slave)}>open</button>}>
+        <Section key={slave} title={`${slave} ${state.slaveName(slave)}`} aside={<button type="button" class="link" aria-label={`Open slave ${slave}`} onClick={() => state.open(slave)}>open</button>}>
           <ul class="values">
             {outputs.map((output) => {
               const signal = names.get(output.name);

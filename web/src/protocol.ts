@@ -74,7 +74,7 @@ export type Message =
   | { type: "signals"; signals: Signal[] }
   /**
    * What the server watches: the answer to the query `key`, or why there is none. `key` "reading":
-   * what has happened in an incident, as `text`.
+   * what has happened in an incident, as `text`; "worst": the worst cycles.
    */
   | { type: "value"; key: string; value: Value | null; failure?: Failure; at: number }
   | { type: "lamps"; lamps: Lamp[]; at: number }

@@ -1,5 +1,5 @@
 // The page: top line, topology, scope, panel.
-import { useEffect } from "preact/hooks";
+import { useEffect, useRef } from "preact/hooks";
 
 import { Tabs } from "./controls";
 import { DrivePanel } from "./drive/drive";
@@ -99,7 +99,10 @@ function Way({ state }: { state: State }) {
   if (connected !== "open") {
     return <span class="way bad" role="status">Connection to ecatctl web lost {lasting(now - state.lostAt.value)} ago, since {clock(state.lostAt.value)}. All values are old. Trying again …</span>;
   }
-  if (!link.up) return <span class="way bad" role="status">{link.text}. {state.bus.value === null ? "It is tried again." : `All values are old, since ${clock(link.since)} (${lasting(now - link.since)}).`}</span>;
+  if (!link.up) {
+    const old = state.bus.value === null ? "Trying again …" : `All values are old, since ${clock(link.since)} (${lasting(now - link.since)}).`;
+    return <span class="way bad" role="status">{link.text.replace(/\.?$/, ".")} {old}</span>;
+  }
   return <span class="way" role="status">{state.hello.value.source === "file" ? link.text : "live"}</span>;
 }
 
@@ -122,12 +125,18 @@ function Panel({ state }: { state: State }) {
 }
 
 function Help({ state }: { state: State }) {
+  const close = useRef<HTMLButtonElement>(null);
+  useEffect(() => {
+    const before = document.activeElement as HTMLElement | null;
+    close.current!.focus();
+    return () => before?.focus();
+  }, []);
   return (
     <dialog open class="help" aria-label="Keys">
       <h2>Keys</h2>
       <dl class="keys">{KEYS.map(([key, what]) => <div key={key}><dt><kbd>{key}</kbd></dt><dd>{what}</dd></div>)}</dl>
       <p class="muted">Drag a value, or press +, to draw it in the scope. The address of this page holds what is chosen: share it.</p>
-      <button type="button" class="do" onClick={() => (state.help.value = false)}>Close</button>
+      <button type="button" class="do" ref={close} onClick={() => (state.help.value = false)}>Close</button>
     </dialog>
   );
 }

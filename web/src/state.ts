@@ -2,19 +2,23 @@
 import { computed, effect, signal, type Signal as Cell } from "@preact/signals";
 
 import type { Connection, Login } from "./connection";
-import type { Bus, Configuration, Errors, Info, Outputs, Reading, States, Statistics } from "./maps";
+import type { Bus, Configuration, Errors, Info, Outputs, Reading as FirstReading, States, Statistics, Worst } from "./maps";
 import type { BusEvent, Failure, Lamp, Message, Rights, Signal } from "./protocol";
 import { LiveValues } from "./live";
 import type { ScopeModel } from "./scope/scope";
+import type { FileTransfer } from "./slave/foe";
 import type { Traces } from "./traces";
 
 export type Tab = "slave" | "drive" | "outputs" | "timing" | "events";
 export const TABS: readonly Tab[] = ["slave", "drive", "outputs", "timing", "events"];
-export type Part = "now" | "objects" | "setup" | "health" | "memory";
-const PARTS: readonly Part[] = ["now", "objects", "setup", "health", "memory"];
+export type Part = "now" | "objects" | "setup" | "health" | "files" | "memory";
+export const PARTS: readonly Part[] = ["now", "objects", "setup", "health", "files", "memory"];
 export type Theme = "auto" | "light" | "dark";
 
 const MOST_EVENTS = 2000;
+/** Statistics that are kept for the histograms of the last minutes: how far apart, how long. */
+const READING_S = 2;
+const READINGS_S = 310;
 const THEME = "ecatd-theme";
 
 interface Answers {
@@ -25,7 +29,14 @@ interface Answers {
   "ro/errors": Errors;
   "ro/outputs": Outputs;
   "ro/config": Configuration;
-  reading: Reading;
+  reading: FirstReading;
+  worst: Worst;
+}
+
+/** Statistics, and when they came. */
+export interface Reading {
+  at: number;
+  statistics: Statistics;
 }
 
 interface Answer<T> {
@@ -57,7 +68,11 @@ export class State {
   readonly theme = signal<Theme>((localStorage.getItem(THEME) as Theme | null) ?? "auto");
   readonly help = signal(false);
 
+  /** The oldest first. */
+  readonly readings = signal<Reading[]>([]);
   readonly hidesReading = signal(false);
+  /** The last file of each slave: it goes on while the panel shows something else. */
+  readonly transfers = signal<ReadonlyMap<number, FileTransfer>>(new Map());
 
   private moment: number | null = null;
   private choseTab = false;
@@ -87,6 +102,7 @@ export class State {
     this.readFragment();
     addEventListener("hashchange", () => this.readFragment());
     effect(() => this.writeFragment());
+    effect(() => void (document.title = this.title()));
     effect(() => {
       localStorage.setItem(THEME, this.theme.value);
       document.documentElement.dataset["theme"] = this.theme.value;
@@ -112,7 +128,6 @@ export class State {
       case "hello":
         this.hello.value = message;
         this.moment = null;
-        document.title = `${message.title} – ecatd`;
         break;
       case "rights":
         this.hello.value = { ...this.hello.value, ...message };
@@ -135,6 +150,7 @@ export class State {
         const value = message.value ?? cell.value.value;
         cell.value = { value, failure: message.failure ?? null, at: message.at };
         if (message.key === "reading") this.takeReading(message.at);
+        if (message.key === "ro/stats" && message.value !== null) this.keepStatistics(message.value as unknown as Statistics, message.at);
       }
     }
   }
@@ -143,6 +159,14 @@ export class State {
     if (login !== undefined) this.login.value = login;
     if (this.connected.value === "open" && state !== "open") this.lostAt.value = Date.now() / 1000;
     this.connected.value = state;
+  }
+
+  /** The bus and its worst lamp, for those who see only the tab. */
+  private title(): string {
+    const lamps = this.lamps.value;
+    const worst = lamps.find((lamp) => lamp.state === "bad") ?? lamps.find((lamp) => lamp.state === "warning");
+    const sign = !this.fresh.value ? "✕ No connection · " : worst === undefined ? "" : `${worst.state === "bad" ? "■" : "▲"} ${worst.title} · `;
+    return `${sign}${this.hello.value.title || "ecatd"}`;
   }
 
   /** Opens a slave in the panel. */
@@ -155,6 +179,13 @@ export class State {
   slaveName(position: number): string {
     const slave = this.bus.value?.slaves[position];
     return slave === undefined ? `slave ${position}` : slave.given_name || slave.name || `slave ${position}`;
+  }
+
+  private keepStatistics(statistics: Statistics, at: number): void {
+    const kept = this.readings.value.filter((item) => item.statistics.instance === statistics.instance && item.at > at - READINGS_S);
+    // The newest one always; it stays if it is far enough from the one before.
+    if (kept.length > 1 && kept.at(-1)!.at - kept.at(-2)!.at < READING_S) kept.pop();
+    this.readings.value = [...kept, { at, statistics }];
   }
 
   private takeEvents(events: BusEvent[], leftOut: number): void {

@@ -1,11 +1,11 @@
 // Does the cycle keep its time: histograms against the cycle, and the settings of real time.
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 
-import { Facts, Section, Tabs, Trouble } from "./controls";
+import { Facts, Section, Tabs } from "./controls";
 import { columns, difference, type Marks, marks, marksOf } from "./histogram";
 import type { Bucket, Statistics } from "./maps";
 import type { State } from "./state";
-import { counted, grouped, lasting, microseconds } from "./text";
+import { ago, clock, counted, grouped, lasting, microseconds } from "./text";
 
 const SHOWN = [
   ["exchange", "Exchange", "from the first frame sent to the last one received"],
@@ -15,58 +15,26 @@ const SHOWN = [
 ] as const;
 const WINDOWS = [["start", "Since the start"], ["300", "5 min"], ["60", "1 min"]] as const;
 type Window = (typeof WINDOWS)[number][0];
-const EVERY_MS = 2000;
-const KEEP_S = 310;
 const PLACES = 72;
 
-interface Reading {
-  at: number;
-  statistics: Statistics;
-}
-
 export function Timing({ state }: { state: State }) {
-  const readings = useRef<Reading[]>([]);
-  const [last, setLast] = useState<Reading | null>(null);
-  const [error, setError] = useState<unknown>(null);
   const [window, setWindow] = useState<Window>("start");
-  useEffect(() => {
-    let wanted = true;
-    const read = async () => {
-      if (document.hidden || !state.fresh.value) return;
-      try {
-        const statistics = (await state.connection.ask("ro/stats", { buckets: true })) as unknown as Statistics;
-        if (!wanted) return;
-        const reading = { at: Date.now() / 1000, statistics };
-        const same = readings.current.filter(
-          (item) => item.statistics.instance === statistics.instance && item.at > reading.at - KEEP_S,
-        );
-        readings.current = [...same, reading];
-        setLast(reading);
-        setError(null);
-      } catch (failure) {
-        if (wanted) setError(failure);
-      }
-    };
-    void read();
-    const timer = setInterval(() => void read(), EVERY_MS);
-    return () => {
-      wanted = false;
-      clearInterval(timer);
-    };
-  }, []);
-  if (last === null) return error === null ? <p class="empty">Asking for the histograms …</p> : <Trouble error={error} />;
+  const { failure } = state.of("ro/stats").value;
+  const readings = state.readings.value;
+  const last = readings.at(-1);
+  if (last === undefined) return <p class="empty">{failure === null ? "No answer yet." : failure.message}</p>;
   const { statistics } = last;
-  const before = window === "start" ? null : (readings.current.find((item) => item.at >= last.at - Number(window)) ?? null);
+  const before = window === "start" ? null : (readings.find((item) => item.at >= last.at - Number(window)) ?? null);
   const over = before === null ? statistics.seconds : last.at - before.at;
   const since = (name: "missed" | "lost" | "late" | "wkc_bad" | "cycles") =>
     statistics[name] - (before?.statistics[name] ?? 0);
   return (
     <div class="timing">
-      {error !== null && <Trouble error={error} />}
+      {failure !== null && <p class="trouble" role="alert">{failure.message}</p>}
       <Tabs label="Time span" small tabs={WINDOWS} chosen={window} choose={(chosen) => setWindow(chosen)} />
       <p class="muted pad">
         {counted(since("cycles"), "cycle")} of {microseconds(statistics.cycle_time_us)} in {lasting(Math.max(1, over))}
-        {before !== null && over < Number(window) - 3 && " (since this panel was opened)"}
+        {before !== null && over < Number(window) - 3 && " (since this page was opened)"}
       </p>
       <div class="counts">
         {([["missed", "cycles missed"], ["lost", "frames lost"], ["late", "frames late"], ["wkc_bad", "wrong working counters"]] as const).map(
@@ -77,6 +45,7 @@ export function Timing({ state }: { state: State }) {
           ),
         )}
       </div>
+      <WorstCycles state={state} window={window} />
       {SHOWN.map(([name, title, meaning]) => {
         const all = statistics[name];
         const buckets = before === null ? (all.buckets ?? []) : difference(all.buckets ?? [], before.statistics[name].buckets ?? []);
@@ -133,6 +102,26 @@ function Histogram(props: { title: string; meaning: string; cycle: number; bucke
         <div><dt>99.9 %</dt><dd>{microseconds(found.p999)}</dd></div>
         <div class={late ? "text-warn" : ""}><dt>longest</dt><dd>{microseconds(found.max)}</dd></div>
       </dl>
+    </Section>
+  );
+}
+
+/** When it was worst, and what happened then. */
+function WorstCycles({ state, window }: { state: State; window: Window }) {
+  const found = state.of("worst").value.value?.[window] ?? [];
+  if (found.length === 0) return null;
+  return (
+    <Section title="Worst cycles" aside="and what stood beside them">
+      <ul class="event-list">
+        {found.map(({ name, title, took_us, cycle, at, beside }) => (
+          <li key={name} class="worst">
+            <strong>{title} {microseconds(took_us)}</strong>
+            <div class="event-when"><time>{clock(at, true)}</time><span>{ago(state.now.value - at)}</span><span>cycle {grouped(cycle)}</span></div>
+            {beside.length === 0 ? <p>Nothing else is known of it: <code>ecatctl doctor</code> looks for what keeps this computer busy.</p>
+              : beside.length === 1 ? <p>{beside[0]}</p> : <ul>{beside.map((text) => <li key={text}>{text}</li>)}</ul>}
+          </li>
+        ))}
+      </ul>
     </Section>
   );
 }

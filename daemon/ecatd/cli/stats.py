@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from typing import Any
 
 from ecatd.base.errors import EcatError, UsageError
+from ecatd.operations.bus import Event, ReadEvents
 from ecatd.operations.health import Health
 from ecatd.shm.contract import TIMES
 from ecatd.shm.statistics import Snapshot
 from ecatd.shm.statistics.maps import histogram_to_map, interval_to_map, to_map
+from ecatd.view.worst import find_worst
 
 from .arguments import add_watch
 from .bus_warnings import check_cycle
 from .output import print_json, print_json_line
 from .source import Source
-from .stats_screen import histogram_lines, stats_lines
+from .stats_screen import RECENT_S, histogram_lines, stats_lines, worst_lines
 from .terminal import Screen
 from .watch import check, clock, ticks
 
@@ -48,6 +52,8 @@ def stats(options: argparse.Namespace) -> int:
                 print_json(_document(snapshot, options.histogram))
             else:
                 print("\n".join(_lines(snapshot, None, options.histogram)))
+                if options.histogram is None:
+                    print("\n".join(["", *_worst(snapshot, source)]))
             return check_cycle(snapshot, source)
         elif options.json:
             for now, interval, _notice in _watch(source, options):
@@ -57,6 +63,17 @@ def stats(options: argparse.Namespace) -> int:
             for now, interval, notice in _watch(source, options):
                 screen.draw(_screen(now, interval, notice, options))
     return 0
+
+
+def _worst(snapshot: Snapshot, source: Source) -> list[str]:
+    """What stood beside the worst cycles; events only if the gateway answers."""
+    now = time.time()
+    events: Sequence[Event] = ()
+    with suppress(EcatError):
+        events = source.remote().request(ReadEvents())["events"]
+    return worst_lines(
+        find_worst(snapshot, events, now), find_worst(snapshot, events, now, RECENT_S)
+    )
 
 
 def _watch(

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from itertools import zip_longest
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain, zip_longest
+from textwrap import wrap
 
 from ecatd.shm import contract as shm
 from ecatd.shm.statistics import Domain, Histogram, Snapshot
 from ecatd.shm.statistics.maps import QUANTILES
 from ecatd.shm.statistics.problems import ring_text, word
+from ecatd.view.worst import TITLES, Worst
 
-from .output import fitting, shortened, table_lines
+from .output import fitting, moment_text, shortened, table_lines
 
+RECENT_S = 300
+"""Seconds of the worst cycles of late."""
+_WIDTH = 80
 _ROWS = 20  # most rows of a histogram
 _BAR = 20  # characters of the longest bar
 
@@ -143,6 +148,24 @@ def _times(title: str, histograms: Iterable[tuple[str, Histogram]]) -> list[str]
     head = (f"{title:<15}", *(f"{column:>6}" for column in columns))
     lines = table_lines(head, rows, " >>>>>>>>")
     return lines if rows else [lines[0], "none"]
+
+
+def worst_lines(whole: Sequence[Worst], recent: Sequence[Worst]) -> list[str]:
+    """The worst cycles since the start, and those of late if they are others."""
+    known = {(worst.name, worst.cycle) for worst in whole}
+    others = [worst for worst in recent if (worst.name, worst.cycle) not in known]
+    lines = ["WORST CYCLES SINCE START, and what stood beside them"]
+    lines += chain.from_iterable(map(_worst, whole)) if whole else ["none"]
+    if others:
+        lines += [f"OF THE LAST {RECENT_S // 60} MIN", *chain.from_iterable(map(_worst, others))]
+    return lines
+
+
+def _worst(worst: Worst) -> Iterator[str]:
+    when = moment_text(round(1e9 * worst.at))
+    yield f"{TITLES[worst.name]}: {worst.took_us:.1f} µs in cycle {worst.cycle}, at {when}"
+    for text in worst.beside or ("nothing else is known of it; see `ecatctl doctor`",):
+        yield from wrap(text, _WIDTH, initial_indent="  - ", subsequent_indent="    ")
 
 
 def _percentiles(histogram: Histogram) -> list[str]:

@@ -78,6 +78,7 @@ class Slave:
         coe: Whether the slave answers CoE requests.
         eoe: Whether it takes Ethernet frames (EoE).
         soe: Whether it answers SoE requests; without CoE, indices in its process data are IDNs.
+        foe: Whether it has files (FoE), as its EEPROM says.
         problems: The errors in its EEPROM, and how the master handles them.
         profiles: Device profiles that its entries have their meanings from.
         given_name: Its name in this machine, from the configuration; empty for none.
@@ -113,6 +114,7 @@ class Slave:
     coe: bool = False
     eoe: bool = False
     soe: bool = False
+    foe: bool = False
     problems: list[str] = field(default_factory=list)
     profiles: list[ProfileName] = field(default_factory=list)
     given_name: str = ""

@@ -31,6 +31,7 @@ class Statistics(Map):
     #: Commits that were sent 0, 1, 2, and 3 or more cycles after their sample.
     delay_cycles: list[int]
     domains: list[DomainStatistics]  #: Domains by number.
+    worst: WorstCycles  #: The cycles that took longest.
 
 
 class SlaveCounts(Map):
@@ -92,6 +93,31 @@ class DomainStatistics(Map):
     wkc: int  #: Working counter of its last exchange.
     wkc_state: str  #: `zero`, `incomplete` or `complete`.
     cycle_number: int  #: Number of the cycle of its last exchange.
+
+
+class WorstCycles(Map):
+    """By a time of a cycle: cycles of which each took longer than all behind it, the oldest first.
+
+    The first one is the worst since the start. Of the last 5 minutes, that of each 20 s is known.
+    """
+
+    wakeup: list[LongCycle]  #: From the deadline of the cycle to its start.
+    exchange: list[LongCycle]  #: From its first frame sent to its last frame received.
+    cycle: list[LongCycle]  #: From its start to its end.
+
+
+class LongCycle(Map):
+    """A cycle, and what came with it."""
+
+    cycle: int  #: Its number.
+    wakeup: float  #: From its deadline to its start.
+    exchange: float  #: From its first frame sent to its last frame received.
+    duration: float  #: From its start to its end.
+    end_us: float  #: CLOCK_MONOTONIC at its end.
+    lost: int  #: Frames that did not come back in it.
+    mailbox_frames: (
+        int  #: Frames of mailbox and register traffic since the end of the cycle before.
+    )
 
 
 class Distribution(Map):

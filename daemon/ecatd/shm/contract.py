@@ -329,6 +329,12 @@ TIMES = {
     if line.type == "ecat_shm_histogram"
 }
 """The meanings of the times of which there is a histogram, by name."""
+WORST = {
+    line.name.removeprefix("worst_"): line.name
+    for line in fields_of("ecat_shm_health")
+    if line.type == "ecat_shm_worst"
+}
+"""Those of which the worst cycles are kept, and the fields of `ecat_shm_health` with these."""
 
 LIBRARY.ecat_histogram_quantile.restype = ctypes.c_uint64
 LIBRARY.ecat_histogram_quantile.argtypes = [ctypes.c_void_p, ctypes.c_double]

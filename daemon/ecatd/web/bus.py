@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
@@ -19,9 +20,11 @@ from ecatd.operations.outputs import ReadOutputs
 from ecatd.operations.registers import ReadErrors
 from ecatd.operations.statistics import ReadClocks, ReadStats
 from ecatd.view.lamps import Lamps
+from ecatd.view.worst import describe_worst
 
 from .asking import to_operation
 from .hub import Hub
+from .messages import WORST
 from .page import Page
 from .signals import describe_signals
 from .traces import Traces
@@ -31,6 +34,8 @@ _RETRY_S = 1.0
 _EVENTS_S = 0.5
 _BUSES_S = 10.0
 """Seconds until it is looked for other buses again."""
+_EVENTS_MAX = 1000
+"""Events that may have to do with the worst cycles."""
 _ASKS_MAX = 16
 """Questions of all pages that are asked at a time; the others wait."""
 _WATCHED: tuple[tuple[Operation[Any], float], ...] = (
@@ -80,6 +85,7 @@ class BusSource:
         self._lamps = Lamps()
         self._answers: dict[str, Mapping[str, Any]] = {}
         self._traces: Traces | None = None
+        self._events: deque[Mapping[str, Any]] = deque(maxlen=_EVENTS_MAX)
 
     async def run(self, hub: Hub) -> None:
         """See `Source`."""
@@ -120,6 +126,7 @@ class BusSource:
         hub.forget_events()
         hub.link(True, f"connected to bus '{remote.full_name}'")
         hub.events(events["events"], events["left_out"])
+        self._events = deque(events["events"], _EVENTS_MAX)
         self._lamps = Lamps()
         assert self._traces is not None, "it runs"
         self._traces.use(remote)
@@ -140,6 +147,7 @@ class BusSource:
                     if task.done():
                         task.result()  # a defect must not be silent
                 hub.events(events["events"], events["left_out"])
+                self._events.extend(events["events"])
         finally:
             for task in tasks:
                 task.cancel()
@@ -181,6 +189,8 @@ class BusSource:
                         await self._describe(hub, answer)
                     else:
                         hub.value(key, answer)
+                    if key == ReadStats.key:
+                        hub.value(WORST, describe_worst(answer, self._events, time.time()))
             if key in _LAMPS[:2]:
                 found = [self._answers.get(name) for name in _LAMPS]
                 now = time.time()

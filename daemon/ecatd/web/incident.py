@@ -24,9 +24,10 @@ from ecatd.operations.registers import ReadErrors
 from ecatd.operations.statistics import ReadStats
 from ecatd.shm.statistics import from_map
 from ecatd.view.lamps import Lamps
+from ecatd.view.worst import describe_worst
 
 from .hub import Hub
-from .messages import encode
+from .messages import WORST, encode
 from .signals import describe_signals
 
 READING = "reading"
@@ -178,6 +179,8 @@ class RecordedIncident:
             hub.value(key, value, self._at)
         found = [self.answers[key] for key in (ReadStats.key, ReadStates.key)]
         statistics, states = (item if isinstance(item, Mapping) else None for item in found)
+        if statistics is not None:
+            hub.value(WORST, describe_worst(statistics, self._events, self._at), self._at)
         lamps = Lamps().look(statistics, states, None, self._at)
         hub.lamps((lamp for lamp in lamps if lamp["id"] != _OUTPUTS), self._at)
         hub.events(self._events, self._bad_events)

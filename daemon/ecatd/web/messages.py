@@ -9,6 +9,9 @@ from typing import Any
 
 from ecatd.base.errors import EcatError
 
+WORST = "worst"
+"""The key of what stood beside the worst cycles (`ecatd.view.worst`), which no query has."""
+
 
 def encode(message: Mapping[str, Any]) -> str:
     """A message as text. Bytes become hex strings; infinity and NaN, which JSON lacks, null."""

@@ -14,6 +14,12 @@ const NAMES: Record<number, string> = {
 };
 const READ = 0x07, WRITE = 0x38;
 
+/** The number of a data type by its name, as the configuration has it: `uint32`; 0 if unknown. */
+export function typeOf(name: string): number {
+  const wanted = name.toUpperCase();
+  return Number(Object.entries(NAMES).find(([, known]) => known === wanted)?.[0] ?? 0);
+}
+
 export function typeName(type: number): string {
   if (type >= 0x30 && type <= 0x37) return `BIT${type - 0x2f}`;
   return NAMES[type] ?? hex(type, 4);

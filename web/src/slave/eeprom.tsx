@@ -1,7 +1,7 @@
 // The EEPROM of a slave (SII), in hexadecimal.
 import { useState } from "preact/hooks";
 
-import { Section, Trouble } from "../controls";
+import { save, Section, Trouble } from "../controls";
 import type { Slave } from "../maps";
 import type { State } from "../state";
 import { hex } from "../text";
@@ -33,18 +33,12 @@ export function Memory({ state, slave }: { state: State; slave: Slave }) {
     }
     setProgress(null);
   };
-  const save = () => {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(new Blob([bytes as BlobPart]));
-    link.download = `${state.hello.value.title}-${slave.position}-${slave.name || "slave"}.sii.bin`;
-    link.click();
-    URL.revokeObjectURL(link.href);
-  };
+  const keep = () => save(bytes!, `${state.hello.value.title}-${slave.position}-${slave.name || "slave"}.sii.bin`);
   return (
     <Section title="EEPROM" aside={bytes !== null ? `${bytes.length} bytes` : undefined}>
       <div class="toolbar">
         <button type="button" class="do" disabled={progress !== null} onClick={() => void read()}>{progress ?? (bytes === null ? "Read it" : "Read it again")}</button>
-        {bytes !== null && <button type="button" class="quiet" onClick={save}>Save</button>}
+        {bytes !== null && <button type="button" class="quiet" onClick={keep}>Save</button>}
       </div>
       {error !== null && <Trouble error={error} />}
       {bytes !== null && <pre class="dump" tabIndex={0} aria-label="Content of the EEPROM">{dump(bytes)}</pre>}

@@ -5,23 +5,27 @@ import type { Part, State } from "../state";
 import { health, stateText } from "../topology/topology";
 import { clock, hex, lasting, microseconds } from "../text";
 import { Memory } from "./eeprom";
+import { Files } from "./files";
 import { Health } from "./health";
 import { Objects } from "./objects";
 import { ProcessData } from "./process_data";
 import { SetUp } from "./set_up";
 
 const PARTS: readonly (readonly [Part, string])[] = [
-  ["now", "Now"], ["objects", "Objects"], ["setup", "Set-up"], ["health", "Health"], ["memory", "EEPROM"],
+  ["now", "Now"], ["objects", "Objects"], ["setup", "Set-up"], ["health", "Health"], ["files", "Files"], ["memory", "EEPROM"],
 ];
 
 export function SlavePanel({ state }: { state: State }) {
   const position = state.selected.value;
   const slave = position === null ? undefined : state.bus.value?.slaves[position];
   if (slave === undefined) {
-    return <p class="empty">{position === null || state.bus.value === null ? "Choose a slave on the left." : `The bus has no slave ${position}.`}</p>;
+    const { bus: { value: bus } } = state;
+    return <p class="empty">{bus === null ? "Nothing is known of the bus yet." : bus.slaves.length === 0 ? "The bus has no slaves." : position === null ? "Choose a slave on the left." : `The bus has no slave ${position}.`}</p>;
   }
   const al = state.states.value?.slaves.find((item) => item.position === position);
-  const part = state.part.value;
+  const hasMailbox = slave.coe || slave.eoe || slave.soe || slave.foe;
+  const parts = PARTS.filter(([name]) => name !== "files" || hasMailbox);
+  const part = parts.some(([name]) => name === state.part.value) ? state.part.value : "now";
   return (
     <article class="slave" key={slave.position} aria-label={`Slave ${slave.position}`}>
       <header class="slave-head">
@@ -33,11 +37,12 @@ export function SlavePanel({ state }: { state: State }) {
         {al !== undefined && <span class={`al ${health(al)}`}>{stateText(al.al_state)}</span>}
       </header>
       {al !== undefined && <Trouble state={state} al={al} />}
-      <Tabs label={`Parts of slave ${slave.position}`} small tabs={PARTS} chosen={part} choose={(chosen) => (state.part.value = chosen)} />
+      <Tabs label={`Parts of slave ${slave.position}`} small tabs={parts} chosen={part} choose={(chosen) => (state.part.value = chosen)} />
       {part === "now" && <Now state={state} slave={slave} />}
       {part === "objects" && <Objects state={state} slave={slave} />}
       {part === "setup" && <SetUp state={state} slave={slave} />}
       {part === "health" && <Health state={state} slave={slave} />}
+      {part === "files" && <Files state={state} slave={slave} />}
       {part === "memory" && <Memory state={state} slave={slave} />}
     </article>
   );
@@ -76,7 +81,7 @@ function Now({ state, slave }: { state: State; slave: Slave }) {
             ["Identification", slave.identification === 0 ? "" : String(slave.identification)],
             ["Address", hex(slave.address, 4)],
             ["Optional", slave.group],
-            ["Mailbox", [slave.coe && "CoE", slave.eoe && "EoE", slave.soe && "SoE"].filter(Boolean).join(", ") || "none"],
+            ["Mailbox", [slave.coe && "CoE", slave.eoe && "EoE", slave.soe && "SoE", slave.foe && "FoE"].filter(Boolean).join(", ") || "none"],
             ["Profile", slave.profiles.map((item) => item.description).join("; ")],
             ["Clock", slave.dc_bits === 0 ? "none" : `${slave.dc_bits} bits, delay ${microseconds(slave.dc_delay_ns / 1000)}${slave.sync0_ns > 0 ? `, SYNC0 every ${microseconds(slave.sync0_ns / 1000)}` : ""}`],
             ["Watchdog", slave.watchdog_ms === null ? "" : slave.watchdog_ms === 0 ? "off" : `${slave.watchdog_ms} ms`],

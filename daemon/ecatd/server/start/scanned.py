@@ -14,7 +14,7 @@ from ecatd.etg.sii_reader import read_sii
 from ecatd.master.mailbox.coe import Coe
 from ecatd.master.master import Master
 
-_PROTOCOL_EOE, _PROTOCOL_COE, _PROTOCOL_SOE = 0x02, 0x04, 0x10
+_PROTOCOL_EOE, _PROTOCOL_COE, _PROTOCOL_FOE, _PROTOCOL_SOE = 0x02, 0x04, 0x08, 0x10
 
 _USED = {
     Condition.SILENT: "is used with the process data of its EEPROM, and its objects cannot be "
@@ -148,6 +148,7 @@ def _identify_slave(master: Master, position: int, sii: Sii) -> Scanned:
         coe=bool(sii.mailbox_protocols & _PROTOCOL_COE),
         eoe=bool(sii.mailbox_protocols & _PROTOCOL_EOE),
         soe=bool(sii.mailbox_protocols & _PROTOCOL_SOE),
+        foe=bool(sii.mailbox_protocols & _PROTOCOL_FOE),
         problems=[str(problem) for problem in sii.problems],
     )
     return Scanned(slave, sii, SlaveConfig(position), read_at=time.time())

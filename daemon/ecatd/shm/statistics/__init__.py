@@ -12,7 +12,7 @@ The engine always counts in the shared memory, so reading has no effect on it.
 
 from .maps import from_map, to_map
 from .reader import read
-from .snapshot import Bin, Clock, Domain, Grant, Histogram, Snapshot
+from .snapshot import Bin, Clock, Domain, Grant, Histogram, LongCycle, Snapshot
 
 __all__ = [
     "Bin",
@@ -20,6 +20,7 @@ __all__ = [
     "Domain",
     "Grant",
     "Histogram",
+    "LongCycle",
     "Snapshot",
     "from_map",
     "read",

@@ -17,7 +17,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 from ecatd.base.errors import EcatError
 
 from .. import contract as shm
-from .snapshot import Clock, Count, Domain, Grant, Histogram, Snapshot
+from .snapshot import Clock, Count, Domain, Grant, Histogram, LongCycle, Snapshot
 
 QUANTILES = {"p50": 0.5, "p90": 0.9, "p99": 0.99, "p999": 0.999, "p9999": 0.9999}
 _SIMPLE = ("bus", "version", "state", "instance", "cycle_time_ns", "cycle_number", "cycle_end_ns")
@@ -30,6 +30,10 @@ _IN_MICROSECONDS = {
     "cycle_end_ns": "cycle_end_us",
     "read_ns": "read_us",
     "offset_ns": "offset",
+    "end_ns": "end_us",
+    "wakeup_ns": "wakeup",
+    "exchange_ns": "exchange",
+    "duration_ns": "duration",
 }
 """Times that maps have in µs, and their keys there."""
 
@@ -59,6 +63,9 @@ def interval_to_map(snapshot: Snapshot, *, buckets: bool = False) -> dict[str, A
         **snapshot.counters,
         "delay_cycles": list(snapshot.delay_cycles),
         "domains": [{**_encode(domain), **domain.counters} for domain in snapshot.domains],
+        "worst": {
+            name: [_encode(cycle) for cycle in cycles] for name, cycles in snapshot.worst.items()
+        },
         **{
             name: histogram_to_map(histogram, buckets=buckets)
             for name, histogram in snapshot.times.items()
@@ -156,6 +163,10 @@ def _snapshot(data: Mapping[str, Any]) -> Snapshot:
         counters=_counters(data, shm.COUNTERS),
         delay_cycles=tuple(_count(data["delay_cycles"][number]) for number in range(4)),
         times={name: _histogram(data[name]) for name in shm.TIMES},
+        worst={
+            name: tuple(_decode(LongCycle, row) for row in data["worst"][name])
+            for name in shm.WORST
+        },
         domains=tuple(
             _decode(Domain, row, counters=_counters(row, shm.DOMAIN_COUNTERS))
             for row in data["domains"]

@@ -8,7 +8,7 @@ from typing import Any
 
 from .. import contract as shm
 from ..reader import Reader, opened
-from .snapshot import Clock, Domain, Grant, Histogram, Snapshot
+from .snapshot import Clock, Domain, Grant, Histogram, LongCycle, Snapshot
 
 _TRIES = 5  # attempts to read while no cycle ends
 _NONE = (1 << 64) - 1  # `min_ns` of an empty histogram
@@ -65,6 +65,7 @@ def _read(shared: Reader) -> Snapshot:
         counters=shm.values(health, *(item.name for item in shm.COUNTERS)),
         delay_cycles=tuple(health.delay_cycles),
         times={name: _histogram(getattr(health, name)) for name in shm.TIMES},
+        worst={name: _worst(health, name) for name in shm.WORST},
         domains=domains,
         grants=tuple(
             Grant(kind, bool(row.wanted), bool(row.granted), row.value, row.error)
@@ -90,6 +91,25 @@ def _domains(shared: Reader, head: Any) -> tuple[Domain, ...]:
             )
         )
     return tuple(made)
+
+
+def _worst(health: Any, name: str) -> tuple[LongCycle, ...]:
+    """The cycles of which each took longer than all behind it, the oldest first."""
+    found: list[LongCycle] = []
+    whole = (
+        row for row in getattr(health, shm.WORST[name]) if row.cycle and row.cycle == row.again
+    )
+    for row in sorted(whole, key=lambda row: row.end_ns, reverse=True):
+        if not found or row.took_ns > found[-1].took_ns(name):
+            found.append(
+                LongCycle(
+                    duration_ns=row.cycle_ns,
+                    **shm.values(
+                        row, "cycle", "wakeup_ns", "exchange_ns", "end_ns", "lost", "mailbox_frames"
+                    ),
+                )
+            )
+    return tuple(reversed(found))
 
 
 def _histogram(raw: Any) -> Histogram:

@@ -172,11 +172,38 @@ class Clock:
 
 
 @dataclass(frozen=True, slots=True)
+class LongCycle:
+    """A cycle that was the worst of its time, and what came with it (`ecat_shm_worst`).
+
+    Attributes:
+        cycle: Its number.
+        wakeup_ns: From its deadline to its start.
+        exchange_ns: From its first frame sent to its last frame received.
+        duration_ns: From its start to its end.
+        end_ns: CLOCK_MONOTONIC at its end.
+        lost: Frames that did not come back in it.
+        mailbox_frames: Frames of mailbox and register traffic since the end of the cycle before.
+    """
+
+    cycle: Count
+    wakeup_ns: Count
+    exchange_ns: Count
+    duration_ns: Count
+    end_ns: Count
+    lost: Count
+    mailbox_frames: Count
+
+    def took_ns(self, name: str) -> int:
+        """One of its times, by its name in `shm.WORST`."""
+        return self.duration_ns if name == "cycle" else int(getattr(self, f"{name}_ns"))
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """State and statistics of a bus at one time; `later - earlier` is an interval.
 
     In an interval, `start_ns`, `counters`, `delay_cycles`, `times` and the counters of `domains`
-    are those of the interval; all other attributes are those of its end.
+    are those of the interval, and so is `worst`; all other attributes are those of its end.
 
     Attributes:
         bus: Name of the bus.
@@ -199,6 +226,9 @@ class Snapshot:
         delay_cycles: Number of commits that were sent 0, 1, 2, and 3 or more cycles after the
             sample that they answer.
         times: Histograms of the times that the daemon measures, `shm.TIMES`, by name.
+        worst: By the times of `shm.WORST`, cycles of which each took longer than all behind it, the
+            oldest first. The engine keeps the worst one since the start, and those of the last 5
+            minutes, of 20 s each.
         domains: Domains by number.
         grants: Real-time settings, in the order of `shm.Setting`.
     """
@@ -222,6 +252,7 @@ class Snapshot:
     counters: dict[str, int]
     delay_cycles: tuple[int, ...]
     times: dict[str, Histogram]
+    worst: dict[str, tuple[LongCycle, ...]]
     domains: tuple[Domain, ...]
     grants: tuple[Grant, ...]
 
@@ -235,6 +266,16 @@ class Snapshot:
         """Seconds since the last cycle, if the next ones are overdue; else 0."""
         age = self.read_ns - self.cycle_end_ns
         return age * 1e-9 if age > max(5 * self.cycle_time_ns, _OVERDUE_NS) else 0.0
+
+    def worst_of(self, name: str, seconds: float | None = None) -> LongCycle | None:
+        """The cycle in which a time of `shm.WORST` was the longest.
+
+        Args:
+            name: The time.
+            seconds: Only in the last so many seconds, at most 300; None for all.
+        """
+        begin = 0 if seconds is None else self.read_ns - round(1e9 * seconds)
+        return next(iter(_since(begin, self.worst[name])), None)
 
     def __sub__(self, earlier: Snapshot) -> Snapshot:
         if (self.bus, self.instance) != (earlier.bus, earlier.instance):
@@ -253,10 +294,15 @@ class Snapshot:
                 for now, then in zip(self.delay_cycles, earlier.delay_cycles, strict=True)
             ),
             times={name: now - earlier.times[name] for name, now in self.times.items()},
+            worst={name: _since(earlier.read_ns, cycles) for name, cycles in self.worst.items()},
             domains=tuple(
                 now - then for now, then in zip(self.domains, earlier.domains, strict=False)
             ),
         )
+
+
+def _since(begin_ns: int, cycles: tuple[LongCycle, ...]) -> tuple[LongCycle, ...]:
+    return tuple(cycle for cycle in cycles if cycle.end_ns > begin_ns)
 
 
 def _difference(now: dict[str, int], then: dict[str, int]) -> dict[str, int]:
