@@ -5,6 +5,8 @@ import { Extent } from "./pyramid";
 import type { Ring } from "./ring";
 
 const GUTTER = 58;
+/** The same where lanes have names there. */
+const NAMES = 104;
 const RIGHT = 10;
 const TOP = 8;
 const GAP = 12;
@@ -21,11 +23,15 @@ export interface Plot {
   lanes: Lane[];
 }
 
-/** Lays the lanes out; their values come from `limits`, from before, or from the window's rows. */
+/**
+ * Lays the lanes out; their values come from `limits`, from `before`, or from the window's rows.
+ *
+ * @param grows Whether the rows are only those that are new since `before`, so axes do not shrink.
+ */
 export function layOut(
   curves: Curve[], stacked: boolean, width: number, height: number,
   limits: Record<string, [number, number]>, before: Lane[],
-  ring: Ring, from: number, to: number,
+  ring: Ring, from: number, to: number, grows: boolean,
 ): Plot {
   const groups = new Map<string, Curve[]>();
   for (const curve of curves) {
@@ -35,32 +41,36 @@ export function layOut(
   }
   const analog = [...groups].filter(([, [first]]) => !first!.digital);
   const digital = [...groups].filter(([, [first]]) => first!.digital);
-  const left = GUTTER * (stacked ? 1 : Math.max(1, analog.length));
+  const left = Math.max(
+    GUTTER * (stacked ? 1 : Math.max(1, analog.length)), digital.length > 0 ? NAMES : 0,
+  );
   const bottom = height - TIMES - TRACK;
   const small = Math.min(DIGITAL, ((bottom - TOP) * 0.9) / Math.max(1, digital.length));
   const high = bottom - TOP - digital.length * small;
+  const of = (axis: string) => before.find((lane) => lane.axis === axis);
   const lanes = analog.map(([axis, [...all]], i): Lane => {
     const each = stacked ? (high - GAP * (analog.length - 1)) / analog.length : high - 4;
-    const old = before.find((lane) => lane.axis === axis);
     return {
       axis, title: all[0]!.unit || (all.length === 1 ? all[0]!.label : ""), digital: false,
       names: all.map((curve) => curve.name),
-      left: stacked ? left : GUTTER * (i + 1), top: TOP + (stacked ? i * (each + GAP) : 0),
+      left: stacked ? left : left - GUTTER * (analog.length - 1 - i),
+      top: TOP + (stacked ? i * (each + GAP) : 0),
       height: Math.max(10, each - (digital.length && stacked ? 4 : 0)),
       ...(limits[axis]
         ? { low: limits[axis][0], high: limits[axis][1] }
-        : automatic(all, old, ring, from, to)),
+        : automatic(range(all, ring, from, to), of(axis), grows)),
     };
   });
   digital.forEach(([axis, [curve]], i) => {
     const keys = Object.keys(curve!.values).map(Number);
     const values = keys.map((key) => key * curve!.scale + curve!.offset);
-    const range = automatic([curve!], before.find((lane) => lane.axis === axis), ring, from, to);
-    const low = Math.min(range.low + 0.1, 0, ...values);
-    const top = Math.max(range.high - 0.1, 1, ...values);
+    const old = grows ? of(axis) : undefined;
+    const ends = [0, 1, ...values, ...range([curve!], ring, from, to), old?.low ?? 0, old?.high ?? 1];
+    const known = ends.filter(Number.isFinite);
     lanes.push({
       axis, title: curve!.label, digital: true, names: [curve!.name], left,
-      top: TOP + high + i * small + 5, height: small - 9, low, high: top,
+      top: TOP + high + i * small + small / 6, height: Math.max(2, small * 0.7),
+      low: Math.min(...known), high: Math.max(...known),
     });
   });
   return { left, width: Math.max(1, width - left - RIGHT), bottom, lanes };
@@ -81,17 +91,26 @@ function range(curves: Curve[], ring: Ring, from: number, to: number): [number, 
   return [low, high];
 }
 
-/** Values of an axis with some room; as before while the curves fill at least half of it. */
+/**
+ * Values of an axis with some room; as before while the curves fill about half of it. Where they
+ * leave it they get more room, so that they do not leave it again with the next picture.
+ */
 function automatic(
-  curves: Curve[], before: Lane | undefined, ring: Ring, from: number, to: number,
+  [low, high]: [number, number], before: Lane | undefined, grows: boolean,
 ): { low: number; high: number } {
-  const [low, high] = range(curves, ring, from, to);
   if (low > high) return before ?? { low: 0, high: 1 };
   if (before && low >= before.low && high <= before.high) {
     const filled = (high - low) / (before.high - before.low);
-    if (filled > 0.45 || (low === high && before.high - before.low < 4 * room(low))) {
+    if (grows || filled > 0.45 || (low === high && before.high - before.low < 4 * room(low))) {
       return { low: before.low, high: before.high };
     }
+  }
+  if (before && grows) {
+    const much = (Math.max(high, before.high) - Math.min(low, before.low)) * 0.25;
+    return {
+      low: low < before.low ? low - much : before.low,
+      high: high > before.high ? high + much : before.high,
+    };
   }
   const more = low === high ? room(low) : (high - low) * 0.08;
   return { low: low - more, high: high + more };
@@ -165,7 +184,7 @@ export function drawAxes(
     if (lane.digital) {
       const text = lane.title.split("/").pop()!;
       pen.box(4, lane.top, 3, lane.height, colour(lane.names[0]!));
-      pen.text(left - 6, lane.top + lane.height / 2, shorten(text, 8), palette.text, "right");
+      pen.text(left - 6, lane.top + lane.height / 2, shorten(text, 14), palette.text, "right");
       pen.line(left, low + 4, left + width, low + 4, palette.line);
       continue;
     }

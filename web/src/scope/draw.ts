@@ -15,8 +15,9 @@ export interface Grid {
 /** First rows of the columns, and behind the last one the end. */
 export function rowsOf(ring: Ring, { step, from, count }: Grid): Float64Array {
   const rows = new Float64Array(count + 1);
+  let row = ring.first;
   for (let column = 0; column <= count; column++) {
-    const row = ring.rowAt((from + column) * step);
+    row = ring.rowAt((from + column) * step, row);
     if (row === ring.end) return rows.fill(row, column);
     rows[column] = row;
   }

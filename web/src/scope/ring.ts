@@ -95,15 +95,25 @@ export class Ring {
     return this.block(row).flags[row % BLOCK]!;
   }
 
-  /** The first row at or after a time; `end` if there is none. */
-  rowAt(time: number): number {
-    return this.search(this.first, (row) => this.time(row) >= time);
+  /**
+   * The first row at or after a time; `end` if there is none.
+   *
+   * @param from A row that is not behind it; the search is short if it is near.
+   */
+  rowAt(time: number, from = this.first): number {
+    let low = from;
+    let step = 1;
+    while (low + step < this.end && this.time(low + step - 1) < time) {
+      low += step;
+      step *= 2;
+    }
+    return this.search(low, (row) => this.time(row) >= time, Math.min(this.end, low + step));
   }
 
   /** The first row from `from` that `holds`; all behind it hold, too. */
-  private search(from: number, holds: (row: number) => boolean): number {
+  private search(from: number, holds: (row: number) => boolean, end = this.end): number {
     let low = from;
-    let high = this.end;
+    let high = end;
     while (low < high) {
       const middle = Math.floor((low + high) / 2);
       if (holds(middle)) high = middle;
