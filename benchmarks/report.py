@@ -21,7 +21,7 @@ from .target import Target
 
 SECTIONS = (
     *("engine", "cores", "settings", "scale", "recovery", "deaths"),
-    *("requests", "files", "client", "modelica", "simulator"),
+    *("requests", "files", "client", "modelica", "simulator", "scope"),
 )
 """Names of the benchmarks, in the order of the page."""
 

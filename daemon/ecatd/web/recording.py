@@ -86,6 +86,7 @@ def _describe(column: str, unit: str) -> dict[str, Any]:
     return {
         "name": f"{match[1]}/{address_text(*address)}" if match and address else column,
         "label": f"{match[1]}/{match[2]}" if match else column,
+        "path": column,
         "slave": int(slave) if slave.isdigit() else -1,
         "address": address_text(*address) if address else entry,
         "output": False,

@@ -14,6 +14,8 @@ const DIGITAL = 30;
 /** Room below the lanes for the track of events and the times. */
 export const TRACK = 14;
 const TIMES = 22;
+/** Width of the date at the lower left corner. */
+const DATE = 66;
 
 export interface Plot {
   left: number;
@@ -157,10 +159,30 @@ export function timeText(time: number, step: number): string {
   return `${whole}.${ms!.padStart(3, "0").slice(0, Math.min(3, digits))}${micro ?? ""}`;
 }
 
+function dateText(time: number): string {
+  const date = new Date(time);
+  const two = (value: number) => String(value).padStart(2, "0");
+  return `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())}`;
+}
+
 export function numberText(value: number): string {
   const size = Math.abs(value);
-  if (size !== 0 && (size >= 1e7 || size < 1e-4)) return value.toExponential(2).replace("e+", "e");
-  return String(Number(value.toPrecision(6)));
+  if (Number.isFinite(value) && size !== 0 && (size >= 1e7 || size < 1e-4)) {
+    return value.toExponential(2).replace("e+", "e");
+  }
+  return Number.isFinite(value) ? String(Number(value.toPrecision(6))) : String(value);
+}
+
+/**
+ * Texts of ticks. Where only their last digits differ, such as those of a counter, they are the
+ * difference to `base`, which stands above.
+ */
+export function tickTexts(values: number[]): { base: number; texts: string[] } {
+  const [low = 0, next = low] = values;
+  const step = next - low;
+  const largest = Math.max(...values.map(Math.abs));
+  const base = step > 0 && largest / step > 1e4 ? low : 0;
+  return { base, texts: values.map((value) => (base === 0 ? "" : "+") + numberText(value - base)) };
 }
 
 /** Draws grid, axes, events and cursors. */
@@ -173,10 +195,11 @@ export function drawAxes(
   const { times, step } = timeTicks(view.start, view.span, width / 110);
   for (const time of times) {
     pen.line(x(time), TOP, x(time), bottom, palette.line);
-    if (x(time) < left + width - 20) {
+    if (x(time) < left + width - 20 && x(time) > DATE + 30) {
       pen.text(x(time), bottom + TRACK + 11, timeText(time, step), palette.faint, "center");
     }
   }
+  pen.text(4, bottom + TRACK + 11, dateText(view.start), palette.faint);
   const colour = (name: string) => curves.find((curve) => curve.name === name)!.colour;
   let across = true;
   for (const lane of lanes) {
@@ -188,14 +211,17 @@ export function drawAxes(
       pen.line(left, low + 4, left + width, low + 4, palette.line);
       continue;
     }
-    for (const value of ticks(lane.low, lane.high, lane.height / 38)) {
+    const values = ticks(lane.low, lane.high, lane.height / 38);
+    const { base, texts } = tickTexts(values);
+    for (const [i, value] of values.entries()) {
       const y = lane.top + ((lane.high - value) / (lane.high - lane.low)) * lane.height;
       if (across || lane.left === left) pen.line(across ? left : lane.left - 4, y, across ? left + width : lane.left, y, palette.line);
-      pen.text(lane.left - 6, y, numberText(value), palette.faint, "right");
+      pen.text(lane.left - 6, y, texts[i]!, palette.faint, "right");
     }
     pen.line(lane.left, lane.top, lane.left, low, palette.faint);
     const own = lane.names.length === 1 ? colour(lane.names[0]!) : palette.text;
-    pen.text(lane.left + 6, lane.top + 7, lane.title, own, "left", true);
+    const title = base === 0 ? lane.title : `${lane.title}  ${base} +`.trim();
+    pen.text(lane.left + 6, lane.top + 7, title, own, "left", true);
     across = lanes.every((other) => other.digital || other.left === lane.left);
   }
   pen.line(left, bottom, left + width, bottom, palette.faint);

@@ -109,7 +109,7 @@ export class Detail {
     for (const [curve, { amplitudes, step }] of found) {
       context.strokeStyle = curve.colour;
       context.lineWidth = 1.25;
-      context.setLineDash([]);
+      context.setLineDash(curve.dash);
       context.beginPath();
       // The greatest line of each column, so that no peak is lost.
       let column = -1;

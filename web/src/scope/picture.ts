@@ -1,6 +1,6 @@
 // The picture of the curves: which time it shows, and what of it is to be drawn.
 import { drawAxes, layOut, type Plot } from "./axes";
-import { drawColumns, drawPoints, eachColumn, type Grid, place, rowsOf, thickness } from "./draw";
+import { drawColumns, drawPoints, eachColumn, type Grid, isLeftOut, place, rowsOf, thickness } from "./draw";
 import type { Curve, Lane, Mark, Palette, View } from "./messages";
 import { CanvasPen, type Pen, SvgPen } from "./pen";
 import type { Ring } from "./ring";
@@ -19,6 +19,7 @@ export class Picture {
   marks: Mark[] = [];
   cursors: number[] = [];
   trigger: number | null = null;
+  hover: number | null = null;
   palette: Palette = {
     background: "#fff", text: "#222", faint: "#666", line: "#ddd", accent: "#06c",
     error: "#c00", warning: "#a60",
@@ -193,7 +194,10 @@ export class Picture {
         const shown = isNew ? (all ??= rowsOf(ring, grid)) : rows;
         for (const curve of this.curvesOf(lane.names)) {
           if (sparse && !lane.digital) drawPoints(context, ring, curve, lane, grid, left, ratio);
-          else drawColumns(context, ring, curve, lane, shown, isNew ? left : left + begin, ratio);
+          else {
+            const at = isNew ? 0 : begin;
+            drawColumns(context, ring, curve, lane, shown, grid.from + at, left + at, ratio);
+          }
           if (hasNames(curve)) this.readNames(curve.name, rows, grid.count, keeps ? shift : grid.count);
         }
       });
@@ -240,8 +244,16 @@ export class Picture {
     drawAxes(
       pen, this.plot, this.view, this.palette, this.curves, this.marks, this.cursors, this.trigger,
     );
+    this.drawHover(pen);
     this.drawGaps(pen);
     this.drawNames(pen);
+  }
+
+  private drawHover(pen: Pen): void {
+    const { start, span } = this.view;
+    if (this.hover === null || this.hover < start || this.hover > start + span) return;
+    const x = this.plot.left + ((this.hover - start) / span) * this.plot.width;
+    pen.line(x, 0, x, this.plot.bottom, this.palette.faint);
   }
 
   /** Columns without cycles, in the track of events. */
@@ -312,7 +324,8 @@ export class Picture {
     const pen = new SvgPen();
     pen.box(0, 0, this.width, this.height, this.palette.background);
     const { ratio } = this;
-    const rows = rowsOf(this.ring, this.grid());
+    const grid = this.grid();
+    const rows = rowsOf(this.ring, grid);
     const left = Math.round(this.plot.left * ratio);
     for (const lane of this.plot.lanes) {
       for (const curve of this.curvesOf(lane.names)) {
@@ -320,6 +333,7 @@ export class Picture {
         eachColumn(this.ring, curve.name, rows, (column, min, max) => {
           const a = place(lane, min * curve.scale + curve.offset, ratio);
           const b = place(lane, max * curve.scale + curve.offset, ratio);
+          if (isLeftOut(curve, grid.from + column, Math.abs(a - b), ratio)) return;
           parts.push(`M${left + column + 0.5} ${Math.min(a, b)}V${Math.max(a, b) + thickness(ratio)}`);
         });
         pen.path(parts.join(""), curve.colour, ratio);

@@ -1,5 +1,6 @@
 // The samples of the last minutes: blocks of rows, one row for each cycle; the oldest block goes.
 import type { Batch, Column, ColumnType } from "../protocol";
+import { type Bit, bitIn, bitOf } from "./bits";
 import { BLOCK, type Extent, OLD, Samples, VALID } from "./pyramid";
 
 /** Flags of a row. Cycles are missing before it. */
@@ -53,6 +54,9 @@ export class Ring {
   private run = 0;
   /** Whether rows that were there got more values. */
   amended = false;
+  /** Names of the signals that are kept; null: all. */
+  private wanted: Set<string> | null = null;
+  private bits = new Map<string, Bit>();
   private generation = -1;
   private lastOfGeneration = -1;
 
@@ -159,6 +163,18 @@ export class Ring {
     }
   }
 
+  /** Types of the signals from now on. What has another type is of another bus, and goes. */
+  setTypes(types: ReadonlyMap<string, ColumnType>): void {
+    this.types = types;
+    for (const block of this.blocks) {
+      for (const [name, samples] of block.columns) {
+        if ((types.get(name) ?? samples.type) === samples.type) continue;
+        this.bytes -= samples.bytes;
+        block.columns.delete(name);
+      }
+    }
+  }
+
   /** The connection is new: what comes may reach back. */
   restart(): void {
     this.generation = -1;
@@ -168,14 +184,28 @@ export class Ring {
     Object.assign(this, new Ring(this.limits, this.types));
   }
 
-  /** Forgets the signals that are not named. */
-  keep(names: Set<string>): void {
+  /** Keeps only these signals, which may be bits of others, now and from now on. */
+  keep(names: Iterable<string>): void {
+    this.bits = new Map();
+    this.wanted = new Set(names);
+    for (const name of [...this.wanted]) {
+      const bit = this.types.has(name) ? null : bitOf(name);
+      if (!bit || !this.types.has(bit.source)) continue;
+      this.bits.set(name, bit);
+      this.wanted.add(bit.source);
+    }
     for (const block of this.blocks) {
       for (const [name, samples] of block.columns) {
-        if (names.has(name)) continue;
+        if (this.wanted.has(name)) continue;
         this.bytes -= samples.bytes;
         block.columns.delete(name);
       }
+      const before = block.bytes;
+      for (const [name, bit] of this.bits) {
+        if (block.columns.has(name)) continue;
+        for (let at = 0; at < block.count; at++) fillBit(block, at, name, bit);
+      }
+      this.bytes += block.bytes - before;
     }
   }
 
@@ -205,6 +235,7 @@ export class Ring {
     block: Block, place: number, batch: Batch, at: number, old: Map<string, Set<number>>,
   ): void {
     for (const [name, column] of batch.columns) {
+      if (this.wanted?.has(name) === false) continue;
       let samples = block.columns.get(name);
       if (samples === undefined) {
         const type = this.types.get(name);
@@ -217,6 +248,7 @@ export class Ring {
         samples.set(place, value, value, flags);
       } else samples.set(place, column.min[at]!, column.max[at]!, flags);
     }
+    for (const [name, bit] of this.bits) fillBit(block, place, name, bit);
   }
 
   /** The row of a cycle, which is made if it is new; -1 if it is too old to be kept. */
@@ -276,6 +308,18 @@ export class Ring {
       this.base++;
     }
   }
+}
+
+/** Fills a bit from the signal that has it. */
+function fillBit(block: Block, at: number, name: string, { source, bit }: Bit): void {
+  const from = block.columns.get(source);
+  const flags = from?.flags[at] ?? 0;
+  if (!from || flags === 0) return;
+  let samples = block.columns.get(name);
+  if (!samples) block.columns.set(name, (samples = new Samples("uint8")));
+  if (samples.flags[at] !== 0) return;
+  const [low, high] = bitIn(from.values[at]!, (from.upper ?? from.values)[at]!, bit);
+  samples.set(at, low, high, flags);
 }
 
 function typeOf(values: Column): ColumnType {
