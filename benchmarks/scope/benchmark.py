@@ -32,7 +32,6 @@ SETTINGS = {
     "quick": {"minutes": 0.5, "seconds": 1.0, "spans": (10_000,)},
     "full": {"seconds": 30.0},
 }
-_SIZE = {"width": 2200, "height": 900}
 _SIGNALS = 20
 _PATIENCE = 120.0
 _WATCH = """() => {
@@ -134,7 +133,7 @@ def _page(address: str) -> Iterator[Any]:
         browser = playwright.chromium.launch(
             executable_path=shutil.which("chromium"), args=["--no-sandbox"]
         )
-        page = browser.new_page(viewport=_SIZE)
+        page = browser.new_page(viewport={"width": 2200, "height": 900})
         page.set_default_timeout(_PATIENCE * 1000)
         page.goto(address.partition("#")[0])  # without its token there is no bus yet
         page.evaluate(
@@ -195,11 +194,11 @@ def _script_ms(session: Any) -> float:
 
 def _drawing_thread() -> Path:
     """The worker of the page: the only one of this network namespace."""
-    here = os.stat("/proc/self/ns/net").st_ino
+    here = Path("/proc/self/ns/net").stat().st_ino
     for comm in Path("/proc").glob("[0-9]*/task/[0-9]*/comm"):
         try:
             is_worker = comm.read_text().startswith("DedicatedWorker")
-            if is_worker and os.stat(comm.parents[2] / "ns/net").st_ino == here:
+            if is_worker and (comm.parents[2] / "ns/net").stat().st_ino == here:
                 return comm.parent
         except OSError:
             continue  # it has ended

@@ -8,6 +8,9 @@ export const GAP = 1;
 /** It stands for several cycles, with the least and greatest value of each signal. */
 export const MINMAX = 2;
 
+/** ms by which times may go back without a step of the clock, as computers know them so well only. */
+const JITTER = 200;
+
 export class Block {
   count = 0;
   /** Cycles that are missing before its rows. */
@@ -273,11 +276,11 @@ export class Ring {
       this.bytes += this.block(row).bytes;
     }
     const block = this.block(row);
-    if (!empty && time + this.shift <= this.lastTime) {
+    if (!empty && time + this.shift < this.lastTime - JITTER) {
       this.shift = this.lastTime + 0.001 - time;
     }
     block.cycles[at] = cycle;
-    block.times[at] = time + this.shift;
+    block.times[at] = empty ? time : Math.max(time + this.shift, this.lastTime + 0.001);
     if (last !== cycle) {
       this.bytes += block.lastCycles ? 0 : BLOCK * 8;
       (block.lastCycles ??= new Float64Array(BLOCK))[at] = last;

@@ -99,6 +99,18 @@ test("gaps, old values, restarts of the daemon and clocks that go back are kept 
   assert.equal(ring.missing, 2);
 });
 
+test("times that jitter are put in order; a clock that is set back moves those that follow", () => {
+  const ring = new Ring(KEEP);
+  const at = (cycle: number, ms: number) => ring.take(batchOf([cycle], { a: Int8Array.of(1) }, { times: Float64Array.of(1.7e12 + ms) }));
+  at(1, 100);
+  at(2, 60);
+  at(3, 102);
+  assert.deepEqual([ring.time(1) - ring.time(0) < 0.01, ring.time(2), ring.shift], [true, 1.7e12 + 102, 0]);
+  at(4, -3_600_000);
+  at(5, -3_599_999);
+  assert.ok(Math.abs(ring.time(4) - ring.time(3) - 1) < 0.001 && ring.shift > 3.6e6);
+});
+
 test("a signal that is added later gets the history of rows that are there", () => {
   const ring = new Ring(KEEP);
   ring.take(batchOf([1, 2, 3, 4], { a: Int8Array.of(1, 2, 3, 4) }));

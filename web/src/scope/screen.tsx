@@ -201,11 +201,15 @@ interface Place {
 function ReadOut({ model, at }: { model: ScopeModel; at: Place }) {
   const hover = model.status.value?.hover;
   if (!hover) return null;
+  // Those of the lane under the pointer.
+  const names = model.status.value!.lanes
+    .filter(({ top, height }) => at.y >= top - 4 && at.y <= top + height + 4).flatMap((lane) => lane.names);
   const shown = model.curves.value.map((curve, i) => ({ curve, reading: hover.readings[i] }))
-    .filter(({ curve, reading }) => !curve.hidden && reading);
+    .filter(({ curve, reading }) => names.includes(curve.name) && reading);
   const rows = Math.max(1, Math.floor(at.height / 20) - 4);
   const style = {
-    top: "8px", ...(at.x < at.width / 2 ? { left: `${at.x + 14}px` } : { right: `${at.width - at.x + 14}px` }),
+    ...(at.y < at.height / 2 ? { top: `${at.y + 12}px` } : { bottom: `${at.height - at.y + 12}px` }),
+    ...(at.x < at.width / 2 ? { left: `${at.x + 14}px` } : { right: `${at.width - at.x + 14}px` }),
   };
   return (
     <div class="scope-read-out" role="tooltip" style={style}>
