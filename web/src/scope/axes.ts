@@ -47,7 +47,8 @@ export function layOut(
     GUTTER * (stacked ? 1 : Math.max(1, analog.length)), digital.length > 0 ? NAMES : 0,
   );
   const bottom = height - TIMES - TRACK;
-  const small = Math.min(DIGITAL, ((bottom - TOP) * 0.9) / Math.max(1, digital.length));
+  const most = (bottom - TOP) * (analog.length > 0 ? 0.5 : 0.9);
+  const small = Math.min(DIGITAL, most / Math.max(1, digital.length));
   const high = bottom - TOP - digital.length * small;
   const of = (axis: string) => before.find((lane) => lane.axis === axis);
   const lanes = analog.map(([axis, [...all]], i): Lane => {
@@ -207,7 +208,7 @@ export function drawAxes(
     if (lane.digital) {
       const text = lane.title.split("/").pop()!;
       pen.box(4, lane.top, 3, lane.height, colour(lane.names[0]!));
-      pen.text(left - 6, lane.top + lane.height / 2, shorten(text, 14), palette.text, "right");
+      pen.text(left - 6, lane.top + lane.height / 2, shorten(text, 13), palette.text, "right");
       pen.line(left, low + 4, left + width, low + 4, palette.line);
       continue;
     }

@@ -52,7 +52,7 @@ export function Legend({ model }: { model: ScopeModel }) {
   const hasCursors = a !== undefined && b !== undefined;
   if (curves.length === 0) return null;
   return (
-    <div class="scope-legend" tabIndex={0} role="region" aria-label="Signals of the scope">
+    <div class={hasCursors ? "scope-legend scope-with-cursors" : "scope-legend"} tabIndex={0} role="region" aria-label="Signals of the scope">
       <table>
         <thead>
           <tr>
@@ -69,30 +69,33 @@ export function Legend({ model }: { model: ScopeModel }) {
                 key={curve.name} class={curve.hidden ? "scope-off" : undefined}
                 onMouseEnter={() => model.emphasise(curve.name)} onMouseLeave={() => model.emphasise(null)}
               >
-                <th scope="row" title={curve.name}><Swatch curve={curve} /> {curve.label}</th>
+                <th scope="row" title={`${curve.label} (${curve.name})`}><Swatch curve={curve} /> <span class="scope-label"><bdi>{curve.label}</bdi></span></th>
                 <Values model={model} place={i} unit={curve.unit} hasCursors={hasCursors} />
                 <td class="scope-row">
-                  <button type="button" aria-pressed={curve.hidden} aria-label={`Hide ${curve.label}`} title="Hide" onClick={() => model.change(curve.name, { hidden: !curve.hidden })}>{curve.hidden ? "○" : "●"}</button>
-                  <button type="button" aria-pressed={entry.axis !== ""} aria-label={`Own axis for ${curve.label}`} title="Own axis" onClick={() => model.change(curve.name, { axis: entry.axis ? "" : `own ${curve.name}` })}>↕</button>
-                  {model.bitsOf(curve.name).length > 0 && !curve.digital && (
-                    <select
-                      aria-label={`Show a bit of ${curve.label}`} title="A lane for a bit" value=""
-                      onChange={(event) => {
-                        model.add(`${curve.name}.${event.currentTarget.value}`);
-                        event.currentTarget.value = "";
-                      }}
-                    >
-                      <option value="">bit</option>
-                      {model.bitsOf(curve.name).map((text, bit) => <option key={bit} value={bit}>{text === `Bit ${bit}` ? text : `${bit}: ${text}`}</option>)}
-                    </select>
-                  )}
-                  <label><span class="scope-hidden">Factor of {curve.label}</span>
-                    <input type="number" step="any" value={entry.gain} title="Factor" onChange={(event) => {
-                      const gain = Number(event.currentTarget.value);
-                      if (gain && Number.isFinite(gain)) model.change(curve.name, { gain });
-                    }} />
-                  </label>
-                  <button type="button" aria-label={`Remove ${curve.label}`} title="Remove" onClick={() => model.remove(curve.name)}>✕</button>
+                  <span class="scope-more" aria-hidden="true">⋯</span>
+                  <div class="scope-tools">
+                    <button type="button" aria-pressed={curve.hidden} aria-label={`Hide ${curve.label}`} title="Hide" onClick={() => model.change(curve.name, { hidden: !curve.hidden })}>{curve.hidden ? "○" : "●"}</button>
+                    <button type="button" aria-pressed={entry.axis !== ""} aria-label={`Own axis for ${curve.label}`} title="Own axis" onClick={() => model.change(curve.name, { axis: entry.axis ? "" : `own ${curve.name}` })}>↕</button>
+                    {model.bitsOf(curve.name).length > 0 && !curve.digital && (
+                      <select
+                        aria-label={`Show a bit of ${curve.label}`} title="A lane for a bit" value=""
+                        onChange={(event) => {
+                          model.add(`${curve.name}.${event.currentTarget.value}`);
+                          event.currentTarget.value = "";
+                        }}
+                      >
+                        <option value="">bit</option>
+                        {model.bitsOf(curve.name).map((text, bit) => <option key={bit} value={bit}>{text === `Bit ${bit}` ? text : `${bit}: ${text}`}</option>)}
+                      </select>
+                    )}
+                    <label><span class="scope-hidden">Factor of {curve.label}</span>
+                      <input type="number" step="any" value={entry.gain} title="Factor" onChange={(event) => {
+                        const gain = Number(event.currentTarget.value);
+                        if (gain && Number.isFinite(gain)) model.change(curve.name, { gain });
+                      }} />
+                    </label>
+                    <button type="button" aria-label={`Remove ${curve.label}`} title="Remove" onClick={() => model.remove(curve.name)}>✕</button>
+                  </div>
                 </td>
               </tr>
             );
