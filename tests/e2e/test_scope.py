@@ -238,7 +238,12 @@ def test_what_is_drawn_and_saved_is_what_is_recorded(
         assert len(both) > 300
         assert all(value == other for value, other in both)
     recorded = values_of(files[1])
-    same = [ours[cycle] == recorded[cycle] for cycle in ours if cycle in recorded]
+    same = [
+        value == recorded[cycle][title]
+        for cycle in ours.keys() & recorded.keys()
+        for title, value in ours[cycle].items()
+        if value is not None  # the second signal came later
+    ]
     assert len(same) > 300
     assert all(same)
 
