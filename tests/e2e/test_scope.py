@@ -40,7 +40,7 @@ SIGNAL = "3/0x7000:01"
 ANALOG = "4/0x6000:11"
 STATUSWORD = "0/0x6041:00"
 TITLE, ANALOG_TITLE = "3/Channel 1/Output", "4/AI Standard Channel 1/Value"
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
 
 READ_PIXELS = """([left, width]) => {
@@ -137,7 +137,7 @@ def save(page: Any, kind: str, tmp_path: Path) -> Path:
 
 def add(page: Any, name: str) -> None:
     box = page.get_by_role("combobox", name="Add a signal")
-    box.click()
+    box.focus()
     box.fill(name)
     box.press("Enter")
 
