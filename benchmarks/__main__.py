@@ -39,12 +39,21 @@ def main() -> int:
             facts = machine.describe()  # before a benchmark enters a network namespace
             facts["interruptions"] = interruptions.measure(extent)
             for name in [options.only] if options.only else SECTIONS:
+                if what := _missing(name):
+                    print(f"  {name} is left out: it needs {what}", file=sys.stderr, flush=True)
+                    continue
                 (folder / f"{name}.json").write_text(_as_json(_measure(name, extent, facts)))
         print(report.write(options.out))
         return 0
     except EcatError as error:
         print(f"benchmarks: {error}", file=sys.stderr)
         return error.exit_code
+
+
+def _missing(name: str) -> str:
+    """Returns what a benchmark needs that is not there, or nothing."""
+    module = import_module(f".{name}.benchmark", __package__)
+    return str(module.missing()) if hasattr(module, "missing") else ""
 
 
 def _measure(name: str, extent: str, facts: dict[str, Any]) -> dict[str, Any]:

@@ -165,12 +165,15 @@ def web(troll: Daemon) -> Iterator[Web]:
         yield found
 
 
-def test_a_page_sees_the_bus_and_changes_nothing(web: Web) -> None:
+def test_a_page_sees_the_bus_and_changes_nothing(troll: Daemon, web: Web) -> None:
     with web.open() as page:
         hello = page.of_type("hello")
         assert (hello["source"], hello["may"]) == ("bus", [])
         signals = page.of_type("signals")["signals"]
         assert len({signal["name"] for signal in signals}) == len(signals) > 100
+        with troll.client() as client:
+            paths = {signal.path for signal in client.signals() if signal.bit_length <= 64}
+        assert {signal["path"] for signal in signals} == paths
         link = page.of_type("link")
         assert link["up"], link
         page.of_type("events")

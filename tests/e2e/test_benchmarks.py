@@ -389,3 +389,14 @@ def test_files(tmp_path: Path) -> None:
         assert result["rates"][who]["write"] > 0
     assert result["cycles"] > 0
     assert "SOEM's rate" in page
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium")
+def test_scope(tmp_path: Path) -> None:
+    result, page = measured("scope", tmp_path)
+    assert result["rows"] >= 0.49 * 60_000
+    assert result["renderer"] in page
+    for case in result["cases"]:
+        assert 0 < case["least"] <= case["median"] <= case["p90"]
+        assert case["thread"] > 0
+        assert case["frames"] > 0

@@ -1,23 +1,29 @@
 """The scope of `ecatctl web`, in a browser on a live bus: what it draws is what is recorded."""
 
+import base64
 import csv
 import io
 import json
+import math
 import re
 import shutil
 import subprocess
 import sys
 import time
+from array import array
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import datetime
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
 import ecatd.web
 from conftest import Daemon
+from ecatd.web.batch import Cycles, Extremes
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="needs the package playwright")
 
@@ -31,6 +37,11 @@ pytestmark = [
 ]
 
 SIGNAL = "3/0x7000:01"
+ANALOG = "4/0x6000:11"
+STATUSWORD = "0/0x6041:00"
+TITLE, ANALOG_TITLE = "3/Channel 1/Output", "4/AI Standard Channel 1/Value"
+PATIENCE_S = 60.0
+AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
 
 READ_PIXELS = """([left, width]) => {
   const [curves] = document.querySelectorAll('.scope-screen canvas');
@@ -53,11 +64,19 @@ READ_PIXELS = """([left, width]) => {
 }"""
 
 
-@pytest.fixture
-def address(troll: Daemon) -> Iterator[str]:
-    """The address of the page, with its token."""
-    command = [sys.executable, "-m", "ecatd.cli", "web", "--no-browser", "--port", "0"]
-    server = subprocess.Popen(command, env=troll.env, text=True, stdout=subprocess.PIPE)
+@pytest.fixture(scope="module")
+def troll(start_shared: Callable[..., Daemon], tmp_path_factory: pytest.TempPathFactory) -> Daemon:
+    """A bus that records incidents."""
+    folder = tmp_path_factory.mktemp("incidents")
+    recorder = f'[flight_recorder]\nfolder = "{folder}"\nbefore_s = 2\nafter_s = 0.1\n'
+    return start_shared("troll", config=f"[gateway]\nlisten = []\n{recorder}")
+
+
+@contextmanager
+def serving(env: dict[str, str], *arguments: str) -> Iterator[str]:
+    """Runs `ecatctl web`, and yields the address of the page, with its token."""
+    command = [sys.executable, "-m", "ecatd.cli", "web", *arguments, "--no-browser", "--port", "0"]
+    server = subprocess.Popen(command, env=env, text=True, stdout=subprocess.PIPE)
     try:
         assert server.stdout is not None
         lines = iter(server.stdout.readline, "")
@@ -67,25 +86,39 @@ def address(troll: Daemon) -> Iterator[str]:
         server.communicate(timeout=20)
 
 
-@pytest.fixture
-def page(address: str) -> Iterator[Any]:
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1280, "height": 800}, accept_downloads=True)
-        page.set_default_timeout(15_000)
-        wrong: list[str] = []
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.goto(address)
-        yield page
+        yield browser
         browser.close()
-        assert wrong == []
+
+
+@contextmanager
+def shown(browser: Any, address: str, **more: Any) -> Iterator[Any]:
+    """A page, of which nothing may break."""
+    size = {"width": 1280, "height": 800}
+    page = browser.new_page(viewport=size, accept_downloads=True, **more)
+    page.set_default_timeout(PATIENCE_S * 1000)
+    wrong: list[str] = []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.goto(address)
+    yield page
+    page.close()
+    assert wrong == []
+
+
+@pytest.fixture
+def page(browser: Any, troll: Daemon) -> Iterator[Any]:
+    with serving(troll.env) as address, shown(browser, address) as page:
+        yield page
 
 
 def status(page: Any) -> dict[str, Any]:
     return json.loads(page.locator(".scope-status").get_attribute("data-view"))
 
 
-def until(condition: Callable[[], Any], seconds: float = 20) -> Any:
+def until(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> Any:
     end = time.monotonic() + seconds
     while not (found := condition()):
         assert time.monotonic() < end
@@ -104,7 +137,7 @@ def save(page: Any, kind: str, tmp_path: Path) -> Path:
 
 def add(page: Any, name: str) -> None:
     box = page.get_by_role("combobox", name="Add a signal")
-    box.click()
+    box.focus()
     box.fill(name)
     box.press("Enter")
 
@@ -155,85 +188,347 @@ def compare_pixels(page: Any, rows: list[tuple[int, float, float]]) -> int:
     return compared
 
 
-def test_what_is_drawn_is_what_is_recorded(troll: Daemon, page: Any, tmp_path: Path) -> None:
+def rows_of(text: str, title: str) -> list[tuple[int, float, float]]:
+    """Number, Unix time in ms and value of the cycles of a CSV file."""
+    table = list(csv.reader(io.StringIO(text)))
+    at = table[0].index(title)
+    return [(int(row[1]), when(row[-1]), float(row[at])) for row in table[1:] if row[at] != ""]
+
+
+def values_of(file: Path) -> dict[int, dict[str, Any]]:
+    """The values of each cycle of an MCAP file."""
     from mcap.reader import make_reader
 
-    recorded = tmp_path / "run.csv"
-    record = subprocess.Popen(
-        [sys.executable, "-m", "ecatd.cli", "record", SIGNAL, "-o", str(recorded), "--for", "600"],
-        env=troll.env,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-    )
+    with file.open("rb") as stream:
+        messages = [json.loads(m.data) for _, _, m in make_reader(stream).iter_messages()]
+    return {message["cycle"]: message["values"] for message in messages}
+
+
+def test_what_is_drawn_and_saved_is_what_is_recorded(
+    troll: Daemon, browser: Any, page: Any, tmp_path: Path
+) -> None:
+    files = [tmp_path / "run.csv", tmp_path / "run.mcap"]
+    command = [sys.executable, "-m", "ecatd.cli", "record", SIGNAL, ANALOG, "--for", "600", "-o"]
+    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    records = [subprocess.Popen([*command, file], env=troll.env, **piped) for file in files]
     try:
         added_ms = 1000 * time.time()
         add(page, SIGNAL)
+        add(page, ANALOG)
+        factor = page.get_by_role("spinbutton", name=re.compile("Factor of EL3008"))
+        factor.fill("10")  # of the picture; files do not have it
+        factor.press("Tab")
         until(lambda: page.locator(".scope-status").get_attribute("data-view"))
         until(lambda: status(page)["rows"] > 300)
         assert status(page)["first"] < added_ms  # it begins with its last seconds
         peaks(troll, 4)
-        page.get_by_role("button", name="Live").click()
+        page.get_by_role("application").focus()
+        page.keyboard.press("ArrowLeft")  # it stands still, so that all files have the same
         page.wait_for_timeout(300)
         exported = save(page, "csv", tmp_path).read_text()
+        ours = values_of(save(page, "mcap", tmp_path))
     finally:
-        record.terminate()
-        print(record.communicate(timeout=30)[0])
-    rows = [
-        (int(row["cycle"]), when(row["utc"]), float(next(v for k, v in row.items() if SIGNAL in k)))
-        for row in csv.DictReader(io.StringIO(exported))
+        for record in records:
+            record.terminate()
+        for record in records:
+            print(record.communicate(timeout=30)[0])
+    theirs_csv = files[0].read_text()
+    assert exported.splitlines()[0] == theirs_csv.splitlines()[0]
+    for title in (TITLE, f"{ANALOG_TITLE} [V]"):
+        theirs = {cycle: value for cycle, _, value in rows_of(theirs_csv, title)}
+        both = [(v, theirs[cycle]) for cycle, _, v in rows_of(exported, title) if cycle in theirs]
+        assert len(both) > 300
+        assert all(value == other for value, other in both)
+    recorded = values_of(files[1])
+    same = [
+        value == recorded[cycle][title]
+        for cycle in ours.keys() & recorded.keys()
+        for title, value in ours[cycle].items()
+        if value is not None  # the second signal came later
     ]
-    with recorded.open(newline="") as lines:
-        theirs = {int(row[1]): float(row[2]) for row in list(csv.reader(lines))[1:]}
-    both = [(value, theirs[cycle]) for cycle, _, value in rows if cycle in theirs]
-    assert len(both) > 300
-    assert all(ours == other for ours, other in both)
+    assert len(same) > 300
+    assert all(same)
+
+    rows = rows_of(exported, TITLE)
     assert {value for _, _, value in rows} == {0, 1}
+    page.get_by_role("button", name=re.compile("Remove EL3008")).click()
     assert compare_pixels(page, rows) > 100
-    # Every peak stays, also where a column stands for many cycles.
+    # The same in a window of which each column has few cycles, and every peak of one that has all.
     page.get_by_role("application").focus()
-    for _ in range(8):
+    for _ in range(4):
+        page.keyboard.press("+")
+    assert compare_pixels(page, rows) > 30
+    for _ in range(12):
         page.keyboard.press("-")
     page.wait_for_timeout(400)
     seen = status(page)
     columns = page.evaluate(READ_PIXELS, [round(seen["left"]), round(seen["width"])])
     tops = [top for top, _ in columns if top >= 0]
     assert max(tops) - min(tops) > seen["lanes"][0]["height"] / 2
-
-    page.get_by_role("button", name="Cursors").click()
-    until(lambda: len(status(page)["cycles"]) == 2)
-    before = page.evaluate("document.querySelector('.scope-delta').textContent")
-    assert "Δt" in before
-    assert "cycles" in before
-
-    with save(page, "mcap", tmp_path).open("rb") as stream:
-        messages = [json.loads(m.data) for _, _, m in make_reader(stream).iter_messages()]
-    ours = {cycle: value for cycle, _, value in rows}
-    same = [m["values"][SIGNAL] == ours[m["cycle"]] for m in messages if m["cycle"] in ours]
-    assert len(same) > 300
-    assert all(same)
-    assert save(page, "svg", tmp_path).read_text().startswith("<svg ")
+    picture = save(page, "svg", tmp_path)
+    assert ElementTree.parse(picture).getroot().tag.endswith("svg")
     assert save(page, "png", tmp_path).read_bytes().startswith(b"\x89PNG")
 
-    # A trigger shows the cycle that fulfils it, with what came before.
-    page.get_by_role("button", name="Cursors").click()
+    # A file in the same scope, without a daemon, has the same values.
+    with serving(troll.env, str(files[1])) as address, shown(browser, address) as other:
+        add(other, TITLE)
+        until(lambda: "The whole file" in other.locator(".scope-status").inner_text())
+        until(lambda: status(other)["rows"] == len(recorded))
+        other.get_by_label("Format of the file").select_option("mcap")
+        with other.expect_download() as download:
+            other.get_by_role("button", name="of all").click()
+        download.value.save_as(tmp_path / "all.mcap")
+        check_extremes(other, recorded, tmp_path)
+    again = values_of(tmp_path / "all.mcap")
+    assert again.keys() == recorded.keys()
+    assert all(again[cycle][TITLE] == recorded[cycle][TITLE] for cycle in again)
+
+
+def check_extremes(page: Any, recorded: dict[int, Any], tmp_path: Path) -> None:
+    """What a slow page gets is drawn, and said; cycles that are missing before it are, too."""
+    last, end_ms = max(recorded), status(page)["last"]
+    numbers = array("d", [last + 101 + i for i in range(5000)])
+    times = array("d", [end_ms + 101 + i for i in range(5000)])
+    values = array("d", [float(i % 1000 == 500) for i in range(5000)])
+    extremes = Extremes([TITLE])
+    extremes.add(Cycles(numbers, times, {TITLE: values}, {TITLE: "float64"}, {}, lost=False))
+    missing = status(page)["missing"]
+    (worker,) = page.workers
+    worker.evaluate(
+        """text => {
+            const data = Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
+            self.onmessage({data: {do: "batch", data}});
+        }""",
+        base64.b64encode(extremes.pack(generation=1)).decode(),
+    )
+    until(lambda: status(page)["minmax"])
+    said = page.locator(".scope-warning").inner_text()
+    assert "No peak is lost" in said
+    assert status(page)["missing"] == missing + 100
+    assert f"{missing + 100} cycles are missing" in said
+    start = end_ms + 100
+    worker.evaluate(
+        "start => self.onmessage({data: {do: 'window', start, span: 5200}})",
+        start,
+    )
+    until(lambda: abs(status(page)["view"]["start"] - start) < 20)
+    page.wait_for_timeout(400)
+    seen = status(page)
+    columns = page.evaluate(READ_PIXELS, [round(seen["left"]), round(seen["width"])])
+    (lane,) = seen["lanes"]
+    tall = [x for x, (top, bottom) in enumerate(columns) if bottom - top > lane["height"] * 0.6]
+    peaks = {round((x + 0.5) / seen["width"] * 5200 / 1000 - 0.5) for x in tall}
+    assert peaks == {0, 1, 2, 3, 4}
+    assert "least value of cycles" in save(page, "csv", tmp_path).read_text()
+
+
+def test_an_incident_opens_in_the_scope_with_its_events(
+    troll: Daemon, browser: Any, tmp_path: Path
+) -> None:
+    file = tmp_path / "incident.mcap"
+    troll.ctl("incident", "record")
+    troll.ctl("incident", "export", "last", "-o", str(file))
+    with serving(troll.env, str(file)) as address, shown(browser, address) as page:
+        add(page, ANALOG)
+        until(lambda: "The whole file" in page.locator(".scope-status").inner_text())
+        until(lambda: status(page)["rows"] > 100)
+        exported = save(page, "csv", tmp_path).read_text()
+    values = [value for _, _, value in rows_of(exported, f"{ANALOG_TITLE} [V]")]
+    assert len(values) > 100
+    assert max(values) > min(values)
+
+
+def test_triggers_show_the_cycle_that_fulfils_them(
+    troll: Daemon, page: Any, tmp_path: Path
+) -> None:
+    add(page, SIGNAL)
+    until(lambda: page.locator(".scope-status").get_attribute("data-view"))
+    until(lambda: status(page)["rows"] > 300)
     page.get_by_role("combobox", name="Window").first.select_option("1000")
     page.get_by_role("button", name="Trigger").click()
     trigger = page.get_by_role("group", name="Trigger")
-    trigger.get_by_role("spinbutton", name="Level").fill("0.5")
-    trigger.get_by_role("spinbutton", name="Level").press("Tab")
+    level = trigger.get_by_role("spinbutton", name="Level")
+    level.fill("0.5")
+    level.press("Tab")
+    trigger.get_by_role("slider").fill("0.25")
     trigger.get_by_role("combobox", name="Mode").select_option("single")
     until(lambda: status(page)["trigger"] == "waits")
     page.wait_for_timeout(700)
     peaks(troll, 1)
     until(lambda: status(page)["trigger"] == "holds")
     page.wait_for_timeout(300)
-    seen = status(page)
-    columns = page.evaluate(READ_PIXELS, [round(seen["left"]), round(seen["width"])])
-    high = min(top for top, _ in columns if top >= 0)
-    places = [x for x, (top, _) in enumerate(columns) if top == high]
-    assert abs(places[0] / seen["width"] - 0.5) < 0.01
-    rows_before = status(page)["rows"]
-    until(lambda: status(page)["rows"] > rows_before)  # it goes on recording
+    view = status(page)["view"]
+    rows = rows_of(save(page, "csv", tmp_path).read_text(), TITLE)
+    fired = next(time_ms for _, time_ms, value in rows if value == 1)
+    column = view["span"] / status(page)["width"]
+    assert abs(fired - view["start"] - 0.25 * view["span"]) <= column + 0.002
+    assert {value for _, time_ms, value in rows if time_ms < fired} == {0}
+    before = status(page)["rows"]
+    until(lambda: status(page)["rows"] > before)  # it goes on recording
+
+    # An event of the bus.
+    trigger.get_by_role("combobox", name="Trigger").select_option("event")
+    until(lambda: status(page)["trigger"] == "waits")
+    troll.ctl("incident", "record")
+    until(lambda: status(page)["trigger"] == "holds")
+    # Without any trigger "auto" shows what comes; "normal" keeps the picture.
+    trigger.get_by_role("combobox", name="Trigger").select_option("level")
+    level.fill("7")
+    level.press("Tab")
+    trigger.get_by_role("combobox", name="Mode").select_option("normal")
+    until(lambda: status(page)["trigger"] == "waits")
+    still = status(page)["view"]
+    page.wait_for_timeout(2500)
+    assert status(page)["view"]["start"] == still["start"]
+    trigger.get_by_role("combobox", name="Mode").select_option("auto")
+    until(lambda: status(page)["view"]["live"])
+
+
+def touch(page: Any, *steps: list[tuple[float, float]]) -> None:
+    """Puts fingers at places of the curves, moves them, and takes them away."""
+    box = page.locator(".scope-screen").bounding_box()
+    session = page.context.new_cdp_session(page)
+    for number, step in enumerate(steps):
+        points = [
+            {"x": box["x"] + x * box["width"], "y": box["y"] + y * box["height"], "id": finger}
+            for finger, (x, y) in enumerate(step)
+        ]
+        kind = "touchMove" if number else "touchStart"
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+        page.wait_for_timeout(60)
+    session.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    session.detach()
+    page.wait_for_timeout(300)
+
+
+def open_layout(page: Any, text: str) -> None:
+    file = {"name": "layout.json", "mimeType": "application/json", "buffer": text.encode()}
+    page.locator(".scope-open input").set_input_files(file)
+
+
+def test_what_people_do_with_the_scope(troll: Daemon, browser: Any, tmp_path: Path) -> None:
+    with (
+        serving(troll.env) as address,
+        shown(browser, address, has_touch=True, bypass_csp=True) as page,
+    ):
+        page.locator('[role="treeitem"][data-slave="4"]').click()
+        page.get_by_role("tab", name="Now").click()
+        page.locator(f'[data-signal="{ANALOG}"]').drag_to(page.locator(".scope-screen"))
+        notice = page.locator(".scope-warning")
+        add(page, STATUSWORD)
+        until(lambda: page.locator(".scope-status").get_attribute("data-view"))
+        until(lambda: status(page)["rows"] > 2000)
+
+        # A bit has a lane, also of what was recorded before.
+        page.get_by_label("Show a bit of Gold EtherCAT GCON Drive/Status word").select_option("6")
+        lane = until(lambda: next((it for it in status(page)["lanes"] if it["digital"]), None))
+        assert lane["title"].endswith("Switch on disabled")
+        until(lambda: status(page)["readings"][2][0]["value"] == 1)
+
+        # Fingers move and zoom; it goes on recording meanwhile.
+        begin = status(page)["view"]
+        assert begin["live"]
+        touch(page, [(0.5, 0.5)], [(0.6, 0.5)], [(0.7, 0.5)])
+        moved = status(page)["view"]
+        assert not moved["live"]
+        assert moved["start"] < begin["start"] + 5000
+        touch(page, [(0.5, 0.5), (0.6, 0.5)], [(0.4, 0.5), (0.7, 0.5)], [(0.3, 0.5), (0.8, 0.5)])
+        zoomed = status(page)["view"]
+        assert zoomed["span"] < moved["span"] / 2
+        page.get_by_role("combobox", name="Window").first.select_option("1000")
+        page.get_by_role("application").focus()
+        page.keyboard.press("PageUp")
+
+        # What is under the pointer is read out.
+        box = page.locator(".scope-screen").bounding_box()
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 40)
+        read_out = page.locator(".scope-read-out")
+        read_out.wait_for()
+        hover = until(lambda: status(page)["hover"])
+        assert f"cycle {hover['cycle']}" in read_out.inner_text()
+        page.mouse.move(2, 2)
+        until(lambda: read_out.count() == 0)
+
+        # Cursors move by cycles.
+        page.keyboard.press("c")
+        first = until(lambda: status(page)["cycles"])
+        page.keyboard.press(".")
+        page.keyboard.press(".")
+        page.keyboard.press("m")
+        until(lambda: status(page)["cycles"] != first)
+        page.wait_for_timeout(500)
+        exported = save(page, "csv", tmp_path).read_text()
+        rows = rows_of(exported, f"{ANALOG_TITLE} [V]")
+        numbers = [cycle for cycle, _, _ in rows]
+        a, b = status(page)["cycles"]
+        assert numbers.index(a) - numbers.index(first[0]) == 2
+        assert numbers.index(first[1]) - numbers.index(b) == 1
+        at_a = status(page)["readings"][0][1]["value"]
+        assert at_a == pytest.approx(next(v for cycle, _, v in rows if cycle == a))
+        assert re.search(r"Δt .* ms .* cycles", page.locator(".scope-delta").inner_text())
+        page.get_by_role("application").focus()
+        page.keyboard.press("c")
+        until(lambda: status(page)["cycles"] == [])
+
+        # The spectrum is that of the samples.
+        page.get_by_role("button", name="Spectrum").click()
+        panel = page.get_by_role("group", name="Spectrum")
+        panel.get_by_role("cell").first.wait_for()
+        page.wait_for_timeout(800)
+        text = panel.get_by_role("row").first.inner_text()
+        amplitude = float(text.split()[-1])
+        assert amplitude == pytest.approx(greatest_amplitude(rows), rel=1e-3)
+        page.get_by_role("button", name="XY").click()
+        page.get_by_role("button", name="Statistics").click()
+        statistics = page.get_by_role("region", name="Statistics")
+        until(lambda: str(len(rows)) in statistics.inner_text())
+        assert f"{max(v for _, _, v in rows):.4f}"[:6] in statistics.inner_text()
+
+        # A layout is a file; a wrong one says what is wrong.
+        with page.expect_download() as download:
+            page.get_by_role("button", name="Save layout").click()
+        download.value.save_as(tmp_path / "layout.json")
+        layout = json.loads((tmp_path / "layout.json").read_text())
+        names = [entry["name"] for entry in layout["signals"]]
+        assert names == [ANALOG, STATUSWORD, f"{STATUSWORD}.6"]
+        open_layout(page, '{"format": "a shopping list"}')
+        until(lambda: "no layout" in notice.inner_text())
+        assert page.locator(".scope-legend tbody tr").count() == 3
+        other = {**layout, "signals": [layout["signals"][0], {"name": "77/0x6000:01"}]}
+        open_layout(page, json.dumps(other))
+        until(lambda: "This bus has no 77/0x6000:01" in notice.inner_text())
+        assert page.locator(".scope-legend tbody tr").count() == 1
+        open_layout(page, json.dumps(layout))
+        until(lambda: page.locator(".scope-legend tbody tr").count() == 3)
+
+        page.get_by_role("button", name="Trigger").click()
+        if AXE.exists():
+            page.add_script_tag(path=str(AXE))
+            for theme in ("light", "dark"):
+                page.evaluate("theme => { document.documentElement.dataset.theme = theme }", theme)
+                page.wait_for_timeout(300)
+                found = page.evaluate("axe.run('.scope')")["violations"]
+                serious = [it["id"] for it in found if it["impact"] in ("serious", "critical")]
+                assert serious == [], theme
+
+
+def greatest_amplitude(rows: list[tuple[int, float, float]]) -> float:
+    """The amplitude of the greatest line but the mean, with a Hann window."""
+    numpy = pytest.importorskip("numpy")
+    last = rows[-1][0]
+    count = 2 ** math.floor(math.log2(last - rows[0][0] + 1))
+    known = dict.fromkeys(range(last - count + 1, last + 1))
+    value = rows[0][2]
+    by_cycle = {cycle: each for cycle, _, each in rows}
+    for cycle in range(rows[0][0], last + 1):
+        value = by_cycle.get(cycle, value)
+        if cycle in known:
+            known[cycle] = value
+    samples = numpy.array([*known.values()], dtype=float)
+    window = numpy.hanning(count + 1)[:-1]
+    lines = numpy.abs(numpy.fft.rfft((samples - samples.mean()) * window)) * 2 / window.sum()
+    found: float = lines[1:-1].max()
+    return found
 
 
 def when(text: str) -> float:

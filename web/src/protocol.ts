@@ -17,6 +17,8 @@ export interface Signal {
   name: string;
   /** For people: names of the slave and of the entry. */
   label: string;
+  /** SLAVE/ENTRY, as `ecatctl record` calls it. */
+  path: string;
   slave: number;
   address: string;
   output: boolean;

@@ -152,6 +152,7 @@ class RecordedIncident:
             signals[name] = {
                 **_DEFAULTS,
                 "label": item["name"],
+                "path": item["name"],
                 "bits": _bits(item["type"]),
                 **{key: described[key] for key in _BY_DESCRIPTION if key in described},
                 **{key: item[key] for key in _BY_FILE},

@@ -63,6 +63,7 @@ def _describe(column: str, unit: str) -> dict[str, Any]:
     return {
         "name": f"{place.slave}/{address}" if place else column,
         "label": f"{place.slave}/{place.label}" if place else column,
+        "path": column,
         "slave": int(slave) if slave.isdigit() else -1,
         "address": address,
         "output": False,

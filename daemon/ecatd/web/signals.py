@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 from ecatd.description.bus import Bus
-from ecatd.etg.pdo import Entry
+from ecatd.etg.pdo import Entry, Pdo
 from ecatd.operations.traces import column_type
 
 
@@ -18,10 +19,11 @@ def describe_signals(bus: Bus) -> list[dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
     for slave in bus.slaves:
         who = slave.given_name or slave.name or str(slave.position)
-        pdos = (*slave.outputs, *slave.inputs)
-        count = Counter(entry.name for pdo in pdos for entry in pdo.entries)
+        mapped = [it[:2] for outputs in (True, False) for it in slave.entries(outputs=outputs)]
+        count = Counter(entry.name for _, entry in mapped)
+        paths = Counter(path for pdo, entry in mapped for path in _paths(pdo, entry))
         for outputs in (True, False):
-            for _, entry, _ in slave.entries(outputs=outputs):
+            for pdo, entry, _ in slave.entries(outputs=outputs):
                 if entry.bit_length > 64:
                     continue  # no number
                 name, number = f"{slave.position}/{entry.address}", 1
@@ -31,6 +33,14 @@ def describe_signals(bus: Bus) -> list[dict[str, Any]]:
                 found[name] = {
                     "name": name,
                     "label": f"{who}/{_label(entry, count[entry.name] == 1)}",
+                    "path": next(
+                        (
+                            f"{slave.position}/{path}"
+                            for path in _paths(pdo, entry)
+                            if paths[path] == 1
+                        ),
+                        name,
+                    ),
                     "slave": slave.position,
                     "address": entry.address,
                     "output": outputs,
@@ -44,6 +54,14 @@ def describe_signals(bus: Bus) -> list[dict[str, Any]]:
                     "values": {str(value.number): value.name for value in entry.values},
                 }
     return [*found.values()]
+
+
+def _paths(pdo: Pdo, entry: Entry) -> Iterator[str]:
+    """How people may call an entry of a slave, as `Signal.path` of the client does."""
+    if entry.name:
+        yield entry.name
+        if pdo.name:
+            yield f"{pdo.name}/{entry.name}"
 
 
 def _label(entry: Entry, is_unique: bool) -> str:

@@ -5,6 +5,8 @@ import { Extent } from "./pyramid";
 import type { Ring } from "./ring";
 
 const GUTTER = 58;
+/** The same where lanes have names there. */
+const NAMES = 104;
 const RIGHT = 10;
 const TOP = 8;
 const GAP = 12;
@@ -12,6 +14,8 @@ const DIGITAL = 30;
 /** Room below the lanes for the track of events and the times. */
 export const TRACK = 14;
 const TIMES = 22;
+/** Width of the date at the lower left corner. */
+const DATE = 66;
 
 export interface Plot {
   left: number;
@@ -21,11 +25,15 @@ export interface Plot {
   lanes: Lane[];
 }
 
-/** Lays the lanes out; their values come from `limits`, from before, or from the window's rows. */
+/**
+ * Lays the lanes out; their values come from `limits`, from `before`, or from the window's rows.
+ *
+ * @param grows Whether the rows are only those that are new since `before`, so axes do not shrink.
+ */
 export function layOut(
   curves: Curve[], stacked: boolean, width: number, height: number,
   limits: Record<string, [number, number]>, before: Lane[],
-  ring: Ring, from: number, to: number,
+  ring: Ring, from: number, to: number, grows: boolean,
 ): Plot {
   const groups = new Map<string, Curve[]>();
   for (const curve of curves) {
@@ -35,32 +43,37 @@ export function layOut(
   }
   const analog = [...groups].filter(([, [first]]) => !first!.digital);
   const digital = [...groups].filter(([, [first]]) => first!.digital);
-  const left = GUTTER * (stacked ? 1 : Math.max(1, analog.length));
+  const left = Math.max(
+    GUTTER * (stacked ? 1 : Math.max(1, analog.length)), digital.length > 0 ? NAMES : 0,
+  );
   const bottom = height - TIMES - TRACK;
-  const small = Math.min(DIGITAL, ((bottom - TOP) * 0.9) / Math.max(1, digital.length));
+  const most = (bottom - TOP) * (analog.length > 0 ? 0.5 : 0.9);
+  const small = Math.min(DIGITAL, most / Math.max(1, digital.length));
   const high = bottom - TOP - digital.length * small;
+  const of = (axis: string) => before.find((lane) => lane.axis === axis);
   const lanes = analog.map(([axis, [...all]], i): Lane => {
     const each = stacked ? (high - GAP * (analog.length - 1)) / analog.length : high - 4;
-    const old = before.find((lane) => lane.axis === axis);
     return {
       axis, title: all[0]!.unit || (all.length === 1 ? all[0]!.label : ""), digital: false,
       names: all.map((curve) => curve.name),
-      left: stacked ? left : GUTTER * (i + 1), top: TOP + (stacked ? i * (each + GAP) : 0),
+      left: stacked ? left : left - GUTTER * (analog.length - 1 - i),
+      top: TOP + (stacked ? i * (each + GAP) : 0),
       height: Math.max(10, each - (digital.length && stacked ? 4 : 0)),
       ...(limits[axis]
         ? { low: limits[axis][0], high: limits[axis][1] }
-        : automatic(all, old, ring, from, to)),
+        : automatic(range(all, ring, from, to), of(axis), grows)),
     };
   });
   digital.forEach(([axis, [curve]], i) => {
     const keys = Object.keys(curve!.values).map(Number);
     const values = keys.map((key) => key * curve!.scale + curve!.offset);
-    const range = automatic([curve!], before.find((lane) => lane.axis === axis), ring, from, to);
-    const low = Math.min(range.low + 0.1, 0, ...values);
-    const top = Math.max(range.high - 0.1, 1, ...values);
+    const old = grows ? of(axis) : undefined;
+    const ends = [0, 1, ...values, ...range([curve!], ring, from, to), old?.low ?? 0, old?.high ?? 1];
+    const known = ends.filter(Number.isFinite);
     lanes.push({
       axis, title: curve!.label, digital: true, names: [curve!.name], left,
-      top: TOP + high + i * small + 5, height: small - 9, low, high: top,
+      top: TOP + high + i * small + small / 6, height: Math.max(2, small * 0.7),
+      low: Math.min(...known), high: Math.max(...known),
     });
   });
   return { left, width: Math.max(1, width - left - RIGHT), bottom, lanes };
@@ -81,17 +94,26 @@ function range(curves: Curve[], ring: Ring, from: number, to: number): [number, 
   return [low, high];
 }
 
-/** Values of an axis with some room; as before while the curves fill at least half of it. */
+/**
+ * Values of an axis with some room; as before while the curves fill about half of it. Where they
+ * leave it they get more room, so that they do not leave it again with the next picture.
+ */
 function automatic(
-  curves: Curve[], before: Lane | undefined, ring: Ring, from: number, to: number,
+  [low, high]: [number, number], before: Lane | undefined, grows: boolean,
 ): { low: number; high: number } {
-  const [low, high] = range(curves, ring, from, to);
   if (low > high) return before ?? { low: 0, high: 1 };
   if (before && low >= before.low && high <= before.high) {
     const filled = (high - low) / (before.high - before.low);
-    if (filled > 0.45 || (low === high && before.high - before.low < 4 * room(low))) {
+    if (grows || filled > 0.45 || (low === high && before.high - before.low < 4 * room(low))) {
       return { low: before.low, high: before.high };
     }
+  }
+  if (before && grows) {
+    const much = (Math.max(high, before.high) - Math.min(low, before.low)) * 0.25;
+    return {
+      low: low < before.low ? low - much : before.low,
+      high: high > before.high ? high + much : before.high,
+    };
   }
   const more = low === high ? room(low) : (high - low) * 0.08;
   return { low: low - more, high: high + more };
@@ -138,10 +160,30 @@ export function timeText(time: number, step: number): string {
   return `${whole}.${ms!.padStart(3, "0").slice(0, Math.min(3, digits))}${micro ?? ""}`;
 }
 
+function dateText(time: number): string {
+  const date = new Date(time);
+  const two = (value: number) => String(value).padStart(2, "0");
+  return `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())}`;
+}
+
 export function numberText(value: number): string {
   const size = Math.abs(value);
-  if (size !== 0 && (size >= 1e7 || size < 1e-4)) return value.toExponential(2).replace("e+", "e");
-  return String(Number(value.toPrecision(6)));
+  if (Number.isFinite(value) && size !== 0 && (size >= 1e7 || size < 1e-4)) {
+    return value.toExponential(2).replace("e+", "e");
+  }
+  return Number.isFinite(value) ? String(Number(value.toPrecision(6))) : String(value);
+}
+
+/**
+ * Texts of ticks. Where only their last digits differ, such as those of a counter, they are the
+ * difference to `base`, which stands above.
+ */
+export function tickTexts(values: number[]): { base: number; texts: string[] } {
+  const [low = 0, next = low] = values;
+  const step = next - low;
+  const largest = Math.max(...values.map(Math.abs));
+  const base = step > 0 && largest / step > 1e4 ? low : 0;
+  return { base, texts: values.map((value) => (base === 0 ? "" : "+") + numberText(value - base)) };
 }
 
 /** Draws grid, axes, events and cursors. */
@@ -154,10 +196,11 @@ export function drawAxes(
   const { times, step } = timeTicks(view.start, view.span, width / 110);
   for (const time of times) {
     pen.line(x(time), TOP, x(time), bottom, palette.line);
-    if (x(time) < left + width - 20) {
+    if (x(time) < left + width - 20 && x(time) > DATE + 30) {
       pen.text(x(time), bottom + TRACK + 11, timeText(time, step), palette.faint, "center");
     }
   }
+  pen.text(4, bottom + TRACK + 11, dateText(view.start), palette.faint);
   const colour = (name: string) => curves.find((curve) => curve.name === name)!.colour;
   let across = true;
   for (const lane of lanes) {
@@ -165,18 +208,21 @@ export function drawAxes(
     if (lane.digital) {
       const text = lane.title.split("/").pop()!;
       pen.box(4, lane.top, 3, lane.height, colour(lane.names[0]!));
-      pen.text(left - 6, lane.top + lane.height / 2, shorten(text, 8), palette.text, "right");
+      pen.text(left - 6, lane.top + lane.height / 2, shorten(text, 13), palette.text, "right");
       pen.line(left, low + 4, left + width, low + 4, palette.line);
       continue;
     }
-    for (const value of ticks(lane.low, lane.high, lane.height / 38)) {
+    const values = ticks(lane.low, lane.high, lane.height / 38);
+    const { base, texts } = tickTexts(values);
+    for (const [i, value] of values.entries()) {
       const y = lane.top + ((lane.high - value) / (lane.high - lane.low)) * lane.height;
       if (across || lane.left === left) pen.line(across ? left : lane.left - 4, y, across ? left + width : lane.left, y, palette.line);
-      pen.text(lane.left - 6, y, numberText(value), palette.faint, "right");
+      pen.text(lane.left - 6, y, texts[i]!, palette.faint, "right");
     }
     pen.line(lane.left, lane.top, lane.left, low, palette.faint);
     const own = lane.names.length === 1 ? colour(lane.names[0]!) : palette.text;
-    pen.text(lane.left + 6, lane.top + 7, lane.title, own, "left", true);
+    const title = base === 0 ? lane.title : `${lane.title}  ${base} +`.trim();
+    pen.text(lane.left + 6, lane.top + 7, title, own, "left", true);
     across = lanes.every((other) => other.digital || other.left === lane.left);
   }
   pen.line(left, bottom, left + width, bottom, palette.faint);

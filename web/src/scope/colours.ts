@@ -1,18 +1,36 @@
-// Colours of curves, told apart by colour-blind people too (after Okabe and Ito 2008), and by light.
+// Colours of curves. Any two of them differ for colour-blind people, too, and each has a contrast of 3
+// to the background; `scope.test.ts` computes both. More curves than colours are dashed.
 
 const LIGHT = [
-  "#0072b2", "#d55e00", "#00805f", "#b1478c", "#8a6d00", "#2f2f8f", "#3b9fd1", "#7a3b00",
-  "#4d4d4d", "#e0592a", "#005f73", "#9a1750", "#6a8f00", "#7b61c9", "#c58b00", "#174a7c",
-  "#c0504d", "#3a7d44", "#8e6bbf", "#a0522d",
+  "#0b7186", "#e7751e", "#46208c", "#22a69a", "#8a03da", "#b13d17", "#b575fe", "#740a32",
 ];
 const DARK = [
-  "#56b4e9", "#e69f00", "#35c69b", "#e48cc0", "#f0e442", "#9aa7ff", "#b7e3ff", "#ff8a5b",
-  "#c9c9c9", "#ffd08a", "#5bd1d7", "#ff7fa5", "#b5d94c", "#c5b3ff", "#e3c16f", "#7fb2e5",
-  "#ff9d94", "#8ddb9a", "#d9b8f5", "#dba781",
+  "#35faf5", "#f1940d", "#c595ff", "#41c9a1", "#ba2ef7", "#d54806", "#308499", "#edea06",
 ];
+/** Lengths of dashes and gaps, in CSS pixels. */
+const DASHES = [[], [7, 4], [2, 3], [9, 3, 2, 3]];
 
-export const COLOURS = LIGHT.length;
+/** How many curves look different. */
+export const LOOKS = LIGHT.length * DASHES.length;
+
+export function colours(dark: boolean): readonly string[] {
+  return dark ? DARK : LIGHT;
+}
 
 export function colour(number: number, dark: boolean): string {
-  return (dark ? DARK : LIGHT)[number % COLOURS]!;
+  return colours(dark)[number % LIGHT.length]!;
+}
+
+export function dash(number: number): number[] {
+  return DASHES[Math.floor(number / LIGHT.length) % DASHES.length]!;
+}
+
+/** Whether a place in pixels along a curve lies in a gap of its dashes. */
+export function isGap(dashes: number[], place: number): boolean {
+  if (dashes.length === 0) return false;
+  let left = place % dashes.reduce((sum, each) => sum + each, 0);
+  for (let i = 0; ; i++) {
+    if (left < dashes[i]!) return i % 2 === 1;
+    left -= dashes[i]!;
+  }
 }

@@ -60,7 +60,7 @@ export class Detail {
     pen.line(LEFT, TOP, LEFT, low, palette.faint);
     pen.line(LEFT, low, right, low, palette.faint);
     pen.text(right, height - 7, xTitle, palette.text, "right", true);
-    pen.text(LEFT + 6, TOP + 7, yTitle, palette.text, "left", true);
+    pen.text(right - 6, TOP + 7, yTitle, palette.text, "right", true);
     return [toX, toY];
   }
 
@@ -109,7 +109,7 @@ export class Detail {
     for (const [curve, { amplitudes, step }] of found) {
       context.strokeStyle = curve.colour;
       context.lineWidth = 1.25;
-      context.setLineDash([]);
+      context.setLineDash(curve.dash);
       context.beginPath();
       // The greatest line of each column, so that no peak is lost.
       let column = -1;
@@ -126,7 +126,7 @@ export class Detail {
     }
     const main = report.rows[0]?.peaks ?? [];
     for (const { frequency, amplitude } of main.slice(0, 3)) {
-      pen.text(x(frequency), y(level(amplitude)) - 7, `${numberText(Number(frequency.toPrecision(5)))} Hz`, palette.text, "center");
+      pen.text(Math.max(LEFT + 34, x(frequency)), y(level(amplitude)) - 7, `${numberText(Number(frequency.toPrecision(5)))} Hz`, palette.text, "center");
     }
     return report;
   }

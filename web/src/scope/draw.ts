@@ -1,5 +1,6 @@
 // Curves. Each column of pixels shows the values of its cycles, from the least to the greatest,
 // and the value that is held at its begin: no peak is lost at any zoom.
+import { isGap } from "./colours";
 import type { Curve, Lane } from "./messages";
 import { BLOCK, Extent, OLD } from "./pyramid";
 import { GAP, type Ring } from "./ring";
@@ -15,8 +16,9 @@ export interface Grid {
 /** First rows of the columns, and behind the last one the end. */
 export function rowsOf(ring: Ring, { step, from, count }: Grid): Float64Array {
   const rows = new Float64Array(count + 1);
+  let row = ring.first;
   for (let column = 0; column <= count; column++) {
-    const row = ring.rowAt((from + column) * step);
+    row = ring.rowAt((from + column) * step, row);
     if (row === ring.end) return rows.fill(row, column);
     rows[column] = row;
   }
@@ -60,10 +62,15 @@ export const thickness = (ratio: number) => Math.max(1, Math.round(1.4 * ratio))
 
 type Context = OffscreenCanvasRenderingContext2D;
 
-/** Draws columns of a curve; `left`: pixel of the first one. */
+/** Whether a column of a dashed curve is left out. Where a curve is steep, nothing is: no peak is lost. */
+export function isLeftOut(curve: Curve, column: number, height: number, ratio: number): boolean {
+  return height < 4 * ratio && isGap(curve.dash, column / ratio);
+}
+
+/** Draws columns of a curve; `first`: number of the first one, `left`: its pixel. */
 export function drawColumns(
-  context: Context, ring: Ring, curve: Curve, lane: Lane, rows: Float64Array, left: number,
-  ratio: number,
+  context: Context, ring: Ring, curve: Curve, lane: Lane, rows: Float64Array, first: number,
+  left: number, ratio: number,
 ): void {
   const thick = thickness(ratio);
   const alpha = curve.faint ? 0.25 : 1;
@@ -75,7 +82,7 @@ export function drawColumns(
     const b = place(lane, max * curve.scale + curve.offset, ratio);
     const high = Math.max(top - 1, Math.min(a, b));
     const low = Math.min(bottom + 1, Math.max(a, b));
-    if (low < high) return;
+    if (low < high || isLeftOut(curve, first + column, low - high, ratio)) return;
     context.globalAlpha = flags & OLD ? alpha * 0.4 : alpha;
     context.fillRect(left + column, high, 1, low - high + thick);
   });
@@ -93,7 +100,7 @@ export function drawPoints(
   context.fillStyle = context.strokeStyle = curve.colour;
   context.lineWidth = 1.5 * ratio;
   context.lineJoin = "round";
-  context.setLineDash([]);
+  context.setLineDash(curve.dash.map((length) => length * ratio));
   context.globalAlpha = curve.faint ? 0.25 : 1;
   context.beginPath();
   let pen = false;

@@ -1,7 +1,7 @@
 // Files of the samples: CSV and MCAP, with the columns of `ecatctl record`.
 import type { Curve } from "./messages";
 import { Mcap } from "./mcap";
-import { BLOCK, VALID } from "./pyramid";
+import { BLOCK, OLD } from "./pyramid";
 import { MINMAX, type Ring } from "./ring";
 
 /** Rows between pauses, in which new samples are taken. */
@@ -12,8 +12,8 @@ interface Row {
   cycle: number;
   /** Unix time in ms. */
   time: number;
-  /** As JSON; null: unknown or old. */
-  cells: (string | null)[];
+  /** Physical; null: unknown or old. */
+  cells: (number | bigint | null)[];
   note: string;
 }
 
@@ -24,23 +24,30 @@ function* rowsOf(ring: Ring, curves: Curve[], row: number): Generator<Row> {
   const first = block.cycles[at]!;
   const last = block.lastCycle(at);
   for (const upper of isMinmax ? [false, true] : [false]) {
-    const cells = curves.map(({ name, scale, offset }) => {
+    const cells = curves.map(({ name, recorded: { scale, offset } }) => {
       const samples = block.columns.get(name);
-      if (!samples || samples.flags[at] !== VALID) return null;
-      const values = upper ? samples.upper ?? samples.values : samples.values;
-      return cell(values[at]!, scale, offset);
+      const flags = samples?.flags[at] ?? 0;
+      if (!samples || flags === 0 || flags & OLD) return null;
+      const raw = (upper ? samples.upper ?? samples.values : samples.values)[at]!;
+      // Integers without a scale stay exact.
+      return scale === 1 && offset === 0 ? raw : Number(raw) * scale + offset;
     });
     const note = isMinmax ? `${upper ? "greatest" : "least"} value of cycles ${first} to ${last}` : "";
     yield { cycle: upper ? last : first, time: block.times[at]!, cells, note };
   }
 }
 
-/** Integers without a scale stay exact. */
-function cell(raw: number | bigint, scale: number, offset: number): string | null {
-  if (scale === 1 && offset === 0 && typeof raw === "bigint") return String(raw);
-  const value = Number(raw) * scale + offset;
-  return Number.isFinite(value) ? String(Number(value.toPrecision(15))) : null;
+/** As `ecatctl record` writes it: 15 digits, or what is no number as Python calls it. */
+function csvText(cell: number | bigint | null): string {
+  if (cell === null) return "";
+  if (typeof cell === "bigint" || Number.isInteger(cell)) return String(cell);
+  if (Number.isFinite(cell)) return String(Number(cell.toPrecision(15)));
+  return String(cell).toLowerCase().replace("infinity", "inf");
 }
+
+/** JSON has no infinity. */
+const jsonText = (cell: number | bigint | null) =>
+  typeof cell === "bigint" || Number.isFinite(cell) ? String(cell) : "null";
 
 async function each(
   ring: Ring, curves: Curve[], from: number, to: number, take: (row: Row) => void,
@@ -61,7 +68,7 @@ function utc(time: number): string {
 }
 
 export async function csv(ring: Ring, curves: Curve[], from: number, to: number): Promise<Blob> {
-  const titles = curves.map(({ name, unit }) => quote(unit ? `${name} [${unit}]` : name));
+  const titles = curves.map(({ recorded: { path, unit } }) => quote(unit ? `${path} [${unit}]` : path));
   const last = ring.minmax ? ["utc", "note"] : ["utc"];
   const parts: Blob[] = [];
   let text = `${["time_s", "cycle", ...titles, ...last].join(",")}\r\n`;
@@ -69,7 +76,7 @@ export async function csv(ring: Ring, curves: Curve[], from: number, to: number)
   await each(ring, curves, from, to, ({ cycle, time, cells, note }) => {
     const seconds = ((time - start) / 1000).toFixed(6);
     const end = ring.minmax ? `,${note}` : "";
-    text += `${seconds},${cycle},${cells.map((each) => each ?? "").join(",")},${utc(time)}${end}\r\n`;
+    text += `${seconds},${cycle},${cells.map(csvText).join(",")},${utc(time)}${end}\r\n`;
     if (text.length > 1 << 20) {
       parts.push(new Blob([text]));
       text = "";
@@ -82,15 +89,17 @@ export async function mcap(
   ring: Ring, curves: Curve[], from: number, to: number, bus: string,
 ): Promise<Blob> {
   const values = Object.fromEntries(
-    curves.map(({ name, unit }) => [name, { type: ["number", "null"], description: unit }]),
+    curves.map(({ recorded: { path, unit } }) => [
+      path, { type: ["number", "null"], description: unit },
+    ]),
   );
   const file = new Mcap(`/${bus}`, "ecatd.cycle", {
     type: "object",
     properties: { cycle: { type: "integer" }, values: { type: "object", properties: values } },
   });
-  const names = curves.map(({ name }) => JSON.stringify(name));
+  const names = curves.map(({ recorded }) => JSON.stringify(recorded.path));
   await each(ring, curves, from, to, ({ cycle, time, cells, note }) => {
-    const all = names.map((name, i) => `${name}:${cells[i] ?? "null"}`).join(",");
+    const all = names.map((name, i) => `${name}:${jsonText(cells[i]!)}`).join(",");
     const more = note && `,"note":${JSON.stringify(note)}`;
     const ns = BigInt(Math.floor(time)) * 1_000_000n + BigInt(Math.round((time % 1) * 1e6));
     file.add(ns, cycle, `{"cycle":${cycle},"values":{${all}}${more}}`);

@@ -8,12 +8,16 @@ import type { Trigger } from "./trigger";
 export interface Curve {
   name: string;
   label: string;
+  /** As in files of `ecatctl record`: SLAVE/ENTRY, and without the factor of the picture. */
+  recorded: { path: string; scale: number; offset: number; unit: string };
   type: ColumnType;
   scale: number;
   offset: number;
   unit: string;
   values: Record<string, string>;
   colour: string;
+  /** Lengths of dashes and gaps in CSS pixels; none: a solid line. */
+  dash: number[];
   /** Signals with the same one share an axis. */
   axis: string;
   /** A lane of its own: booleans and named values. */
@@ -76,6 +80,10 @@ export type Order =
   | { do: "live"; span?: number }
   | { do: "all" }
   | { do: "cursors"; cursors: number[] }
+  /** Moves a cursor by some cycles; a report says where it is then. */
+  | { do: "step"; cursor: number; cycles: number }
+  /** Unix time in ms under the pointer. */
+  | { do: "hover"; time: number | null }
   | { do: "marks"; marks: Mark[] }
   | { do: "trigger"; trigger: Trigger | null }
   | { do: "statistics"; on: boolean }
@@ -106,6 +114,8 @@ export interface Status {
   readings: Reading[][];
   /** Numbers of the cycles at the cursors; NaN: none. */
   cycles: number[];
+  /** Under the pointer: time and number of the cycle, and a reading for each curve. */
+  hover: { time: number; cycle: number; readings: Reading[] } | null;
   rows: number;
   first: number;
   last: number;
@@ -124,5 +134,6 @@ export type Report =
   | Status
   | { is: "statistics"; rows: ({ name: string } & Statistics)[]; span: number }
   | { is: "spectrum"; rows: { name: string; peaks: Spectrum["peaks"]; count: number; held: number; rate: number }[] }
+  | { is: "cursors"; cursors: number[] }
   | { is: "file"; blob: Blob; format: Format }
   | { is: "failure"; text: string };

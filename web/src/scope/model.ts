@@ -3,7 +3,8 @@ import { batch, computed, signal } from "@preact/signals";
 
 import type { Tracer } from "../traces";
 import type { BusEvent, Message, Signal } from "../protocol";
-import { colour, COLOURS } from "./colours";
+import { bitNames, bitOf, find } from "./bits";
+import { colour, dash, LOOKS } from "./colours";
 import { type Entry, type Layout, LayoutError, MOST_SIGNALS, readLayout, writeLayout } from "./layout";
 import type { Curve, Format, Look, Mark, Order, Palette, Report, Status } from "./messages";
 import type { Trigger } from "./trigger";
@@ -41,14 +42,15 @@ export class ScopeModel {
     const all = this.entries.value;
     const chosen = this.emphasised.value;
     return all.flatMap((entry) => {
-      const it = this.known.value.get(entry.name);
+      const it = find(this.known.value, entry.name);
       if (!it) return [];
       const named = Object.keys(it.values).length > 0;
       const isBoolean = it.bits === 1;
       return [{
         name: it.name, label: it.label, type: it.type, scale: it.scale * entry.gain,
+        recorded: { path: it.path, scale: it.scale, offset: it.offset, unit: it.unit },
         offset: it.offset * entry.gain, unit: entry.gain === 1 ? it.unit : `${it.unit} × ${entry.gain}`,
-        values: it.values, colour: colour(entry.colour, this.dark.value),
+        values: it.values, colour: colour(entry.colour, this.dark.value), dash: named || isBoolean ? [] : dash(entry.colour),
         axis: entry.axis || `unit ${it.unit}${entry.gain === 1 ? "" : ` × ${entry.gain}`}`,
         digital: named || isBoolean, hidden: entry.hidden,
         faint: chosen !== null && chosen !== it.name,
@@ -74,6 +76,7 @@ export class ScopeModel {
   private hear(report: Report): void {
     if (report.is === "status") this.status.value = report;
     else if (report.is === "statistics") this.statistics.value = report;
+    else if (report.is === "cursors") this.cursors.value = report.cursors;
     else if (report.is === "spectrum") this.spectra.value = report.rows;
     else if (report.is === "failure") {
       this.saving.value = false;
@@ -93,19 +96,25 @@ export class ScopeModel {
   /** Draws a signal, which somebody has chosen elsewhere in the page. */
   add(name: string): void {
     const entries = this.entries.value;
-    if (!this.known.value.has(name) || entries.some((entry) => entry.name === name)) return;
+    if (!find(this.known.value, name) || entries.some((entry) => entry.name === name)) return;
     if (entries.length >= MOST_SIGNALS) {
       this.notice.value = `The scope shows at most ${MOST_SIGNALS} signals. Remove one first.`;
       return;
     }
     const used = new Set(entries.map((entry) => entry.colour));
     let free = 0;
-    while (used.has(free) && free < COLOURS) free++;
+    while (used.has(free) && free < LOOKS) free++;
     this.entries.value = [
       ...entries,
-      { name, colour: free < COLOURS ? free : entries.length, axis: "", gain: 1, hidden: false },
+      { name, colour: free < LOOKS ? free : entries.length, axis: "", gain: 1, hidden: false },
     ];
     this.send();
+  }
+
+  /** Names of the bits of a signal that can have lanes. */
+  bitsOf(name: string): string[] {
+    const signal = this.known.value.get(name);
+    return signal ? bitNames(signal) : [];
   }
 
   remove(name: string): void {
@@ -147,10 +156,11 @@ export class ScopeModel {
   /** Tells worker and server what is shown, and keeps it. */
   private send(): void {
     this.sendCurves();
-    const names = this.curves.value.map(({ name }) => name);
+    const { value: known } = this.known;
+    const names = this.curves.value.map(({ name }) => (known.has(name) ? name : bitOf(name)!.source));
     if (names.join("\n") !== this.traced) {
       this.traced = names.join("\n");
-      this.connection.setTrace(names);
+      this.connection.setTrace([...new Set(names)]);
     }
     this.keep();
   }
@@ -276,7 +286,7 @@ export class ScopeModel {
         this.stacked.value = layout.stacked;
         this.limits.value = layout.limits;
       });
-      const unknown = layout.signals.filter(({ name }) => !this.known.value.has(name));
+      const unknown = layout.signals.filter(({ name }) => !find(this.known.value, name));
       this.notice.value = unknown.length > 0
         ? `This bus has no ${unknown.map(({ name }) => name).join(", ")}; the rest of the layout is shown.`
         : "";

@@ -80,7 +80,7 @@ function StatisticsPanel({ model }: { model: ScopeModel }) {
         <tbody>{found?.rows.map((row) => {
           const curve = model.curves.value.find(({ name }) => name === row.name);
           return curve && (
-            <tr key={row.name}><th scope="row"><Swatch colour={curve.colour} /> {curve.label}</th>
+            <tr key={row.name}><th scope="row"><Swatch curve={curve} /> {curve.label}</th>
               {[row.min, row.max, row.mean, row.rms, row.deviation, row.peakToPeak].map((value, i) => <td key={i}>{Number.isNaN(value) ? "–" : numberText(value)} <small>{curve.unit}</small></td>)}
               <td>{row.count}</td><td>{row.old}</td><td>{row.missing}</td></tr>
           );

@@ -1,12 +1,16 @@
 // The picture of the curves: which time it shows, and what of it is to be drawn.
 import { drawAxes, layOut, type Plot } from "./axes";
-import { drawColumns, drawPoints, eachColumn, type Grid, place, rowsOf, thickness } from "./draw";
-import type { Curve, Mark, Palette, View } from "./messages";
+import { drawColumns, drawPoints, eachColumn, type Grid, isLeftOut, place, rowsOf, thickness } from "./draw";
+import type { Curve, Lane, Mark, Palette, View } from "./messages";
 import { CanvasPen, type Pen, SvgPen } from "./pen";
 import type { Ring } from "./ring";
 
 const SHORTEST = 0.05; // ms
 const LONGEST = 7 * 864e5;
+/** ms between fits of the axes to all that a live window shows. */
+const FIT = 500;
+
+const hasNames = (curve: Curve) => curve.digital && Object.keys(curve.values).length > 0;
 
 export class Picture {
   curves: Curve[] = [];
@@ -15,6 +19,7 @@ export class Picture {
   marks: Mark[] = [];
   cursors: number[] = [];
   trigger: number | null = null;
+  hover: number | null = null;
   palette: Palette = {
     background: "#fff", text: "#222", faint: "#666", line: "#ddd", accent: "#06c",
     error: "#c00", warning: "#a60",
@@ -30,7 +35,11 @@ export class Picture {
   private curvesCanvas: OffscreenCanvas | null = null;
   private overlay: OffscreenCanvas | null = null;
   /** What the canvas has: the grid and lanes of its columns, and the first row that it lacks. */
-  private drawn: { grid: Grid; lanes: string; end: number } | null = null;
+  private drawn: { grid: Grid; lanes: Lane[]; left: number; end: number } | null = null;
+  /** For each signal with named values the one raw value of each column; NaN: none, or several. */
+  private named = new Map<string, Float64Array>();
+  /** When the axes were fitted to all that the window shows, in ms. */
+  private fitted = 0;
 
   constructor(private readonly ring: Ring) {}
 
@@ -103,12 +112,16 @@ export class Picture {
 
   private arrange(): void {
     const { start, span } = this.view;
-    const { ring } = this;
-    const from = ring.end > 0 ? ring.rowAt(start) : 0;
+    const { ring, drawn } = this;
     const to = ring.end > 0 ? ring.rowAt(start + span) : 0;
+    // Between two looks at the whole window, those that have come can only make axes grow.
+    const now = performance.now();
+    const grows = this.live && drawn !== null && drawn.end >= ring.first && now - this.fitted < FIT;
+    if (!grows) this.fitted = now;
+    const from = grows ? drawn.end : ring.end > 0 ? ring.rowAt(start) : 0;
     this.plot = layOut(
       this.curves, this.stacked, this.width, this.height, this.limits, this.plot.lanes, ring,
-      from, to,
+      from, to, grows,
     );
   }
 
@@ -145,13 +158,15 @@ export class Picture {
     const grid = this.grid();
     const { width, height } = context.canvas;
     const left = Math.round(this.plot.left * ratio);
-    const lanes = JSON.stringify([this.plot.lanes, left]);
+    const { lanes } = this.plot;
     const old = this.drawn;
     const shift = old ? grid.from - old.grid.from : 0;
     const sparse = this.isSparse(grid);
     const keeps =
-      !sparse && old !== null && old.lanes === lanes && old.grid.step === grid.step &&
-      old.grid.count === grid.count && shift >= 0 && shift < grid.count && old.end >= ring.first;
+      !sparse && old !== null && old.left === left && old.lanes.length === lanes.length &&
+      old.grid.step === grid.step && old.grid.count === grid.count && shift >= 0 &&
+      shift < grid.count && old.end >= ring.first &&
+      lanes.every((lane, i) => this.lies(lane, old.lanes[i]!));
     let begin = 0;
     if (keeps) {
       if (shift > 0) {
@@ -168,15 +183,24 @@ export class Picture {
     context.fillStyle = this.palette.background;
     context.fillRect(keeps ? left + begin : 0, 0, width, height);
     if (keeps) context.fillRect(0, 0, left, height);
-    if (ring.end > 0 && begin < grid.count) {
+    if (ring.end > 0) {
       const part = { ...grid, from: grid.from + begin, count: grid.count - begin };
-      const rows = rowsOf(ring, part);
-      for (const lane of this.plot.lanes) {
+      const rows = begin < grid.count ? rowsOf(ring, part) : new Float64Array(0);
+      let all: Float64Array | null = null;
+      lanes.forEach((lane, i) => {
+        const was = keeps ? old.lanes[i]! : lane;
+        const isNew = was.low !== lane.low || was.high !== lane.high;
+        if (isNew) this.clear(context, lane, left);
+        const shown = isNew ? (all ??= rowsOf(ring, grid)) : rows;
         for (const curve of this.curvesOf(lane.names)) {
           if (sparse && !lane.digital) drawPoints(context, ring, curve, lane, grid, left, ratio);
-          else drawColumns(context, ring, curve, lane, rows, left + begin, ratio);
+          else {
+            const at = isNew ? 0 : begin;
+            drawColumns(context, ring, curve, lane, shown, grid.from + at, left + at, ratio);
+          }
+          if (hasNames(curve)) this.readNames(curve.name, rows, grid.count, keeps ? shift : grid.count);
         }
-      }
+      });
     }
     // Points of lines may lie outside of the window.
     if (sparse) {
@@ -184,7 +208,24 @@ export class Picture {
       context.fillRect(0, 0, left, height);
       context.fillRect(left + grid.count, 0, width, height);
     }
-    this.drawn = sparse ? null : { grid, lanes, end: ring.end };
+    this.drawn = sparse ? null : { grid, lanes, left, end: ring.end };
+  }
+
+  /** Whether a lane is where it was, with the same values unless it can be drawn anew alone. */
+  private lies(lane: Lane, was: Lane): boolean {
+    const isAlone = this.stacked || lane.digital || this.plot.lanes.length === 1;
+    return lane.axis === was.axis && lane.left === was.left && lane.top === was.top &&
+      lane.height === was.height && (isAlone || (lane.low === was.low && lane.high === was.high));
+  }
+
+  /** Takes the curves of a lane away. */
+  private clear(context: OffscreenCanvasRenderingContext2D, lane: Lane, left: number): void {
+    const { ratio } = this;
+    const top = Math.round(lane.top * ratio) - 1;
+    const bottom = Math.round((lane.top + lane.height) * ratio) + 1 + thickness(ratio);
+    context.globalAlpha = 1;
+    context.fillStyle = this.palette.background;
+    context.fillRect(left, top, context.canvas.width, bottom - top);
   }
 
   private curvesOf(names: string[]): Curve[] {
@@ -203,8 +244,16 @@ export class Picture {
     drawAxes(
       pen, this.plot, this.view, this.palette, this.curves, this.marks, this.cursors, this.trigger,
     );
+    this.drawHover(pen);
     this.drawGaps(pen);
     this.drawNames(pen);
+  }
+
+  private drawHover(pen: Pen): void {
+    const { start, span } = this.view;
+    if (this.hover === null || this.hover < start || this.hover > start + span) return;
+    const x = this.plot.left + ((this.hover - start) / span) * this.plot.width;
+    pen.line(x, 0, x, this.plot.bottom, this.palette.faint);
   }
 
   /** Columns without cycles, in the track of events. */
@@ -228,37 +277,37 @@ export class Picture {
 
   /** Names of values, in the lanes of signals that have them. */
   private drawNames(pen: Pen): void {
-    const named = this.plot.lanes.filter((lane) => lane.digital);
-    if (named.length === 0 || this.ring.end === 0) return;
-    const grid = this.grid();
-    let rows: Float64Array | null = null;
-    for (const lane of named) {
+    for (const lane of this.plot.lanes) {
       const [curve] = this.curvesOf(lane.names);
-      if (!curve || Object.keys(curve.values).length === 0) continue;
-      rows ??= rowsOf(this.ring, grid);
+      if (!lane.digital || !curve || !hasNames(curve)) continue;
+      const columns = this.named.get(curve.name) ?? [];
       let begin = 0;
-      let value = NaN;
-      let last = 0;
-      const end = (column: number) => {
-        const width = (column - begin) / this.ratio;
+      for (let column = 1; column <= columns.length; column++) {
+        const value = columns[begin]!;
+        if (columns[column] === value) continue;
         const text = curve.values[value] ?? "";
-        if (text === "" || width < text.length * 6.5 + 8) return;
-        const y = lane.top + ((lane.high - (value * curve.scale + curve.offset)) /
-          (lane.high - lane.low)) * lane.height;
-        const middle = this.plot.left + begin / this.ratio + 5;
-        const above = y > lane.top + lane.height / 2;
-        pen.text(middle, above ? y - 7 : y + 8, text, this.palette.text);
-      };
-      eachColumn(this.ring, curve.name, rows, (column, min, max) => {
-        if (min !== max || max !== value || column !== last + 1) {
-          end(last);
-          begin = column;
-          value = min === max ? max : NaN;
+        const width = (column - begin) / this.ratio;
+        if (text !== "" && width > text.length * 6.5 + 8) {
+          const y = lane.top + ((lane.high - (value * curve.scale + curve.offset)) /
+            (lane.high - lane.low)) * lane.height;
+          const above = y > lane.top + lane.height / 2;
+          pen.text(this.plot.left + begin / this.ratio + 5, above ? y - 7 : y + 8, text, this.palette.text);
         }
-        last = column;
-      });
-      end(last);
+        begin = column;
+      }
     }
+  }
+
+  /** Reads the values of the last columns; the others move by `shift`. */
+  private readNames(name: string, rows: Float64Array, count: number, shift: number): void {
+    let columns = this.named.get(name);
+    if (columns?.length !== count) this.named.set(name, (columns = new Float64Array(count).fill(NaN)));
+    const begin = count - Math.max(0, rows.length - 1);
+    columns.copyWithin(0, shift);
+    columns.fill(NaN, begin);
+    eachColumn(this.ring, name, rows, (column, min, max) => {
+      columns[begin + column] = min === max ? max : NaN;
+    });
   }
 
   /** The picture as a PNG file. */
@@ -275,7 +324,8 @@ export class Picture {
     const pen = new SvgPen();
     pen.box(0, 0, this.width, this.height, this.palette.background);
     const { ratio } = this;
-    const rows = rowsOf(this.ring, this.grid());
+    const grid = this.grid();
+    const rows = rowsOf(this.ring, grid);
     const left = Math.round(this.plot.left * ratio);
     for (const lane of this.plot.lanes) {
       for (const curve of this.curvesOf(lane.names)) {
@@ -283,6 +333,7 @@ export class Picture {
         eachColumn(this.ring, curve.name, rows, (column, min, max) => {
           const a = place(lane, min * curve.scale + curve.offset, ratio);
           const b = place(lane, max * curve.scale + curve.offset, ratio);
+          if (isLeftOut(curve, grid.from + column, Math.abs(a - b), ratio)) return;
           parts.push(`M${left + column + 0.5} ${Math.min(a, b)}V${Math.max(a, b) + thickness(ratio)}`);
         });
         pen.path(parts.join(""), curve.colour, ratio);

@@ -59,9 +59,8 @@ export class Samples {
 
   set(row: number, low: number | bigint, high: number | bigint, flags: number): void {
     store(this.values, row, low);
-    if (high !== low && !(high !== high && low !== low)) {
-      this.upper ??= new ARRAYS[this.type](BLOCK);
-    }
+    // The rows before have one value, which is their greatest, too.
+    if (high !== low && !(high !== high && low !== low)) this.upper ??= this.values.slice();
     if (this.upper) store(this.upper, row, high);
     const min = Number(low);
     const max = Number(high);

@@ -1,11 +1,15 @@
 // The samples of the last minutes: blocks of rows, one row for each cycle; the oldest block goes.
 import type { Batch, Column, ColumnType } from "../protocol";
+import { type Bit, bitIn, bitOf } from "./bits";
 import { BLOCK, type Extent, OLD, Samples, VALID } from "./pyramid";
 
 /** Flags of a row. Cycles are missing before it. */
 export const GAP = 1;
 /** It stands for several cycles, with the least and greatest value of each signal. */
 export const MINMAX = 2;
+
+/** ms by which times may go back without a step of the clock, as computers know them so well only. */
+const JITTER = 200;
 
 export class Block {
   count = 0;
@@ -53,6 +57,9 @@ export class Ring {
   private run = 0;
   /** Whether rows that were there got more values. */
   amended = false;
+  /** Names of the signals that are kept; null: all. */
+  private wanted: Set<string> | null = null;
+  private bits = new Map<string, Bit>();
   private generation = -1;
   private lastOfGeneration = -1;
 
@@ -95,15 +102,25 @@ export class Ring {
     return this.block(row).flags[row % BLOCK]!;
   }
 
-  /** The first row at or after a time; `end` if there is none. */
-  rowAt(time: number): number {
-    return this.search(this.first, (row) => this.time(row) >= time);
+  /**
+   * The first row at or after a time; `end` if there is none.
+   *
+   * @param from A row that is not behind it; the search is short if it is near.
+   */
+  rowAt(time: number, from = this.first): number {
+    let low = from;
+    let step = 1;
+    while (low + step < this.end && this.time(low + step - 1) < time) {
+      low += step;
+      step *= 2;
+    }
+    return this.search(low, (row) => this.time(row) >= time, Math.min(this.end, low + step));
   }
 
   /** The first row from `from` that `holds`; all behind it hold, too. */
-  private search(from: number, holds: (row: number) => boolean): number {
+  private search(from: number, holds: (row: number) => boolean, end = this.end): number {
     let low = from;
-    let high = this.end;
+    let high = end;
     while (low < high) {
       const middle = Math.floor((low + high) / 2);
       if (holds(middle)) high = middle;
@@ -149,6 +166,18 @@ export class Ring {
     }
   }
 
+  /** Types of the signals from now on. What has another type is of another bus, and goes. */
+  setTypes(types: ReadonlyMap<string, ColumnType>): void {
+    this.types = types;
+    for (const block of this.blocks) {
+      for (const [name, samples] of block.columns) {
+        if ((types.get(name) ?? samples.type) === samples.type) continue;
+        this.bytes -= samples.bytes;
+        block.columns.delete(name);
+      }
+    }
+  }
+
   /** The connection is new: what comes may reach back. */
   restart(): void {
     this.generation = -1;
@@ -158,14 +187,28 @@ export class Ring {
     Object.assign(this, new Ring(this.limits, this.types));
   }
 
-  /** Forgets the signals that are not named. */
-  keep(names: Set<string>): void {
+  /** Keeps only these signals, which may be bits of others, now and from now on. */
+  keep(names: Iterable<string>): void {
+    this.bits = new Map();
+    this.wanted = new Set(names);
+    for (const name of [...this.wanted]) {
+      const bit = this.types.has(name) ? null : bitOf(name);
+      if (!bit || !this.types.has(bit.source)) continue;
+      this.bits.set(name, bit);
+      this.wanted.add(bit.source);
+    }
     for (const block of this.blocks) {
       for (const [name, samples] of block.columns) {
-        if (names.has(name)) continue;
+        if (this.wanted.has(name)) continue;
         this.bytes -= samples.bytes;
         block.columns.delete(name);
       }
+      const before = block.bytes;
+      for (const [name, bit] of this.bits) {
+        if (block.columns.has(name)) continue;
+        for (let at = 0; at < block.count; at++) fillBit(block, at, name, bit);
+      }
+      this.bytes += block.bytes - before;
     }
   }
 
@@ -197,6 +240,7 @@ export class Ring {
     block: Block, place: number, batch: Batch, at: number, old: Map<string, Set<number>>,
   ): void {
     for (const [name, column] of batch.columns) {
+      if (this.wanted?.has(name) === false) continue;
       let samples = block.columns.get(name);
       if (samples === undefined) {
         const type = this.types.get(name);
@@ -209,6 +253,7 @@ export class Ring {
         samples.set(place, value, value, flags);
       } else samples.set(place, column.min[at]!, column.max[at]!, flags);
     }
+    for (const [name, bit] of this.bits) fillBit(block, place, name, bit);
   }
 
   /** The row of a cycle, which is made if it is new; -1 if it is too old to be kept. */
@@ -233,11 +278,11 @@ export class Ring {
       this.bytes += this.block(row).bytes;
     }
     const block = this.block(row);
-    if (!empty && time + this.shift <= this.lastTime) {
+    if (!empty && time + this.shift < this.lastTime - JITTER) {
       this.shift = this.lastTime + 0.001 - time;
     }
     block.cycles[at] = cycle;
-    block.times[at] = time + this.shift;
+    block.times[at] = empty ? time : Math.max(time + this.shift, this.lastTime + 0.001);
     if (last !== cycle) {
       this.bytes += block.lastCycles ? 0 : BLOCK * 8;
       (block.lastCycles ??= new Float64Array(BLOCK))[at] = last;
@@ -268,6 +313,18 @@ export class Ring {
       this.base++;
     }
   }
+}
+
+/** Fills a bit from the signal that has it. */
+function fillBit(block: Block, at: number, name: string, { source, bit }: Bit): void {
+  const from = block.columns.get(source);
+  const flags = from?.flags[at] ?? 0;
+  if (!from || flags === 0) return;
+  let samples = block.columns.get(name);
+  if (!samples) block.columns.set(name, (samples = new Samples("uint8")));
+  if (samples.flags[at] !== 0) return;
+  const [low, high] = bitIn(from.values[at]!, (from.upper ?? from.values)[at]!, bit);
+  samples.set(at, low, high, flags);
 }
 
 function typeOf(values: Column): ColumnType {

@@ -3,6 +3,7 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 
 import { timeText } from "./axes";
+import { Swatch, valueText } from "./legend";
 import type { Palette } from "./messages";
 import type { ScopeModel } from "./model";
 
@@ -30,6 +31,7 @@ export function Screen({ model }: { model: ScopeModel }) {
   const curves = useRef<HTMLCanvasElement>(null);
   const overlay = useRef<HTMLCanvasElement>(null);
   const hint = useSignal<{ text: string } | null>(null);
+  const place = useSignal<Place | null>(null);
 
   useEffect(() => {
     const [a, b] = [curves.current!, overlay.current!].map((each) => each.transferControlToOffscreen());
@@ -102,6 +104,11 @@ export function Screen({ model }: { model: ScopeModel }) {
     if (!view) return;
     const time = view.start + part(event) * view.span;
     if (!before) {
+      const { clientX, clientY } = event;
+      const box = frame.current!.getBoundingClientRect();
+      const at = part(event);
+      place.value = { x: clientX - box.left, y: clientY - box.top, width: box.width, height: box.height };
+      point(at < 0 || at > 1 || event.pointerType === "touch" ? null : time);
       const near = model.marks.value.filter((mark) => (Math.abs(mark.time - time) / view.span) * width < 5);
       hint.value = near.length > 0
         ? { text: near.slice(-3).map((mark) => `${timeText(mark.time, 1)} ${mark.text}`).join("\n") } : null;
@@ -118,6 +125,8 @@ export function Screen({ model }: { model: ScopeModel }) {
     } else model.order({ do: "pan", part: (before.clientX - event.clientX) / width });
     pointers.current.set(event.pointerId, event);
   };
+  /** Points at a time, for the values there. */
+  const point = (time: number | null) => model.order({ do: "hover", time });
   const up = (event: PointerEvent) => {
     pointers.current.delete(event.pointerId);
     dragged.current = -1;
@@ -126,12 +135,7 @@ export function Screen({ model }: { model: ScopeModel }) {
   const key = (event: KeyboardEvent) => {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
     const status = model.status.value;
-    const step = (cursor: number, cycles: number) => {
-      const times = model.cursors.value;
-      if (!status || times.length < 2) return;
-      const cycle = (status.last - status.first) / Math.max(1, status.rows - 1);
-      model.setCursors(times.map((time, i) => (i === cursor ? time + cycles * cycle : time)));
-    };
+    const step = (cursor: number, cycles: number) => model.order({ do: "step", cursor, cycles });
     const actions: Record<string, () => void> = {
       ArrowLeft: () => model.order({ do: "pan", part: -0.1 }),
       ArrowRight: () => model.order({ do: "pan", part: 0.1 }),
@@ -165,7 +169,10 @@ export function Screen({ model }: { model: ScopeModel }) {
     <div
       ref={frame} class="scope-screen" tabIndex={0} role="application" aria-label={`Curves. ${KEYS}`}
       onKeyDown={key} onPointerDown={down} onPointerMove={move} onPointerUp={up} onPointerCancel={up}
-      onPointerLeave={() => (hint.value = null)}
+      onPointerLeave={() => {
+        hint.value = place.value = null;
+        point(null);
+      }}
       onDblClick={(event: MouseEvent) => {
         const { lane: hit } = lane(event);
         if (part(event) < 0 && hit) model.limit(hit.axis, null);
@@ -178,6 +185,44 @@ export function Screen({ model }: { model: ScopeModel }) {
         <p class="scope-empty">Search for a signal above, or drag one here.</p>
       )}
       {hint.value && <p class="scope-hint" role="tooltip">{hint.value.text}</p>}
+      {place.value && <ReadOut model={model} at={place.value} />}
+    </div>
+  );
+}
+
+interface Place {
+  x: number;
+  y: number;
+  width: number;
+  height: number;
+}
+
+/** What the signals have under the pointer. */
+function ReadOut({ model, at }: { model: ScopeModel; at: Place }) {
+  const hover = model.status.value?.hover;
+  if (!hover) return null;
+  // Those of the lane under the pointer.
+  const names = model.status.value!.lanes
+    .filter(({ top, height }) => at.y >= top - 4 && at.y <= top + height + 4).flatMap((lane) => lane.names);
+  const shown = model.curves.value.map((curve, i) => ({ curve, reading: hover.readings[i] }))
+    .filter(({ curve, reading }) => names.includes(curve.name) && reading);
+  const rows = Math.max(1, Math.floor(at.height / 20) - 4);
+  const style = {
+    ...(at.y < at.height / 2 ? { top: `${at.y + 12}px` } : { bottom: `${at.height - at.y + 12}px` }),
+    ...(at.x < at.width / 2 ? { left: `${at.x + 14}px` } : { right: `${at.width - at.x + 14}px` }),
+  };
+  return (
+    <div class="scope-read-out" role="tooltip" style={style}>
+      <small>{timeText(hover.time, 0.1)} · cycle {hover.cycle}</small>
+      <table><tbody>
+        {shown.slice(0, rows).map(({ curve, reading }) => (
+          <tr key={curve.name}>
+            <th scope="row"><Swatch curve={curve} /> {curve.label}</th>
+            <td class={reading!.old ? "scope-old" : undefined}>{valueText(reading!)} <small>{curve.unit}</small></td>
+          </tr>
+        ))}
+      </tbody></table>
+      {shown.length > rows && <small>and {shown.length - rows} more</small>}
     </div>
   );
 }

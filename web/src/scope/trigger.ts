@@ -22,8 +22,8 @@ export class Finder {
 
   constructor(
     readonly trigger: Trigger,
-    private readonly scale: number,
-    private readonly offset: number,
+    readonly scale: number,
+    readonly offset: number,
   ) {}
 
   /** Looks at the rows `from` to `to` (excluded); returns the first that fires, or -1. */

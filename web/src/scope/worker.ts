@@ -12,8 +12,9 @@ import { Finder, type Trigger } from "./trigger";
 const MINUTES = 10;
 const LIVE_LIMITS = { time: MINUTES * 60e3, bytes: 256e6 };
 const FILE_LIMITS = { time: Infinity, bytes: 1e9 };
-/** ms between reports, and between statistics. */
+/** ms between reports, the same while the user points at something, and between statistics. */
 const REPORT = 100;
+const REPORT_HOVER = 40;
 const STATISTICS = 400;
 /** ms after which "auto" shows what comes without a trigger, beside the window. */
 const PATIENCE = 1000;
@@ -53,8 +54,9 @@ function frame(): void {
   ends.push(end);
   if (drawings.length > 60) drawings = drawings.slice(-40);
   ends = ends.filter((at) => at > end - 1000);
-  if (end - lastReport >= REPORT) report(end);
-  else setTimeout(() => performance.now() - lastReport >= REPORT && report(performance.now()), REPORT);
+  const pause = picture.hover === null ? REPORT : REPORT_HOVER;
+  if (end - lastReport >= pause) report(end);
+  else setTimeout(() => performance.now() - lastReport >= pause && report(performance.now()), pause);
 }
 
 function report(now: number): void {
@@ -68,6 +70,7 @@ function report(now: number): void {
       ...rows.map((row) => (row < 0 ? NONE : reading(curve, row))),
     ]),
     cycles: rows.map((row) => (row < 0 ? NaN : ring.cycle(row))),
+    hover: hovered(picture.hover),
     rows: ring.end - ring.first, first: ring.firstTime, last: ring.lastTime, bytes: ring.bytes,
     short: ring.short, missing: ring.missing, minmax: ring.minmax, shift: ring.shift,
     trigger: state,
@@ -100,6 +103,23 @@ function window(): [number, number, number] {
   const begin = isBetween ? Math.min(a, b) : start;
   const end = isBetween ? Math.max(a, b) : start + span;
   return [ring.rowAt(begin), ring.rowAt(end), end - begin];
+}
+
+function hovered(time: number | null): Status["hover"] {
+  const row = time === null || time > ring.lastTime ? -1 : rowOf(time);
+  if (row < 0) return null;
+  return {
+    time: ring.time(row), cycle: ring.cycle(row),
+    readings: picture.curves.map((curve) => reading(curve, row)),
+  };
+}
+
+function step(cursor: number, cycles: number): void {
+  const time = picture.cursors[cursor];
+  if (time === undefined || ring.end === 0) return;
+  const row = Math.max(ring.first, Math.min(ring.end - 1, Math.max(ring.first, rowOf(time)) + cycles));
+  picture.cursors = picture.cursors.with(cursor, ring.time(row));
+  post({ is: "cursors", cursors: picture.cursors });
 }
 
 /** The row that holds at a time, or -1. */
@@ -136,6 +156,12 @@ function setTrigger(wanted: Trigger | null): void {
   searched = ring.end;
   shownAt = performance.now();
   if (!trigger) picture.show(0, picture.view.span, true);
+}
+
+/** Whether the trigger's signal has come, or is shown with another factor. */
+function isOther({ source }: Trigger): boolean {
+  const curve = picture.curves.find(({ name }) => name === source);
+  return curve !== undefined && (curve.scale !== finder?.scale || curve.offset !== finder.offset);
 }
 
 function fire(time: number): void {
@@ -195,6 +221,7 @@ function obey(order: Order): void {
     case "size": picture.size(order.width, order.height, order.ratio); break;
     case "palette": picture.palette = order.palette; picture.spoil(); break;
     case "batch": {
+      if (picture.curves.length === 0) break; // it is for another part of the page
       ring.take(readBatch(order.data));
       if (ring.amended) picture.spoil();
       ring.amended = false;
@@ -205,13 +232,13 @@ function obey(order: Order): void {
       ring.restart();
       ring.limits = order.file ? FILE_LIMITS : LIVE_LIMITS;
       break;
-    case "types": ring.types = new Map(order.types); break;
+    case "types": ring.setTypes(new Map(order.types)); break;
     case "curves":
       Object.assign(picture, { curves: order.curves, stacked: order.stacked, limits: order.limits });
-      ring.keep(new Set(order.curves.map(({ name }) => name)));
+      ring.keep(order.curves.map(({ name }) => name));
       if (order.curves.length === 0) ring.clear();
       picture.spoil();
-      if (trigger && !finder) setTrigger(trigger);
+      if (trigger && isOther(trigger)) setTrigger(trigger);
       break;
     case "zoom": picture.zoom(order.factor, order.at); break;
     case "pan": picture.pan(order.part); break;
@@ -219,6 +246,8 @@ function obey(order: Order): void {
     case "live": picture.show(0, order.span ?? picture.view.span, true); break;
     case "all": picture.all(); break;
     case "cursors": picture.cursors = order.cursors; break;
+    case "step": step(order.cursor, order.cycles); break;
+    case "hover": picture.hover = order.time; break;
     case "marks": {
       const known = new Set(picture.marks.map(({ time, text }) => `${time} ${text}`));
       picture.marks = order.marks;

@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import cast
 
+from ecatd.base.clocks import unix_minus_monotonic_ns
 from ecatd.base.errors import StateError
 from ecatd.config import Config
 from ecatd.description.bus import Bus
@@ -111,6 +112,6 @@ def read_frames(
         "more": len(records) > _ROOM // 2,
         "overwritten": position - len(records) - begin,
         "now_ns": now_ns,
-        "clock_ns": time.time_ns() - time.monotonic_ns(),
+        "clock_ns": unix_minus_monotonic_ns(),
         "interfaces": [*interfaces],
     }
