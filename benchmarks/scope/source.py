@@ -20,8 +20,9 @@ from ecatd.operations.traces import TYPES
 from ecatd.web.batch import Cycles
 from ecatd.web.files import read_files
 from ecatd.web.hub import Hub
+from ecatd.web.listening import Address
 from ecatd.web.page import Page
-from ecatd.web.server import Server, bind
+from ecatd.web.server import for_this_machine
 
 _PERIOD = 8192
 """Cycles after which the values come again."""
@@ -143,7 +144,9 @@ def _values(at: int, kind: str, unit: str, chance: random.Random) -> list[Any]:
 
 
 async def _serve(minutes: float) -> None:
-    server = Server(Hub(Signals(minutes)), read_files(), bind(0))
+    server = for_this_machine(
+        lambda _: Hub(Signals(minutes)), read_files(), Address("127.0.0.1", 0)
+    )
     await server.run(lambda: print(server.address, flush=True))
 
 
