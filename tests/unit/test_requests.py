@@ -11,6 +11,7 @@ from conftest import naming
 from ecatd.base.errors import ConfigError, EcatError, SdoAbortError, UsageError
 from ecatd.etg.error_codes import abort_error
 from ecatd.gateway.gateway import Gateway
+from ecatd.gateway.history import Histories
 from ecatd.gateway.streams import Streams
 from ecatd.gateway.traces import Traces
 from ecatd.master.ethernet.traffic import EthernetTraffic
@@ -188,7 +189,18 @@ def test_every_operation_has_one_handler() -> None:
         kind
         for owner in (
             *(BusServer, Requests, EthernetTraffic, Gateway, Files, Objects, Dictionaries),
-            *(Registers, Eeproms, Ethernet, Idns, Hands, Incidents, Wire, Streams, Traces),
+            *(
+                Registers,
+                Eeproms,
+                Ethernet,
+                Idns,
+                Hands,
+                Incidents,
+                Wire,
+                Streams,
+                Traces,
+                Histories,
+            ),
         )
         for method in vars(owner).values()
         if (kind := getattr(method, "handles", None)) is not None
