@@ -15,6 +15,7 @@ bus description -> build -> ir -> render (templates) -> output (files)
   from the bus description to the folder
 - `static_library`: the library EtherCAT; `output`: writes both libraries into a folder;
   `differences`: the changes since an earlier run
+- `recorded`: recorded values of the bus as a block
 - `fmu`: the same bus as an FMU; `c_structs`: its process image as structs for C
 """
 
