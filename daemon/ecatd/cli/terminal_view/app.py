@@ -253,9 +253,10 @@ class Top(App[None]):
     def _begin(self, bus: str) -> None:
         self._bus_name = bus
         self._lamps = Lamps()
-        self._look, self._bus, self._lost = None, None, ""
+        self._look, self._bus, self._lost, self._opened = None, None, "", None
         self._events.clear()
         self._main(LampLine).show(())
+        self._main(Signals).forget()
         for name in ("slave", "event", "output", "owner"):
             self._list(name).fill(())
         feed = Feed(

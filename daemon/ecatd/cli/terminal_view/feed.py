@@ -96,6 +96,8 @@ class Feed:
     def close(self) -> None:
         """Ends it; does not wait for answers that are still to come."""
         self._ended.set()
+        if self._asking is not None:
+            threading.Thread(target=self._asking.close, daemon=True).start()
 
     def choose(self, text: str) -> None:
         """Chooses the signals whose names contain a text."""

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 from rich.text import Text
-from textual.binding import Binding, BindingType
 
 from ecatd.base.sanitized_output import printable
 
@@ -34,8 +33,6 @@ class Meaning(NamedTuple):
 
 class Signals(Lines):
     """Draws only the lines that are seen, so hundreds of signals cost no more than twenty."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "choose", show=False)]
 
     def __init__(self, **settings: Any) -> None:
         columns = (
@@ -75,6 +72,11 @@ class Signals(Lines):
         self._courses = [deque(maxlen=_KEPT) for _ in signals]
         self.empty = why or "No signals"
         self._choose()
+
+    def forget(self) -> None:
+        """Shows nothing until another bus has signals."""
+        self._signals = ()
+        self.begin((), {}, "Waiting for values…")
 
     def add(self, values: Sequence[Sequence[float | None]]) -> None:
         """A row of a stream."""
