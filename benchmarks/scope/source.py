@@ -48,6 +48,8 @@ class Signals:
     kind = "bus"
     title = "benchmark"
     may: tuple[str, ...] = ()
+    user = ""
+    buses: tuple[str, ...] = ()
 
     def __init__(self, minutes: float) -> None:
         self._past = round(minutes * 60_000)

@@ -18,7 +18,7 @@ SETTINGS = """
 folder = "{folder}"
 before_s = 0.2
 after_s = 0.1
-per_hour = 3
+per_hour = 8
 disk_mb = 1
 lapses = false
 """
@@ -37,6 +37,11 @@ def daemon(start_daemon: Callable[..., Daemon], folder: Path) -> Iterator[Daemon
     return daemon
 
 
+def readings(daemon: Daemon) -> str:
+    found = daemon.ctl_json("incident", "list")["incidents"]
+    return "\n".join(daemon.ctl("incident", "show", item["name"]).stdout for item in found)
+
+
 def test_the_disk_is_full_and_faults_do_not_end(daemon: Daemon, folder: Path) -> None:
     def cycles() -> int:
         return int(daemon.ctl_json("stats")["cycles"])
@@ -52,21 +57,18 @@ def test_the_disk_is_full_and_faults_do_not_end(daemon: Daemon, folder: Path) ->
 
         resized = ["mount", "-o", "remount,size=20m", str(folder.parent)]
         subprocess.run(resized, check=True)
-        # A busy machine has faults of its own, which count, too.
+        # A busy machine has faults of its own, too.
         while "flight_recorder.per_hour" not in daemon.log:
             simulator.faults.drop(count=2)
             start = cycles()
             wait_for(lambda: cycles() > start + 100, daemon)  # noqa: B023
-        failed = daemon.log.count("an incident cannot be written")
-        wait_for(lambda: len(incidents(folder, daemon.bus)) == 3 - failed, daemon)
-        simulator.faults.drop(count=2)
-        start = cycles()
-        wait_for(lambda: cycles() > start + 100, daemon)
-    assert daemon.log.count("flight_recorder.per_hour") == 1
-    names(daemon.log, "3 incidents have begun in an hour", "`ecatctl events`")
+        names(daemon.log, "no incident is written about", "of this cause", "`ecatctl events`")
+        # A cause that comes again and again leaves room for another one.
+        simulator.faults.al_error(0, code=0x001B)
+        wait_for(lambda: "recovery: slave 0" in readings(daemon), daemon)
 
     asked = daemon.ctl_json("incident", "record", "still works")
-    assert len(incidents(folder, daemon.bus)) == 4 - failed
+    assert len(incidents(folder, daemon.bus)) <= 9
     # Somebody's files fill the room that incidents may have: the oldest ones go.
     old = [folder / f"{daemon.bus}-200{n}0101T000000.000000Z.mcap" for n in (1, 2)]
     for path in old:

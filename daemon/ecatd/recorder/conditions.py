@@ -47,7 +47,7 @@ class Conditions:
                 time_ns = batch.times_ns[place] + clock_ns
                 if place not in missing and (reason := condition.take(raw, time_ns)):
                     text = f"{reason} in cycle {batch.cycles[place]}"
-                    found.append(Trigger("condition", time_ns, text))
+                    found.append(Trigger("condition", time_ns, text, condition.cause))
         return found
 
 
@@ -56,6 +56,7 @@ class _Condition:
         self._above, self._below = config.above, config.below
         self._pause_ns = round(1e9 * config.pause_s)
         self._signal = signal
+        self.cause = f"condition {config.signal} {config.above} {config.below}"
         self._holds: bool | None = None  # not known: what holds from the start is no edge
         self._last_ns: int | None = None
 

@@ -64,6 +64,7 @@ class Trigger:
     kind: str  #: `fault`, `lapse`, `condition` or `request`.
     time_ns: int  #: Unix time.
     reason: str  #: A sentence.
+    cause: str = ""  #: What is alike in triggers of the same cause; see `Budget`.
 
 
 @dataclass(slots=True)

@@ -12,6 +12,7 @@ import errno
 import os
 import time
 from collections import deque
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ from ecatd.shm.statistics import to_map
 from ecatd.trace.columns import Columns, described
 from ecatd.trace.cycles import CycleReader
 
+from .budget import Budget
 from .conditions import Conditions
 from .incident import LAPSES, Incident, Row, Trigger, write
 from .reading import read as first_reading
@@ -45,7 +47,6 @@ _KEPT = 1000
 """Events, and lines of the log, that are kept."""
 _PERIOD_S = 0.25
 """Seconds between two looks at the values of conditions."""
-_HOUR_S = 3600.0
 _NAMED = 3
 """Most deleted incidents that the log names at a time."""
 _AT_ONCE = 3
@@ -80,8 +81,8 @@ class Recorder:
         self._writing = asyncio.Lock()
         self._watch: asyncio.Task[None] | None = None
         self._others: set[asyncio.Task[Any]] = set()
-        self._begun: deque[float] = deque()
-        self._left_out = 0
+        self._budget = Budget(self._config.per_hour)
+        self._left_out: set[str] = set()  # causes
 
     @property
     def folder(self) -> Path:
@@ -156,9 +157,9 @@ class Recorder:
         if self._is_before_the_start(event):
             return None
         if self._config.faults and _is_fault(event):
-            return Trigger("fault", time_ns, f"{kind}: {text}")
+            return Trigger("fault", time_ns, f"{kind}: {text}", _cause(event))
         if self._config.lapses and kind == "safe" and event.get("reason") in LAPSES:
-            return Trigger("lapse", time_ns, text)
+            return Trigger("lapse", time_ns, text, _cause(event))
         return None
 
     def _is_before_the_start(self, event: dict[str, Any]) -> bool:
@@ -178,22 +179,19 @@ class Recorder:
         if pending is not None and (is_full or trigger.time_ns <= pending.end_ns):
             pending.triggers.append(trigger)
             return
-        now = time.monotonic()
-        while self._begun and now - self._begun[0] > _HOUR_S:
-            self._begun.popleft()
         if trigger.kind != "request":
-            if len(self._begun) >= self._config.per_hour:
-                self._left_out += 1
-                if self._left_out == 1:
+            self._budget.per_hour = self._config.per_hour
+            if why_not := self._budget.take(trigger.cause, time.monotonic()):
+                if trigger.cause not in self._left_out:
+                    self._left_out.add(trigger.cause)
                     self._log.warning(
-                        f"{self._config.per_hour} incidents have begun in an hour "
-                        "(flight_recorder.per_hour), so further ones are left out for a while; "
-                        "`ecatctl events` shows what goes on, and `ecatctl incident record` "
-                        "still records"
+                        f"no incident is written about {trigger.reason}: {why_not} "
+                        "(flight_recorder.per_hour); others of this cause are left out for a "
+                        "while, too: `ecatctl events` shows what goes on, and `ecatctl incident "
+                        "record` still records"
                     )
                 return
-            self._left_out = 0
-            self._begun.append(now)
+            self._left_out.discard(trigger.cause)
         self._pending = _Pending(trigger, self._config)
         task = asyncio.create_task(self._record(self._pending))
         self._recordings.add(task)
@@ -441,6 +439,12 @@ def _is_fault(event: dict[str, Any]) -> bool:
             return not event.get("over")
         case _:
             return False
+
+
+def _cause(event: Mapping[str, Any]) -> str:
+    """What is alike in events of the same cause: their kind, and what they are about."""
+    about = ("slave", "slaves", "missing", "interface", "domain", "program")
+    return f"{event['event']} { {name: event[name] for name in about if name in event} }"
 
 
 def make_folder(folder: Path) -> None:
