@@ -51,7 +51,7 @@ function _shtab_ecatctl_using
 end
 
 set -g _shtab_ecatctl_commands buses graph slaves pdos state states read record watch write check dc info claims shm metrics stats top web sdos sdo-read upload sdo-write download sdo-dump sdo-restore diagnosis errors events incident waiting eoe eoe-read eoe-write foe-read foe-write sii-read sii-write alias soe-read soe-write identify reg-read reg-write rescan reboot config log log-level startup scan cstruct xml generate library client-flags capture doctor remote service
-set -g _shtab_ecatctl_opts_with_value --address --allow --as --backup --bus --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --kind --last --latency --mac --machine --name --out --output --password --port --raw --root --seconds --severity --signal --since --size --templates --timeout --type --user --watch -n -o
+set -g _shtab_ecatctl_opts_with_value --address --address-file --allow --as --backup --before --bus --certificate --config --connect --count --days --devices --dir --dns --drive --duration --esi --every --fmi --for --from --gateway --histogram --host --hz --identity --interface --key --kind --last --latency --logins --mac --machine --name --out --output --password --port --raw --root --seconds --severity --signal --since --size --templates --timeout --type --user --watch -n -o
 
 complete -c ecatctl -e
 complete -c ecatctl -f
@@ -127,6 +127,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using record' -l json -d 'print JSON for 
 complete -c ecatctl -n '_shtab_ecatctl_using record' -s o -l out -xka "(__fish_complete_path (commandline -ct))" -d 'the file; its name ends in .csv, .mcap, .parquet'
 complete -c ecatctl -n '_shtab_ecatctl_using record' -l raw -d 'record raw values, which `ecatd --simulate RIG --replay FILE` and `ecatsim run` need'
 complete -c ecatctl -n '_shtab_ecatctl_using record' -l every -x -d 'record only every Nth cycle (default: 1)'
+complete -c ecatctl -n '_shtab_ecatctl_using record' -l before -x -d 'begin with the last S seconds, as far as ecatd keeps them'
 complete -c ecatctl -n '_shtab_ecatctl_using record' -l force -d 'replace FILE if it exists'
 complete -c ecatctl -n '_shtab_ecatctl_using record' -l for -x -d 'stop after S seconds (default: when you press Ctrl-C)'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a watch -d 'Show values as they change, with minimum, mean and maximum.'
@@ -220,7 +221,12 @@ complete -c ecatctl -n '_shtab_ecatctl_using web' -l connect -x -d 'ask a daemon
 complete -c ecatctl -n '_shtab_ecatctl_using web' -l identity -x -d 'your certificate for an encrypted endpoint (default: $ECATD_IDENTITY or ~/.config/ecatd/identity.pem)'
 complete -c ecatctl -n '_shtab_ecatctl_using web' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using web' -l json -d 'print JSON for programs'
-complete -c ecatctl -n '_shtab_ecatctl_using web' -l port -x -d 'listen at this port of 127.0.0.1; 0 for any that is free (default: 8570, or the next one that is free)'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l port -x -d 'listen at this port; 0 for any that is free (default: 8570, or the next one that is free)'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l address -x -d 'listen at this IP address, 0.0.0.0 for all of this machine (default: 127.0.0.1). All but those of loopback are encrypted, and users log in with a password'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l certificate -xka "(__fish_complete_path (commandline -ct))" -d 'certificate of the server, also to encrypt at a loopback address (default: /etc/ecatd/tls/web.pem, of `ecatctl remote web`)'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l key -xka "(__fish_complete_path (commandline -ct))" -d 'its private key (default: /etc/ecatd/tls/web.key)'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l logins -xka "(__fish_complete_directories)" -d 'the folder of those who may log in, of `ecatctl remote login` (default: /etc/ecatd/tls/logins)'
+complete -c ecatctl -n '_shtab_ecatctl_using web' -l address-file -xka "(__fish_complete_path (commandline -ct))" -d 'write the address of the page into this file, for its group, until the end'
 complete -c ecatctl -n '_shtab_ecatctl_using web' -l no-browser -d 'print the address, and open no browser'
 complete -c ecatctl -n '_shtab_ecatctl_using web' -l allow -x -d 'let pages do more than read: state, outputs, log, frames, sdo, register, errors, sii, ip, idn, foe, incident (default: none)'
 complete -c ecatctl -n '_shtab_ecatctl_using web; and test $_shtab_ecatctl_npos -eq 0' -ka "(__fish_complete_path (commandline -ct))" -d 'show this recording or incident (MCAP) instead of a bus'
@@ -623,12 +629,12 @@ complete -c ecatctl -n '_shtab_ecatctl_using remote' -l identity -x -d 'your cer
 complete -c ecatctl -n '_shtab_ecatctl_using remote' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using remote' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using remote' -l dir -xka "(__fish_complete_directories)" -d 'the folder of the authority (default: /etc/ecatd/tls)'
-complete -c ecatctl -n '_shtab_ecatctl_using remote' -l host -x -d 'init, machine, router: another name or address by which users reach that machine'
+complete -c ecatctl -n '_shtab_ecatctl_using remote' -l host -x -d 'init, machine, router, web: another name or address by which users reach that machine'
 complete -c ecatctl -n '_shtab_ecatctl_using remote' -l machine -x -d 'router: a machine whose buses users reach there; can be given several times'
 complete -c ecatctl -n '_shtab_ecatctl_using remote' -l user -x -d 'router: a user whom the router lets in; can be given several times'
-complete -c ecatctl -n '_shtab_ecatctl_using remote' -l days -x -d 'days until the certificate expires (default: 1825; user: 365)'
-complete -c ecatctl -n '_shtab_ecatctl_using remote' -s o -xka "(__fish_complete_path (commandline -ct))" -d 'user: the file (default: NAME.pem); machine, router: the folder (default: NAME)'
-complete -c ecatctl -n '_shtab_ecatctl_using remote; and test $_shtab_ecatctl_npos -eq 0' -ka "init user machine router show test" -d 'one of the actions below'
+complete -c ecatctl -n '_shtab_ecatctl_using remote' -l days -x -d 'days until the certificate expires (default: 1825; user, login: 365; web: always 825)'
+complete -c ecatctl -n '_shtab_ecatctl_using remote' -s o -xka "(__fish_complete_path (commandline -ct))" -d 'user: the file (default: NAME.pem); machine, router: the folder (default: NAME); web: the folder (default: that of the authority); login: the file (default: logins/NAME.pem there)'
+complete -c ecatctl -n '_shtab_ecatctl_using remote; and test $_shtab_ecatctl_npos -eq 0' -ka "init user machine router web login show test" -d 'one of the actions below'
 complete -c ecatctl -n '_shtab_ecatctl_using; and test $_shtab_ecatctl_npos -eq 0' -a service -d 'Install, upgrade or remove the systemd service.'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -s h -l help -d 'show this help message and exit'
 complete -c ecatctl -n '_shtab_ecatctl_using service' -l bus -x -d 'name of the bus (default: $ECATD_BUS or ecat0)'
