@@ -84,7 +84,7 @@ def test_causes_that_compete_and_what_is_beside_them() -> None:
         "  - slave 3 (EL3008): SAFEOP with error (noticed 2 cycles later)",
         "  in the same cycle: the working counter was wrong (1 domain)",
     ]
-    hot = event("emergency", 490, "0x4310: too hot", slave=3)
+    hot = event("emergency", 490, "slave 3 (EL3008) sent an emergency: 0x4310: too hot", slave=3)
     assert reading([hot, own], failing=range(500, 510))[0] == (
         "16:00:00.490 (cycle 1490) slave 3 (EL3008) sent an emergency: 0x4310: too hot"
     )

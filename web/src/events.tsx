@@ -61,7 +61,6 @@ export function Events({ state }: { state: State }) {
                 <time dateTime={new Date(seconds * 1000).toISOString()}>{clock(seconds, true)}</time>
                 <span class="muted">{ago(now - seconds)}</span>
                 {typeof event["times"] === "number" && event["times"] > 1 && <span class="muted">{event["times"]} times</span>}
-                {typeof event["slave"] === "number" && <span class="event-slave">{event["slave"]} {state.slaveName(event["slave"])}</span>}
               </span>
               <span class="event-text">{event.text}</span>
             </>

@@ -47,8 +47,9 @@ _EXPLAINS: Mapping[str, frozenset[str]] = {
     "absent": _SYMPTOMS | {"cable"},
     "cable": frozenset({_LOST, _FAILED, _WELL, "working_counter", "exchange", "disturbance"}),
     "emergency": frozenset(
-        {"al_state", _STARVED, "recovery", "stopped", _FAILED, _WELL, "working_counter"}
+        {"drive", "al_state", _STARVED, "recovery", "stopped", _FAILED, _WELL, "working_counter"}
     ),
+    "drive": frozenset({"stopped"}),
     _LATE: frozenset({"clock", "clock_difference", _STARVED}),
     "al_state": _SYMPTOMS - {"al_state", _STARVED, _LOST},
     _STARVED: _SYMPTOMS - {"al_state", _STARVED, _LOST},
@@ -60,7 +61,7 @@ _EXPLAINS: Mapping[str, frozenset[str]] = {
     "working_counter": frozenset({"exchange", "disturbance"}),
 }
 """Which kinds explain which others, if they are close together. The earlier rows explain more."""
-_OF_ITSELF = frozenset({"emergency", "al_state", _STARVED})
+_OF_ITSELF = frozenset({"emergency", "drive", "al_state", _STARVED})
 """Kinds that a slave says of itself, so they explain what becomes of this slave, not of others."""
 _NO_CAUSE = frozenset({"change", "claimed", _WELL, "safe", "configuration", "log_levels"})
 """Kinds that nobody looks for when something has gone wrong, unless something follows from them."""
@@ -169,6 +170,7 @@ class _Reading:
             slaves = event.get("missing") or ([event["slave"]] if "slave" in event else [])
             good = event.get("state") in _GOOD.get(kind, ()) or event.get("over") is True
             good |= kind == "al_state" and event.get("al_state") == AlState.OP
+            good |= kind == "emergency" and not event.get("code", 1) >> 8  # the error is over
             good |= kind == "slaves" and not event.get("missing")
             good |= kind == "cable" and event.get("verdict") == "good"
             cycle = event.get("cycle")
@@ -241,8 +243,6 @@ class _Reading:
         text = fact.text
         if fact.kind in ("al_state", "recovery", _STARVED):
             text = f"{self._who(fact.slaves)}: {_OF_SLAVE.sub('', text, count=1)}"
-        elif fact.kind == "emergency":
-            text = f"{self._who(fact.slaves)} sent an emergency: {text}"
         return text
 
     def _who(self, slaves: Sequence[int]) -> str:

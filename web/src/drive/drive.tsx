@@ -58,9 +58,12 @@ function AxisView({ state, axis }: { state: State; axis: Axis }) {
   const present = word === null ? null : stateOf(word);
   const mode = raw(axis.mode) ?? raw(axis.modeWanted);
   const code = raw(axis.errorCode);
+  const faults = state.states.value?.faults.filter((fault) => fault.kind === "drive" && fault.slaves.includes(axis.slave)) ?? [];
   return (
     <>
       <Section title={axis.label} aside={present === null ? "" : STATE_NAMES[present]}>
+        {faults.map((fault) => <p key={fault.text} class="trouble">{fault.text}</p>)}
+        {faults.length > 0 && <p class="actions"><button type="button" onClick={() => { state.part.value = "setup"; state.open(axis.slave); }}>Start-up parameters</button></p>}
         <StateDiagram present={present} />
         <Facts rows={[
           ["Statusword", word === null ? "" : `${hex(word, 4)}${remarks(word).map((item) => ` · ${item}`).join("")}`],

@@ -1,4 +1,5 @@
 // The process data of a slave, live.
+import { Fragment } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 
 import { Section } from "../controls";
@@ -6,9 +7,10 @@ import type { Slave } from "../maps";
 import type { Signal } from "../protocol";
 import type { State } from "../state";
 import type { Last } from "../live";
-import { shortName, shown } from "../text";
+import { counted, shortName, shown } from "../text";
 
 const SETTLE_MS = 200;
+const MANY_BITS = 4;
 
 export function ProcessData({ state, slave }: { state: State; slave: Slave }) {
   const signals = state.bySlave.value.get(slave.position) ?? [];
@@ -40,14 +42,44 @@ export function ProcessData({ state, slave }: { state: State; slave: Slave }) {
       {([["Inputs", false], ["Outputs", true]] as const).map(([title, output]) => list(output).length > 0 && (
         <Section key={title} title={title} aside="drag into the scope, or +">
           <ul class="values">
-            {list(output).map((item) => (
-              <Value key={item.name} state={state} item={item} name={shortName(item)} boolean={item.bits === 1} />
+            {channels(list(output)).map(({ name, values, bits }) => (
+              <Fragment key={values[0]!.name}>
+                {values.map((item) => (
+                  <Value key={item.name} state={state} item={item} name={`${name}${shortName(item)}`} boolean={item.bits === 1} />
+                ))}
+                {bits.length > 0 && (
+                  <li>
+                    <details>
+                      <summary>{name}{counted(bits.length, "bit")}</summary>
+                      <ul class="values">
+                        {bits.map((item) => <Value key={item.name} state={state} item={item} name={shortName(item)} boolean />)}
+                      </ul>
+                    </details>
+                  </li>
+                )}
+              </Fragment>
             ))}
           </ul>
         </Section>
       ))}
     </div>
   );
+}
+
+/** Values by channel (PDO). Where each has a value and many bits, the bits are folded. */
+function channels(signals: Signal[]): { name: string; values: Signal[]; bits: Signal[] }[] {
+  const groups = new Map<string, Signal[]>();
+  for (const item of signals) {
+    const pdo = item.path.split("/").slice(1, -1).join(" / ");
+    groups.set(pdo, [...(groups.get(pdo) ?? []), item]);
+  }
+  return [...groups].map(([pdo, items]) => {
+    const bits = items.filter((item) => item.bits === 1);
+    const name = groups.size > 1 && pdo !== "" ? `${pdo} · ` : "";
+    return bits.length < MANY_BITS || bits.length === items.length
+      ? { name: bits.length === items.length ? "" : name, values: items, bits: [] }
+      : { name, values: items.filter((item) => item.bits !== 1), bits };
+  });
 }
 
 function Value({ state, item, name, boolean }: { state: State; item: Signal; name: string; boolean: boolean }) {

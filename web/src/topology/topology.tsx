@@ -59,6 +59,7 @@ export function Topology({ state }: { state: State }) {
     for (const [slave, plug] of plugs(errors)) remembered.current.plugs.set(slave, plug);
     return rows(bus, errors, remembered.current.plugs);
   }, [bus, errors]);
+  const faulty = new Set((state.states.value?.faults ?? []).filter((fault) => fault.kind === "drive").flatMap((fault) => fault.slaves));
   const states = new Map((state.states.value?.slaves ?? []).map((item) => [item.position, item]));
   const small = dense ?? placed.length > MANY;
   const step = small ? 26 : 46;
@@ -160,11 +161,12 @@ export function Topology({ state }: { state: State }) {
             {placed.map((row, at) => {
               const slave = bus.slaves[row.slave]!;
               const al = states.get(row.slave);
-              const kind = health(al);
+              const isFaulty = faulty.has(row.slave) && al?.al_state === 8;
+              const kind = isFaulty ? "wrong" : health(al);
               const name = slave.given_name || slave.name || "without a name";
               const left = x(row) - 14;
               const wide = width - left - right;
-              const words = al === undefined ? "" : kind === "away" ? "absent" : stateText(al.al_state);
+              const words = al === undefined ? "" : isFaulty ? "FAULT" : kind === "away" ? "absent" : stateText(al.al_state);
               const delay = measured && slave.dc_bits > 0 ? microseconds(slave.dc_delay_ns / 1000) : "";
               const notes = [slave.given_name !== "" ? slave.name : "", row.port !== null && row.port !== USUAL_PORT ? `at port ${row.port}` : "", amount(state, slave), slave.group !== "" ? `optional: ${slave.group}` : ""];
               const note = notes.filter((text) => text !== "").join(" · ");
