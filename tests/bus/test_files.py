@@ -68,7 +68,7 @@ def test_firmware_is_written_in_boot_while_the_others_stay_in_op(
     bus.ctl("foe-write", "0", str(file), "--boot", "--yes")
     wait_for(lambda: all(row["text"] == "OP" for row in bus.slave_rows("state")), bus)
     states = [
-        (row["slave"], row["text"])
+        (row["slave"], row["text"].rpartition(": ")[2])
         for row in bus.ctl_json("events")["events"]
         if row["event"] == "al_state"
     ]

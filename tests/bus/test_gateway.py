@@ -306,7 +306,7 @@ def test_values_and_events_are_published(daemon: Daemon, network: zenoh.Session)
     assert blinking[0]["raw"] in (0, 1)
     assert blinking[0]["name"] == "Input"
     daemon.ctl("state", "3", "SAFEOP", "--yes")
-    states = ("al_state", 3, "SAFEOP")
+    states = ("al_state", 3, "slave 3 (EL2008): SAFEOP")
     wait_for(
         lambda: states in [(x["event"], x.get("slave"), x.get("text")) for x in events], daemon
     )

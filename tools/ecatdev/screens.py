@@ -57,7 +57,7 @@ def main(folder: Path) -> None:
             _wait_for_op(daemon)
             for name, commands in _SCREENS.items():
                 _draw(folder / f"{name}.svg", commands, env)
-            command = ["ecatctl", "graph", "-o", str(folder / "topology.svg")]
+            command = ["ecatctl", "graph", "-o", str(folder / "screen-topology.svg")]
             subprocess.run(command, env=env, check=True)
             os.environ.update(env)
             for name, keys in _VIEWS.items():

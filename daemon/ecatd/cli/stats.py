@@ -14,6 +14,7 @@ from ecatd.operations.health import Health
 from ecatd.shm.contract import TIMES
 from ecatd.shm.statistics import Snapshot
 from ecatd.shm.statistics.maps import histogram_to_map, interval_to_map, to_map
+from ecatd.shm.statistics.problems import is_exchanged
 from ecatd.view.worst import find_worst
 
 from .arguments import add_watch
@@ -69,8 +70,9 @@ def _worst(snapshot: Snapshot, source: Source) -> list[str]:
     """What stood beside the worst cycles; events only if the gateway answers."""
     now = time.time()
     events: Sequence[Event] = ()
-    with suppress(EcatError):
-        events = source.remote().request(ReadEvents())["events"]
+    if is_exchanged(snapshot):  # else hardly anybody answers
+        with suppress(EcatError):
+            events = source.remote().request(ReadEvents())["events"]
     return worst_lines(
         find_worst(snapshot, events, now), find_worst(snapshot, events, now, RECENT_S)
     )

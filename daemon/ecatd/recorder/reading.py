@@ -170,7 +170,7 @@ class _Reading:
             slaves = event.get("missing") or ([event["slave"]] if "slave" in event else [])
             good = event.get("state") in _GOOD.get(kind, ()) or event.get("over") is True
             good |= kind == "al_state" and event.get("al_state") == AlState.OP
-            good |= kind == "emergency" and not event.get("code", 1) >> 8  # the error is over
+            good |= kind == "emergency" and not event.get("code", 0xFFFF) >> 8  # the error is over
             good |= kind == "slaves" and not event.get("missing")
             good |= kind == "cable" and event.get("verdict") == "good"
             cycle = event.get("cycle")

@@ -9,7 +9,7 @@ from pathlib import Path
 from pymoca.parser import ModelicaSyntaxError
 
 from .library import NoSuchClassError
-from .pictures import pictures
+from .pictures import SCREEN, pictures
 
 
 def main(arguments: list[str]) -> int:
@@ -31,7 +31,7 @@ def main(arguments: list[str]) -> int:
         return 1
     options.folder.mkdir(parents=True, exist_ok=True)
     for old in options.folder.glob("*.svg"):
-        if old.name not in files:
+        if old.name not in files and not old.name.startswith(SCREEN):
             old.unlink()
     for name, text in files.items():
         (options.folder / name).write_text(text, "utf-8")

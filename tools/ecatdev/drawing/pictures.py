@@ -20,6 +20,8 @@ from .sheet import sheet
 from .svg import Svg
 
 STATIC, GENERATED = "EtherCAT", "TrollPlant"
+SCREEN = "screen-"
+"""How names of pictures begin that `make screens` draws: of commands, not of libraries."""
 _MODELICA = Path(ecatgen.__file__).parent / "modelica"
 _STAND_IN = Path(checks.__file__).parent
 _MARGIN = 6

@@ -20,6 +20,7 @@ from ecatd.base.daemon_threads import in_daemon_thread
 from ecatd.base.errors import EcatError
 from ecatd.base.sanitized_output import printable
 from ecatd.description.bus import Bus, Slave
+from ecatd.etg.scaling import to_physical
 from ecatd.operations.health import row_label
 from ecatd.view.lamps import Lamps, owner_name
 
@@ -742,7 +743,7 @@ def _meanings(bus: Bus) -> Iterator[tuple[tuple[int, str], Meaning]]:
             if uses[entry.name] > 1 and pdo.name and pdo.name != name:
                 name = f"{pdo.name} / {name}"
             values = {
-                value.number * entry.scale + entry.offset: printable(value.name)
+                to_physical(value.number, entry.scale, entry.offset): printable(value.name)
                 for value in entry.values
             }
             label = printable(f"{slave.position} {name}")
