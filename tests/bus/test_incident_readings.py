@@ -92,7 +92,7 @@ def test_readings(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
 
     daemon.ctl("incident", "record", "the noise again")
     text = readings.with_a(r"\(request\): .* has asked for an incident: the noise again\.$")
-    assert "Nothing went wrong here" in text or "missing" in text, text
+    assert "No fault of the bus is known" in text or "missing" in text, text
     readings.settle()
 
     daemon.ctl("write", "3/0x7000:01=1", "--for", "0.1", "--yes")

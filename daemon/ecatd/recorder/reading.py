@@ -121,7 +121,8 @@ class _Reading:
         yield ""
         chains = _chains(self._facts())
         if self._incident.rows and not any(chain.causes for chain in chains):
-            yield "Nothing went wrong here: every exchange was complete."
+            yield "No fault of the bus is known: every exchange was complete."
+            yield "Nobody has judged the values: look at them, as with `ecatctl web FILE`."
         count = 0
         for chain in chains:
             for line in self._chain(chain):

@@ -26,7 +26,7 @@ export function Health({ state, slave }: { state: State; slave: Slave }) {
         ))}
       </Section>
       <Section title="Error counters" aside={counters?.since == null ? undefined : `since ${clock(counters.since)}`}>
-        {counters === undefined ? <p class="empty">The slave does not answer.</p> : (
+        {counters === undefined ? <p class="empty">{failure?.message ?? "The slave does not answer."}</p> : (
           <table>
             <thead><tr><th>Port</th><th>Leads to</th><th class="number">Invalid</th><th class="number">Physical</th><th class="number">Forwarded</th><th class="number">Lost</th></tr></thead>
             <tbody>

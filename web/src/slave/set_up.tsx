@@ -49,8 +49,7 @@ export function SetUp({ state, slave }: { state: State; slave: Slave }) {
         {[...slave.problems, ...missing.map((item) => item.text), states?.others ?? ""].filter((text) => text !== "").map((text) => (
           <p class="note warning" key={text}>{text}</p>
         ))}
-        {wire.state === "failed" && <Trouble error={wire.error} />}
-        {wire.state === "loading" ? <p class="empty">Asking what is on the wire …</p> : device === undefined ? <p class="empty">It is not on the wire now.</p> : (
+        {wire.state === "failed" ? <Trouble error={wire.error} /> : wire.state === "loading" ? <p class="empty">Asking what is on the wire …</p> : device === undefined ? <p class="empty">It is not on the wire now.</p> : (
           <table>
             <thead><tr><th></th><th class="number">At the start</th><th class="number">On the wire</th></tr></thead>
             <tbody>

@@ -24,7 +24,9 @@ export function SlavePanel({ state }: { state: State }) {
   }
   const al = state.states.value?.slaves.find((item) => item.position === position);
   const hasMailbox = slave.coe || slave.eoe || slave.soe || slave.foe;
-  const parts = PARTS.filter(([name]) => name !== "files" || hasMailbox);
+  // A file answers no questions to slaves.
+  const isFile = state.hello.value.source === "file";
+  const parts = PARTS.filter(([name]) => (name !== "files" || hasMailbox) && !(isFile && ["objects", "files", "memory"].includes(name)));
   const part = parts.some(([name]) => name === state.part.value) ? state.part.value : "now";
   return (
     <article class="slave" key={slave.position} aria-label={`Slave ${slave.position}`}>
