@@ -139,6 +139,7 @@ def add(page: Any, name: str) -> None:
     box = page.get_by_role("combobox", name="Add a signal")
     box.focus()
     box.fill(name)
+    page.get_by_role("option", selected=True).wait_for()  # the page must know its signals
     box.press("Enter")
 
 
@@ -290,7 +291,7 @@ def check_extremes(page: Any, recorded: dict[int, Any], tmp_path: Path) -> None:
     numbers = array("d", [last + 101 + i for i in range(5000)])
     times = array("d", [end_ms + 101 + i for i in range(5000)])
     values = array("d", [float(i % 1000 == 500) for i in range(5000)])
-    extremes = Extremes([TITLE])
+    extremes = Extremes([TITLE], generation=1)
     extremes.add(Cycles(numbers, times, {TITLE: values}, {TITLE: "float64"}, {}, lost=False))
     missing = status(page)["missing"]
     (worker,) = page.workers
@@ -299,7 +300,7 @@ def check_extremes(page: Any, recorded: dict[int, Any], tmp_path: Path) -> None:
             const data = Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
             self.onmessage({data: {do: "batch", data}});
         }""",
-        base64.b64encode(extremes.pack(generation=1)).decode(),
+        base64.b64encode(extremes.pack()).decode(),
     )
     until(lambda: status(page)["minmax"])
     said = page.locator(".scope-warning").inner_text()

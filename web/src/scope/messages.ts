@@ -122,6 +122,7 @@ export interface Status {
   bytes: number;
   short: boolean;
   missing: number;
+  pauses: number;
   minmax: boolean;
   shift: number;
   trigger: "off" | "waits" | "collects" | "holds";

@@ -220,9 +220,11 @@ export class ScopeModel {
         this.title.value = message.title;
         this.ended.value = false;
       });
-      this.order({ do: "restart", file: message.source === "file" });
-    } else if (message.type === "link") this.link.value = { up: message.up, text: message.text };
-    else if (message.type === "value" && message.key === "ro/trace") {
+      this.restart();
+    } else if (message.type === "link") {
+      this.link.value = { up: message.up, text: message.text };
+      this.restart();
+    } else if (message.type === "value" && message.key === "ro/trace") {
       const { history_s, why } = (message.value ?? {}) as { history_s?: number; why?: string };
       if (history_s !== undefined) this.history.value = { seconds: history_s, why: why ?? "" };
       else this.notice.value = message.failure ? `No samples come: ${message.failure.message}` : "";
@@ -230,6 +232,10 @@ export class ScopeModel {
       this.ended.value = true;
       this.order({ do: "all" });
     }
+  }
+
+  private restart(): void {
+    this.order({ do: "restart", file: this.source.value === "file" });
   }
 
   save(format: Format, all: boolean): void {
