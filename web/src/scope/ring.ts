@@ -61,6 +61,8 @@ export class Ring {
   shift = 0;
   /** First row of the present run of the daemon, whose numbers of cycles ascend. */
   private run = 0;
+  /** The generation of the first batch. */
+  since = 0;
   /** Whether rows that were there got more values. */
   amended = false;
   /** Names of the signals that are kept; null: all. */
@@ -221,7 +223,8 @@ export class Ring {
   /** Takes the cycles of a batch. Those that are there get the signals that they lack. */
   take(batch: Batch): void {
     const reachesBack = batch.kind === "history";
-    // What has none of the signals is for another part of the page, and may come before their history.
+    // What is for another part of the page may come before the history of the first signals.
+    if (this.end === 0 && batch.generation < this.since) return;
     if (this.wanted && ![...batch.columns.keys()].some((name) => this.wanted!.has(name))) return;
     const isNew = reachesBack || batch.generation !== this.generation;
     if (isNew) this.lastOfGeneration = -1;

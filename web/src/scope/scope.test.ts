@@ -288,6 +288,8 @@ test("a time without a recording is a pause; only what was lost meanwhile is mis
     ring.take(batchOf(cycles, { [name]: new Int8Array(cycles.length) }, more));
   const seen = () => [ring.missing, ring.pauses, ring.end, ring.shift];
   ring.keep(["a"]);
+  ring.since = 1;
+  take([6000], { generation: 0 });
   take([1, 2, 3], {});
   take([9000], {}, "of a panel");
   take([5000, 5001], { kind: "history", generation: 2 });

@@ -235,6 +235,7 @@ function obey(order: Order): void {
     case "curves":
       Object.assign(picture, { curves: order.curves, stacked: order.stacked, limits: order.limits });
       if (order.curves.length === 0) ring.clear();
+      ring.since = order.generation;
       ring.keep(order.curves.map(({ name }) => name));
       picture.spoil();
       if (trigger && isOther(trigger)) setTrigger(trigger);
