@@ -1,5 +1,6 @@
 """The page of `ecatctl web`, in a browser on a live bus with faults: what a user sees."""
 
+import json
 import re
 import shutil
 import subprocess
@@ -174,9 +175,28 @@ def test_values_are_live_and_have_an_owner(page: Any, daemon: Daemon) -> None:
     expect(value).to_have_text("off")
     show(page, "Outputs")
     expect(row).to_contain_text("released")
+    with daemon.client() as client, client.claim(OUTPUT, lease=0.1):  # and then it hangs
+        owner = page.locator(".outputs tbody tr", has_text="python")
+        expect(owner.locator(".tag")).to_have_text("silent")
     show(page, "Slave")
     page.locator(f'[data-signal="{OUTPUT}"] .add').click()
     expect(page.get_by_role("region", name="Scope").get_by_text("EL2008")).not_to_have_count(0)
+
+
+def test_status_bits_of_a_channel_are_folded(page: Any) -> None:
+    slave(page, ANALOG).click()
+    bit = page.locator(f'[data-signal="{ANALOG}/0x6000:01"]')
+    expect(bit).to_be_hidden()
+    expect(page.locator(".channel").first).to_have_text("AI Standard Channel 1")
+    page.locator("summary", has_text="5 bits of AI Standard Channel 1").click()
+    expect(bit).to_contain_text(re.compile("Underrange.*off"))
+    name, value = (
+        page.locator(f'[data-signal="{ANALOG}/{entry}"] .value-{part}').bounding_box()
+        for entry, part in (("0x6000:11", "name"), ("0x6000:11", "number"))
+    )
+    of_bit = bit.locator(".value-number").bounding_box()
+    assert name["x"] + name["width"] <= value["x"]
+    assert value["x"] + value["width"] == of_bit["x"] + of_bit["width"]
 
 
 def test_outputs_are_held_by_hand(page: Any, daemon: Daemon) -> None:
@@ -222,7 +242,49 @@ def test_a_drive_moves_only_while_a_button_is_pressed(page: Any, daemon: Daemon)
     page.mouse.up()
     expect(diagram).not_to_have_accessible_name(re.compile("Operation enabled"))
     expect(enable).to_have_attribute("aria-pressed", "false")
+    page.get_by_role("button", name="Draw these in the scope").click()
+    legend = page.get_by_role("region", name="Signals of the scope")
+    for quantity in ("Position", "Velocity", "Torque"):
+        axis = legend.get_by_label(re.compile(f"Own axis for .*Target {quantity}"))
+        expect(axis).to_have_attribute("aria-pressed", "true")
+    lanes = json.loads(page.locator(".scope-status").get_attribute("data-view"))["lanes"]
+    assert any({"0/0x607A:00", "0/0x6064:00"} == {*lane["names"]} for lane in lanes)
     show(page, "Slave")
+
+
+def test_a_drive_in_fault_is_marked(page: Any, daemon: Daemon, simulator: Simulator) -> None:
+    def drive(*steps: tuple[int, int]) -> None:
+        """Gives each controlword until the statusword has its bits."""
+        values = {0x6060: 8, 0x6072: 1000, 0x607A: 100_000}
+        with daemon.client() as client, client.claim(DRIVE, lease=2):
+            statusword = client.signal(DRIVE, 0x6041)
+            for word, wanted in steps:
+                while int(statusword.raw) & 0x4F != wanted:
+                    for index, value in {**values, 0x6040: word}.items():
+                        client.signal(DRIVE, index).raw = value
+                    client.commit()
+                    client.wait()
+                    client.sample()
+
+    window = simulator.get(DRIVE, 0x6065, 0)
+    simulator.set(DRIVE, 0x6065, 0, 1)
+    drive((0x06, 0x01), (0x07, 0x03), (0x0F, 0x08))
+    simulator.set(DRIVE, 0x6065, 0, window)
+    expect(slave(page, DRIVE)).to_have_accessible_name(re.compile("FAULT"))
+    expect(slave(page, DRIVE)).to_have_class(re.compile("wrong"))
+    show(page, "Drive")
+    expect(page.locator(".drive .trouble").first).to_contain_text("following error")
+    page.get_by_role("button", name="Start-up parameters").click()
+    expect(page.get_by_role("tab", name="Set-up")).to_have_attribute("aria-selected", "true")
+    show(page, "Events")
+    fault = page.locator(".event.error", has_text="following error").first
+    fault.get_by_role("button").click()  # the scope, too, goes there
+    expect(page.get_by_role("heading", name="Gold EtherCAT GCON Drive")).to_be_visible()
+    live = page.get_by_role("button", name="Live", exact=True)
+    expect(live).to_have_attribute("aria-pressed", "false")
+    live.click()
+    drive((0x80, 0x40))
+    expect(slave(page, DRIVE)).to_have_class(re.compile("node op"))
 
 
 def test_objects_are_read_and_written(page: Any, daemon: Daemon) -> None:
@@ -353,6 +415,10 @@ def test_a_bad_cable_is_seen(page: Any, simulator: Simulator) -> None:
         expect(cable).to_have_count(1, timeout=60_000)
         slave(page, ANALOG).click()
         show(page, "Health")
+        expect(page.locator(".cable-note.bad, .cable-note.warning")).to_contain_text("slave 4")
+        show(page, "Now")
+        expect(lamp(page, "link")).to_have_class(re.compile("bad|warning"))
+        lamp(page, "link").click()
         expect(page.locator(".cable-note.bad, .cable-note.warning")).to_contain_text("slave 4")
     finally:
         simulator.faults.clear()

@@ -139,6 +139,7 @@ def add(page: Any, name: str) -> None:
     box = page.get_by_role("combobox", name="Add a signal")
     box.focus()
     box.fill(name)
+    page.locator("#scope-found-0").wait_for()  # the page must know its signals
     box.press("Enter")
 
 
@@ -290,7 +291,7 @@ def check_extremes(page: Any, recorded: dict[int, Any], tmp_path: Path) -> None:
     numbers = array("d", [last + 101 + i for i in range(5000)])
     times = array("d", [end_ms + 101 + i for i in range(5000)])
     values = array("d", [float(i % 1000 == 500) for i in range(5000)])
-    extremes = Extremes([TITLE])
+    extremes = Extremes([TITLE], generation=1)
     extremes.add(Cycles(numbers, times, {TITLE: values}, {TITLE: "float64"}, {}, lost=False))
     missing = status(page)["missing"]
     (worker,) = page.workers
@@ -299,7 +300,7 @@ def check_extremes(page: Any, recorded: dict[int, Any], tmp_path: Path) -> None:
             const data = Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
             self.onmessage({data: {do: "batch", data}});
         }""",
-        base64.b64encode(extremes.pack(generation=1)).decode(),
+        base64.b64encode(extremes.pack()).decode(),
     )
     until(lambda: status(page)["minmax"])
     said = page.locator(".scope-warning").inner_text()
@@ -341,7 +342,9 @@ def test_an_incident_opens_in_the_scope_with_its_events(
 def test_triggers_show_the_cycle_that_fulfils_them(
     troll: Daemon, page: Any, tmp_path: Path
 ) -> None:
-    add(page, SIGNAL)
+    add(page, "EL2008/Output")
+    page.locator("#scope-found-0", has_text="0x7010:01").wait_for()  # for more of them
+    page.keyboard.press("Escape")
     until(lambda: page.locator(".scope-status").get_attribute("data-view"))
     until(lambda: status(page)["rows"] > 300)
     page.get_by_role("combobox", name="Window").first.select_option("1000")
@@ -413,11 +416,14 @@ def test_what_people_do_with_the_scope(troll: Daemon, browser: Any, tmp_path: Pa
     ):
         page.locator('[role="treeitem"][data-slave="4"]').click()
         page.get_by_role("tab", name="Now").click()
+        page.locator(f'[data-signal="{ANALOG}"] .value-number', has_text="V").wait_for()
+        added_ms = 1000 * time.time()
         page.locator(f'[data-signal="{ANALOG}"]').drag_to(page.locator(".scope-screen"))
         notice = page.locator(".scope-warning")
         add(page, STATUSWORD)
         until(lambda: page.locator(".scope-status").get_attribute("data-view"))
         until(lambda: status(page)["rows"] > 2000)
+        assert status(page)["first"] < added_ms  # although the panel has its values already
 
         # A bit has a lane, also of what was recorded before.
         page.get_by_label("Show a bit of Gold EtherCAT GCON Drive/Status word").select_option("6")

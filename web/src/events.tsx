@@ -68,9 +68,10 @@ export function Events({ state }: { state: State }) {
           return (
             <li key={`${String(event["instance"])}/${event.sequence}`} class={`event ${event.severity}`}>
               <span class="sr">{event.severity}: </span>
-              {slave === null ? <div class="event-body">{text}</div> : (
-                <button type="button" class="event-body" onClick={() => state.open(slave)} title={`Open slave ${slave}`}>{text}</button>
-              )}
+              <button type="button" class="event-body" title={slave === null ? "Show it in the scope" : `Open slave ${slave}, and show it in the scope`} onClick={() => {
+                if (slave !== null) state.open(slave);
+                state.scope.show(seconds * 1000);
+              }}>{text}</button>
             </li>
           );
         })}

@@ -21,7 +21,7 @@ export function Lamps({ state }: { state: State }) {
   const now = state.now.value;
   const open = ({ id, evidence }: Lamp) => {
     if (evidence.slave !== null) state.selected.value = evidence.slave;
-    if (id === "link") state.part.value = "health"; // the cables at the slave
+    if (id === "link" && evidence.slave !== null) state.part.value = "health"; // the cables at the slave
     if (evidence.panel !== "topology") state.tab.value = evidence.panel;
     else if (evidence.slave !== null) state.tab.value = "slave";
     const target = evidence.panel === "topology" ? "topology" : "panel";

@@ -58,6 +58,14 @@ function AxisView({ state, axis }: { state: State; axis: Axis }) {
   const present = word === null ? null : stateOf(word);
   const mode = raw(axis.mode) ?? raw(axis.modeWanted);
   const code = raw(axis.errorCode);
+  /** Each quantity gets an axis: without units, that of positions would hide the others. */
+  const draw = () => {
+    for (const item of signalsOf(axis)) {
+      if (item === axis.statusword || item === axis.controlword) continue;
+      const pair = axis.pairs.find(({ target, actual }) => item === target || item === actual);
+      state.scope.add(item.name, pair ? `${pair.title} of ${axis.label}` : `own ${item.name}`);
+    }
+  };
   const faults = state.states.value?.faults.filter((fault) => fault.kind === "drive" && fault.slaves.includes(axis.slave)) ?? [];
   return (
     <>
@@ -85,9 +93,7 @@ function AxisView({ state, axis }: { state: State; axis: Axis }) {
           </tbody>
         </table>
         <p class="actions">
-          <button type="button" onClick={() => signalsOf(axis).filter((item) => item !== axis.statusword && item !== axis.controlword).forEach((item) => state.scope.add(item.name))}>
-            Draw these in the scope
-          </button>
+          <button type="button" onClick={draw}>Draw these in the scope</button>
         </p>
       </Section>
       {state.may("outputs") && <Moving state={state} axis={axis} word={word} mode={mode} />}

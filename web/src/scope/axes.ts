@@ -54,7 +54,7 @@ export function layOut(
   const lanes = analog.map(([axis, [...all]], i): Lane => {
     const each = stacked ? (high - GAP * (analog.length - 1)) / analog.length : high - 4;
     return {
-      axis, title: all[0]!.unit || (all.length === 1 ? all[0]!.label : ""), digital: false,
+      axis, title: all[0]!.unit || (all.length === 1 ? all[0]!.label : axis.replace(/^unit .*/, "")), digital: false,
       names: all.map((curve) => curve.name),
       left: stacked ? left : left - GUTTER * (analog.length - 1 - i),
       top: TOP + (stacked ? i * (each + GAP) : 0),

@@ -15,16 +15,19 @@ function Search({ model }: { model: ScopeModel }) {
   const query = useSignal("");
   const at = useSignal(0);
   const isOpen = useSignal(false);
-  const found = isOpen.value ? search(model.known.value.values(), query.value, 12) : [];
+  // It stays open, as several that match are often wanted.
+  const drawn = model.curves.value.map(({ name }) => name);
+  const others = [...model.known.value.values()].filter(({ name }) => !drawn.includes(name));
+  const found = isOpen.value ? search(others, query.value, 12) : [];
   const choose = (name: string | undefined) => {
-    if (!name) return;
-    model.add(name);
-    query.value = "";
-    isOpen.value = false;
+    if (name) model.add(name);
+    at.value = Math.min(at.value, Math.max(0, found.length - 2));
   };
   return (
     <div class="scope-search" onFocusOut={(event: FocusEvent) => {
-      if (!(event.currentTarget as Node).contains(event.relatedTarget as Node | null)) isOpen.value = false;
+      if ((event.currentTarget as Node).contains(event.relatedTarget as Node | null)) return;
+      isOpen.value = false;
+      query.value = "";
     }}>
       <input
         type="text" role="combobox" aria-label="Add a signal" placeholder="Add a signal …"
@@ -36,11 +39,13 @@ function Search({ model }: { model: ScopeModel }) {
           at.value = 0;
           isOpen.value = true;
         }}
-        onKeyDown={(event: KeyboardEvent) => {
+        onKeyDown={(event) => {
           if (event.key === "ArrowDown") at.value = Math.min(found.length - 1, at.value + 1);
           else if (event.key === "ArrowUp") at.value = Math.max(0, at.value - 1);
-          else if (event.key === "Enter") choose(found[at.value]?.name);
-          else if (event.key === "Escape") isOpen.value = false;
+          else if (event.key === "Enter") {
+            choose(found[at.value]?.name);
+            event.currentTarget.select();
+          } else if (event.key === "Escape") isOpen.value = false;
           else return;
           event.preventDefault();
         }}

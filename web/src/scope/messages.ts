@@ -73,7 +73,11 @@ export type Order =
   | { do: "batch"; data: ArrayBuffer }
   | { do: "restart"; file: boolean }
   | { do: "types"; types: [string, ColumnType][] }
-  | { do: "curves"; curves: Curve[]; stacked: boolean; limits: Record<string, [number, number]> }
+  | {
+    do: "curves"; curves: Curve[]; stacked: boolean; limits: Record<string, [number, number]>;
+    /** Of the wish for them. */
+    generation: number;
+  }
   | { do: "zoom"; factor: number; at: number }
   | { do: "pan"; part: number }
   | { do: "window"; start: number; span: number }
@@ -122,6 +126,7 @@ export interface Status {
   bytes: number;
   short: boolean;
   missing: number;
+  pauses: number;
   minmax: boolean;
   shift: number;
   trigger: "off" | "waits" | "collects" | "holds";

@@ -61,6 +61,7 @@ export class ScopeModel {
   private readonly worker = new Worker(script(), { type: "module" });
   private span = 10e3;
   private traced = "";
+  private generation = 0;
 
   constructor(private readonly connection: Tracer) {
     this.worker.onmessage = ({ data }: MessageEvent<Report>) => this.hear(data);
@@ -93,8 +94,12 @@ export class ScopeModel {
     this.send();
   }
 
-  /** Draws a signal, which somebody has chosen elsewhere in the page. */
-  add(name: string): void {
+  /**
+   * Draws a signal, which somebody has chosen elsewhere in the page.
+   *
+   * @param axis The axis that it shares; none: that of its unit.
+   */
+  add(name: string, axis = ""): void {
     const entries = this.entries.value;
     if (!find(this.known.value, name) || entries.some((entry) => entry.name === name)) return;
     if (entries.length >= MOST_SIGNALS) {
@@ -106,7 +111,7 @@ export class ScopeModel {
     while (used.has(free) && free < LOOKS) free++;
     this.entries.value = [
       ...entries,
-      { name, colour: free < LOOKS ? free : entries.length, axis: "", gain: 1, hidden: false },
+      { name, colour: free < LOOKS ? free : entries.length, axis, gain: 1, hidden: false },
     ];
     this.send();
   }
@@ -150,18 +155,19 @@ export class ScopeModel {
   private sendCurves(): void {
     this.order({
       do: "curves", curves: this.curves.value, stacked: this.stacked.value, limits: this.limits.value,
+      generation: this.generation,
     });
   }
 
   /** Tells worker and server what is shown, and keeps it. */
   private send(): void {
-    this.sendCurves();
     const { value: known } = this.known;
     const names = this.curves.value.map(({ name }) => (known.has(name) ? name : bitOf(name)!.source));
     if (names.join("\n") !== this.traced) {
       this.traced = names.join("\n");
-      this.connection.setTrace([...new Set(names)]);
+      this.generation = this.connection.setTrace([...new Set(names)]);
     }
+    this.sendCurves();
     this.keep();
   }
 
@@ -198,6 +204,13 @@ export class ScopeModel {
     this.keep();
   }
 
+  /** Shows a moment (Unix time in ms) in the middle, if it is recorded. */
+  show(time: number): void {
+    const { view, first = NaN, last = NaN } = this.status.value ?? {};
+    if (!view || !(first <= time && time <= last)) return;
+    this.order({ do: "window", start: time - view.span / 2, span: view.span });
+  }
+
   takeBatch(data: ArrayBuffer): void {
     this.order({ do: "batch", data }, [data]);
   }
@@ -220,9 +233,11 @@ export class ScopeModel {
         this.title.value = message.title;
         this.ended.value = false;
       });
-      this.order({ do: "restart", file: message.source === "file" });
-    } else if (message.type === "link") this.link.value = { up: message.up, text: message.text };
-    else if (message.type === "value" && message.key === "ro/trace") {
+      this.restart();
+    } else if (message.type === "link") {
+      this.link.value = { up: message.up, text: message.text };
+      this.restart();
+    } else if (message.type === "value" && message.key === "ro/trace") {
       const { history_s, why } = (message.value ?? {}) as { history_s?: number; why?: string };
       if (history_s !== undefined) this.history.value = { seconds: history_s, why: why ?? "" };
       else this.notice.value = message.failure ? `No samples come: ${message.failure.message}` : "";
@@ -230,6 +245,10 @@ export class ScopeModel {
       this.ended.value = true;
       this.order({ do: "all" });
     }
+  }
+
+  private restart(): void {
+    this.order({ do: "restart", file: this.source.value === "file" });
   }
 
   save(format: Format, all: boolean): void {

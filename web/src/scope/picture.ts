@@ -3,7 +3,7 @@ import { drawAxes, layOut, type Plot } from "./axes";
 import { drawColumns, drawPoints, eachColumn, type Grid, isLeftOut, place, rowsOf, thickness } from "./draw";
 import type { Curve, Lane, Mark, Palette, View } from "./messages";
 import { CanvasPen, type Pen, SvgPen } from "./pen";
-import type { Ring } from "./ring";
+import { PAUSE, type Ring } from "./ring";
 
 const SHORTEST = 0.05; // ms
 const LONGEST = 7 * 864e5;
@@ -259,7 +259,7 @@ export class Picture {
   /** Columns without cycles, in the track of events. */
   private drawGaps(pen: Pen): void {
     const { ring, plot } = this;
-    if (ring.missing === 0) return;
+    if (ring.missing + ring.pauses === 0) return;
     const { start, span } = this.view;
     const x = (time: number) => plot.left + ((time - start) / span) * plot.width;
     const to = Math.min(ring.end - 1, ring.rowAt(start + span));
@@ -270,8 +270,9 @@ export class Picture {
       if (Math.floor(end) === last) continue;
       last = Math.floor(end);
       const begin = Math.max(plot.left, from);
-      pen.box(begin, plot.bottom - 3, end - begin, 3, this.palette.error);
-      if (end - begin > 3) pen.box(begin, 8, end - begin, plot.bottom - 8, this.palette.error, 0.08);
+      const colour = ring.rowFlags(row) & PAUSE ? this.palette.faint : this.palette.error;
+      pen.box(begin, plot.bottom - 3, end - begin, 3, colour);
+      if (end - begin > 3) pen.box(begin, 8, end - begin, plot.bottom - 8, colour, 0.08);
     }
   }
 

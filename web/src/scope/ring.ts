@@ -3,10 +3,12 @@ import type { Batch, Column, ColumnType } from "../protocol";
 import { type Bit, bitIn, bitOf } from "./bits";
 import { BLOCK, type Extent, OLD, Samples, VALID } from "./pyramid";
 
-/** Flags of a row. Cycles are missing before it. */
+/** Flags of a row. It does not follow the row before. */
 export const GAP = 1;
 /** It stands for several cycles, with the least and greatest value of each signal. */
 export const MINMAX = 2;
+/** A gap for which nobody asked for values, so that none is missing. */
+export const PAUSE = 4;
 
 /** ms by which times may go back without a step of the clock, as computers know them so well only. */
 const JITTER = 200;
@@ -15,6 +17,8 @@ export class Block {
   count = 0;
   /** Cycles that are missing before its rows. */
   missing = 0;
+  /** Rows with a pause before them. */
+  pauses = 0;
   readonly cycles = new Float64Array(BLOCK);
   readonly times = new Float64Array(BLOCK);
   readonly flags = new Uint8Array(BLOCK);
@@ -48,13 +52,17 @@ export class Ring {
   bytes = 0;
   /** Whether rows went because of the limit of bytes, before their time was over. */
   short = false;
-  /** Cycles that are missing in what is kept. */
+  /** Cycles that are missing in what is kept: they were lost while signals were recorded. */
   missing = 0;
+  /** How often nothing was recorded for a while. */
+  pauses = 0;
   minmax = false;
   /** ms by which times are later than received, since somebody set the clock back. */
   shift = 0;
   /** First row of the present run of the daemon, whose numbers of cycles ascend. */
   private run = 0;
+  /** The generation of the first batch. */
+  since = 0;
   /** Whether rows that were there got more values. */
   amended = false;
   /** Names of the signals that are kept; null: all. */
@@ -158,7 +166,7 @@ export class Ring {
     }
   }
 
-  /** Rows before which cycles are missing. */
+  /** Rows that do not follow the row before. */
   *gaps(from: number, to: number): Generator<number> {
     for (let row = Math.max(from, this.first); row <= to; row++) {
       if (row % BLOCK === 0 && !this.block(row).flags.includes(GAP)) row += BLOCK - 1;
@@ -178,7 +186,7 @@ export class Ring {
     }
   }
 
-  /** The connection is new: what comes may reach back. */
+  /** Values come anew, after a pause: they may reach back. */
   restart(): void {
     this.generation = -1;
   }
@@ -215,6 +223,9 @@ export class Ring {
   /** Takes the cycles of a batch. Those that are there get the signals that they lack. */
   take(batch: Batch): void {
     const reachesBack = batch.kind === "history";
+    // What is for another part of the page may come before the history of the first signals.
+    if (this.end === 0 && batch.generation < this.since) return;
+    if (this.wanted && ![...batch.columns.keys()].some((name) => this.wanted!.has(name))) return;
     const isNew = reachesBack || batch.generation !== this.generation;
     if (isNew) this.lastOfGeneration = -1;
     this.generation = batch.generation;
@@ -224,7 +235,7 @@ export class Ring {
     for (let at = 0; at < batch.cycles.length; at++) {
       const cycle = batch.cycles[at]!;
       const last = batch.lastCycles?.[at] ?? cycle;
-      const row = this.place(cycle, last, batch.times[at]!, at === 0 && batch.lost && !isNew);
+      const row = this.place(cycle, last, batch.times[at]!, at === 0 && isNew && !batch.lost);
       this.lastOfGeneration = last;
       if (row < 0) continue;
       const block = this.block(row);
@@ -257,7 +268,7 @@ export class Ring {
   }
 
   /** The row of a cycle, which is made if it is new; -1 if it is too old to be kept. */
-  private place(cycle: number, last: number, time: number, lost: boolean): number {
+  private place(cycle: number, last: number, time: number, pause: boolean): number {
     const empty = this.end === 0;
     const before = empty ? -1 : this.lastCycle(this.end - 1);
     const restarted =
@@ -290,12 +301,13 @@ export class Ring {
       this.minmax = true;
     }
     if (restarted) this.run = row;
-    if (restarted || lost || (!empty && cycle !== before + 1)) {
-      block.flags[at]! |= GAP;
-      if (!empty && !restarted && cycle > before) {
-        block.missing += cycle - before - 1;
-        this.missing += cycle - before - 1;
-      }
+    if (!empty && (restarted || cycle !== before + 1)) {
+      block.flags[at]! |= pause ? GAP | PAUSE : GAP;
+      const missing = pause || restarted ? 0 : cycle - before - 1;
+      block.missing += missing;
+      this.missing += missing;
+      block.pauses += +pause;
+      this.pauses += +pause;
     }
     block.count = at + 1;
     this.end = row + 1;
@@ -310,6 +322,7 @@ export class Ring {
       const gone = this.blocks.shift()!;
       this.bytes -= gone.bytes;
       this.missing -= gone.missing;
+      this.pauses -= gone.pauses;
       this.base++;
     }
   }

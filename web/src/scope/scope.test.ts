@@ -8,7 +8,7 @@ import type { Curve } from "./messages";
 import { readLayout, writeLayout } from "./layout";
 import { Extent } from "./pyramid";
 import { eachColumn, rowsOf } from "./draw";
-import { GAP, Ring } from "./ring";
+import { GAP, PAUSE, Ring } from "./ring";
 import { search } from "./search";
 import { spectrum, WINDOW_FUNCTIONS } from "./spectrum";
 import { statistics } from "./statistics";
@@ -280,6 +280,31 @@ test("a ring goes on over hours without cycles, restarts, and another type of a 
   ring.take(batchOf([3], { a: Int32Array.of(70_000) }, { times: Float64Array.of(1.7e12 + hours + 2) }));
   assert.equal(ring.samples("a", 4)!.values[4], 70_000);
   assert.equal(ring.flags("a", 0), 0);
+});
+
+test("a time without a recording is a pause; only what was lost meanwhile is missing", () => {
+  const ring = new Ring(KEEP);
+  const take = (cycles: number[], more: Partial<Batch>, name = "a") =>
+    ring.take(batchOf(cycles, { [name]: new Int8Array(cycles.length) }, more));
+  const seen = () => [ring.missing, ring.pauses, ring.end, ring.shift];
+  ring.keep(["a"]);
+  ring.since = 1;
+  take([6000], { generation: 0 });
+  take([1, 2, 3], {});
+  take([9000], {}, "of a panel");
+  take([5000, 5001], { kind: "history", generation: 2 });
+  take([5002], { kind: "history", generation: 2 });
+  take([5003], { generation: 2 });
+  assert.deepEqual(seen(), [0, 1, 7, 0]);
+  assert.equal(ring.rowFlags(3), GAP | PAUSE);
+  take([5005], { generation: 2 });
+  take([5008], { generation: 3, lost: true });
+  assert.deepEqual(seen(), [3, 1, 9, 0]);
+  ring.restart(); // the daemon was away
+  take([8000], { generation: 3 });
+  assert.deepEqual(seen(), [3, 2, 10, 0]);
+  ring.clear();
+  assert.deepEqual(seen(), [0, 0, 0, 0]);
 });
 
 const STATUSWORD: Signal = {

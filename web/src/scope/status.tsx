@@ -1,4 +1,5 @@
 // What the user must know of the data: age, losses, limits.
+import { counted } from "../text";
 import type { ScopeModel } from "./model";
 
 export function StatusLine({ model }: { model: ScopeModel }) {
@@ -24,6 +25,7 @@ export function StatusLine({ model }: { model: ScopeModel }) {
         {isFile && model.entries.value.length === 0 ? "A file" : isFile ? (model.ended.value ? `The whole file: ${time}` : "The file is being read …") : `Recorded ${time} of 10:00 min`}
         {status ? `, ${status.rows} rows, ${(status.bytes / 1e6).toFixed(0)} MB` : ""}
         {history && !isFile ? `; new signals begin ${history.seconds.toFixed(1)} s back` : ""}
+        {status?.pauses ? `; ${counted(status.pauses, "pause")} without a recording` : ""}
       </span>
       {status && <span title="JavaScript for each picture">{status.drawing.toFixed(1)} ms, {status.frames}/s</span>}
       <span role="status" class="scope-warning">{warnings.join(" ")}</span>

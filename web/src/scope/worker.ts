@@ -72,7 +72,7 @@ function report(now: number): void {
     cycles: rows.map((row) => (row < 0 ? NaN : ring.cycle(row))),
     hover: hovered(picture.hover),
     rows: ring.end - ring.first, first: ring.firstTime, last: ring.lastTime, bytes: ring.bytes,
-    short: ring.short, missing: ring.missing, minmax: ring.minmax, shift: ring.shift,
+    short: ring.short, missing: ring.missing, pauses: ring.pauses, minmax: ring.minmax, shift: ring.shift,
     trigger: state,
     drawing: drawings.reduce((sum, ms) => sum + ms, 0) / Math.max(1, drawings.length),
     frames: ends.length,
@@ -221,7 +221,6 @@ function obey(order: Order): void {
     case "size": picture.size(order.width, order.height, order.ratio); break;
     case "palette": picture.palette = order.palette; picture.spoil(); break;
     case "batch": {
-      if (picture.curves.length === 0) break; // it is for another part of the page
       ring.take(readBatch(order.data));
       if (ring.amended) picture.spoil();
       ring.amended = false;
@@ -235,8 +234,9 @@ function obey(order: Order): void {
     case "types": ring.setTypes(new Map(order.types)); break;
     case "curves":
       Object.assign(picture, { curves: order.curves, stacked: order.stacked, limits: order.limits });
-      ring.keep(order.curves.map(({ name }) => name));
       if (order.curves.length === 0) ring.clear();
+      ring.since = order.generation;
+      ring.keep(order.curves.map(({ name }) => name));
       picture.spoil();
       if (trigger && isOther(trigger)) setTrigger(trigger);
       break;

@@ -44,15 +44,14 @@ export function ProcessData({ state, slave }: { state: State; slave: Slave }) {
           <ul class="values">
             {channels(list(output)).map(({ name, values, bits }) => (
               <Fragment key={values[0]!.name}>
-                {values.map((item) => (
-                  <Value key={item.name} state={state} item={item} name={`${name}${shortName(item)}`} boolean={item.bits === 1} />
-                ))}
+                {name !== "" && <li class="channel">{name}</li>}
+                {values.map((item) => <Value key={item.name} state={state} item={item} />)}
                 {bits.length > 0 && (
-                  <li>
+                  <li class="bits">
                     <details>
-                      <summary>{name}{counted(bits.length, "bit")}</summary>
+                      <summary>{counted(bits.length, "bit")}<span class="sr"> of {name || "the slave"}</span></summary>
                       <ul class="values">
-                        {bits.map((item) => <Value key={item.name} state={state} item={item} name={shortName(item)} boolean />)}
+                        {bits.map((item) => <Value key={item.name} state={state} item={item} />)}
                       </ul>
                     </details>
                   </li>
@@ -75,14 +74,15 @@ function channels(signals: Signal[]): { name: string; values: Signal[]; bits: Si
   }
   return [...groups].map(([pdo, items]) => {
     const bits = items.filter((item) => item.bits === 1);
-    const name = groups.size > 1 && pdo !== "" ? `${pdo} · ` : "";
-    return bits.length < MANY_BITS || bits.length === items.length
-      ? { name: bits.length === items.length ? "" : name, values: items, bits: [] }
+    const isBits = bits.length === items.length;
+    const name = groups.size > 1 && !isBits ? pdo : "";
+    return isBits || bits.length < MANY_BITS
+      ? { name, values: items, bits: [] }
       : { name, values: items.filter((item) => item.bits !== 1), bits };
   });
 }
 
-function Value({ state, item, name, boolean }: { state: State; item: Signal; name: string; boolean: boolean }) {
+function Value({ state, item }: { state: State; item: Signal }) {
   const last: Last | undefined = state.live.values.value.get(item.name);
   const named = last !== undefined && item.values[String(last.value)] !== undefined;
   const on = last !== undefined && Number(last.value) !== 0;
@@ -95,9 +95,9 @@ function Value({ state, item, name, boolean }: { state: State; item: Signal; nam
       }}
     >
       <button type="button" class="add" title="Show it in the scope" aria-label={`Show ${item.label} in the scope`} onClick={() => state.scope.add(item.name)}>+</button>
-      <span class="value-name">{name}</span>
+      <span class="value-name">{shortName(item)}</span>
       <span class="value-number">
-        {last === undefined ? "–" : boolean && !named ? <span class={on ? "bit on" : "bit"}>{on ? "on" : "off"}</span> : shown(item, last.value)}
+        {last === undefined ? "–" : item.bits === 1 && !named ? <span class={on ? "bit on" : "bit"}>{on ? "on" : "off"}</span> : shown(item, last.value)}
       </span>
     </li>
   );
