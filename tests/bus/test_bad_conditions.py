@@ -226,7 +226,7 @@ def test_r05_slaves_missing_and_back(bench: Bench) -> None:
         "slave count changed: 8, now 5: no answer from slave 5 (EL3008) and all slaves behind it"
     )
     bench.wait_for_event("slaves", found=5, expected=8)
-    bench.wait_for_event("al_state", slave=6, text="no answer")
+    bench.wait_for_event("al_state", slave=6, text="slave 6 (EL6751): no answer")
     bench.wait_for(lambda: bench.health().slaves_found == 5)
     with bench.daemon.client() as client:
         states = [slave.al_state for slave in client.slaves()]
@@ -275,7 +275,7 @@ def test_emergencies_of_a_running_slave_are_events(bench: Bench) -> None:
         bench.wait_for_log(f"slave 0 (Gold EtherCAT GCON Drive) sent an emergency: {said}")
         shown = bench.daemon.ctl("events", "0").stdout.splitlines()
         (line,) = (line for line in shown if "emergency" in line)
-        assert line.endswith(f"slave 0 (Gold EtherCAT GCON Drive): {said}")
+        assert line.endswith(f"slave 0 (Gold EtherCAT GCON Drive) sent an emergency: {said}")
         for code in range(0x8000, 0x8020):
             simulator.faults.emergency(0, code, register=0x11)
     for code in (0x8000, 0x801F):

@@ -123,7 +123,7 @@ def facts(events: list[dict[str, Any]]) -> Counter[Fact]:
         if slave < SLAVE:
             continue
         if kind == "al_state":
-            text = event["text"].partition(" (")[0]
+            text = event["text"].partition(": ")[2].partition(" (")[0]
             if text not in ("PREOP", "SAFEOP"):
                 found[kind, slave, text] += 1
         elif kind == "recovery":

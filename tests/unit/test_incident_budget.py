@@ -13,7 +13,7 @@ def test_a_storm_leaves_room_for_another_cause() -> None:
 
 def test_repeated_causes_share_half_of_the_hour() -> None:
     budget = Budget(4)
-    assert budget.take("a", 0) == budget.take("a", 60) == budget.take("a", 180) == ""
+    assert budget.take("a", 0) == budget.take("a", 180) == budget.take("a", 540) == ""
     assert "causes that had one already" in budget.take("a", 3000)
     assert budget.take("b", 3000) == ""
     assert "4 incidents" in budget.take("c", 3001)

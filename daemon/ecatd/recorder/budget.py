@@ -5,21 +5,20 @@ from __future__ import annotations
 from collections import deque
 
 _HOUR_S = 3600.0
+_PAUSE_S = 720.0
 
 
 class Budget:
     """The incidents of the last hour.
 
-    The second incident of the same cause needs a pause of a minute, the third one of two, and so on
-    (twice as long each time); and all that are not the first of their cause may use half of the
-    number only. So a cable that crackles all night does not keep the stop at 03:12 from being
-    written.
+    The second incident of the same cause needs a pause of `720 / per_hour` seconds, a minute if
+    there may be twelve; the third one of two minutes, and so on, twice as long each time. And all
+    that are not the first of their cause may use half of the number only. So a cable that crackles
+    all night does not keep the stop at 03:12 from being written.
 
     Args:
         per_hour: Most incidents in an hour.
     """
-
-    _PAUSE_S = 60.0
 
     def __init__(self, per_hour: int) -> None:
         self.per_hour = per_hour
@@ -44,8 +43,8 @@ class Budget:
         if same:
             if repeated >= self.per_hour // 2:
                 return f"{repeated} incidents of an hour were of causes that had one already"
-            pause = self._PAUSE_S * 2 ** (len(same) - 1)
+            pause = _PAUSE_S / self.per_hour * 2 ** (len(same) - 1)
             if now - same[-1] < pause:
-                return f"the last incident of this cause is less than {pause / 60:.0f} min old"
+                return f"the last incident of this cause is less than {pause:.0f} s old"
         self._written.append((now, cause))
         return ""
