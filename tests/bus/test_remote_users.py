@@ -596,7 +596,8 @@ def test_r36_refused_changes_do_not_fill_the_log(site: Site) -> None:
     assert all(reply.err and b"permission" in bytes(reply.err.payload) for reply in answers)
 
     def lines() -> list[str]:
-        return [line for line in site.daemon.log.splitlines() if "refused: user 'dora'" in line]
+        refused = "refused: user 'dora' has no right 'sdo'"
+        return [line for line in site.daemon.log.splitlines() if refused in line]
 
     def told() -> int:
         return len(lines()) + sum(map(int, re.findall(r"and (\d+) more", "\n".join(lines()))))

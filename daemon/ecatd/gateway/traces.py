@@ -169,6 +169,7 @@ class _OpenTrace:
         batch = self.columns.take()
         message = batch.to_map(clock_ns, self._last, self._lost)
         self._last, self._lost = batch.cycles[-1], False
+        self._was_read |= self._publisher.is_wanted  # it may be left before the next look
         self._publisher.put(pack({"schema": SCHEMA, **message}))
 
     def is_wanted(self) -> bool:
