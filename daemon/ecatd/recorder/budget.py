@@ -6,6 +6,8 @@ from collections import deque
 
 _HOUR_S = 3600.0
 _PAUSE_S = 720.0
+_FREE = 5
+"""A fifth of the number is for whatever comes."""
 
 
 class Budget:
@@ -14,7 +16,8 @@ class Budget:
     The second incident of the same cause needs a pause of `720 / per_hour` seconds, a minute if
     there may be twelve; the third one of two minutes, and so on, twice as long each time. And all
     that are not the first of their cause may use half of the number only. So a cable that crackles
-    all night does not keep the stop at 03:12 from being written.
+    all night does not keep the stop at 03:12 from being written. The first fifth of the number is
+    free of this.
 
     Args:
         per_hour: Most incidents in an hour.
@@ -40,7 +43,7 @@ class Budget:
         repeated = len(self._written) - len({what for _, what in self._written})
         if len(self._written) >= self.per_hour:
             return f"{self.per_hour} incidents were written in an hour"
-        if same:
+        if same and len(self._written) >= self.per_hour // _FREE:
             if repeated >= self.per_hour // 2:
                 return f"{repeated} incidents of an hour were of causes that had one already"
             pause = _PAUSE_S / self.per_hour * 2 ** (len(same) - 1)

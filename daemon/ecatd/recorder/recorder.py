@@ -51,6 +51,8 @@ _NAMED = 3
 """Most deleted incidents that the log names at a time."""
 _AT_ONCE = 3
 """Most incidents that are collected and written at a time; each needs memory."""
+_STORY_NS = 3_000_000_000
+"""Triggers that are closer may be of one story: ecatd counts errors over seconds."""
 _SECTIONS = ("bus", "realtime", "flight_recorder")
 
 
@@ -83,6 +85,7 @@ class Recorder:
         self._others: set[asyncio.Task[Any]] = set()
         self._budget = Budget(self._config.per_hour)
         self._left_out: set[str] = set()  # causes
+        self._refused: deque[int] = deque(maxlen=_KEPT)  # times of triggers without an incident
 
     @property
     def folder(self) -> Path:
@@ -182,6 +185,7 @@ class Recorder:
         if trigger.kind != "request":
             self._budget.per_hour = self._config.per_hour
             if why_not := self._budget.take(trigger.cause, time.monotonic()):
+                self._refused.append(trigger.time_ns)
                 if trigger.cause not in self._left_out:
                     self._left_out.add(trigger.cause)
                     self._log.warning(
@@ -192,7 +196,10 @@ class Recorder:
                     )
                 return
             self._left_out.discard(trigger.cause)
-        self._pending = _Pending(trigger, self._config)
+        # What was refused a moment ago may be the cause of this one.
+        recent = [at for at in self._refused if trigger.time_ns - at < _STORY_NS]
+        self._refused.clear()
+        self._pending = _Pending(trigger, self._config, min([trigger.time_ns, *recent]))
         task = asyncio.create_task(self._record(self._pending))
         self._recordings.add(task)
         task.add_done_callback(self._recordings.discard)
@@ -400,9 +407,9 @@ class _Pending:
         newest: A cycle, and CLOCK_MONOTONIC of its end, about.
     """
 
-    def __init__(self, trigger: Trigger, config: FlightRecorderConfig) -> None:
+    def __init__(self, trigger: Trigger, config: FlightRecorderConfig, first_ns: int) -> None:
         self.triggers = [trigger]
-        self.begin_ns = trigger.time_ns - round(1e9 * config.before_s)
+        self.begin_ns = first_ns - round(1e9 * config.before_s)
         self.end_ns = trigger.time_ns + round(1e9 * config.after_s)
         self.positions = dict.fromkeys(RINGS, 0)
         self.records: list[tuple[str, bytes]] = []
