@@ -20,10 +20,11 @@ from ecatd.base.errors import StateError
 
 from ..bench import Bench
 from ..engine.beside import compare
+from ..machine import used
 from ..masters.daemon import Daemon
 from ..masters.worker import Worker
 from ..segment.peers import ecatsim, end, on
-from .pages import Pages, used
+from .pages import Pages
 
 SETTINGS: dict[str, dict[str, Any]] = {
     "quick": {"rounds": 1, "seconds": 2.0, "pages": 1, "signals": 2},

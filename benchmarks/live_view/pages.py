@@ -12,6 +12,8 @@ from typing import Any
 
 from ecatd.base.errors import StateError
 
+from ..machine import used
+
 _SIZE: Any = {"width": 1280, "height": 800}
 _PATIENCE_MS = 60_000
 _EMPTY = "about:blank"
@@ -117,9 +119,3 @@ def descendants(pid: int, name: str = "") -> Iterator[int]:
                 if name in Path(f"/proc/{child}/comm").read_text():
                     yield child
                 yield from descendants(child, name)
-
-
-def used(pid: int) -> float:
-    """Seconds of processors that a process has had so far."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

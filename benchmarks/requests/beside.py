@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -12,6 +11,7 @@ from typing import Any
 
 from ..bench import Bench
 from ..engine.beside import compare
+from ..machine import used
 from ..masters.daemon import Daemon
 from ..masters.worker import Worker
 from ..segment.peers import ecatsim
@@ -104,17 +104,11 @@ def _load(
             for client in clients:
                 client.tell(seconds=seconds)
             begin = time.monotonic()
-            before = _seconds_of_processor(daemon.gateway)
+            before = used(daemon.gateway)
             yield done
-            used = _seconds_of_processor(daemon.gateway) - before
-            shares.append(used / (time.monotonic() - begin))
+            taken = used(daemon.gateway) - before
+            shares.append(taken / (time.monotonic() - begin))
             done |= total([client.answer() for client in clients], "rate", "failed")
             time.sleep(rest)
 
         yield load
-
-
-def _seconds_of_processor(pid: int) -> float:
-    """Returns how long a process has had a processor."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -18,18 +18,16 @@ from typing import NoReturn
 
 from ecatd.description.bus import Bus, Slave
 from ecatd.etg.datatypes import DataType, is_real, is_signed, value_range
+from ecatd.etg.drives import AXES, AXIS_OBJECTS, STATUSWORD
 from ecatd.etg.pdo import Entry
 
 from .. import STOPS, SafeConfig, SignalConfig
 from ..problems import AT_ONCE, Problems
 
-_AXES = range(8)
 _WORD = 64
 """Most bits of an entry that clients and the engine handle."""
-_AXIS_OBJECTS = 0x800
-"""Distance between the objects of two axes: the second axis begins at 0x6800 (ETG.6010)."""
 _PROFILE = 0x6000
-_CONTROLWORD, _STATUSWORD = 0x6040, 0x6041
+_CONTROLWORD = 0x6040
 _ZERO = frozenset({0x6040, 0x6042, 0x6071, 0x60B1, 0x60B2, 0x60FE, 0x60FF})
 """Controlword; target velocity of both velocity modes, target torque and both offsets; digital
 outputs."""
@@ -63,12 +61,12 @@ class Stop:
 
     def covers(self, index: int) -> bool:
         """Whether an object belongs to the axis (ETG.6010)."""
-        return 0 <= index - self.controlword + _CONTROLWORD - _PROFILE < _AXIS_OBJECTS
+        return 0 <= index - self.controlword + _CONTROLWORD - _PROFILE < AXIS_OBJECTS
 
     @property
     def statusword(self) -> int:
         """Object index of its statusword."""
-        return self.controlword + _STATUSWORD - _CONTROLWORD
+        return self.controlword + STATUSWORD - _CONTROLWORD
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,9 +227,9 @@ class _SlaveOutputs:
     def _stop(self, rule: SafeConfig) -> None:
         """Adds stops for one axis, or for all axes of the slave."""
         addresses = {(entry.index, entry.subindex) for entry, _ in self._entries()}
-        axes = [n for n in _AXES if (_CONTROLWORD + n * _AXIS_OBJECTS, 0) in addresses]
+        axes = [n for n in range(AXES) if (_CONTROLWORD + n * AXIS_OBJECTS, 0) in addresses]
         if rule.address is not None:
-            axes = [n for n in axes if (_CONTROLWORD + n * _AXIS_OBJECTS, 0) == rule.address]
+            axes = [n for n in axes if (_CONTROLWORD + n * AXIS_OBJECTS, 0) == rule.address]
         if not axes:
             entry = (
                 f"{rule.entry} is not a controlword in" if rule.entry else "no controlword is in"
@@ -245,8 +243,8 @@ class _SlaveOutputs:
             self._stop_axis(axis, rule)
 
     def _stop_axis(self, axis: int, rule: SafeConfig) -> None:
-        first = _PROFILE + axis * _AXIS_OBJECTS
-        statusword = _STATUSWORD + axis * _AXIS_OBJECTS
+        first = _PROFILE + axis * AXIS_OBJECTS
+        statusword = STATUSWORD + axis * AXIS_OBJECTS
         inputs = {
             (entry.index, entry.subindex, entry.bit_length)
             for _pdo, entry, _bit in self._slave.entries(outputs=False)
@@ -259,11 +257,11 @@ class _SlaveOutputs:
                 "stopped: add it to a PDO of the slave",
             )
         for entry, bit in self._entries():
-            if first <= entry.index < first + _AXIS_OBJECTS:
-                moves = entry.index - axis * _AXIS_OBJECTS in _ZERO
+            if first <= entry.index < first + AXIS_OBJECTS:
+                moves = entry.index - axis * AXIS_OBJECTS in _ZERO
                 self._set(bit, entry.bit_length, 0, hold=not moves)
                 self._note(rule, [entry])
-        word = _CONTROLWORD + axis * _AXIS_OBJECTS
+        word = _CONTROLWORD + axis * AXIS_OBJECTS
         self.stops[word] = Stop(self._slave.position, word, str(rule.value), rule.stop_timeout)
 
     def follow(self) -> None:
@@ -272,7 +270,7 @@ class _SlaveOutputs:
             (entry.index, entry.subindex): entry
             for _pdo, entry, _bit in self._slave.entries(outputs=False)
         }
-        targets = {_TARGET + axis * _AXIS_OBJECTS for axis in _AXES}
+        targets = {_TARGET + axis * AXIS_OBJECTS for axis in range(AXES)}
         for entry, bit in self._entries():
             if entry.subindex != 0 or entry.index not in targets:
                 continue
