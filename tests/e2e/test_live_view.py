@@ -247,8 +247,13 @@ def test_a_drive_moves_only_while_a_button_is_pressed(page: Any, daemon: Daemon)
     for quantity in ("Position", "Velocity", "Torque"):
         axis = legend.get_by_label(re.compile(f"Own axis for .*Target {quantity}"))
         expect(axis).to_have_attribute("aria-pressed", "true")
-    lanes = json.loads(page.locator(".scope-status").get_attribute("data-view"))["lanes"]
-    assert any({"0/0x607A:00", "0/0x6064:00"} == {*lane["names"]} for lane in lanes)
+    view = page.locator(".scope-status")
+
+    def lanes() -> list[set[str]]:
+        drawn = json.loads(view.get_attribute("data-view") or "{}")
+        return [{*lane["names"]} for lane in drawn.get("lanes", ())]
+
+    wait_for(lambda: {"0/0x607A:00", "0/0x6064:00"} in lanes(), daemon)
     show(page, "Slave")
 
 
@@ -351,6 +356,7 @@ def test_files_are_read_and_written(
     name.fill("no such")
     read.click()
     expect(page.get_by_role("alert")).to_contain_text("it has no such file")
+    slave(page, 3).click()
     file = tmp_path / FIRMWARE
     file.write_bytes(bytes(40_000))
     name.fill("")
@@ -368,14 +374,14 @@ def test_files_are_read_and_written(
     with page.expect_download() as download:
         read.click()
     assert download.value.path().read_text() == "something"
-    slave(page, 0).click()
+    slave(page, 3).click()
     page.get_by_role("button", name="Abort").click()
     expect(page.get_by_role("alert")).to_contain_text("it was cancelled by")
     assert [text.split("?")[0] for text in asked] == [
-        *2 * [f"Write 40\u202f000 bytes to slave 0 CiA402, as file '{FIRMWARE}'"],
+        *2 * [f"Write 40\u202f000 bytes to slave 3 CiA402, as file '{FIRMWARE}'"],
         f"Stop in the middle of '{FIRMWARE}'",
     ]
-    wait_for(lambda: slave(page, 0).get_attribute("class").startswith("node op"), daemon)
+    wait_for(lambda: slave(page, 3).get_attribute("class").startswith("node op"), daemon)
     page.close()
     server.stop()
 

@@ -118,6 +118,18 @@ def status(page: Any) -> dict[str, Any]:
     return json.loads(page.locator(".scope-status").get_attribute("data-view"))
 
 
+def settle(page: Any) -> None:
+    """Waits until the picture and its reports have all that was done in the page."""
+
+    def is_drawn() -> bool:
+        ordered, view = page.locator(".scope-status").evaluate(
+            "it => [Number(it.dataset.ordered), it.dataset.view]"
+        )
+        return view is not None and json.loads(view)["drawn"] >= ordered
+
+    until(is_drawn)
+
+
 def until(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> Any:
     end = time.monotonic() + seconds
     while not (found := condition()):
@@ -162,7 +174,7 @@ def compare_pixels(page: Any, rows: list[tuple[int, float, float]]) -> int:
         page: The page, whose picture stands still.
         rows: Number, Unix time in ms, and value of each recorded cycle.
     """
-    page.wait_for_timeout(400)
+    settle(page)
     seen = status(page)
     (lane,) = seen["lanes"]
     start, span, width = seen["view"]["start"], seen["view"]["span"], round(seen["width"])
@@ -223,7 +235,7 @@ def test_what_is_drawn_and_saved_is_what_is_recorded(
         peaks(troll, 4)
         page.get_by_role("application").focus()
         page.keyboard.press("ArrowLeft")  # it stands still, so that all files have the same
-        page.wait_for_timeout(300)
+        settle(page)
         exported = save(page, "csv", tmp_path).read_text()
         ours = values_of(save(page, "mcap", tmp_path))
     finally:
@@ -259,7 +271,7 @@ def test_what_is_drawn_and_saved_is_what_is_recorded(
     assert compare_pixels(page, rows) > 30
     for _ in range(12):
         page.keyboard.press("-")
-    page.wait_for_timeout(400)
+    settle(page)
     seen = status(page)
     columns = page.evaluate(READ_PIXELS, [round(seen["left"]), round(seen["width"])])
     tops = [top for top, _ in columns if top >= 0]
@@ -301,23 +313,25 @@ def check_extremes(page: Any, recorded: dict[int, Any], tmp_path: Path) -> None:
         base64.b64encode(extremes.pack()).decode(),
     )
     until(lambda: status(page)["minmax"])
-    said = page.locator(".scope-warning").inner_text()
-    assert "No peak is lost" in said
-    assert status(page)["missing"] == missing + 100
-    assert f"{missing + 100} cycles are missing" in said
+    warning = page.locator(".scope-warning")
+    until(lambda: "No peak is lost" in warning.inner_text())
+    until(lambda: status(page)["missing"] == missing + 100)
+    until(lambda: f"{missing + 100} cycles are missing" in warning.inner_text())
     start = end_ms + 100
     worker.evaluate(
         "start => self.onmessage({data: {do: 'window', start, span: 5200}})",
         start,
     )
     until(lambda: abs(status(page)["view"]["start"] - start) < 20)
-    page.wait_for_timeout(400)
-    seen = status(page)
-    columns = page.evaluate(READ_PIXELS, [round(seen["left"]), round(seen["width"])])
-    (lane,) = seen["lanes"]
-    tall = [x for x, (top, bottom) in enumerate(columns) if bottom - top > lane["height"] * 0.6]
-    peaks = {round((x + 0.5) / seen["width"] * 5200 / 1000 - 0.5) for x in tall}
-    assert peaks == {0, 1, 2, 3, 4}
+
+    def peaks() -> set[int]:
+        seen = status(page)
+        columns = page.evaluate(READ_PIXELS, [round(seen["left"]), round(seen["width"])])
+        (lane,) = seen["lanes"]
+        tall = [x for x, (top, bottom) in enumerate(columns) if bottom - top > lane["height"] * 0.6]
+        return {round((x + 0.5) / seen["width"] * 5200 / 1000 - 0.5) for x in tall}
+
+    until(lambda: peaks() == {0, 1, 2, 3, 4})
     assert "least value of cycles" in save(page, "csv", tmp_path).read_text()
 
 
@@ -354,10 +368,10 @@ def test_triggers_show_the_cycle_that_fulfils_them(
     trigger.get_by_role("slider").fill("0.25")
     trigger.get_by_role("combobox", name="Mode").select_option("single")
     until(lambda: status(page)["trigger"] == "waits")
-    page.wait_for_timeout(700)
+    armed = status(page)["last"]
+    until(lambda: status(page)["last"] > armed + 1000)  # so that the window has what was before
     peaks(troll, 1)
     until(lambda: status(page)["trigger"] == "holds")
-    page.wait_for_timeout(300)
     view = status(page)["view"]
     rows = rows_of(save(page, "csv", tmp_path).read_text(), TITLE)
     fired = next(time_ms for _, time_ms, value in rows if value == 1)
@@ -369,6 +383,7 @@ def test_triggers_show_the_cycle_that_fulfils_them(
 
     # An event of the bus.
     trigger.get_by_role("combobox", name="Trigger").select_option("event")
+    trigger.get_by_role("combobox", name="Event").select_option("incident")
     until(lambda: status(page)["trigger"] == "waits")
     troll.ctl("incident", "record")
     until(lambda: status(page)["trigger"] == "holds")
@@ -378,8 +393,9 @@ def test_triggers_show_the_cycle_that_fulfils_them(
     level.press("Tab")
     trigger.get_by_role("combobox", name="Mode").select_option("normal")
     until(lambda: status(page)["trigger"] == "waits")
-    still = status(page)["view"]
-    page.wait_for_timeout(2500)
+    settle(page)
+    still, rows = status(page)["view"], status(page)["rows"]
+    until(lambda: status(page)["rows"] > rows + 2500)
     assert status(page)["view"]["start"] == still["start"]
     trigger.get_by_role("combobox", name="Mode").select_option("auto")
     until(lambda: status(page)["view"]["live"])
@@ -399,7 +415,7 @@ def touch(page: Any, *steps: list[tuple[float, float]]) -> None:
         page.wait_for_timeout(60)
     session.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
     session.detach()
-    page.wait_for_timeout(300)
+    settle(page)
 
 
 def open_layout(page: Any, text: str) -> None:
@@ -421,7 +437,7 @@ def test_what_people_do_with_the_scope(troll: Daemon, browser: Any, tmp_path: Pa
         add(page, STATUSWORD)
         until(lambda: page.locator(".scope-status").get_attribute("data-view"))
         until(lambda: status(page)["rows"] > 2000)
-        assert status(page)["first"] < added_ms  # although the panel has its values already
+        until(lambda: status(page)["first"] < added_ms)  # although the panel has its values already
 
         # A bit has a lane, also of what was recorded before.
         page.get_by_label("Show a bit of Gold EtherCAT GCON Drive/Status word").select_option("6")
@@ -442,6 +458,7 @@ def test_what_people_do_with_the_scope(troll: Daemon, browser: Any, tmp_path: Pa
         page.get_by_role("combobox", name="Window").first.select_option("1000")
         page.get_by_role("application").focus()
         page.keyboard.press("PageUp")
+        settle(page)
 
         # What is under the pointer is read out.
         box = page.locator(".scope-screen").bounding_box()
@@ -449,7 +466,7 @@ def test_what_people_do_with_the_scope(troll: Daemon, browser: Any, tmp_path: Pa
         read_out = page.locator(".scope-read-out")
         read_out.wait_for()
         hover = until(lambda: status(page)["hover"])
-        assert f"cycle {hover['cycle']}" in read_out.inner_text()
+        until(lambda: f"cycle {hover['cycle']}" in read_out.inner_text())
         page.mouse.move(2, 2)
         until(lambda: read_out.count() == 0)
 
@@ -459,17 +476,16 @@ def test_what_people_do_with_the_scope(troll: Daemon, browser: Any, tmp_path: Pa
         page.keyboard.press(".")
         page.keyboard.press(".")
         page.keyboard.press("m")
-        until(lambda: status(page)["cycles"] != first)
-        page.wait_for_timeout(500)
         exported = save(page, "csv", tmp_path).read_text()
         rows = rows_of(exported, f"{ANALOG_TITLE} [V]")
         numbers = [cycle for cycle, _, _ in rows]
-        a, b = status(page)["cycles"]
-        assert numbers.index(a) - numbers.index(first[0]) == 2
-        assert numbers.index(first[1]) - numbers.index(b) == 1
+        a = numbers[numbers.index(first[0]) + 2]
+        b = numbers[numbers.index(first[1]) - 1]
+        until(lambda: status(page)["cycles"] == [a, b])
         at_a = status(page)["readings"][0][1]["value"]
         assert at_a == pytest.approx(next(v for cycle, _, v in rows if cycle == a))
-        assert re.search(r"Δt .* ms .* cycles", page.locator(".scope-delta").inner_text())
+        delta = page.locator(".scope-delta")
+        until(lambda: re.search(r"Δt .* ms .* cycles", delta.inner_text()))
         page.get_by_role("application").focus()
         page.keyboard.press("c")
         until(lambda: status(page)["cycles"] == [])
@@ -478,15 +494,14 @@ def test_what_people_do_with_the_scope(troll: Daemon, browser: Any, tmp_path: Pa
         page.get_by_role("button", name="Spectrum").click()
         panel = page.get_by_role("group", name="Spectrum")
         panel.get_by_role("cell").first.wait_for()
-        page.wait_for_timeout(800)
-        text = panel.get_by_role("row").first.inner_text()
-        amplitude = float(text.split()[-1])
-        assert amplitude == pytest.approx(greatest_amplitude(rows), rel=1e-3)
+        greatest = pytest.approx(greatest_amplitude(rows), rel=1e-3)
+        first_row = panel.get_by_role("row").first
+        until(lambda: float(first_row.inner_text().split()[-1]) == greatest)
         page.get_by_role("button", name="XY").click()
         page.get_by_role("button", name="Statistics").click()
         statistics = page.get_by_role("region", name="Statistics")
         until(lambda: str(len(rows)) in statistics.inner_text())
-        assert f"{max(v for _, _, v in rows):.4f}"[:6] in statistics.inner_text()
+        until(lambda: f"{max(v for _, _, v in rows):.4f}"[:6] in statistics.inner_text())
 
         # A layout is a file; a wrong one says what is wrong.
         with page.expect_download() as download:
@@ -497,11 +512,11 @@ def test_what_people_do_with_the_scope(troll: Daemon, browser: Any, tmp_path: Pa
         assert names == [ANALOG, STATUSWORD, f"{STATUSWORD}.6"]
         open_layout(page, '{"format": "a shopping list"}')
         until(lambda: "no layout" in notice.inner_text())
-        assert page.locator(".scope-legend tbody tr").count() == 3
+        until(lambda: page.locator(".scope-legend tbody tr").count() == 3)
         other = {**layout, "signals": [layout["signals"][0], {"name": "77/0x6000:01"}]}
         open_layout(page, json.dumps(other))
         until(lambda: "This bus has no 77/0x6000:01" in notice.inner_text())
-        assert page.locator(".scope-legend tbody tr").count() == 1
+        until(lambda: page.locator(".scope-legend tbody tr").count() == 1)
         open_layout(page, json.dumps(layout))
         until(lambda: page.locator(".scope-legend tbody tr").count() == 3)
 

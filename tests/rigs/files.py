@@ -33,6 +33,12 @@ class Flashable(CiA402Drive):
     diagnosis_messages = 5
 
 
+class Slow(Flashable):
+    """Is busy for so long that nobody sees the end of a file."""
+
+    file_busy = 20
+
+
 class Secret(CiA402Drive):
     """Wants a password, and has little room."""
 
@@ -47,4 +53,4 @@ class Secret(CiA402Drive):
 
 
 def rig() -> Rig:
-    return Rig("files", [Flashable(), Secret(), CiA402Drive()])
+    return Rig("files", [Flashable(), Secret(), CiA402Drive(), Slow()])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
+from functools import cache
 from types import NoneType, UnionType
 from typing import Any, NamedTuple, NotRequired, Union, cast, get_args, get_origin, get_type_hints
 
@@ -46,14 +47,22 @@ class Key(NamedTuple):
 def keys_of(kind: type) -> list[Key]:
     """Returns the keys of a map."""
     about = attributes(kind)
+    return [
+        Key(name.rstrip("_"), plain, needed, about.get(name, ""))
+        for name, (plain, needed) in _hints_of(kind).items()
+    ]
+
+
+@cache
+def _hints_of(kind: type) -> dict[str, tuple[Any, bool]]:
+    """The type of each attribute of a map, and whether it is always there."""
     hints = get_type_hints(kind, include_extras=True)
     if is_dataclass(kind):
         hints = {item.name: hints[item.name] for item in fields(kind) if item.compare}
-    found = []
+    found = {}
     for name, hint in hints.items():
         needed = get_origin(hint) is not NotRequired
-        plain = hint if needed else get_args(hint)[0]
-        found.append(Key(name.rstrip("_"), plain, needed, about.get(name, "")))
+        found[name] = (hint if needed else get_args(hint)[0], needed)
     return found
 
 
@@ -138,19 +147,22 @@ def problems(value: Any, kind: Any, where: str = "") -> Iterator[str]:
 
 
 def _problems_of_map(value: dict[str, Any], kind: type, where: str) -> Iterator[str]:
-    known = keys_of(kind)
+    # Without what the keys are about: several threads come here at once, and Python 3.11 must
+    # not parse sources in two threads at once ("AST constructor recursion depth mismatch").
+    known = _hints_of(kind)
     if kind is Event:
         event = value.get("event")
         if event in EVENTS:
-            known += keys_of(EVENTS[event])
+            known = known | _hints_of(EVENTS[event])
         else:
             yield f"{where}: {event!r} is no kind of event"
-    for key in known:
-        if key.name in value:
-            yield from problems(value[key.name], key.kind, f"{where}.{key.name}")
-        elif key.needed:
-            yield f"{where}: '{key.name}' of {kind.__name__} is missing"
-    for name in value.keys() - {key.name for key in known} - {"schema"}:
+    known = {name.rstrip("_"): hint for name, hint in known.items()}
+    for name, (hint, needed) in known.items():
+        if name in value:
+            yield from problems(value[name], hint, f"{where}.{name}")
+        elif needed:
+            yield f"{where}: '{name}' of {kind.__name__} is missing"
+    for name in value.keys() - known.keys() - {"schema"}:
         yield f"{where}: '{name}' is no key of {kind.__name__}"
 
 

@@ -95,6 +95,9 @@ export type Order =
   | { do: "look"; look: Look | null }
   | { do: "export"; format: Format; all: boolean; bus: string };
 
+/** Whether an order is one of those that `Status.drawn` counts. */
+export const counts = (order: Order) => order.do !== "batch" && order.do !== "hover";
+
 /** What the second picture shows. */
 export type Look =
   | { kind: "spectrum"; names: string[]; window: WindowFunction; decibel: boolean }
@@ -133,6 +136,8 @@ export interface Status {
   /** Mean ms of JavaScript for a frame, and frames in the last second. */
   drawing: number;
   frames: number;
+  /** How many orders the picture has, so that a test knows when it stands still. */
+  drawn: number;
 }
 
 export type Report =

@@ -6,7 +6,7 @@ import type { BusEvent, Message, Signal } from "../protocol";
 import { bitNames, bitOf, find } from "./bits";
 import { colour, dash, LOOKS } from "./colours";
 import { type Entry, type Layout, LayoutError, MOST_SIGNALS, readLayout, writeLayout } from "./layout";
-import type { Curve, Format, Look, Mark, Order, Palette, Report, Status } from "./messages";
+import { counts, type Curve, type Format, type Look, type Mark, type Order, type Palette, type Report, type Status } from "./messages";
 import type { Trigger } from "./trigger";
 
 const KEPT = "ecatd scope ";
@@ -21,6 +21,8 @@ export class ScopeModel {
   readonly cursors = signal<number[]>([]);
   readonly trigger = signal<Trigger | null>(null);
   readonly status = signal<Status | null>(null);
+  /** How many orders the worker has got, as `Status.drawn` counts them. */
+  readonly ordered = signal(0);
   readonly statistics = signal<Extract<Report, { is: "statistics" }> | null>(null);
   readonly showsStatistics = signal(false);
   readonly look = signal<Look | null>(null);
@@ -71,6 +73,7 @@ export class ScopeModel {
   }
 
   order(order: Order, transfer: Transferable[] = []): void {
+    if (counts(order)) this.ordered.value++;
     this.worker.postMessage(order, transfer);
   }
 

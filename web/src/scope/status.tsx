@@ -20,7 +20,7 @@ export function StatusLine({ model }: { model: ScopeModel }) {
   const minutes = status && status.rows > 1 ? (status.last - status.first) / 1000 : 0;
   const time = `${Math.floor(minutes / 60)}:${String(Math.floor(minutes % 60)).padStart(2, "0")}`;
   return (
-    <div class="scope-status" data-view={status ? JSON.stringify(status) : undefined}>
+    <div class="scope-status" data-ordered={model.ordered.value} data-view={status ? JSON.stringify(status) : undefined}>
       <span>
         {isFile && model.entries.value.length === 0 ? "A file" : isFile ? (model.ended.value ? `The whole file: ${time}` : "The file is being read …") : `Recorded ${time} of 10:00 min`}
         {status ? `, ${status.rows} rows, ${(status.bytes / 1e6).toFixed(0)} MB` : ""}

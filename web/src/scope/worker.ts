@@ -2,7 +2,7 @@
 import { readBatch } from "../protocol";
 import { Detail } from "./detail";
 import { csv, mcap } from "./export";
-import type { Curve, Look, Order, Reading, Report, Status } from "./messages";
+import { counts, type Curve, type Look, type Order, type Reading, type Report, type Status } from "./messages";
 import { Picture } from "./picture";
 import { BLOCK, NO_NUMBER, OLD } from "./pyramid";
 import { Ring } from "./ring";
@@ -25,6 +25,9 @@ const detail = new Detail();
 let isDue = false;
 let look: Look | null = null;
 let wantsStatistics = false;
+/** How many orders beside samples and pointers were obeyed, and how many of them the picture has. */
+let obeyed = 0;
+let drawn = 0;
 let lastReport = 0;
 let lastStatistics = 0;
 let drawings: number[] = [];
@@ -47,6 +50,7 @@ function due(): void {
 
 function frame(): void {
   isDue = false;
+  drawn = obeyed;
   const begin = performance.now();
   picture.draw();
   const end = performance.now();
@@ -75,7 +79,7 @@ function report(now: number): void {
     short: ring.short, missing: ring.missing, pauses: ring.pauses, minmax: ring.minmax, shift: ring.shift,
     trigger: state,
     drawing: drawings.reduce((sum, ms) => sum + ms, 0) / Math.max(1, drawings.length),
-    frames: ends.length,
+    frames: ends.length, drawn,
   });
   if (now - lastStatistics < STATISTICS || ring.end === 0) return;
   lastStatistics = now;
@@ -263,6 +267,7 @@ function obey(order: Order): void {
     case "look": look = order.look; lastStatistics = 0; break;
     case "export": void save(order); break;
   }
+  if (counts(order)) obeyed++;
   due();
 }
 
