@@ -223,8 +223,9 @@ export class Ring {
   /** Takes the cycles of a batch. Those that are there get the signals that they lack. */
   take(batch: Batch): void {
     const reachesBack = batch.kind === "history";
-    // What is for another part of the page may come before the history of the first signals.
-    if (this.end === 0 && batch.generation < this.since) return;
+    // What is for another part of the page may come before the history of the first signals, and that
+    // history after the wish for more of them.
+    if (this.end === 0 && batch.generation < this.since && !reachesBack) return;
     if (this.wanted && ![...batch.columns.keys()].some((name) => this.wanted!.has(name))) return;
     const isNew = reachesBack || batch.generation !== this.generation;
     if (isNew) this.lastOfGeneration = -1;

@@ -121,6 +121,17 @@ test("a signal that is added later gets the history of rows that are there", () 
   assert.equal(ring.samples("a", 1)!.values[1], 2);
 });
 
+test("the history of a first signal counts, also if a second one was chosen meanwhile", () => {
+  const ring = new Ring(KEEP);
+  ring.keep(["a", "b"]);
+  ring.since = 2;
+  ring.take(batchOf([7], { a: Int8Array.of(7) }, { generation: 0 })); // of a panel
+  ring.take(batchOf([1, 2, 3], { a: Int8Array.of(1, 2, 3) }, { kind: "history", generation: 1 }));
+  ring.take(batchOf([4], { a: Int8Array.of(4) }, { generation: 2 }));
+  ring.take(batchOf([2, 3, 4], { b: Int8Array.of(2, 3, 4) }, { kind: "history", generation: 2 }));
+  assert.deepEqual([ring.end, ring.samples("a", 0)!.values[0], ring.samples("b", 1)!.values[1]], [4, 1, 2]);
+});
+
 test("the ring keeps to its limits, and counts its bytes", () => {
   const ring = new Ring({ time: 20_000, bytes: 1e9 });
   for (let cycle = 0; cycle < 60_000; cycle += 500) {
