@@ -5,7 +5,9 @@ import signal
 import statistics
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
+from itertools import groupby
 from pathlib import Path
 
 import pytest
@@ -123,6 +125,58 @@ def test_the_example(troll: Daemon, tmp_path: Path) -> None:
     assert time == pytest.approx(2.0)
     assert measured == pytest.approx(reference, rel=0.02)
     names(missed, "bus cycles passed")
+
+
+def test_outputs_of_an_incident_are_played_to_the_bus(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    """The columns of an incident are the inputs of the FMU of the same bus."""
+    daemon = start_daemon("troll", config=f'[flight_recorder]\nfolder = "{tmp_path / "kept"}"\n')
+    entry, column = "3/0x7000:01", "el2008.channel1Output"
+    with daemon.client() as client, client.claim(entry, lease=5):
+        output = client.signal(entry)
+        for value in (1, 0, 1, 0):
+            output.raw = value
+            client.commit()
+            for _ in range(50):
+                client.wait()
+                client.sample()
+    daemon.ctl("incident", "record")
+    daemon.ctl("incident", "export", "last", "-o", str(tmp_path / "it.csv"))
+    daemon.ctl("generate", "TrollPlant", str(tmp_path), "--fmu")
+    table = fmpy.util.read_csv(str(tmp_path / "it.csv"))
+    plant = str(tmp_path / "TrollPlant.fmu")
+    description = fmpy.read_model_description(plant)
+    inputs = {item.name for item in description.modelVariables if item.causality == "input"}
+    assert inputs <= {*table.dtype.names}
+
+    seen: list[int] = []
+    stops = threading.Event()
+
+    def watch() -> None:
+        with daemon.client() as client:
+            signal = client.signal(entry)
+            while not stops.is_set():
+                client.wait()
+                client.sample()
+                if seen[-1:] != [signal.raw]:
+                    seen.append(signal.raw)
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    wait_for(lambda: seen == [0], daemon)
+    fmpy.simulate_fmu(
+        plant,
+        input=table,
+        stop_time=float(table["time"][-1]),
+        output_interval=STEP,
+        start_values={"bus": daemon.bus, **BEAR},
+    )
+    stops.set()
+    watcher.join()
+    commanded = [int(value) for value, _ in groupby(table[column])]
+    assert commanded.count(1) == 2
+    assert seen == commanded
 
 
 def test_the_example_without_its_bus_or_fmu(tmp_path: Path) -> None:
