@@ -19,11 +19,14 @@ import asyncio
 import contextlib
 import json
 import os
+import signal
 import sys
-from collections.abc import Awaitable, Callable
+import traceback
+from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
 from .errors import EcatError
+from .log import Log
 
 _STARTING_S = 2.0
 """Seconds between two lines that say that the start goes on."""
@@ -87,3 +90,47 @@ async def answer_pings(
                 report("changed", str(error))
             else:
                 report("changed")
+
+
+def stop_signals(*more: signal.Signals) -> asyncio.Event:
+    """Returns an event that the signals which end a process set, and `more` of them."""
+    stop = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGQUIT, *more):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    return stop
+
+
+async def work_until(stop: asyncio.Event, work: Coroutine[Any, Any, None]) -> None:
+    """Works until `stop` is set, or the work ends: it does when the service was killed.
+
+    Raises what has ended the work.
+    """
+    working = asyncio.create_task(work)
+    working.add_done_callback(lambda _: stop.set())
+    await stop.wait()
+    if working.done():
+        working.result()
+    working.cancel()
+
+
+def run(
+    work: Coroutine[Any, Any, None], name: str, log: Log, cause: Callable[[], str] = lambda: ""
+) -> int:
+    """Runs a process to its end; returns the exit code, and logs what has ended it.
+
+    Args:
+        work: What it does.
+        name: What the log calls it, with an article: "the gateway".
+        log: The log.
+        cause: A possible cause of an error, for the end of the message; empty: none.
+    """
+    try:
+        asyncio.run(work)
+    except EcatError as error:
+        log.error(f"{name.removeprefix('the ')}: {error}{cause()}")
+        return error.exit_code
+    except Exception as error:
+        log.error(f"defect in {name}: {error!r}{cause()}")
+        log.debug(traceback.format_exc())
+        return EcatError.exit_code
+    return 0

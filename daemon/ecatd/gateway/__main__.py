@@ -15,7 +15,6 @@ import os
 import resource
 import signal
 import sys
-import traceback
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,7 +32,14 @@ from ecatd.base.process import (
     offer_to_oom_killer,
     set_title,
 )
-from ecatd.base.supervised_process import answer_pings, read_settings, report
+from ecatd.base.supervised_process import (
+    answer_pings,
+    read_settings,
+    report,
+    run,
+    stop_signals,
+    work_until,
+)
 from ecatd.config import GatewayConfig
 from ecatd.linux.systemd_services import other_version
 from ecatd.operations.endpoints import LOCAL, Endpoint
@@ -58,9 +64,7 @@ _PERIOD = 1.0
 async def _serve(bus: str, log: Log, *, alone: bool) -> None:
     from .gateway import Gateway  # loaded already
 
-    stop = asyncio.Event()
-    for number in (signal.SIGTERM, signal.SIGQUIT, *((signal.SIGINT,) if alone else ())):
-        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    stop = stop_signals(*((signal.SIGINT,) if alone else ()))
     gateway = Gateway(bus, user_dir(), log, stop.set)
     try:
         config = await gateway.connect()
@@ -76,12 +80,7 @@ async def _serve(bus: str, log: Log, *, alone: bool) -> None:
         else:
             report("ready")
         work = _feed_watchdog(gateway) if alone else answer_pings(gateway.report)
-        working = asyncio.create_task(work)
-        working.add_done_callback(lambda _: stop.set())  # it ends when the service was killed
-        await stop.wait()
-        if working.done():
-            working.result()  # raises what has ended it
-        working.cancel()
+        await work_until(stop, work)
     finally:
         await gateway.stop()
 
@@ -129,16 +128,8 @@ def main() -> int:
     if not alone:
         die_with_parent(read_settings()["parent"])
     log = Log("ecatd", bus=bus).of("gateway")
-    try:
-        asyncio.run(_serve(bus, log, alone=alone))
-    except EcatError as error:
-        log.error(f"gateway: {error}{_other_version(bus)}")
-        return error.exit_code
-    except Exception as error:
-        log.error(f"defect in the gateway: {error!r}{_other_version(bus)}")
-        log.debug(traceback.format_exc())
-        return EcatError.exit_code
-    return 0
+    work = _serve(bus, log, alone=alone)
+    return run(work, "the gateway", log, lambda: _other_version(bus))
 
 
 if __name__ == "__main__":

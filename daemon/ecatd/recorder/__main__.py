@@ -7,17 +7,13 @@ The bus does not depend on it.
 
 from __future__ import annotations
 
-import asyncio
 import errno
 import os
 import resource
-import signal
 import sys
-import traceback
 from importlib.util import find_spec
 from pathlib import Path
 
-from ecatd.base.errors import EcatError
 from ecatd.base.landlock import restrict
 from ecatd.base.log import Log
 from ecatd.base.paths import user_dir
@@ -29,7 +25,14 @@ from ecatd.base.process import (
     offer_to_oom_killer,
     set_title,
 )
-from ecatd.base.supervised_process import answer_pings, read_settings, report
+from ecatd.base.supervised_process import (
+    answer_pings,
+    read_settings,
+    report,
+    run,
+    stop_signals,
+    work_until,
+)
 
 _OOM_SCORE = 700
 """The kernel ends it before the gateway if there is no memory left."""
@@ -41,9 +44,7 @@ _MEMORY, _PER_MIB = 768 << 20, 12 << 20
 async def _serve(bus: str, log: Log) -> None:
     from .recorder import Recorder
 
-    stop = asyncio.Event()
-    for number in (signal.SIGTERM, signal.SIGQUIT):
-        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    stop = stop_signals()
     recorder = Recorder(bus, user_dir(), log, stop)
     try:
         config = await recorder.connect()
@@ -58,10 +59,7 @@ async def _serve(bus: str, log: Log) -> None:
             _open(recorder.folder, log)
             await recorder.start()
         report("ready")
-        working = asyncio.create_task(answer_pings(recorder.report))
-        working.add_done_callback(lambda _: stop.set())  # it ends when the service was killed
-        await stop.wait()
-        working.cancel()
+        await work_until(stop, answer_pings(recorder.report))
     finally:
         await recorder.close()
 
@@ -104,16 +102,7 @@ def main() -> int:
     os.nice(_NICE)
     die_with_parent(read_settings()["parent"])
     log = Log("ecatd", bus=bus).of("recorder")
-    try:
-        asyncio.run(_serve(bus, log))
-    except EcatError as error:
-        log.error(f"flight recorder: {error}")
-        return error.exit_code
-    except Exception as error:
-        log.error(f"defect in the flight recorder: {error!r}")
-        log.debug(traceback.format_exc())
-        return EcatError.exit_code
-    return 0
+    return run(_serve(bus, log), "the flight recorder", log)
 
 
 if __name__ == "__main__":

@@ -41,7 +41,13 @@ from ecatd.base.process import (
     leave_signals_to_the_service,
     lower,
 )
-from ecatd.base.supervised_process import answer_pings, read_settings, report, report_starting
+from ecatd.base.supervised_process import (
+    answer_pings,
+    read_settings,
+    report,
+    report_starting,
+    stop_signals,
+)
 from ecatd.config import Config, read_config
 
 if TYPE_CHECKING:
@@ -58,10 +64,7 @@ async def _serve(settings: dict[str, Any], log: Log) -> None:
     control = ControlSocket(control_socket(Path(settings["runtime_dir"]), config.bus), log)
     log.pass_on(LogLines(control.publish).note)
     use_audit_file(log, config)
-    stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGQUIT):
-        loop.add_signal_handler(number, stop.set)
+    stop = stop_signals()
     starting = asyncio.create_task(
         BusServer.start(
             *(up, Path(settings["memory_dir"]), config, _in_force(settings), log, control.publish),
