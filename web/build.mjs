@@ -13,8 +13,9 @@ await build({
   minify: true,
   format: "esm",
   target: "es2022",
-  jsx: "automatic",
-  jsxImportSource: "preact",
+  // Calls of preact's `h` are 1 % smaller, compressed, than those of the runtime for JSX that the types follow.
+  tsconfigRaw: { compilerOptions: { jsx: "react", jsxFactory: "_h", jsxFragmentFactory: "_Fragment" } },
+  inject: ["src/jsx.ts"],
   legalComments: "linked",
   logLevel: "warning",
 });
