@@ -36,7 +36,7 @@ def reading(
         [], rows, [*events], [], [], [], 0,
         documents={"bus": {"slaves": [{"name": name} for name in names]}},
     )  # fmt: skip
-    return read(found).partition("\n\n")[2].splitlines()
+    return read(found)[0].partition("\n\n")[2].splitlines()
 
 
 def test_a_lost_link_explains_what_was_noticed_before_it() -> None:

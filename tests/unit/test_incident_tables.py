@@ -1,6 +1,7 @@
 """Incidents and recordings as tables: for Modelica with a block, and as inputs of an FMU."""
 
 import csv
+import json
 import re
 import shutil
 import subprocess
@@ -74,7 +75,14 @@ def bus() -> Bus:
     return give_meanings(sample_buses.troll(), load_profiles())
 
 
-def make(path: Path, bus: Bus, signals: Sequence[TraceSignal] = (), document: Any = None) -> Path:
+def make(
+    path: Path,
+    bus: Bus,
+    signals: Sequence[TraceSignal] = (),
+    document: Any = None,
+    trigger: Trigger | None = None,
+    cause: str = "",
+) -> Path:
     """An incident of 100 cycles of 1 ms, of which some are missing."""
     signals = [*signals] or signals_of(bus)
     rows = [
@@ -82,9 +90,9 @@ def make(path: Path, bus: Bus, signals: Sequence[TraceSignal] = (), document: An
         for n in range(CYCLES)
         if n not in MISSING
     ]
-    trigger = Trigger("fault", BEGIN_NS + 30_000_000, 'slave 4 "EL3008" </p> is lost')
+    trigger = trigger or Trigger("fault", BEGIN_NS + 30_000_000, 'slave 4 "EL3008" </p> is lost')
     found = Incident(bus.name, [trigger], signals, rows, [], [], ["eth0"], [], 0)
-    found.reading = "Slave 4 was lost.\n"
+    found.reading, found.cause = "Slave 4 was lost.\n", cause
     found.documents = {"bus": bus.to_dict() if document is None else document}
     write(path, found)
     return path
@@ -224,6 +232,8 @@ def test_a_file_needs_no_daemon(
     path = make(tmp_path / "a.mcap", bus)
     incident(make_parser().parse_args(["incident", "show", str(path)]))
     assert capsys.readouterr().out == "Slave 4 was lost.\n"
+    with pytest.raises(UsageError, match="takes one NAME, not 2"):
+        incident(make_parser().parse_args(["incident", "export", "a", "b", "-o", "c.csv"]))
     for suffix, head in (
         (".pcapng", b"\x0a\x0d\x0d\x0a"),
         (".json", b"[]"),
@@ -233,6 +243,45 @@ def test_a_file_needs_no_daemon(
         assert (tmp_path / f"out{suffix}").read_bytes().startswith(head)
     with pytest.raises(UsageError, match=r"nosuch/b\.mcap is not a file"):
         export(tmp_path / "nosuch" / "b.mcap", tmp_path / "c.csv")
+
+
+def test_files_and_folders_are_listed_and_shown_without_a_daemon(
+    tmp_path: Path, bus: Bus, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def said(*arguments: str) -> str:
+        incident(make_parser().parse_args(["incident", *arguments]))
+        return capsys.readouterr().out
+
+    folder = tmp_path / "kept"
+    folder.mkdir()
+    asked = Trigger("request", BEGIN_NS + 40_000_000_000, "fred has asked for an incident")
+    first = make(folder / "a.mcap", bus)
+    last = make(folder / "b.mcap", bus, trigger=asked, cause="slave 4 (EL3008): too hot")
+    other = make(tmp_path / "c.mcap", bus)
+    (folder / "damaged.mcap").write_bytes(first.read_bytes()[:100])
+    (folder / "notes.txt").touch()
+    (tmp_path / "empty").mkdir()
+    head, *lines = said("list", str(folder)).splitlines()
+    names(head, "FILE", "TRIGGERED (UTC)", "LENGTH", "SIZE", "CAUSE")
+    assert len(lines) == 2
+    names(lines[0], str(first), "2025-11-24 16:00:00", "fault", "0.1 s", "slave 4", "is lost")
+    names(lines[1], str(last), "16:00:40", "request", "fred has asked", "slave 4 (EL3008): too hot")
+    listed = json.loads(said("--json", "list", str(other), str(folder)))["incidents"]
+    assert [item["file"] for item in listed] == [str(other), str(first), str(last)]
+    assert [item["cause"] for item in listed] == ["", "", "slave 4 (EL3008): too hot"]
+    assert listed[0]["seconds"] == pytest.approx(0.099)
+    assert said("show", str(folder)) == (
+        f"{first}\nSlave 4 was lost.\n\n{last}\nSlave 4 was lost.\n"
+    )
+    shown = json.loads(said("--json", "show", str(other)))["incidents"]
+    assert [(item["bus"], item["reading"]) for item in shown] == [(bus.name, "Slave 4 was lost.\n")]
+    for name, why in (
+        (folder / "damaged.mcap", "damaged.mcap is"),
+        (tmp_path / "empty", "no incidents in"),
+        (tmp_path / "nosuch", "neither a file nor a folder"),
+    ):
+        with pytest.raises(EcatError, match=why):
+            said("list", str(name))
 
 
 def test_yesterdays_values_are_inputs_of_an_fmu(tmp_path: Path, bus: Bus) -> None:

@@ -81,12 +81,18 @@ class Incident:
     frames: list[Frame]  #: All frames, in the order of time.
     clock_ns: int  #: The time of a frame plus this is Unix time.
     reading: str = ""  #: What has happened, in words.
+    cause: str = ""  #: Its cause, in a sentence; empty if none is known.
     documents: dict[str, Any] = field(default_factory=dict)  #: JSON documents, by name.
 
     @property
     def missing(self) -> int:
         """How many cycles between the first and the last one are missing."""
         return self.rows[-1].number - self.rows[0].number + 1 - len(self.rows) if self.rows else 0
+
+    @property
+    def seconds(self) -> float:
+        """From the first cycle to the last one."""
+        return (self.rows[-1].time_ns - self.rows[0].time_ns) / 1e9 if self.rows else 0.0
 
 
 class SignalFields:
@@ -154,7 +160,9 @@ def _write(writer: Any, incident: Incident) -> None:
         "time_ns": str(first.time_ns),
         "trigger": first.kind,
         "reason": first.reason[:2000],
+        "cause": incident.cause[:2000],
         "cycles": str(len(incident.rows)),
+        "seconds": f"{incident.seconds:.3f}",
         "missing": str(incident.missing),
         "version": VERSION,
     }

@@ -97,9 +97,10 @@ class _Chain(NamedTuple):
     causes: list[_Fact]
 
 
-def read(incident: Incident) -> str:
-    """The reading, in lines."""
-    return "\n".join(_Reading(incident).lines()) + "\n"
+def read(incident: Incident) -> tuple[str, str]:
+    """The reading, in lines, and the cause of the trigger; empty: it is not known."""
+    reading = _Reading(incident)
+    return "\n".join(reading.lines()) + "\n", reading.cause()
 
 
 class _Reading:
@@ -108,6 +109,7 @@ class _Reading:
         self._times = [row.time_ns for row in incident.rows]
         slaves = (incident.documents.get("bus") or {}).get("slaves", [])
         self._names = [item.get("given_name") or item.get("name", "") for item in slaves]
+        self._chains = _chains(self._facts())
 
     def lines(self) -> Iterator[str]:
         """Its lines."""
@@ -119,12 +121,11 @@ class _Reading:
             yield f"Triggered again at {_clock(item.time_ns)} ({item.kind}): {item.reason}."
         yield self._summary()
         yield ""
-        chains = _chains(self._facts())
-        if self._incident.rows and not any(chain.causes for chain in chains):
+        if self._incident.rows and not any(chain.causes for chain in self._chains):
             yield "No fault of the bus is known: every exchange was complete."
             yield "Nobody has judged the values: look at them, as with `ecatctl web FILE`."
         count = 0
-        for chain in chains:
+        for chain in self._chains:
             for line in self._chain(chain):
                 count += 1
                 if count <= _MOST:
@@ -132,12 +133,22 @@ class _Reading:
         if count > _MOST:
             yield f"And {count - _MOST} lines more: events.json has all of them."
 
+    def cause(self) -> str:
+        """What may have led to the trigger: the causes that are closest to it."""
+        at = self._incident.triggers[0].time_ns
+
+        def distance(chain: _Chain) -> int:
+            return max(chain.facts[0].time_ns - at, at - chain.facts[-1].time_ns, 0)
+
+        chains = [chain for chain in self._chains if chain.causes]
+        closest = min(chains, key=distance, default=_Chain([], []))
+        return ", or ".join(map(self._text, closest.causes))
+
     def _summary(self) -> str:
         rows = self._incident.rows
         if not rows:
             return "There are no frames of the cycle: the bus server has ended, or keeps none."
-        span = (rows[-1].time_ns - rows[0].time_ns) / 1e9
-        text = f"{len(rows)} cycles in {span:.3f} s"
+        text = f"{len(rows)} cycles in {self._incident.seconds:.3f} s"
         longest = max(rows, key=lambda row: row.exchange_us)
         text += f"; the longest exchange took {longest.exchange_us:.0f} µs (cycle {longest.number})"
         if self._incident.missing:

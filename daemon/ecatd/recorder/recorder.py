@@ -275,7 +275,7 @@ class Recorder:
         )
         self._make_rows(pending, incident)
         try:
-            incident.reading = first_reading(incident)
+            incident.reading, incident.cause = first_reading(incident)
         except Exception as error:  # the values are worth more than words about them
             self._log.error(f"defect in the first reading of an incident: {error!r}")
             incident.reading = f"{pending.triggers[0].reason}\n"
