@@ -41,6 +41,9 @@ FACTS: Mapping[str, Fact] = {
     "program": Fact(str, "program of the client, by its own account"),
     "pid": Fact(int, "its process ID, by its own account"),
     "programs": Fact(list[str], "processes that may have written into the file, or have it open"),
+    "lease_ms": Fact(float, "lease of the client"),
+    "silent_ms": Fact(float, "time from its last sign of life until its outputs became safe"),
+    "process": Fact(str, "how its process was then, as in Outputs; not there: not known"),
     "owner": Fact(str, "the client that owns the output"),
     "entry": Fact(str, "address of the entry, such as `0x7000:01`"),
     "file": Fact(str, "path of the file", subject=True),
@@ -305,7 +308,10 @@ KINDS: Mapping[str, Kind] = {
             "They have their [safe values](configuration.md#safe-outputs), because their client "
             "has ended, hangs, or gave them back, or because the bus is stopped. The client is "
             "the one before, if there was one. See: `ecatctl claims`.",
-            ("slave", "reason", "slot?", "program?", "pid?", "cycle"),
+            (
+                *("slave", "reason", "slot?", "program?", "pid?"),
+                *("lease_ms?", "silent_ms?", "process?", "cycle"),
+            ),
         ),
         Kind(
             "stopped",
