@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import re
 import signal
 import struct
 from collections.abc import Callable, Mapping
@@ -83,6 +84,8 @@ def test_a_fault_and_a_request(start_daemon: Callable[..., Daemon], tmp_path: Pa
 
     listed = daemon.ctl_json("incident", "list")["incidents"]
     assert path.name in [item["name"] for item in listed]
+    log = file.attachment("log.txt").decode().splitlines()
+    assert all(re.match(r"\d{4}(-\d\d){2}T(\d\d:){2}\d\d\.\d{3}Z \w+: ", line) for line in log)
     assert "mine.mcap" not in [item["name"] for item in listed]
     assert "slave 5" in daemon.ctl("incident", "show", path.name).stdout
     for suffix in ("mcap", "pcapng", "csv", "txt", "json"):

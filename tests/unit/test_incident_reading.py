@@ -44,12 +44,12 @@ def test_a_lost_link_explains_what_was_noticed_before_it() -> None:
     fallen = [
         event("recovery", 509, f"slave {n} (X): left OP", slave=n, state="fallen") for n in (2, 3)
     ]
-    slaves = event("slaves", 506, "slave count changed: 4, now 2", missing=[2, 3])
+    slaves = event("slaves", 506, "slave count changed from 4 to 2", missing=[2, 3])
     told = event("working_counter", 505, "domain 0: incomplete", state="incomplete", cycle=1500)
     again = event("disturbance", 900, "44 exchanges", counts={"wkc_bad": 44}, over=False)
     late = event("disturbance", 920, "1 missed cycle", counts={"missed": 1}, over=False)
     assert reading([told, slaves, *gone, *fallen, again, late], failing=range(500, 950)) == [
-        "16:00:00.500 (cycle 1500) slave count changed: 4, now 2 (noticed 6 cycles later)",
+        "16:00:00.500 (cycle 1500) slave count changed from 4 to 2 (noticed 6 cycles later)",
         "  in the same cycle: the working counter was wrong (1 domain)",
         "  8 cycles later: slaves 2 (EL2008) and 3 (EL3008): no answer",
         "  1 cycle later: slaves 2 (EL2008) and 3 (EL3008): left OP",

@@ -11,6 +11,7 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -189,12 +190,19 @@ def _write(writer: Any, incident: Incident) -> None:
     pcap += [packet(frame, incident.clock_ns) for frame in incident.frames]
     _attach(writer, first, "frames.pcapng", "application/x-pcapng", b"".join(pcap))
     _attach(writer, first, "reading.txt", "text/plain", incident.reading.encode())
-    log_text = "".join(f"{line['level']}: {line['text']}\n" for line in incident.lines)
+    log_text = "".join(
+        f"{_utc(line['time_ns'])} {line['level']}: {line['text']}\n" for line in incident.lines
+    )
     _attach(writer, first, "log.txt", "text/plain", log_text.encode())
     for name, document in {**incident.documents, "events": incident.events}.items():
         data = json.dumps(document, indent=1, default=repr).encode()
         _attach(writer, first, f"{name}.json", "application/json", data)
     writer.finish()
+
+
+def _utc(time_ns: int) -> str:
+    moment = datetime.fromtimestamp(time_ns // 10**9, UTC)
+    return f"{moment:%Y-%m-%dT%H:%M:%S}.{time_ns % 10**9 // 10**6:03}Z"
 
 
 def _add(writer: Any, channel: int, time_ns: int, sequence: int, data: bytes) -> None:

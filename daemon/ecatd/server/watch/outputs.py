@@ -286,7 +286,7 @@ class OutputWatch:
                 return f"{slaves}: the drive has stopped"
         return (
             f"{slaves}: the drive has not stopped in {self._patience.get(first.slave, 0):g} s; "
-            "its controlword is 0 now"
+            "its controlword was set to 0"
         )
 
     def _owner(self, signal: int) -> str:
