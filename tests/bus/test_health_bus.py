@@ -132,6 +132,9 @@ def test_a_drive_in_fault_is_not_well_although_it_is_in_op(
     drive((0x06, 0x01), (0x07, 0x03), (0x0F, 0x08))
     text = problem(bench, "reports a fault")
     names(text, "slave 0 (Gold EtherCAT GCON Drive)", "0x8611", "following error", "0x6065")
+    names(
+        text, "0x6065:00 (Following error window) is 1", "0x6066:00 (Following error time out) is"
+    )
     assert re.search(r'ecat_fault\{[^}]*kind="drive"', metrics(bench))
     bench.wait_for(lambda: "8 of 8 slaves in OP" in bench.daemon.status)
     bench.wait_for_event("drive", slave=0, code=0x8611, over=False, severity="error")

@@ -118,7 +118,9 @@ def test_clients_conditions_and_requests() -> None:
         "  290 cycles later: slave 2 was stopped",
     ]
     own = event("incident", 500, "me has asked for an incident", by="me")
-    asked = event("change", 500, "incident: changed", what="incident", by="me", failed=False)
+    asked = event(
+        "change", 500, "an incident: asked for by me", what="an incident", by="me", failed=False
+    )
     first, second = reading([own, asked])
     assert first == "No fault of the bus is known: every exchange was complete."
     assert "judged the values" in second

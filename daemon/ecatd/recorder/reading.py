@@ -171,7 +171,7 @@ class _Reading:
             kind = event["event"]
             if kind in _LEFT_OUT or (rows and event["time_ns"] < rows[0].time_ns):
                 continue
-            if kind == "change" and str(event.get("what", "")).startswith("incident"):
+            if kind == "change" and re.match(r"(an )?incident\b", event["what"]):
                 continue
             if kind == "safe" and event.get("reason") in LAPSES:
                 kind = _LAPSE

@@ -14,9 +14,21 @@ from typing import Any
 
 from ecatd.base.errors import EcatError
 from ecatd.etg.al import AlState
-from ecatd.etg.drives import AXES, AXIS_OBJECTS, ERROR_CODE, STATUSWORD, error_text, is_fault
+from ecatd.etg.datatypes import DataType, bit_length
+from ecatd.etg.datatypes import decode as decode_value
+from ecatd.etg.drives import (
+    AXES,
+    AXIS_OBJECTS,
+    ERROR_CODE,
+    OBJECTS_OF_ERRORS,
+    STATUSWORD,
+    error_text,
+    is_fault,
+)
+from ecatd.etg.objects import standard_object
+from ecatd.etg.scaling import to_physical
 from ecatd.operations.faults import DRIVE, Fault
-from ecatd.operations.objects import SdoRead
+from ecatd.operations.objects import Sdo, SdoRead
 from ecatd.operations.operation import Operation
 from ecatd.shm import contract as shm
 from ecatd.shm.contents import decode
@@ -65,6 +77,7 @@ class DriveWatch:
     ) -> None:
         self._bus = running.bus
         self._shared = running.shared
+        self._config = running.config
         self._answer = answer
         self._report = report
         self._reader = Reader(running.shared.fd, running.bus.name, running.shared.path)
@@ -116,7 +129,7 @@ class DriveWatch:
         if self._bus.slaves[axis.slave].coe:
             code = await self._read_code(axis)
         if code:
-            why = f": {error_text(code)}"
+            why = f": {error_text(code)}{await self._beside(axis, code)}"
         text = (
             f"{self._label(axis)}: the drive reports a fault{why}; mend the cause, which "
             "its manual explains, then reset the fault (bit 7 of the controlword, a rising edge)"
@@ -126,13 +139,38 @@ class DriveWatch:
         self._report("drive", text, facts, (axis.slave,))
 
     async def _read_code(self, axis: _Axis) -> int | None:
-        index = ERROR_CODE + axis.number * AXIS_OBJECTS
+        reply = await self._read(axis, (ERROR_CODE, 0))
+        return None if reply is None else int.from_bytes(reply["data"][:2], "little")
+
+    async def _read(self, axis: _Axis, address: tuple[int, int]) -> Sdo | None:
+        """Reads an object of the first axis as that of another one; None if there is no answer."""
+        index = address[0] + axis.number * AXIS_OBJECTS
         try:
             async with asyncio.timeout(_PATIENCE):
-                reply = await self._answer(SdoRead(axis.slave, index))
+                reply: Sdo = await self._answer(SdoRead(axis.slave, index, address[1]))
         except (EcatError, TimeoutError):
-            return None  # it does not say why, or has no such object
-        return int.from_bytes(reply["data"][:2], "little")
+            return None
+        return reply
+
+    async def _beside(self, axis: _Axis, code: int) -> str:
+        """What the objects are that an error is about, as far as that is known."""
+        settings = self._config.settings_of(axis.slave)
+        found = []
+        for index, subindex in OBJECTS_OF_ERRORS.get(code, ()):
+            own = index + axis.number * AXIS_OBJECTS, subindex
+            wanted = settings.startup_value(own)
+            reply = await self._read(axis, (index, subindex))
+            standard = standard_object(index, subindex, drive=True)
+            name = (reply and reply["name"]) or (standard and standard[0]) or ""
+            values = []
+            if reply and (value := _value(reply)):
+                values.append(f"is {value}")
+            if wanted is not None:
+                values.append(f"{'' if values else 'is '}{wanted.text} in the start-up list")
+            if values:
+                called = f" ({name})" if name else ""
+                found.append(f"; 0x{own[0]:04X}:{subindex:02X}{called} {', and '.join(values)}")
+        return "".join(found)
 
     def _end(self, axis: _Axis, fault: Fault) -> None:
         axis.fault = None
@@ -140,3 +178,17 @@ class DriveWatch:
         lasted = time.time() - fault.since
         text = f"{self._label(axis)}: the drive no longer reports a fault, after {lasted:.1f} s"
         self._report("drive", text, facts, (axis.slave,), good=True)
+
+
+def _value(reply: Sdo) -> str:
+    """The value of an object in words; empty if it is no number."""
+    data_type = reply["data_type"]
+    if bit_length(data_type) != 8 * len(reply["data"]):
+        return ""
+    raw = decode_value(DataType(data_type), reply["data"])
+    if not isinstance(raw, int | float):
+        return ""
+    if "unit" not in reply:
+        return str(raw)
+    value = to_physical(raw, reply.get("scale", 1), reply.get("offset", 0))
+    return f"{raw} ({value:.6g} {reply['unit']})"
