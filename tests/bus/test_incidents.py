@@ -85,7 +85,7 @@ def test_a_fault_and_a_request(start_daemon: Callable[..., Daemon], tmp_path: Pa
     listed = daemon.ctl_json("incident", "list")["incidents"]
     assert path.name in [item["name"] for item in listed]
     log = file.attachment("log.txt").decode().splitlines()
-    assert all(re.match(r"\d{4}(-\d\d){2}T(\d\d:){2}\d\d\.\d{3}Z \w+: ", line) for line in log)
+    assert all(re.match(r"\d{4}(-\d\d){2}T(\d\d:){2}\d\d\.\d{6}Z \w+: ", line) for line in log)
     assert "mine.mcap" not in [item["name"] for item in listed]
     assert "slave 5" in daemon.ctl("incident", "show", path.name).stdout
     for suffix in ("mcap", "pcapng", "csv", "txt", "json"):
@@ -94,7 +94,8 @@ def test_a_fault_and_a_request(start_daemon: Callable[..., Daemon], tmp_path: Pa
     columns = read_csv(tmp_path / "out.csv").dtype.names
     assert columns[:2] == ("time", "cycle")
     assert "el3008_2.valid" in columns
-    assert sum(not name.endswith("valid") for name in columns) == 2 + len(file.signals)
+    assert sum(not name.endswith("valid") for name in columns) == 3 + len(file.signals)
+    assert columns[-1] == "unix_s"
     chosen = inputs[0]
     rig = rigs.make("troll")
     Replay(tmp_path / "out.mcap", rig)

@@ -107,7 +107,9 @@ def export(path: Path, out: Path, *signals: str, force: bool = False) -> list[di
     if out.suffix != ".csv":
         return []
     with out.open(newline="") as lines:
-        return [{name: float(v) for name, v in row.items()} for row in csv.DictReader(lines)]
+        found = csv.DictReader(lines)
+        assert (found.fieldnames or [])[-1] == "unix_s"
+        return [{name: float(v) for name, v in row.items()} for row in found]
 
 
 def test_what_is_missing_is_held_and_not_valid(tmp_path: Path, bus: Bus) -> None:
@@ -116,6 +118,7 @@ def test_what_is_missing_is_held_and_not_valid(tmp_path: Path, bus: Bus) -> None
     assert len(rows) == CYCLES - len(MISSING) + 2
     (scale,) = {s["scale"] for s in signals_of(bus) if s["unit"] == "V"}
     assert by_time[29][LEVEL] == pytest.approx(2900 * scale)
+    assert by_time[29]["unix_s"] == pytest.approx(BEGIN_NS / 1e9 + 0.029)
     for ms in (30, 39):
         assert by_time[ms][LEVEL] == pytest.approx(2900 * scale)
         assert (by_time[ms]["el3008.valid"], by_time[ms]["el1018.valid"]) == (0, 1)
@@ -127,6 +130,27 @@ def test_what_is_missing_is_held_and_not_valid(tmp_path: Path, bus: Bus) -> None
         assert row[LEVEL] == pytest.approx(value * scale)
     assert by_time[65]["el3008.valid"] == 1
     assert all(a["time"] < b["time"] for a, b in pairwise(rows))
+
+
+def test_columns_with_paths_are_those_of_a_recording(tmp_path: Path, bus: Bus) -> None:
+    path, out = make(tmp_path / "a.mcap", bus), tmp_path / "a.csv"
+    options = ["incident", "export", str(path), "-o", str(out), "--paths", "--signal", "4/*"]
+    incident(make_parser().parse_args(options))
+    with out.open(newline="") as lines:
+        head, *rows = csv.reader(lines)
+    signals = [item for item in signals_of(bus) if item["slave"] == 4]
+    own = [f"{it['name']} [{it['unit']}]" if it["unit"] else it["name"] for it in signals]
+    assert head == ["time_s", "cycle", *own, "utc"]
+    assert len(rows) == CYCLES - len(MISSING)
+    assert rows[7][:2] == ["0.007000", str(FIRST + 7)]
+    assert rows[7][-1] == "2025-11-24T16:00:00.007000Z"
+    level = next(n for n, item in enumerate(signals, 2) if item["unit"] == "V")
+    assert float(rows[29][level]) == pytest.approx(2900 * signals[level - 2]["scale"])
+    assert {row[level] for row in rows[30:40]} == {""}
+    again = export(out, tmp_path / "again.csv")  # a recording, as `ecatctl record` writes it
+    assert again[7]["cycle"] == FIRST + 7
+    with pytest.raises(UsageError, match="--paths"):
+        incident(make_parser().parse_args([*options[:4], str(tmp_path / "x.mo"), "--paths"]))
 
 
 def translated(folder: Path, *models: str) -> None:

@@ -64,6 +64,12 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         help=f"for export as {', '.join(_TABLES)}: only this value, such as '4/Channel 1/*'; NAME: "
         "the name that it gets; repeat it for more values",
     )
+    command.add_argument(
+        "--paths",
+        action="store_true",
+        help="for export as .csv: the columns of `ecatctl record`, each value under its path such "
+        "as '4/Channel 1/Value', and empty where it is missing",
+    )
     add_out(command, f"for export: the file; its name ends in {', '.join(_FORMATS)}", "--out")
     add_force(command)
 
@@ -244,6 +250,8 @@ def _export(options: argparse.Namespace) -> None:
         raise UsageError(f"{options.out}: give a file name that ends with {', '.join(_FORMATS)}")
     if options.signal and suffix not in _TABLES:
         raise UsageError(f"--signal chooses values of a table: {', '.join(_TABLES)}")
+    if options.paths and suffix != ".csv":
+        raise UsageError("--paths is for an export as .csv")
     targets = [options.out]
     if suffix == ".mo":
         targets.append(options.out.with_suffix(".txt"))
@@ -292,7 +300,7 @@ def _tables(path: Path, options: argparse.Namespace) -> list[bytes]:
         print(f"ecatctl: warning: {note}", file=sys.stderr)
     match options.out.suffix.lower():
         case ".csv":
-            texts = [tables.csv_table(table)]
+            texts = [tables.path_table(table) if options.paths else tables.csv_table(table)]
         case ".txt":
             texts = [tables.combi_time_table(table)]
         case _:

@@ -11,7 +11,6 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ from ecatd.base.cycle_messages import (
 from ecatd.base.incident_file import CYCLE, FIELDS, SIGNALS
 from ecatd.base.paths import give_to_group
 from ecatd.base.pcapng import Frame, header, packet
+from ecatd.base.recording_file import iso_utc
 from ecatd.base.version import VERSION
 from ecatd.etg.scaling import to_physical
 from ecatd.operations.incident_files import METADATA, PART
@@ -191,18 +191,13 @@ def _write(writer: Any, incident: Incident) -> None:
     _attach(writer, first, "frames.pcapng", "application/x-pcapng", b"".join(pcap))
     _attach(writer, first, "reading.txt", "text/plain", incident.reading.encode())
     log_text = "".join(
-        f"{_utc(line['time_ns'])} {line['level']}: {line['text']}\n" for line in incident.lines
+        f"{iso_utc(line['time_ns'])} {line['level']}: {line['text']}\n" for line in incident.lines
     )
     _attach(writer, first, "log.txt", "text/plain", log_text.encode())
     for name, document in {**incident.documents, "events": incident.events}.items():
         data = json.dumps(document, indent=1, default=repr).encode()
         _attach(writer, first, f"{name}.json", "application/json", data)
     writer.finish()
-
-
-def _utc(time_ns: int) -> str:
-    moment = datetime.fromtimestamp(time_ns // 10**9, UTC)
-    return f"{moment:%Y-%m-%dT%H:%M:%S}.{time_ns % 10**9 // 10**6:03}Z"
 
 
 def _add(writer: Any, channel: int, time_ns: int, sequence: int, data: bytes) -> None:
