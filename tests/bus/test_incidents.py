@@ -1,6 +1,7 @@
 """Incidents: what the flight recorder writes about faults, lapses, conditions and requests."""
 
 import itertools
+import json
 import os
 import re
 import signal
@@ -80,6 +81,12 @@ def test_a_fault_and_a_request(start_daemon: Callable[..., Daemon], tmp_path: Pa
         "frames.pcapng", "bus.json", "configuration.json", "log.txt", "events.json",
         "statistics.json",
     }  # fmt: skip
+    times = {values["cycle"]: at_ns for at_ns, values in file.cycles()}
+    events = json.loads(file.attachment("events.json"))
+    placed = [item for item in events if item.get("cycle") in times]
+    assert all(item["time_ns"] == times[item["cycle"]] for item in placed)
+    kinds = {item["event"] for item in placed if item["cycle"] >= before[-1]["cycle"]}
+    assert kinds >= {"working_counter", "slaves", "al_state"}
     assert struct.unpack_from("<I", file.attachment("frames.pcapng"))[0] == 0x0A0D0D0A
 
     listed = daemon.ctl_json("incident", "list")["incidents"]

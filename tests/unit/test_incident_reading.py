@@ -3,7 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
+from ecatd.operations.traces import TraceSignal
 from ecatd.recorder.incident import Incident, Row, Trigger
+from ecatd.recorder.moments import place_events
 from ecatd.recorder.reading import read
 
 BEGIN_NS = 1_764_000_000_000_000_000
@@ -136,3 +138,28 @@ def test_without_frames_times_stand_for_cycles() -> None:
     assert reading(missing=[500, 501], count=1000) == [
         "16:00:00.500 (cycle 1500) 2 cycles missing: no frame was sent in time",
     ]
+
+
+def test_events_stand_at_the_values_that_they_are_about() -> None:
+    def signal(address: str) -> TraceSignal:
+        return TraceSignal(
+            name=f"2/{address}", slave=2, address=address, output=False,
+            type="uint16", scale=1.0, offset=0.0, unit="",
+        )  # fmt: skip
+
+    signals = [signal("0x6041:00"), signal("0x6841:00")]
+    statuswords = {n: (0x27, 0x27 if n < 30 else 0x08) for n in range(100)} | {40: (None, None)}
+    rows = [
+        Row(1000 + n, BEGIN_NS + n * 1_000_000, 80.0, 0, [*statuswords[n]])
+        for n in range(100)
+        if n not in (50, 51)
+    ]
+    fault = event("drive", 90, "fault", slave=2, over=False, cycle=1080)
+    over = event("drive", 90, "no fault", slave=2, over=True, cycle=1080)
+    gone = event("slaves", 95, "gone", missing=[2], cycle=1051)
+    later = event("slaves", 95, "gone", missing=[2], cycle=1200)
+    unknown = event("emergency", 95, "hot", slave=2)
+    found = place_events([fault, over, gone, later, unknown], rows, signals)
+    assert [(it.get("cycle"), (it["time_ns"] - BEGIN_NS) / 1e6) for it in found] == [
+        (1030, 30), (1080, 80), (1051, 49), (1200, 95), (None, 95),
+    ]  # fmt: skip

@@ -19,6 +19,7 @@ from typing import NamedTuple
 from ecatd.etg.al import AlState
 
 from .incident import LAPSES, Incident, Row, Trigger
+from .moments import row_of
 
 _LOST, _FAILED, _LATE, _WELL = "lost frames", "failed", "late", "well"
 """Kinds of what frames say: without answers, with wrong counters, not sent; complete again."""
@@ -191,11 +192,8 @@ class _Reading:
 
     def _time_of(self, number: int) -> int | None:
         """When a cycle was, if it is in the incident."""
-        rows = self._incident.rows
-        if not rows or not rows[0].number <= number <= rows[-1].number:
-            return None
-        place = bisect_right(rows, number, key=lambda row: row.number) - 1
-        return rows[place].time_ns
+        place = row_of(self._incident.rows, number)
+        return None if place is None else self._incident.rows[place].time_ns
 
     def _cycle_at(self, time_ns: int) -> int | None:
         """The number of the cycle that was the last one at a time."""

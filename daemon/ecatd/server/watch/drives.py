@@ -37,7 +37,7 @@ from ecatd.shm.reader import Reader
 from ..start.running_bus import RunningBus
 from .reports import Reporter
 
-_PERIOD = 0.5
+_PERIOD = 0.1
 """Seconds between two looks. A look copies the page of each domain that has drives."""
 _PATIENCE = 5.0
 """Seconds that a drive has to say why."""
@@ -99,16 +99,16 @@ class DriveWatch:
         if not self._axes:
             await asyncio.Event().wait()
         await asyncio.sleep(_PERIOD)
-        for axis, statusword in self._statuswords():
+        for axis, statusword, cycle in self._statuswords():
             if is_fault(statusword) == (axis.fault is not None):
                 continue
             if axis.fault is not None:
-                self._end(axis, axis.fault)
+                self._end(axis, axis.fault, cycle)
             else:
-                await self._begin(axis)
+                await self._begin(axis, cycle)
 
-    def _statuswords(self) -> Iterator[tuple[_Axis, int]]:
-        """The axes whose present statusword is known, with it."""
+    def _statuswords(self) -> Iterator[tuple[_Axis, int, int]]:
+        """The axes whose present statusword is known, with it and its cycle."""
         for domain, axes in self._axes.items():
             page = self._reader.page(self._shared.domains[domain])
             complete = page.head.wkc_state == shm.WkcState.COMPLETE
@@ -117,13 +117,13 @@ class DriveWatch:
             for axis in axes:
                 state = self._shared.slave_status[axis.slave].al_state
                 if state & 0x0F in (AlState.SAFEOP, AlState.OP):
-                    yield axis, int(decode(page.image, axis.row))
+                    yield axis, int(decode(page.image, axis.row)), page.head.cycle
 
     def _label(self, axis: _Axis) -> str:
         further = f", axis {axis.number}" if axis.number else ""
         return self._bus.slaves[axis.slave].label + further
 
-    async def _begin(self, axis: _Axis) -> None:
+    async def _begin(self, axis: _Axis, cycle: int) -> None:
         since = time.time()
         code, why = None, ""
         if self._bus.slaves[axis.slave].coe:
@@ -135,7 +135,7 @@ class DriveWatch:
             "its manual explains, then reset the fault (bit 7 of the controlword, a rising edge)"
         )
         axis.fault = Fault(DRIVE, text, since, slaves=(axis.slave,))
-        facts = {"slave": axis.slave, "code": code or 0, "over": False}
+        facts = {"slave": axis.slave, "code": code or 0, "over": False, "cycle": cycle}
         self._report("drive", text, facts, (axis.slave,))
 
     async def _read_code(self, axis: _Axis) -> int | None:
@@ -172,9 +172,9 @@ class DriveWatch:
                 found.append(f"; 0x{own[0]:04X}:{subindex:02X}{called} {', and '.join(values)}")
         return "".join(found)
 
-    def _end(self, axis: _Axis, fault: Fault) -> None:
+    def _end(self, axis: _Axis, fault: Fault, cycle: int) -> None:
         axis.fault = None
-        facts = {"slave": axis.slave, "code": 0, "over": True}
+        facts = {"slave": axis.slave, "code": 0, "over": True, "cycle": cycle}
         lasted = time.time() - fault.since
         text = f"{self._label(axis)}: the drive no longer reports a fault, after {lasted:.1f} s"
         self._report("drive", text, facts, (axis.slave,), good=True)
