@@ -185,8 +185,8 @@ CHANGES: dict[type[Operation], tuple[Operation, str, Sequence[str]]] = {
     ),
     ResetErrors: (
         ResetErrors(0, BY),
-        "error counters of slave 0 (CiA402): changed",
-        ("from slave 0: port 0: 3 invalid", " to 0 "),
+        "error counters of slave 0 (CiA402): cleared by ",
+        ("; before: slave 0: port 0: 3 invalid",),
     ),
     WriteSii: (
         WriteSii(0, 0x0004, b"\x07\x00", by=BY),
@@ -234,6 +234,42 @@ def test_each_kind_of_change_has_a_line(shared_site: Site) -> None:
         assert line.split(": ", 1)[1] in shared_site.daemon.log
     wait_for(lambda: "is done" in shared_site.lines()[-1], shared_site.daemon)  # the file
     assert shared_site.ask(ReadFrames("control")) == []
+
+
+def test_incidents_that_are_asked_for_and_deleted_have_lines(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    pytest.importorskip("mcap")
+    file, folder = tmp_path / "audit", tmp_path / "incidents"
+    config = (
+        f'audit_file = "{file}"\n[gateway]\nlisten = []\n[flight_recorder]\n'
+        f'folder = "{folder}"\nbefore_s = 0.2\nafter_s = 0.2\n'
+    )
+    daemon = start_daemon("line:1", config=config)
+    name = daemon.ctl_json("incident", "record", "a", "noise")["name"]
+    daemon.ctl("incident", "record")
+    daemon.ctl("incident", "delete", name)
+    wait_for(lambda: len(file.read_text().splitlines()) == 3, daemon)
+    first, second, third = (
+        line.split(f"{daemon.bus}: ")[1] for line in file.read_text().splitlines()
+    )
+    assert first.startswith("an incident about 'a noise': asked for by somebody on this machine [")
+    assert second.startswith("an incident: asked for by somebody on this machine [")
+    assert third.startswith(f"incident {name}: deleted by somebody on this machine [")
+
+
+def test_a_refused_object_has_its_start_up_value_beside_it(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    file = tmp_path / "audit"
+    config = (
+        f'audit_file = "{file}"\n[gateway]\nlisten = []\n[[slave]]\nposition = 0\n'
+        '[[slave.startup]]\nobject = "0x6065:00"\ntype = "uint32"\nvalue = 5000\n'
+    )
+    daemon = start_daemon("troll", config=config)
+    daemon.ctl("sdo-write", "0", "0x6065", "0", "--type", "uint64", "7", check=False)
+    (line,) = file.read_text().splitlines()
+    names(line, "0x6065:00", "has failed", "; the start-up list has 5000 for it")
 
 
 def test_files_are_named_with_length_and_digest(shared_site: Site) -> None:

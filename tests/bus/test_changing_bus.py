@@ -130,7 +130,7 @@ def test_an_extra_slave_is_named_once_and_a_restart_is_not_advised(start: Start)
         (line,) = told(daemon)
         names(line, "error", "slave 4 (EL2004)", "extra", "product 0x07D43052", "[[slave]] table")
         names(line, "restart", "refused", 'policy = "strict"')
-        assert "slave count changed: 4, now 5" in daemon.log
+        assert "slave count changed from 4 to 5" in daemon.log
         assert "restart ecatd to use" not in daemon.log
         (difference,) = differences(daemon)
         assert (difference["kind"], difference["strict"]) == ("extra", True)
@@ -142,7 +142,7 @@ def test_an_extra_slave_is_named_once_and_a_restart_is_not_advised(start: Start)
         wait_for(lambda: states(daemon) == ["OP"] * 4, daemon)
         # A cable that breaks is told by the number of slaves alone.
         rig.faults.break_link(2)
-        wait_for(lambda: "slave count changed: 4, now 2" in daemon.log, daemon)
+        wait_for(lambda: "slave count changed from 4 to 2" in daemon.log, daemon)
         names(removed(daemon), "restart", "refused", 'policy = "strict"')
         rig.faults.heal_link(2)
         wait_for(lambda: states(daemon) == ["OP"] * 4, daemon)
@@ -158,7 +158,7 @@ def test_a_cable_that_breaks_is_no_difference_of_its_own(start: Start) -> None:
     daemon = start(config())
     with simulator_of(daemon) as rig:
         rig.faults.break_link(2)
-        wait_for(lambda: "slave count changed: 4, now 2" in daemon.log, daemon)
+        wait_for(lambda: "slave count changed from 4 to 2" in daemon.log, daemon)
         (difference,) = differences(daemon)
         assert (difference["kind"], difference["expected"]) == ("missing", [2, 3])
         rig.faults.heal_link(2)
@@ -263,7 +263,7 @@ def test_a_scan_that_waits_for_an_eeprom_delays_no_request_and_is_shared(
 
     with simulator_of(daemon) as rig, Remote(daemon.bus) as remote, ThreadPoolExecutor(2) as pool:
         rig.faults.heal_link(4)
-        wait_for(lambda: "slave count changed: 4, now 5" in daemon.log, daemon)
+        wait_for(lambda: "slave count changed from 4 to 5" in daemon.log, daemon)
         wait_for(lambda: not is_under_way(), daemon)  # the daemon has looked by itself
         wait_for(an_sdo_is_answered_meanwhile, daemon)
         wait_for(two_share_a_scan, daemon)

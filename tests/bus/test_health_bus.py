@@ -30,6 +30,12 @@ listen = []
 window_s = 3
 lost = 0.2
 late = 0.2
+[[slave]]
+position = 0
+[[slave.startup]]
+object = "0x6065:00"
+type = "uint32"
+value = 20000
 """
 WELL, DEGRADED, DOWN = range(3)
 
@@ -132,6 +138,11 @@ def test_a_drive_in_fault_is_not_well_although_it_is_in_op(
     drive((0x06, 0x01), (0x07, 0x03), (0x0F, 0x08))
     text = problem(bench, "reports a fault")
     names(text, "slave 0 (Gold EtherCAT GCON Drive)", "0x8611", "following error", "0x6065")
+    names(
+        text,
+        "0x6065:00 (Following error window) is 1, and 20000 in the start-up list",
+        "0x6066:00 (Following error time out) is",
+    )
     assert re.search(r'ecat_fault\{[^}]*kind="drive"', metrics(bench))
     bench.wait_for(lambda: "8 of 8 slaves in OP" in bench.daemon.status)
     bench.wait_for_event("drive", slave=0, code=0x8611, over=False, severity="error")

@@ -1,7 +1,9 @@
 """Incidents: what the flight recorder writes about faults, lapses, conditions and requests."""
 
 import itertools
+import json
 import os
+import re
 import signal
 import struct
 from collections.abc import Callable, Mapping
@@ -79,10 +81,18 @@ def test_a_fault_and_a_request(start_daemon: Callable[..., Daemon], tmp_path: Pa
         "frames.pcapng", "bus.json", "configuration.json", "log.txt", "events.json",
         "statistics.json",
     }  # fmt: skip
+    times = {values["cycle"]: at_ns for at_ns, values in file.cycles()}
+    events = json.loads(file.attachment("events.json"))
+    placed = [item for item in events if item.get("cycle") in times]
+    assert all(item["time_ns"] == times[item["cycle"]] for item in placed)
+    kinds = {item["event"] for item in placed if item["cycle"] >= before[-1]["cycle"]}
+    assert kinds >= {"working_counter", "slaves", "al_state"}
     assert struct.unpack_from("<I", file.attachment("frames.pcapng"))[0] == 0x0A0D0D0A
 
     listed = daemon.ctl_json("incident", "list")["incidents"]
     assert path.name in [item["name"] for item in listed]
+    log = file.attachment("log.txt").decode().splitlines()
+    assert all(re.match(r"\d{4}(-\d\d){2}T(\d\d:){2}\d\d\.\d{6}Z \w+: ", line) for line in log)
     assert "mine.mcap" not in [item["name"] for item in listed]
     assert "slave 5" in daemon.ctl("incident", "show", path.name).stdout
     for suffix in ("mcap", "pcapng", "csv", "txt", "json"):
@@ -91,7 +101,8 @@ def test_a_fault_and_a_request(start_daemon: Callable[..., Daemon], tmp_path: Pa
     columns = read_csv(tmp_path / "out.csv").dtype.names
     assert columns[:2] == ("time", "cycle")
     assert "el3008_2.valid" in columns
-    assert sum(not name.endswith("valid") for name in columns) == 2 + len(file.signals)
+    assert sum(not name.endswith("valid") for name in columns) == 3 + len(file.signals)
+    assert columns[-1] == "unix_s"
     chosen = inputs[0]
     rig = rigs.make("troll")
     Replay(tmp_path / "out.mcap", rig)

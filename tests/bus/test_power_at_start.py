@@ -122,7 +122,7 @@ def test_an_optional_slave_that_is_lost_on_the_way_to_op_comes_later(start: Star
 def test_a_tolerated_slave_that_is_lost_on_the_way_to_op_is_recovered(start: Start) -> None:
     daemon = start('policy = "tolerant"', "", AT_ONCE).wait_ready()
     names(daemon.log, "slave 2 (axis, CiA402) answered at first", "2 slaves (and 1 missing)")
-    wait_for(lambda: "slave count changed: 3, now 2" in daemon.log, daemon)
+    wait_for(lambda: "slave count changed from 3 to 2" in daemon.log, daemon)
     with Simulator(str(daemon.child_pid("ecatsim"))) as rig:
         rig.faults.power_on(2)
     wait_for(lambda: states(daemon) == ["OP"] * 3, daemon)

@@ -96,7 +96,7 @@ def test_each_cable_has_a_verdict(bus: Daemon, simulator: Simulator, tmp_path: P
     assert {row["slave"] for row in told()} == {7}
     names(bus.log, "bad cable between slave 3 (EK1122) port 1")
     simulator.faults.break_link(7)
-    wait_for(lambda: "there is no link now" in cable(7)["text"], bus)
+    wait_for(lambda: "there is no link" in cable(7)["text"], bus)
     assert cable(8)["verdict"] == "unknown"
     simulator.faults.heal_link(7)
     wait_for(lambda: all(row["text"] == "OP" for row in bus.slave_rows("state")), bus)

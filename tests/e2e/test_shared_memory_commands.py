@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from conftest import SHM, Daemon, names, one_line_error, run_module, wait_for
+from ecatd.shm import contract as shm
 
 pytestmark = [pytest.mark.bus, pytest.mark.unprivileged]
 
@@ -98,16 +99,54 @@ def test_clients_that_hang_or_die_are_told(start_daemon: Callable[..., Daemon]) 
         process.send_signal(signal.SIGSTOP)
         wait_for(lambda: outputs_of(daemon)[0]["state"] == "safe", daemon)
         text = daemon.ctl("claims", str(EL2008)).stdout
-        row = rf"{process.pid}  python.* 0  lapsed\n +has lost its outputs: lease lost$"
+        row = rf"{process.pid}  python.* 0  lapsed\n +has lost its outputs: lease lost\n"
+        row += r" +the process lives, but is stopped$"
         assert re.search(row, text, re.M)
         assert re.search(r"^  0x7000:01 Output +\d  safe +lease lost ", text, re.M)
+        (slot,) = daemon.ctl_json("claims")["owners"]
+        assert (slot["held"], slot["process"]) == (True, "stopped")
+        lapse = f"; process {process.pid} (python"
+        wait_for(lambda: lapse in daemon.log, daemon)
+        said = (
+            r"'python.*' \(pid \d+\) gave no sign of life for \d+ ms, and its lease was 2000 ms; "
+        )
+        assert re.search(
+            rf"{said}process \d+ \(python.*\) lives, but is stopped$", daemon.log, re.M
+        )
+        events = daemon.ctl_json("events")["events"]
+        event = [item for item in events if item["event"] == "safe"][-1]
+        assert (event["reason"], event["process"], event["lease_ms"]) == ("lapsed", "stopped", 2000)
+        assert event["silent_ms"] >= event["lease_ms"]
         process.kill()
         process.wait()
         text = daemon.ctl("claims").stdout
         assert "      has lost its outputs: lease lost\n      the process is gone\n" in text
         assert max(map(len, text.splitlines())) <= 80
         (slot,) = daemon.ctl_json("claims")["owners"]
-        assert (slot["held"], slot["lapses"], slot["reason"]) == (False, 1, "lapsed")
+        assert (slot["held"], slot["process"]) == (False, "ended")
+        assert (slot["lapses"], slot["reason"]) == (1, "lapsed")
+
+
+def test_a_client_that_says_the_number_of_another_process_is_not_believed(
+    start_daemon: Callable[..., Daemon],
+) -> None:
+    daemon = start_daemon("troll")
+    with (
+        subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as other,
+        daemon.client() as client,
+    ):
+        client.claim(client.signal(EL2008, 0x7000, 1), lease=0.5)
+        (slot,) = daemon.ctl_json("claims")["owners"]
+        path = SHM / f"{daemon.bus}.out"
+        header = shm.struct("ecat_out_header").from_buffer_copy(path.read_bytes())
+        at = header.slots_offset + slot["slot"] * header.slot_stride
+        with path.open("r+b") as file:
+            file.seek(at + shm.struct("ecat_out_slot").pid.offset)
+            file.write(other.pid.to_bytes(4, "little"))
+        client.claim(client.signal(EL2008, 0x7010, 1), lease=0.5)  # and then it hangs
+        wait_for(lambda: "gave no sign of life" in daemon.log, daemon)
+        assert re.search(rf"; its process lives, but it is not {other.pid} \(python", daemon.log)
+        other.kill()
 
 
 def test_shm_shows_all_there_is(troll: Daemon) -> None:

@@ -112,13 +112,13 @@ def test_who_goes_on_is_told_less_and_less() -> None:
     ("found", "lost", "words"),
     [
         (4, [], ""),
-        (5, [], "4, now 5 | added | in front"),
+        (5, [], "from 4 to 5 | added | in front"),
         (
             2,
             [2, 3],
-            "4, now 2 | slave 2 (EL2) | behind | 2 slaves missing | cable",
+            "from 4 to 2 | slave 2 (EL2) | behind | 2 slaves missing | cable",
         ),
-        (2, [1, 2], "4, now 2 | slaves 1-2 | 2 slaves missing"),
+        (2, [1, 2], "from 4 to 2 | slaves 1-2 | 2 slaves missing"),
         (4, [2], "slave 2 (EL2) | address | 4 slaves"),
         (0, [0, 1, 2, 3], "no slave | cable | slave 0 (EL0) | power"),
         (4, [0, 1, 2, 3], "no slave | address | 4"),

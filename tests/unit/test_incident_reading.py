@@ -3,7 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
+from ecatd.operations.traces import TraceSignal
 from ecatd.recorder.incident import Incident, Row, Trigger
+from ecatd.recorder.moments import place_events
 from ecatd.recorder.reading import read
 
 BEGIN_NS = 1_764_000_000_000_000_000
@@ -36,7 +38,7 @@ def reading(
         [], rows, [*events], [], [], [], 0,
         documents={"bus": {"slaves": [{"name": name} for name in names]}},
     )  # fmt: skip
-    return read(found).partition("\n\n")[2].splitlines()
+    return read(found)[0].partition("\n\n")[2].splitlines()
 
 
 def test_a_lost_link_explains_what_was_noticed_before_it() -> None:
@@ -44,12 +46,12 @@ def test_a_lost_link_explains_what_was_noticed_before_it() -> None:
     fallen = [
         event("recovery", 509, f"slave {n} (X): left OP", slave=n, state="fallen") for n in (2, 3)
     ]
-    slaves = event("slaves", 506, "slave count changed: 4, now 2", missing=[2, 3])
+    slaves = event("slaves", 506, "slave count changed from 4 to 2", missing=[2, 3])
     told = event("working_counter", 505, "domain 0: incomplete", state="incomplete", cycle=1500)
     again = event("disturbance", 900, "44 exchanges", counts={"wkc_bad": 44}, over=False)
     late = event("disturbance", 920, "1 missed cycle", counts={"missed": 1}, over=False)
     assert reading([told, slaves, *gone, *fallen, again, late], failing=range(500, 950)) == [
-        "16:00:00.500 (cycle 1500) slave count changed: 4, now 2 (noticed 6 cycles later)",
+        "16:00:00.500 (cycle 1500) slave count changed from 4 to 2 (noticed 6 cycles later)",
         "  in the same cycle: the working counter was wrong (1 domain)",
         "  8 cycles later: slaves 2 (EL2008) and 3 (EL3008): no answer",
         "  1 cycle later: slaves 2 (EL2008) and 3 (EL3008): left OP",
@@ -118,7 +120,9 @@ def test_clients_conditions_and_requests() -> None:
         "  290 cycles later: slave 2 was stopped",
     ]
     own = event("incident", 500, "me has asked for an incident", by="me")
-    asked = event("change", 500, "incident: changed", what="incident", by="me", failed=False)
+    asked = event(
+        "change", 500, "an incident: asked for by me", what="an incident", by="me", failed=False
+    )
     first, second = reading([own, asked])
     assert first == "No fault of the bus is known: every exchange was complete."
     assert "judged the values" in second
@@ -134,3 +138,28 @@ def test_without_frames_times_stand_for_cycles() -> None:
     assert reading(missing=[500, 501], count=1000) == [
         "16:00:00.500 (cycle 1500) 2 cycles missing: no frame was sent in time",
     ]
+
+
+def test_events_stand_at_the_values_that_they_are_about() -> None:
+    def signal(address: str) -> TraceSignal:
+        return TraceSignal(
+            name=f"2/{address}", slave=2, address=address, output=False,
+            type="uint16", scale=1.0, offset=0.0, unit="",
+        )  # fmt: skip
+
+    signals = [signal("0x6041:00"), signal("0x6841:00")]
+    statuswords = {n: (0x27, 0x27 if n < 30 else 0x08) for n in range(100)} | {40: (None, None)}
+    rows = [
+        Row(1000 + n, BEGIN_NS + n * 1_000_000, 80.0, 0, [*statuswords[n]])
+        for n in range(100)
+        if n not in (50, 51)
+    ]
+    fault = event("drive", 90, "fault", slave=2, over=False, cycle=1080)
+    over = event("drive", 90, "no fault", slave=2, over=True, cycle=1080)
+    gone = event("slaves", 95, "gone", missing=[2], cycle=1051)
+    later = event("slaves", 95, "gone", missing=[2], cycle=1200)
+    unknown = event("emergency", 95, "hot", slave=2)
+    found = place_events([fault, over, gone, later, unknown], rows, signals)
+    assert [(it.get("cycle"), (it["time_ns"] - BEGIN_NS) / 1e6) for it in found] == [
+        (1030, 30), (1080, 80), (1051, 49), (1200, 95), (None, 95),
+    ]  # fmt: skip

@@ -1,6 +1,7 @@
 """Incidents and recordings as tables: for Modelica with a block, and as inputs of an FMU."""
 
 import csv
+import json
 import re
 import shutil
 import subprocess
@@ -74,7 +75,14 @@ def bus() -> Bus:
     return give_meanings(sample_buses.troll(), load_profiles())
 
 
-def make(path: Path, bus: Bus, signals: Sequence[TraceSignal] = (), document: Any = None) -> Path:
+def make(
+    path: Path,
+    bus: Bus,
+    signals: Sequence[TraceSignal] = (),
+    document: Any = None,
+    trigger: Trigger | None = None,
+    cause: str = "",
+) -> Path:
     """An incident of 100 cycles of 1 ms, of which some are missing."""
     signals = [*signals] or signals_of(bus)
     rows = [
@@ -82,9 +90,9 @@ def make(path: Path, bus: Bus, signals: Sequence[TraceSignal] = (), document: An
         for n in range(CYCLES)
         if n not in MISSING
     ]
-    trigger = Trigger("fault", BEGIN_NS + 30_000_000, 'slave 4 "EL3008" </p> is lost')
+    trigger = trigger or Trigger("fault", BEGIN_NS + 30_000_000, 'slave 4 "EL3008" </p> is lost')
     found = Incident(bus.name, [trigger], signals, rows, [], [], ["eth0"], [], 0)
-    found.reading = "Slave 4 was lost.\n"
+    found.reading, found.cause = "Slave 4 was lost.\n", cause
     found.documents = {"bus": bus.to_dict() if document is None else document}
     write(path, found)
     return path
@@ -99,7 +107,9 @@ def export(path: Path, out: Path, *signals: str, force: bool = False) -> list[di
     if out.suffix != ".csv":
         return []
     with out.open(newline="") as lines:
-        return [{name: float(v) for name, v in row.items()} for row in csv.DictReader(lines)]
+        found = csv.DictReader(lines)
+        assert (found.fieldnames or [])[-1] == "unix_s"
+        return [{name: float(v) for name, v in row.items()} for row in found]
 
 
 def test_what_is_missing_is_held_and_not_valid(tmp_path: Path, bus: Bus) -> None:
@@ -108,6 +118,7 @@ def test_what_is_missing_is_held_and_not_valid(tmp_path: Path, bus: Bus) -> None
     assert len(rows) == CYCLES - len(MISSING) + 2
     (scale,) = {s["scale"] for s in signals_of(bus) if s["unit"] == "V"}
     assert by_time[29][LEVEL] == pytest.approx(2900 * scale)
+    assert by_time[29]["unix_s"] == pytest.approx(BEGIN_NS / 1e9 + 0.029)
     for ms in (30, 39):
         assert by_time[ms][LEVEL] == pytest.approx(2900 * scale)
         assert (by_time[ms]["el3008.valid"], by_time[ms]["el1018.valid"]) == (0, 1)
@@ -119,6 +130,27 @@ def test_what_is_missing_is_held_and_not_valid(tmp_path: Path, bus: Bus) -> None
         assert row[LEVEL] == pytest.approx(value * scale)
     assert by_time[65]["el3008.valid"] == 1
     assert all(a["time"] < b["time"] for a, b in pairwise(rows))
+
+
+def test_columns_with_paths_are_those_of_a_recording(tmp_path: Path, bus: Bus) -> None:
+    path, out = make(tmp_path / "a.mcap", bus), tmp_path / "a.csv"
+    options = ["incident", "export", str(path), "-o", str(out), "--paths", "--signal", "4/*"]
+    incident(make_parser().parse_args(options))
+    with out.open(newline="") as lines:
+        head, *rows = csv.reader(lines)
+    signals = [item for item in signals_of(bus) if item["slave"] == 4]
+    own = [f"{it['name']} [{it['unit']}]" if it["unit"] else it["name"] for it in signals]
+    assert head == ["time_s", "cycle", *own, "utc"]
+    assert len(rows) == CYCLES - len(MISSING)
+    assert rows[7][:2] == ["0.007000", str(FIRST + 7)]
+    assert rows[7][-1] == "2025-11-24T16:00:00.007000Z"
+    level = next(n for n, item in enumerate(signals, 2) if item["unit"] == "V")
+    assert float(rows[29][level]) == pytest.approx(2900 * signals[level - 2]["scale"])
+    assert {row[level] for row in rows[30:40]} == {""}
+    again = export(out, tmp_path / "again.csv")  # a recording, as `ecatctl record` writes it
+    assert again[7]["cycle"] == FIRST + 7
+    with pytest.raises(UsageError, match="--paths"):
+        incident(make_parser().parse_args([*options[:4], str(tmp_path / "x.mo"), "--paths"]))
 
 
 def translated(folder: Path, *models: str) -> None:
@@ -224,6 +256,8 @@ def test_a_file_needs_no_daemon(
     path = make(tmp_path / "a.mcap", bus)
     incident(make_parser().parse_args(["incident", "show", str(path)]))
     assert capsys.readouterr().out == "Slave 4 was lost.\n"
+    with pytest.raises(UsageError, match="takes one NAME, not 2"):
+        incident(make_parser().parse_args(["incident", "export", "a", "b", "-o", "c.csv"]))
     for suffix, head in (
         (".pcapng", b"\x0a\x0d\x0d\x0a"),
         (".json", b"[]"),
@@ -235,16 +269,55 @@ def test_a_file_needs_no_daemon(
         export(tmp_path / "nosuch" / "b.mcap", tmp_path / "c.csv")
 
 
+def test_files_and_folders_are_listed_and_shown_without_a_daemon(
+    tmp_path: Path, bus: Bus, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def said(*arguments: str) -> str:
+        incident(make_parser().parse_args(["incident", *arguments]))
+        return capsys.readouterr().out
+
+    folder = tmp_path / "kept"
+    folder.mkdir()
+    asked = Trigger("request", BEGIN_NS + 40_000_000_000, "fred has asked for an incident")
+    first = make(folder / "a.mcap", bus)
+    last = make(folder / "b.mcap", bus, trigger=asked, cause="slave 4 (EL3008): too hot")
+    other = make(tmp_path / "c.mcap", bus)
+    (folder / "damaged.mcap").write_bytes(first.read_bytes()[:100])
+    (folder / "notes.txt").touch()
+    (tmp_path / "empty").mkdir()
+    head, *lines = said("list", str(folder)).splitlines()
+    names(head, "FILE", "TRIGGERED (UTC)", "LENGTH", "SIZE", "CAUSE")
+    assert len(lines) == 2
+    names(lines[0], str(first), "2025-11-24 16:00:00", "fault", "0.1 s", "slave 4", "is lost")
+    names(lines[1], str(last), "16:00:40", "request", "fred has asked", "slave 4 (EL3008): too hot")
+    listed = json.loads(said("--json", "list", str(other), str(folder)))["incidents"]
+    assert [item["file"] for item in listed] == [str(other), str(first), str(last)]
+    assert [item["cause"] for item in listed] == ["", "", "slave 4 (EL3008): too hot"]
+    assert listed[0]["seconds"] == pytest.approx(0.099)
+    assert said("show", str(folder)) == (
+        f"{first}\nSlave 4 was lost.\n\n{last}\nSlave 4 was lost.\n"
+    )
+    shown = json.loads(said("--json", "show", str(other)))["incidents"]
+    assert [(item["bus"], item["reading"]) for item in shown] == [(bus.name, "Slave 4 was lost.\n")]
+    for name, why in (
+        (folder / "damaged.mcap", "damaged.mcap is"),
+        (tmp_path / "empty", "no incidents in"),
+        (tmp_path / "nosuch", "neither a file nor a folder"),
+    ):
+        with pytest.raises(EcatError, match=why):
+            said("list", str(name))
+
+
 def test_yesterdays_values_are_inputs_of_an_fmu(tmp_path: Path, bus: Bus) -> None:
     """FMPy gives the voltage that was measured to a model, from a program and as a command."""
     path = make(tmp_path / "a.mcap", bus)
     # All names are those of the FMU of the bus, so its inputs can have yesterday's outputs.
     plant = generate_fmu(bus, "Plant", tmp_path, fmi=2).fmu
     known = {item.name for item in fmpy.read_model_description(str(plant)).modelVariables}
-    assert {*export(path, tmp_path / "all.csv")[0]} - {"time"} <= known
+    assert {*export(path, tmp_path / "all.csv")[0]} - {"time", "unix_s"} <= known
     fmu = make_fmu(tmp_path, "2.0")
     rows = export(path, tmp_path / "a.csv", f"voltage={LEVEL}")
-    assert [*rows[0]] == ["time", "cycle", "el3008.valid", "voltage"]
+    assert [*rows[0]] == ["time", "cycle", "el3008.valid", "voltage", "unix_s"]
     given = fmpy.util.read_csv(tmp_path / "a.csv")
     result = fmpy.simulate_fmu(str(fmu), input=given, output_interval=0.001, stop_time=0.1)
     assert result["speed"][-1] > 0.5 * rows[-1]["voltage"] > 0

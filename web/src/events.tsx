@@ -4,7 +4,7 @@ import { useState } from "preact/hooks";
 import { Mark } from "./lamps";
 import type { BusEvent } from "./protocol";
 import type { State } from "./state";
-import { ago, clock, counted } from "./text";
+import { clock, counted } from "./text";
 
 const SEVERITIES = ["error", "warning", "notice", "info"] as const;
 const AT_ONCE = 200;
@@ -36,7 +36,6 @@ export function Events({ state }: { state: State }) {
       SEVERITIES.indexOf(event.severity) <= SEVERITIES.indexOf(least) &&
       (wanted === "" || `${event.text} ${event.event}`.toLowerCase().includes(wanted)),
   );
-  const now = state.now.value;
   return (
     <div class="events">
       <FirstReading state={state} />
@@ -59,7 +58,7 @@ export function Events({ state }: { state: State }) {
               <span class="event-when">
                 {(event.severity === "error" || event.severity === "warning") && <Mark state={event.severity === "error" ? "bad" : "warning"} />}
                 <time dateTime={new Date(seconds * 1000).toISOString()}>{clock(seconds, true)}</time>
-                <span class="muted">{ago(now - seconds)}</span>
+                <span class="muted">{state.ago(seconds)}</span>
                 {typeof event["times"] === "number" && event["times"] > 1 && <span class="muted">{event["times"]} times</span>}
               </span>
               <span class="event-text">{event.text}</span>

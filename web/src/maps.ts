@@ -178,6 +178,7 @@ export interface Owner {
   since?: number | null;
   lease_ms?: number | null;
   silent_ms?: number | null;
+  process?: string | null;
 }
 
 export interface Output {

@@ -7,6 +7,7 @@ import type { BusEvent, Failure, Lamp, Message, Rights, Signal } from "./protoco
 import { LiveValues } from "./live";
 import type { ScopeModel } from "./scope/scope";
 import type { FileTransfer } from "./slave/foe";
+import { lasting } from "./text";
 import type { Traces } from "./traces";
 
 export type Tab = "slave" | "drive" | "outputs" | "timing" | "events";
@@ -117,6 +118,13 @@ export class State {
       this.answers.set(key, cell);
     }
     return cell as Cell<Answer<Answers[K]>>;
+  }
+
+  /** How long before now a moment was; in an incident, how far from its trigger. */
+  ago(seconds: number): string {
+    const past = this.now.value - seconds;
+    if (this.moment === null) return past < 1 ? "now" : `${lasting(past)} ago`;
+    return Math.abs(past) < 1 ? "at the trigger" : `${lasting(Math.abs(past))} ${past > 0 ? "before" : "after"} the trigger`;
   }
 
   may(right: string): boolean {

@@ -25,11 +25,6 @@ export function lasting(seconds: number): string {
   return `${Math.floor(seconds / 86400)}${THIN}d`;
 }
 
-/** How long ago something was. */
-export function ago(seconds: number): string {
-  return seconds < 1 ? "now" : `${lasting(seconds)} ago`;
-}
-
 /** The time of day, with the date if that is another day. */
 export function clock(seconds: number, milliseconds = false): string {
   const moment = new Date(seconds * 1000);

@@ -5,7 +5,7 @@ import { Facts, Section, Tabs } from "./controls";
 import { columns, difference, type Marks, marks, marksOf } from "./histogram";
 import type { Bucket, Statistics } from "./maps";
 import type { State } from "./state";
-import { ago, clock, counted, grouped, lasting, microseconds } from "./text";
+import { clock, counted, grouped, lasting, microseconds } from "./text";
 
 const SHOWN = [
   ["exchange", "Exchange", "from the first frame sent to the last one received"],
@@ -116,7 +116,7 @@ function WorstCycles({ state, window }: { state: State; window: Window }) {
         {found.map(({ name, title, took_us, cycle, at, beside }) => (
           <li key={name} class="worst">
             <strong>{title} {microseconds(took_us)}</strong>
-            <div class="event-when"><time>{clock(at, true)}</time><span>{ago(state.now.value - at)}</span><span>cycle {grouped(cycle)}</span></div>
+            <div class="event-when"><time>{clock(at, true)}</time><span>{state.ago(at)}</span><span>cycle {grouped(cycle)}</span></div>
             {beside.length === 0 ? <p>Nothing else is known of it: <code>ecatctl doctor</code> looks for what keeps this computer busy.</p>
               : beside.length === 1 ? <p>{beside[0]}</p> : <ul>{beside.map((text) => <li key={text}>{text}</li>)}</ul>}
           </li>

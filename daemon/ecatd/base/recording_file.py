@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC as _ZONE
@@ -90,6 +91,17 @@ class RecordingFile:
                     values = json.loads(schema.data)["properties"]["values"]["properties"]
                     found |= {name: str(it.get("description", "")) for name, it in values.items()}
         return found
+
+
+def iso_utc(utc_ns: int) -> str:
+    """A time as in ISO 8601, in UTC with microseconds: `2026-11-25T17:40:12.345678Z`."""
+    seconds, ns = divmod(utc_ns, 10**9)
+    return f"{time.strftime('%Y-%m-%dT%H:%M:%S', time.gmtime(seconds))}.{ns // 1000:06}Z"
+
+
+def cell_text(cell: float | None) -> str:
+    """A value in a CSV file: 15 digits, and whole numbers exact; empty if it is not known."""
+    return "" if cell is None else f"{cell:.15g}" if isinstance(cell, float) else str(cell)
 
 
 def column_title(name: str, unit: str) -> str:

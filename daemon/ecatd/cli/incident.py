@@ -6,13 +6,14 @@ import argparse
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ecatd.base.errors import NoAnswerError, StateError, UsageError
 from ecatd.base.timeouts import Timeout
+from ecatd.operations.incident_files import SUFFIX, describe
 from ecatd.operations.incidents import (
     DeleteIncident,
     ListIncidents,
@@ -48,11 +49,12 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
     """Adds the arguments."""
     command.add_argument("action", choices=_ACTIONS, metavar="ACTION", help=", ".join(_ACTIONS))
     command.add_argument(
-        "name",
-        nargs="?",
+        "names",
+        nargs="*",
         metavar="NAME",
-        help="the incident, as `list` names it, or `last`; for show and export also a FILE.mcap, "
-        "and for export a file of `ecatctl record`; for record: the reason",
+        help="the incident, as `list` names it, or `last`; for list and show also a FILE.mcap or a "
+        "folder of such files, or several of them; for export also a FILE.mcap, or a file of "
+        "`ecatctl record`; for record: the reason",
     )
     command.add_argument(
         "--signal",
@@ -62,17 +64,91 @@ def add_arguments(command: argparse.ArgumentParser, _name: str) -> None:
         help=f"for export as {', '.join(_TABLES)}: only this value, such as '4/Channel 1/*'; NAME: "
         "the name that it gets; repeat it for more values",
     )
+    command.add_argument(
+        "--paths",
+        action="store_true",
+        help="for export as .csv: the columns of `ecatctl record`, each value under its path such "
+        "as '4/Channel 1/Value', and empty where it is missing",
+    )
     add_out(command, f"for export: the file; its name ends in {', '.join(_FORMATS)}", "--out")
     add_force(command)
 
 
 def incident(options: argparse.Namespace) -> None:
     """Carries out an action; a file on this machine needs no daemon."""
-    if options.action in ("show", "export"):
-        {"show": _show, "export": _export}[options.action](options)
-        return
-    with connect(options) as remote:
-        {"list": _list, "record": _record, "delete": _delete}[options.action](remote, options)
+    action, names = options.action, options.names
+    if len(names) > 1 and action in ("export", "delete"):
+        raise UsageError(f"incident {action} takes one NAME, not {len(names)}")
+    options.name = " ".join(names) if action == "record" else names[0] if names else ""
+    if action == "list" and names:
+        _list_files(options)
+    elif action in ("show", "export"):
+        {"show": _show, "export": _export}[action](options)
+    else:
+        with connect(options) as remote:
+            {"list": _list, "record": _record, "delete": _delete}[action](remote, options)
+
+
+def _list_files(options: argparse.Namespace) -> None:
+    found = []
+    for path in _files(options.names):
+        with _told(path):
+            found.append((path, describe(path)))
+    found.sort(key=lambda item: item[1]["time_ns"])
+    if options.json:
+        print_json({"incidents": [{"file": str(path), **item} for path, item in found]})
+    else:
+        _print_list("FILE", ((str(path), item) for path, item in found))
+
+
+def _files(names: Sequence[str]) -> Iterator[Path]:
+    """Files on this machine: those named, and the incidents of named folders."""
+    for name in names:
+        path = Path(name)
+        if path.is_dir():
+            with _told(path):
+                inside = sorted(path.glob(f"*{SUFFIX}"))
+            found = [*filter(_is_incident, inside)]
+            if not found:
+                raise StateError(f"there are no incidents in {path}")
+            yield from found
+        elif path.is_file():
+            yield path
+        else:
+            raise UsageError(f"{path} is neither a file nor a folder")
+
+
+def _is_incident(path: Path) -> bool:
+    with suppress(OSError, ValueError):
+        describe(path)
+        return True
+    return False
+
+
+def _print_list(head: str, named: Iterable[tuple[str, Incident]]) -> None:
+    rows = [
+        (
+            name,
+            _utc(item["time_ns"]),
+            item["trigger"],
+            f"{item['seconds']:.1f} s",
+            f"{item['bytes'] / 1e6:.1f} MB",
+            _cause(item),
+        )
+        for name, item in named
+    ]
+    print_table((head, "TRIGGERED (UTC)", "TRIGGER", "LENGTH", "SIZE", "CAUSE"), rows, "   >>")
+
+
+def _utc(time_ns: int) -> str:
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(time_ns // 10**9))
+
+
+def _cause(item: Incident) -> str:
+    """Why there is an incident: who has asked for it, and what the reading says."""
+    if item["trigger"] == "request" and item["cause"]:
+        return f"{item['reason']}; {item['cause']}"
+    return item["cause"] or item["reason"]
 
 
 def _list(remote: Remote, options: argparse.Namespace) -> None:
@@ -86,18 +162,7 @@ def _list(remote: Remote, options: argparse.Namespace) -> None:
     if not found["incidents"]:
         print(f"no incidents in {found['folder']}")
         return
-    rows = [
-        (
-            item["name"],
-            f"{item['bytes'] / 1e6:.1f} MB",
-            item["trigger"],
-            str(item["cycles"]),
-            str(item["missing"]),
-            item["reason"],
-        )
-        for item in found["incidents"]
-    ]
-    print_table(("NAME", "SIZE", "TRIGGER", "CYCLES", "MISSING", "REASON"), rows)
+    _print_list("NAME", ((item["name"], item) for item in found["incidents"]))
 
 
 def _find(remote: Remote, options: argparse.Namespace) -> Incident:
@@ -154,15 +219,27 @@ def _attachment(found: IncidentFile, name: str) -> bytes:
 
 
 def _show(options: argparse.Namespace) -> None:
-    with _local(options) as path:
-        found = _open(path)
-        reading = _attachment(found, "reading.txt").decode(errors="replace")
-        if options.json:
-            signals = found.signals
-            what: dict[str, Any] = {"file": path.name, "reading": reading}
-            print_json({"bus": found.bus, **what, "attachments": found.sizes, "signals": signals})
-        else:
-            print(reading, end="")
+    names = options.names
+    if len(names) > 1 or (names and Path(names[0]).is_dir()):
+        shown = [_shown(path, str(path)) for path in _files(names)]
+    else:
+        with _local(options) as path:
+            shown = [_shown(path, path.name)]
+    if options.json:
+        print_json({"incidents": shown})
+        return
+    for number, item in enumerate(shown):
+        if len(shown) > 1:
+            print(f"{chr(10) * bool(number)}{item['file']}")
+        print(item["reading"], end="")
+
+
+def _shown(path: Path, name: str) -> dict[str, Any]:
+    """What `show` tells of a file."""
+    found = _open(path)
+    reading = _attachment(found, "reading.txt").decode(errors="replace")
+    what: dict[str, Any] = {"file": name, "bus": found.bus, "reading": reading}
+    return {**what, "attachments": found.sizes, "signals": found.signals}
 
 
 def _export(options: argparse.Namespace) -> None:
@@ -173,6 +250,8 @@ def _export(options: argparse.Namespace) -> None:
         raise UsageError(f"{options.out}: give a file name that ends with {', '.join(_FORMATS)}")
     if options.signal and suffix not in _TABLES:
         raise UsageError(f"--signal chooses values of a table: {', '.join(_TABLES)}")
+    if options.paths and suffix != ".csv":
+        raise UsageError("--paths is for an export as .csv")
     targets = [options.out]
     if suffix == ".mo":
         targets.append(options.out.with_suffix(".txt"))
@@ -221,7 +300,7 @@ def _tables(path: Path, options: argparse.Namespace) -> list[bytes]:
         print(f"ecatctl: warning: {note}", file=sys.stderr)
     match options.out.suffix.lower():
         case ".csv":
-            texts = [tables.csv_table(table)]
+            texts = [tables.path_table(table) if options.paths else tables.csv_table(table)]
         case ".txt":
             texts = [tables.combi_time_table(table)]
         case _:
@@ -233,7 +312,7 @@ def _record(remote: Remote, options: argparse.Namespace) -> None:
     begin = time.monotonic()
     after_s = remote.configuration()[0].flight_recorder.after_s
     patience = Timeout(after_s + _MORE_S, "flight_recorder.after_s")
-    asked = remote.request(RecordIncident(options.name or ""))
+    asked = remote.request(RecordIncident(options.name))
     while True:
         found = [
             item

@@ -2,7 +2,11 @@
 
 All tables have the same columns: the time, the number of the cycle, for each slave whether it took
 part, and the values. A value that is missing in a cycle is held. Where cycles are missing, the
-first of them has a row, and so has the end: values are held there, and are not valid.
+first of them has a row, and so has the end: values are held there, and are not valid. In CSV, the
+last column is the Unix time.
+
+`path_table` is for people and scripts instead: the columns are those of `ecatctl record`, and what
+is missing is empty.
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from fnmatch import fnmatchcase
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 from ecatd.base.addresses import parse_address
 from ecatd.base.errors import StateError, UsageError
 from ecatd.base.incident_file import CYCLE
-from ecatd.base.recording_file import NUMBER, TIME, recorded_rows
+from ecatd.base.recording_file import NUMBER, TIME, cell_text, column_title, iso_utc, recorded_rows
 from ecatd.base.recording_file import UTC as WALL_CLOCK
 from ecatd.description.bus import Bus
 from ecatd.description.bus_reader import read_bus
@@ -44,10 +48,13 @@ if TYPE_CHECKING:
 
 TABLE = "recording"
 """Name of the table in a file for Modelica."""
+UNIX_TIME = "unix_s"
+"""The last column of CSV for FMUs: Unix time in seconds."""
 _NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", re.ASCII)
 _TITLE = re.compile(
     r"(?P<path>(?P<slave>\d+)/.*?)( \((?P<address>0x\w+:\w+)\))?( \[(?P<unit>.*)\])?"
 )
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _WRAP = 1 << 31
 _DEFAULT_CYCLE_S = 0.001
 
@@ -69,7 +76,7 @@ class _Source:
         bus: The bus; None if it is not known.
         cycles: Its cycles.
         cycle_time: Seconds from one cycle to the next.
-        begin: Unix time of the first cycle, or None.
+        begin_ns: Unix time of the first cycle, or None.
         trigger: Unix time of what has begun it, or None.
         reason: Why it was recorded, or empty.
         notes: What could not be read.
@@ -80,7 +87,7 @@ class _Source:
     bus: Bus | None
     cycles: list[_Cycle]
     cycle_time: float
-    begin: float | None = None
+    begin_ns: int | None = None
     trigger: float | None = None
     reason: str = ""
     notes: list[str] = field(default_factory=list)
@@ -96,6 +103,7 @@ class Table:
         rows: Its rows: first the seconds since the first cycle.
         source: The file that it was made from.
         missing: How many cycles in between are missing.
+        places: Where the values are in the cycles of the source.
     """
 
     title: str
@@ -103,6 +111,7 @@ class Table:
     rows: list[list[float]]
     source: _Source
     missing: int
+    places: list[int]
 
 
 def incident_table(found: IncidentFile, wanted: Sequence[str]) -> Table:
@@ -138,7 +147,7 @@ def incident_table(found: IncidentFile, wanted: Sequence[str]) -> Table:
             bus=bus,
             cycles=cycles,
             cycle_time=bus.cycle_time_us / 1e6 if bus else _cycle_time(cycles),
-            begin=times[0] / 1e9 if times else None,
+            begin_ns=times[0] if times else None,
             trigger=int(facts["time_ns"]) / 1e9,
             reason=facts["reason"],
             notes=notes,
@@ -172,17 +181,18 @@ def recording_table(path: Path, wanted: Sequence[str]) -> Table:
             RecordedEntry(match["path"], slave, index=index, subindex=subindex, unit=unit)
         )
     cycles: list[_Cycle] = []
-    begin = None
+    begin_ns = None
     for number, row in enumerate(rows, 2):
         try:
-            if begin is None and head[-1] == WALL_CLOCK:
-                begin = datetime.fromisoformat(str(row[-1])).timestamp()
+            if begin_ns is None and head[-1] == WALL_CLOCK:
+                since = datetime.fromisoformat(str(row[-1])) - _EPOCH
+                begin_ns = since // timedelta(microseconds=1) * 1000
             values = [_number(row[place]) for place, _ in columns]
             cycles.append(_Cycle(float(row[0]), int(row[1]), values))
         except (IndexError, TypeError, ValueError):
             raise UsageError(f"{path}:{number}: this row is damaged") from None
     what = "Recording of `ecatctl record`"
-    return _table(_Source(what, entries, None, cycles, _cycle_time(cycles), begin), wanted)
+    return _table(_Source(what, entries, None, cycles, _cycle_time(cycles), begin_ns), wanted)
 
 
 def _number(cell: Any) -> float | None:
@@ -218,10 +228,10 @@ def _table(source: _Source, wanted: Sequence[str]) -> Table:
     if twice := {name for name in names if names.count(name) > 1}:
         raise UsageError(f"'{min(twice)}' would be the name of two columns: choose another one")
     begin = ""
-    if source.begin is not None:
-        begin = f"{datetime.fromtimestamp(source.begin, UTC):, %Y-%m-%d %H:%M:%S.%f} UTC"
-    table = Table(f"{source.what}{begin}", columns, [], source, 0)
+    if source.begin_ns is not None:
+        begin = f"{datetime.fromtimestamp(source.begin_ns / 1e9, UTC):, %Y-%m-%d %H:%M:%S.%f} UTC"
     places = [place for place, _ in chosen]
+    table = Table(f"{source.what}{begin}", columns, [], source, 0, places)
     groups = [
         [n for n, place in enumerate(places) if source.entries[place].slave == slave]
         for slave in slaves
@@ -307,12 +317,37 @@ def _names(entry: RecordedEntry, variable: Variable, bus: Bus | None) -> Iterabl
 def csv_table(table: Table) -> str:
     """CSV with the column `time`; the others have the names of variables of the bus's FMU.
 
-    `fmpy simulate --input-file` reads it, and `fmpy.util.read_csv`.
+    `fmpy simulate --input-file` reads it, and `fmpy.util.read_csv`: both take numbers only, so the
+    time of day is one.
     """
+    begin_ns = table.source.begin_ns
+    heads = ["time", *(item.fmi_name for item in table.columns)]
+    if begin_ns is None:
+        return _csv([heads, *table.rows])
+    rows = ([*row, f"{begin_ns / 1e9 + row[0]:.6f}"] for row in table.rows)
+    return _csv([[*heads, UNIX_TIME], *rows])
+
+
+def path_table(table: Table) -> str:
+    """CSV with the columns of `ecatctl record`, and of the page: each value has its path."""
+    source, places = table.source, table.places
+    entries = [source.entries[place] for place in places]
+    heads = [TIME, NUMBER, *(column_title(item.path, item.unit) for item in entries)]
+    begin_ns = source.begin_ns
+    if begin_ns is not None:
+        heads.append(WALL_CLOCK)
+
+    def row(cycle: _Cycle) -> list[object]:
+        cells = [cell_text(cycle.values[place]) for place in places]
+        when = [] if begin_ns is None else [iso_utc(begin_ns + round(1e9 * cycle.seconds))]
+        return [f"{cycle.seconds:.6f}", cycle.number, *cells, *when]
+
+    return _csv([heads, *map(row, source.cycles)])
+
+
+def _csv(rows: Iterable[Sequence[object]]) -> str:
     text = io.StringIO(newline="")
-    lines = csv.writer(text)
-    lines.writerow(["time", *(item.fmi_name for item in table.columns)])
-    lines.writerows(table.rows)
+    csv.writer(text).writerows(rows)
     return text.getvalue()
 
 
@@ -343,8 +378,8 @@ def modelica_block(table: Table, path: Path) -> str:
         if "." in item.name or (item.name and item.name not in modelica_names([item])):
             raise UsageError(f"'{item.name}' cannot be the name of a connector: choose another one")
     trigger = None
-    if source.trigger is not None and source.begin is not None:
-        trigger = round(source.trigger - source.begin, 6)
+    if source.trigger is not None and source.begin_ns is not None:
+        trigger = round(source.trigger - source.begin_ns / 1e9, 6)
     return render_block(
         RecordedBlock(
             name=path.stem,

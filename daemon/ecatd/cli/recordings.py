@@ -12,14 +12,22 @@ import json
 import math
 import os
 import stat
-import time
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from typing import Any, NamedTuple, Protocol
 
 from ecatd.base.errors import StateError, UsageError
-from ecatd.base.recording_file import EXTRAS, NUMBER, SCHEMA, TIME, UTC, column_title
+from ecatd.base.recording_file import (
+    EXTRAS,
+    NUMBER,
+    SCHEMA,
+    TIME,
+    UTC,
+    cell_text,
+    column_title,
+    iso_utc,
+)
 from ecatd.base.version import VERSION
 
 Cell = float | int | None
@@ -125,8 +133,7 @@ class _Csv:
         self._waiting = 0
 
     def add(self, seconds: float, cycle: int, cells: Sequence[Cell], utc_ns: int) -> None:
-        texts = ("" if c is None else f"{c:.15g}" if isinstance(c, float) else c for c in cells)
-        self._lines.writerow([f"{seconds:.6f}", cycle, *texts, _iso(utc_ns)])
+        self._lines.writerow([f"{seconds:.6f}", cycle, *map(cell_text, cells), iso_utc(utc_ns)])
         self._waiting += 1
         if self._text.tell() >= _TEXT:
             self._write()
@@ -286,12 +293,6 @@ class _Parquet:
         self._writer.close()
         self._room.end()
         self.rows = self._count
-
-
-def _iso(utc_ns: int) -> str:
-    """A time as in ISO 8601, in UTC with microseconds: `2026-11-25T17:40:12.345678Z`."""
-    seconds, ns = divmod(utc_ns, 10**9)
-    return f"{time.strftime('%Y-%m-%dT%H:%M:%S', time.gmtime(seconds))}.{ns // 1000:06}Z"
 
 
 FORMATS: dict[str, type[_Csv | _Mcap | _Parquet]] = {

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby, zip_longest
 from typing import Any
 
+from ecatd.linux.process_state import WORDS
 from ecatd.shm.contract import COUNTERS
 
 from .output import WIDTH, date_text, fitting, shortened, table_lines
@@ -201,6 +202,10 @@ def _notes(row: Document) -> Iterator[str]:
         yield f"has lost its outputs: {_REASONS.get(row['reason'], row['reason'])}"
     if row["held"] is False:
         yield "the process is gone"
+    elif row["process"] in ("stopped", "traced", "dumps") or (
+        row["state"] == "lapsed" and row["process"] in WORDS
+    ):
+        yield f"the process {WORDS[row['process']]}"
     if row["refused"]:
         yield f"{row['refused']} values out of their range were refused"
 

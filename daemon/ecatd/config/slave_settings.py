@@ -30,7 +30,7 @@ from .eoe import SlaveEoeConfig, read_slave_eoe
 from .idns import IdnConfig, read_idn_parameter
 from .pdos import PdoConfig, check_pdos, read_assigned
 from .placed import Placed, each, rules_of
-from .startup import StartupConfig, read_parameter
+from .startup import TRANSITIONS_DOWN, StartupConfig, read_parameter
 
 STRICT, TOLERANT = "strict", "tolerant"
 
@@ -269,6 +269,17 @@ class SlaveConfig(Placed):
     def group_at(self, position: int) -> str:
         """Name of the group of optional slaves that it has at a position, see `Slave.group`."""
         return (self.group or f"slave {position}") if self.optional else ""
+
+    def startup_value(self, address: tuple[int, int]) -> StartupConfig | None:
+        """The start-up parameter that writes an object last on the way to OP."""
+        found = [
+            item
+            for item in self.startup
+            if item.address == address
+            and not item.complete
+            and item.transition not in TRANSITIONS_DOWN
+        ]
+        return found[-1] if found else None
 
     def parameters(self, transition: str) -> list[StartupConfig]:
         """The start-up parameters of one transition, in order."""

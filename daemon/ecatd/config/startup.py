@@ -166,6 +166,11 @@ class StartupConfig(Placed):
         return encode(parse_type(self.type or ""), self.value or "")
 
     @property
+    def text(self) -> str:
+        """The value in words, with its unit if it is a physical one."""
+        return f"{self.value} {self.unit or ''}".rstrip() if self.hex is None else self.hex
+
+    @property
     def entry(self) -> Entry:
         """The object as an entry without a meaning; padding if `hex` gives its bytes."""
         kind = DataType.PADDING if self.type is None else parse_type(self.type)

@@ -315,7 +315,7 @@ class Cables:
         self, end: End, link: _Link, counts: tuple[int, int, int], watched: float
     ) -> tuple[str, str]:
         errors, losses, of_day = counts
-        said = f"{_counted(errors, losses)} in the last {_time(min(HOUR, watched))}"
+        said = f"{_counted(errors, losses)} within {_time(min(HOUR, watched))}"
         if not link.there and (answer := self._not_there(end, link)):
             return answer
         if errors >= BAD_ERRORS or losses >= BAD_LOSSES:
@@ -325,7 +325,7 @@ class Cables:
         if errors >= STRAINED_ERRORS or losses >= STRAINED_LOSSES:
             return STRAINED, said
         if of_day >= STRAINED_DAY:
-            return STRAINED, f"{_counted(of_day, 0)} in the last {_time(min(DAY, watched))}"
+            return STRAINED, f"{_counted(of_day, 0)} within {_time(min(DAY, watched))}"
         if link.full:
             return UNKNOWN, (
                 f"a counter stands at {MOST}, its maximum, since before ecatd has watched it: run "
@@ -340,11 +340,11 @@ class Cables:
         behind, before = end[0] in self._answer, link.before[0]
         name = self._bus.slaves[end[0]].label
         if behind and (before < 0 or before in self._answer):
-            return BAD, "there is no link now, although both sides answer"
+            return BAD, "there is no link, although both sides answer"
         if self._optional(end[0], before):
             return UNKNOWN, f"{name} is not plugged in; it may come and go"
         if before < 0 or before in self._answer:
-            return BAD, f"there is no link now, and {name} does not answer. Check its power first"
+            return BAD, f"there is no link, and {name} does not answer. Check its power first"
         return UNKNOWN, "no slave at this cable answers, so its counters are not known"
 
     def _worse(self, link: _Link, last: int, of_day: int, watched: float) -> float:

@@ -2,12 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from .error_codes import error_class
 
 STATUSWORD, ERROR_CODE = 0x6041, 0x603F
 AXES = 8
 AXIS_OBJECTS = 0x800
 """Distance between the objects of two axes: the second axis begins at 0x6800 (ETG.6010)."""
+
+OBJECTS_OF_ERRORS: Mapping[int, tuple[tuple[int, int], ...]] = {
+    0x2310: ((0x6073, 0), (0x6075, 0)),
+    0x2350: ((0x6073, 0), (0x6075, 0)),
+    0x3210: ((0x6079, 0),),
+    0x3220: ((0x6079, 0),),
+    0x7121: ((0x6072, 0), (0x6073, 0)),
+    0x8311: ((0x6072, 0), (0x6076, 0)),
+    0x8611: ((0x6065, 0), (0x6066, 0)),
+    0x8612: ((0x607D, 1), (0x607D, 2)),
+}
+"""Objects of the first axis that say when a drive reports an error code, or what it has measured.
+
+Of each code those whose description in CiA 402-2 (IEC 61800-7-201) is about the quantity of the
+code: max current and motor rated current, DC link circuit voltage, max torque and motor rated
+torque, following error window and time out, software position limits."""
 
 _STATE_MASK = 0x4F
 _FAULTS = (0x08, 0x0F)

@@ -80,6 +80,9 @@ _DRIVE: dict[int, tuple[str, DataType]] = {
     0x6502: ("Supported drive modes", _U32),
 }
 
+_LIMITS = {1: ("Min position limit", _I32), 2: ("Max position limit", _I32)}
+"""Entries of 0x607D, software position limit."""
+
 
 def standard_object(index: int, subindex: int, *, drive: bool) -> tuple[str, DataType] | None:
     """Name and type of a standard object, or None.
@@ -96,6 +99,8 @@ def standard_object(index: int, subindex: int, *, drive: bool) -> tuple[str, Dat
         return ("Assigned PDO", _U16)
     if (0x1600 <= index < 0x1C00) and subindex:
         return ("Mapped object", _U32)
+    if drive and index == 0x607D and subindex:
+        return _LIMITS.get(subindex)
     if drive and subindex == 0:
         return _DRIVE.get(index)
     return None

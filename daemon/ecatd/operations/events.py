@@ -41,6 +41,9 @@ FACTS: Mapping[str, Fact] = {
     "program": Fact(str, "program of the client, by its own account"),
     "pid": Fact(int, "its process ID, by its own account"),
     "programs": Fact(list[str], "processes that may have written into the file, or have it open"),
+    "lease_ms": Fact(float, "lease of the client"),
+    "silent_ms": Fact(float, "time from its last sign of life until its outputs became safe"),
+    "process": Fact(str, "how its process was then, as in Outputs; not there: not known"),
     "owner": Fact(str, "the client that owns the output"),
     "entry": Fact(str, "address of the entry, such as `0x7000:01`"),
     "file": Fact(str, "path of the file", subject=True),
@@ -71,7 +74,7 @@ FACTS: Mapping[str, Fact] = {
     "offset_ns": Fact(int, "phase of the cycle to the reference clock"),
     "drift_ppb": Fact(int, "how much faster the reference clock runs than CLOCK_MONOTONIC"),
     "difference_ns": Fact(int, "difference to the reference clock"),
-    "cycle": Fact(int, "number of the cycle"),
+    "cycle": Fact(int, "number of the cycle that it is about; `time_ns` is then its time"),
 }
 
 
@@ -107,7 +110,7 @@ KINDS: Mapping[str, Kind] = {
             "It has left OP or come back to it, or has reported an error (AL status code). ecatd "
             "brings a slave without an error of its own back. Otherwise the text says why, and "
             "what to do. Then run `ecatctl state {slave} OP`.",
-            ("slave", "al_state", "al_code"),
+            ("slave", "al_state", "al_code", "cycle?"),
         ),
         Kind(
             "slaves",
@@ -115,14 +118,14 @@ KINDS: Mapping[str, Kind] = {
             "Slaves have left the wire or come back",
             "Check the power of the slaves that the text names, and the cable before the first of "
             "them. ecatd sets them up again as soon as they answer.",
-            ("found", "expected", "missing"),
+            ("found", "expected", "missing", "cycle?"),
         ),
         Kind(
             "absent",
             "info",
             "Optional slaves have left the bus",
             "They may come and go. The event `recovery` tells when they are back.",
-            ("slaves",),
+            ("slaves", "cycle?"),
         ),
         Kind(
             "recovery",
@@ -130,7 +133,7 @@ KINDS: Mapping[str, Kind] = {
             "ecatd brings a slave back to OP, or cannot do so",
             "A slave with the state `refused` has a fault of its own. Mend it, then run `ecatctl "
             "state {slave} OP`.",
-            ("slave", "state", "seconds?"),
+            ("slave", "state", "seconds?", "cycle?"),
             {
                 "state": (
                     "`fallen`, `asked`, `set_up`, `recovered` (with `seconds`), `joined`, `slow`, "
@@ -155,7 +158,7 @@ KINDS: Mapping[str, Kind] = {
             "targets. Mend the cause, then reset the fault with a rising edge of bit 7 of the "
             "controlword. Object 0x1003 may have the faults before it: `ecatctl sdo-read {slave} "
             "0x1003 1`.",
-            ("slave", "code", "over"),
+            ("slave", "code", "over", "cycle"),
             {"code": "that of object 0x603F; 0: not known"},
         ),
         Kind(
@@ -305,7 +308,10 @@ KINDS: Mapping[str, Kind] = {
             "They have their [safe values](configuration.md#safe-outputs), because their client "
             "has ended, hangs, or gave them back, or because the bus is stopped. The client is "
             "the one before, if there was one. See: `ecatctl claims`.",
-            ("slave", "reason", "slot?", "program?", "pid?", "cycle"),
+            (
+                *("slave", "reason", "slot?", "program?", "pid?"),
+                *("lease_ms?", "silent_ms?", "process?", "cycle"),
+            ),
         ),
         Kind(
             "stopped",
@@ -416,7 +422,7 @@ PUBLISHED = frozenset(name for name, kind in KINDS.items() if kind.published)
 
 
 def new_event(kind: str, *, text: str, severity: str = "", **facts: Any) -> dict[str, Any]:
-    """Makes an event of now, as it is published.
+    """Makes an event of now, as it is published. One about a cycle gets the time of that cycle.
 
     Args:
         kind: One of `PUBLISHED`.

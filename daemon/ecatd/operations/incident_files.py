@@ -52,20 +52,33 @@ def incidents(folder: Path, bus: str) -> list[Incident]:
         for path in sorted(folder.iterdir()):
             if find(folder, bus, path.name) is None:
                 continue
-            with suppress(OSError, ValueError, KeyError):
-                facts = read_head(path)
-                found.append(
-                    Incident(
-                        name=path.name,
-                        bytes=path.stat().st_size,
-                        time_ns=int(facts["time_ns"]),
-                        trigger=facts["trigger"],
-                        reason=facts["reason"],
-                        cycles=int(facts["cycles"]),
-                        missing=int(facts["missing"]),
-                    )
-                )
+            with suppress(OSError, ValueError):
+                found.append(describe(path))
     return found
+
+
+def describe(path: Path) -> Incident:
+    """What the list says of a file.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is no incident, or is damaged.
+    """
+    facts = read_head(path)
+    try:
+        return Incident(
+            name=path.name,
+            bytes=path.stat().st_size,
+            time_ns=int(facts["time_ns"]),
+            trigger=facts["trigger"],
+            reason=facts["reason"],
+            cause=facts["cause"],
+            cycles=int(facts["cycles"]),
+            seconds=float(facts["seconds"]),
+            missing=int(facts["missing"]),
+        )
+    except KeyError as error:
+        raise ValueError(f"{path} is damaged: its head does not have {error}") from error
 
 
 def make_room(folder: Path, bus: str, most: int) -> list[str]:

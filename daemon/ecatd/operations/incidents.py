@@ -19,7 +19,9 @@ class Incident(Map):
     time_ns: int  #: Unix time of the trigger in ns.
     trigger: str  #: Kind of the trigger: `fault`, `lapse`, `condition` or `request`.
     reason: str  #: What has happened, in a sentence.
+    cause: str  #: What the first reading says was the cause; empty if it knows none.
     cycles: int  #: Cycles that it has.
+    seconds: float  #: From its first cycle to its last one.
     missing: int  #: Cycles in between that are missing.
 
 

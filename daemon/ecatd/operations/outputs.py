@@ -33,6 +33,9 @@ class OutputClient(Map):
     state: str  #: `active`; or `lapsed`: it has lost its outputs, and may claim them again.
     reason: str  #: Why it has lost all outputs for the last time: as `cause` of Output.
     held: bool | None  #: Whether its process lives; None if this cannot be read.
+    #: How the process `pid` is: `runs`, `sleeps`, `waits` (in the kernel, as for a disk), `stopped`
+    #: (by a signal), `traced` (by a debugger), `dumps` (core) or `ended`; None if not known.
+    process: str | None
     since: float | None  #: Unix time in seconds at which it took the slot; None if not known.
     lease_ms: float  #: Its lease.
     silent_ms: float  #: Time since its last sign of life. At `lease_ms` it loses its outputs.

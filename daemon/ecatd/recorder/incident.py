@@ -26,6 +26,7 @@ from ecatd.base.cycle_messages import (
 from ecatd.base.incident_file import CYCLE, FIELDS, SIGNALS
 from ecatd.base.paths import give_to_group
 from ecatd.base.pcapng import Frame, header, packet
+from ecatd.base.recording_file import iso_utc
 from ecatd.base.version import VERSION
 from ecatd.etg.scaling import to_physical
 from ecatd.operations.incident_files import METADATA, PART
@@ -81,12 +82,18 @@ class Incident:
     frames: list[Frame]  #: All frames, in the order of time.
     clock_ns: int  #: The time of a frame plus this is Unix time.
     reading: str = ""  #: What has happened, in words.
+    cause: str = ""  #: Its cause, in a sentence; empty if none is known.
     documents: dict[str, Any] = field(default_factory=dict)  #: JSON documents, by name.
 
     @property
     def missing(self) -> int:
         """How many cycles between the first and the last one are missing."""
         return self.rows[-1].number - self.rows[0].number + 1 - len(self.rows) if self.rows else 0
+
+    @property
+    def seconds(self) -> float:
+        """From the first cycle to the last one."""
+        return (self.rows[-1].time_ns - self.rows[0].time_ns) / 1e9 if self.rows else 0.0
 
 
 class SignalFields:
@@ -154,7 +161,9 @@ def _write(writer: Any, incident: Incident) -> None:
         "time_ns": str(first.time_ns),
         "trigger": first.kind,
         "reason": first.reason[:2000],
+        "cause": incident.cause[:2000],
         "cycles": str(len(incident.rows)),
+        "seconds": f"{incident.seconds:.3f}",
         "missing": str(incident.missing),
         "version": VERSION,
     }
@@ -181,7 +190,9 @@ def _write(writer: Any, incident: Incident) -> None:
     pcap += [packet(frame, incident.clock_ns) for frame in incident.frames]
     _attach(writer, first, "frames.pcapng", "application/x-pcapng", b"".join(pcap))
     _attach(writer, first, "reading.txt", "text/plain", incident.reading.encode())
-    log_text = "".join(f"{line['level']}: {line['text']}\n" for line in incident.lines)
+    log_text = "".join(
+        f"{iso_utc(line['time_ns'])} {line['level']}: {line['text']}\n" for line in incident.lines
+    )
     _attach(writer, first, "log.txt", "text/plain", log_text.encode())
     for name, document in {**incident.documents, "events": incident.events}.items():
         data = json.dumps(document, indent=1, default=repr).encode()

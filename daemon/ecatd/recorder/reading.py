@@ -19,6 +19,7 @@ from typing import NamedTuple
 from ecatd.etg.al import AlState
 
 from .incident import LAPSES, Incident, Row, Trigger
+from .moments import row_of
 
 _LOST, _FAILED, _LATE, _WELL = "lost frames", "failed", "late", "well"
 """Kinds of what frames say: without answers, with wrong counters, not sent; complete again."""
@@ -97,9 +98,10 @@ class _Chain(NamedTuple):
     causes: list[_Fact]
 
 
-def read(incident: Incident) -> str:
-    """The reading, in lines."""
-    return "\n".join(_Reading(incident).lines()) + "\n"
+def read(incident: Incident) -> tuple[str, str]:
+    """The reading, in lines, and the cause of the trigger; empty: it is not known."""
+    reading = _Reading(incident)
+    return "\n".join(reading.lines()) + "\n", reading.cause()
 
 
 class _Reading:
@@ -108,6 +110,7 @@ class _Reading:
         self._times = [row.time_ns for row in incident.rows]
         slaves = (incident.documents.get("bus") or {}).get("slaves", [])
         self._names = [item.get("given_name") or item.get("name", "") for item in slaves]
+        self._chains = _chains(self._facts())
 
     def lines(self) -> Iterator[str]:
         """Its lines."""
@@ -119,12 +122,11 @@ class _Reading:
             yield f"Triggered again at {_clock(item.time_ns)} ({item.kind}): {item.reason}."
         yield self._summary()
         yield ""
-        chains = _chains(self._facts())
-        if self._incident.rows and not any(chain.causes for chain in chains):
+        if self._incident.rows and not any(chain.causes for chain in self._chains):
             yield "No fault of the bus is known: every exchange was complete."
             yield "Nobody has judged the values: look at them, as with `ecatctl web FILE`."
         count = 0
-        for chain in chains:
+        for chain in self._chains:
             for line in self._chain(chain):
                 count += 1
                 if count <= _MOST:
@@ -132,12 +134,22 @@ class _Reading:
         if count > _MOST:
             yield f"And {count - _MOST} lines more: events.json has all of them."
 
+    def cause(self) -> str:
+        """What may have led to the trigger: the causes that are closest to it."""
+        at = self._incident.triggers[0].time_ns
+
+        def distance(chain: _Chain) -> int:
+            return max(chain.facts[0].time_ns - at, at - chain.facts[-1].time_ns, 0)
+
+        chains = [chain for chain in self._chains if chain.causes]
+        closest = min(chains, key=distance, default=_Chain([], []))
+        return ", or ".join(map(self._text, closest.causes))
+
     def _summary(self) -> str:
         rows = self._incident.rows
         if not rows:
             return "There are no frames of the cycle: the bus server has ended, or keeps none."
-        span = (rows[-1].time_ns - rows[0].time_ns) / 1e9
-        text = f"{len(rows)} cycles in {span:.3f} s"
+        text = f"{len(rows)} cycles in {self._incident.seconds:.3f} s"
         longest = max(rows, key=lambda row: row.exchange_us)
         text += f"; the longest exchange took {longest.exchange_us:.0f} µs (cycle {longest.number})"
         if self._incident.missing:
@@ -160,7 +172,7 @@ class _Reading:
             kind = event["event"]
             if kind in _LEFT_OUT or (rows and event["time_ns"] < rows[0].time_ns):
                 continue
-            if kind == "change" and str(event.get("what", "")).startswith("incident"):
+            if kind == "change" and re.match(r"(an )?incident\b", event["what"]):
                 continue
             if kind == "safe" and event.get("reason") in LAPSES:
                 kind = _LAPSE
@@ -180,11 +192,8 @@ class _Reading:
 
     def _time_of(self, number: int) -> int | None:
         """When a cycle was, if it is in the incident."""
-        rows = self._incident.rows
-        if not rows or not rows[0].number <= number <= rows[-1].number:
-            return None
-        place = bisect_right(rows, number, key=lambda row: row.number) - 1
-        return rows[place].time_ns
+        place = row_of(self._incident.rows, number)
+        return None if place is None else self._incident.rows[place].time_ns
 
     def _cycle_at(self, time_ns: int) -> int | None:
         """The number of the cycle that was the last one at a time."""

@@ -41,6 +41,7 @@ from ecatd.trace.cycles import CycleReader
 from .budget import Budget
 from .conditions import Conditions
 from .incident import LAPSES, Incident, Row, Trigger, write
+from .moments import place_events
 from .reading import read as first_reading
 
 _KEPT = 1000
@@ -274,8 +275,9 @@ class Recorder:
             documents={**self._documents, **pending.documents},
         )
         self._make_rows(pending, incident)
+        incident.events = place_events(incident.events, incident.rows, incident.signals)
         try:
-            incident.reading = first_reading(incident)
+            incident.reading, incident.cause = first_reading(incident)
         except Exception as error:  # the values are worth more than words about them
             self._log.error(f"defect in the first reading of an incident: {error!r}")
             incident.reading = f"{pending.triggers[0].reason}\n"

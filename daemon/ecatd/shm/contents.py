@@ -16,6 +16,7 @@ from ecatd.base.namespaces import is_ours
 from ecatd.etg.al import AL_ERROR_FLAG, AlState, al_state_text
 from ecatd.etg.datatypes import DataType, is_signed, type_name
 from ecatd.etg.scaling import to_physical
+from ecatd.linux.process_state import look_at_process
 from ecatd.operations.outputs import Output, OutputClient, Outputs
 
 from . import contract as shm
@@ -278,6 +279,7 @@ class Contents:
         since = client.since_ns if client else 0
         name = shm.printable(client.program) if client else None
         user = hand_of(name or "")
+        is_held = out.held(number) if out else None
         made: OutputClient = {
             "slot": number,
             "name": name,
@@ -286,7 +288,8 @@ class Contents:
             "by_hand": user is not None,
             "user": user or "",
             **_take(row, "state", "reason", "lapses", "refused", "commit_cycle"),  # type: ignore[typeddict-item]
-            "held": out.held(number) if out else None,
+            "held": is_held,
+            "process": "ended" if is_held is False else _process(client),
             "since": self._moment(self._age(since)) if 0 < since <= self.now_ns else None,
             "lease_ms": row.lease_ns / 1e6,
             "silent_ms": self._age(row.beat_ns) / 1000,
@@ -375,6 +378,14 @@ class Contents:
     def _moment(self, age_us: float) -> float:
         """The Unix time so many microseconds ago."""
         return self._now - age_us * 1e-6
+
+
+def _process(client: Any) -> str | None:
+    """How the process of a client is, by its number."""
+    if client is None or not client.pid or not is_ours(client.pid_namespace):
+        return None
+    found = look_at_process(client.pid, client.since_ns)
+    return found.state if found else None
 
 
 def hand_of(program: str) -> str | None:

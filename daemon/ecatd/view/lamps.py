@@ -267,8 +267,10 @@ class Lamps:
             return _Found(_by_number(recent), text)
         names = [name for name in ("lost", "unsent") if name in self._last_at]
         latest = max(names, key=lambda name: self._last_at[name], default="lost")
-        since = f"{_in(interval)}" if interval else " now"
-        return _Found("good", f"none lost{since}{self._earlier(latest, _lost(snapshot))}")
+        count = _lost(snapshot)
+        if interval is None:
+            return _Found("good", f"{count or 'none'} lost since the start")
+        return _Found("good", f"none lost{_in(interval)}{self._earlier(latest, count)}")
 
     def _earlier(self, name: str, count: int) -> str:
         """What was counted before the last minute."""

@@ -343,6 +343,7 @@ complete -c ecatctl -n '_shtab_ecatctl_using incident' -l identity -x -d 'your c
 complete -c ecatctl -n '_shtab_ecatctl_using incident' -l timeout -x -d 'seconds to wait for an answer (default: 15)'
 complete -c ecatctl -n '_shtab_ecatctl_using incident' -l json -d 'print JSON for programs'
 complete -c ecatctl -n '_shtab_ecatctl_using incident' -l signal -x -d 'for export as .csv, .txt, .mo: only this value, such as '"'"'4/Channel 1/*'"'"'; NAME: the name that it gets; repeat it for more values'
+complete -c ecatctl -n '_shtab_ecatctl_using incident' -l paths -d 'for export as .csv: the columns of `ecatctl record`, each value under its path such as '"'"'4/Channel 1/Value'"'"', and empty where it is missing'
 complete -c ecatctl -n '_shtab_ecatctl_using incident' -s o -l out -xka "(__fish_complete_path (commandline -ct))" -d 'for export: the file; its name ends in .mcap, .pcapng, .json, .csv, .txt, .mo'
 complete -c ecatctl -n '_shtab_ecatctl_using incident' -l force -d 'replace FILE if it exists'
 complete -c ecatctl -n '_shtab_ecatctl_using incident; and test $_shtab_ecatctl_npos -eq 0' -ka "list show export record delete" -d 'list, show, export, record, delete'

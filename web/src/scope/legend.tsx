@@ -69,7 +69,7 @@ export function Legend({ model }: { model: ScopeModel }) {
                 key={curve.name} class={curve.hidden ? "scope-off" : undefined}
                 onMouseEnter={() => model.emphasise(curve.name)} onMouseLeave={() => model.emphasise(null)}
               >
-                <th scope="row" title={`${curve.label} (${curve.name})`}><Swatch curve={curve} /> <span class="scope-label"><bdi>{curve.label}</bdi></span></th>
+                <th scope="row" title={`${curve.label} (${curve.name}), in files ${curve.recorded.path}`}><Swatch curve={curve} /> <span class="scope-label"><bdi>{curve.label}</bdi></span></th>
                 <Values model={model} place={i} unit={curve.unit} hasCursors={hasCursors} />
                 <td class="scope-row">
                   <span class="scope-more" aria-hidden="true">⋯</span>

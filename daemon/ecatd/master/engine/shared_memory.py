@@ -55,6 +55,7 @@ class SharedMemory:
         slaves: `ecat_shm_slave` table.
         signals: `ecat_shm_signal` table.
         slave_status: `ecat_shm_slave_status` table.
+        slot_status: `ecat_shm_slot_status` table.
         domains: `ecat_shm_domain` table.
         settings: `ecat_shm_setting` table.
         health: `ecat_shm_health`.
@@ -128,6 +129,8 @@ class SharedMemory:
         settings = shm.struct("ecat_shm_setting") * len(shm.Setting)
         self.settings = settings.from_buffer(self._map, plan.offsets["settings"])
         self.health = self._at("ecat_shm_health", plan.offsets["health"])
+        slots = shm.struct("ecat_shm_slot_status") * plan.slot_count
+        self.slot_status = slots.from_buffer(self._map, plan.offsets["slot_status"])
         self._fill_slaves(plan)
         self._fill_signals(plan)
         self._fill_domains(plan)

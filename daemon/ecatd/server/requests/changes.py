@@ -30,6 +30,26 @@ SHOWN = 32
 """Bytes of a value in a line."""
 
 
+@dataclass(frozen=True, slots=True)
+class Words:
+    """How a kind of change is told.
+
+    Attributes:
+        done: What has been done to it.
+        noun: The same as a noun, for what has failed.
+    """
+
+    done: str
+    noun: str
+
+
+CHANGED = Words("changed", "change")
+"""The only kind whose line has the wanted value: `changed from 1 to 2 by anna`."""
+CLEARED = Words("cleared", "clearing")
+DELETED = Words("deleted", "deletion")
+ASKED_FOR = Words("asked for", "request")
+
+
 @dataclass(slots=True)
 class Change:
     """A change that is being made.
@@ -46,6 +66,8 @@ class Change:
             the audit file of this machine have them.
         problem: Why it failed; empty if it did not.
         is_doubtful: Whether it may have been made although it failed.
+        words: How it is told.
+        note: What stands behind the problem.
     """
 
     what: str
@@ -56,6 +78,8 @@ class Change:
     is_secret: bool = False
     problem: str = ""
     is_doubtful: bool = False
+    words: Words = CHANGED
+    note: str = ""
 
     @property
     def result(self) -> str:
@@ -66,7 +90,7 @@ class Change:
         """Notes why it failed."""
         # Any other error ends the work somewhere, perhaps after the slave has got the request.
         self.is_doubtful = isinstance(error, NoAnswerError) or not isinstance(error, EcatError)
-        self.problem = str(error) or "nobody waits for the answer any more"
+        self.problem = (str(error) or "nobody waits for the answer any more") + self.note
 
 
 @contextmanager
@@ -105,22 +129,26 @@ class Changes:
         before: str = "",
         is_secret: bool = False,
         holding: Hashable = None,
+        words: Words = CHANGED,
+        note: str = "",
     ) -> Iterator[Change]:
         """Records the change that the block makes, also if it fails.
 
         Args:
             what: What changes.
-            after: The wanted value.
+            after: The wanted value; not of `DELETED` and the like.
             by: Who asks for it.
             before: The value before, if it is known.
             is_secret: See `Change`.
+            words: See `Change`.
+            note: See `Change`.
             holding: Of outputs that are held by hand, whose changes are told together; until
                 `end_holding`.
         """
         source = _asking.get() if holding is None else holding
         earlier = self._waiting.get(source, {}).get(what)
         before = earlier.result if earlier else before
-        change = Change(what, after, by, before, is_secret=is_secret)
+        change = Change(what, after, by, before, is_secret=is_secret, words=words, note=note)
         try:
             yield change
         except BaseException as error:
@@ -168,13 +196,19 @@ class Changes:
         often = f" {len(alike)} times" if len(alike) > 1 else ""
         outcome = "may have been made" if last.is_doubtful else "has failed"
 
-        def line(values: str) -> str:
+        def line(values: str, more: str = "") -> str:
+            words = last.words
             if not last.problem:
-                return f"{last.what}: changed{often and often + ','} {values}by {last.by}"
+                return (
+                    f"{last.what}: {words.done}{often and often + ','} {values}by {last.by}{more}"
+                )
             how = f"{outcome}{often}: {last.problem}"
-            return f"{last.what}: change {values}by {last.by} {how}"
+            return f"{last.what}: {words.noun} {values}by {last.by} {how}"
 
-        text = line(f"{was}to {last.after}{_between(alike)} ")
+        if last.words is CHANGED:
+            text = line(f"{was}to {last.after}{_between(alike)} ")
+        else:
+            text = line("", f"; before: {first.before}" if first.before else "")
         redacted = line("") if last.is_secret else ""
         facts = {"what": last.what, "by": last.by, "times": len(alike)}
         self._write(facts, text, failed=bool(last.problem), redacted=redacted)

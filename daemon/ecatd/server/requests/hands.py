@@ -264,7 +264,7 @@ class Hands:
     def _record(
         self, key: Key, name: str, value: float | None, before: float | None, by: str
     ) -> AbstractContextManager[object]:
-        after = "its safe value, held" if value is None else f"{value:.15g}"
+        after = "its safe value" if value is None else f"{value:.15g}"
         was = "" if before is None else f"{before:.15g}"
         by = f"{by}, by hand"
         return self._changes.record(self._what(name), after, by, before=was, holding=key)

@@ -22,7 +22,7 @@ from ecatd.operations.incidents import (
 )
 from ecatd.operations.registers import Data
 
-from .changes import Changes
+from .changes import ASKED_FOR, DELETED, Changes
 
 _PART = 1 << 18
 """Bytes in one answer."""
@@ -88,7 +88,8 @@ class Incidents:
         self._checked()
         by = request.by or "somebody"
         text = f"{by} has asked for an incident" + f": {request.reason}" * bool(request.reason)
-        with self._changes.record("incident", request.reason or "recorded", request.by):
+        what = "an incident" + f" about '{request.reason}'" * bool(request.reason)
+        with self._changes.record(what, "", request.by, words=ASKED_FOR):
             event = new_event("incident", text=text, by=by)
             self._publish(event)
         return {"time_ns": event["time_ns"]}
@@ -96,7 +97,7 @@ class Incidents:
     @handles(DeleteIncident)
     async def _delete(self, request: DeleteIncident) -> IncidentList:
         path = self._file(request.name)
-        with self._changes.record(f"incident {request.name}", "deleted", request.by):
+        with self._changes.record(f"incident {request.name}", "", request.by, words=DELETED):
             try:
                 await asyncio.to_thread(path.unlink, missing_ok=True)
             except OSError as error:

@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import cast
 
 from ecatd.base.errors import EcatError, UsageError
+from ecatd.config import Config
 from ecatd.description.bus import Bus, Slave
 from ecatd.description.object_types import ObjectType, ObjectTypes
 from ecatd.etg.datatypes import STRINGS, DataType, bit_length, decode, encode
@@ -30,6 +31,7 @@ class Objects(OverMailboxes):
         dictionaries: The object dictionaries of the slaves.
         meaning: Gives an object that is not in the process data its meaning, from device profiles
             and `[[signal]]` tables.
+        config: Has the start-up lists, which are told beside what a slave refuses.
     """
 
     def __init__(
@@ -39,10 +41,12 @@ class Objects(OverMailboxes):
         dictionaries: Dictionaries,
         meaning: Meaning,
         changes: Changes,
+        config: Config,
     ) -> None:
         super().__init__(bus, conversations, changes)
         self._dictionaries = dictionaries
         self._meaning = meaning
+        self._config = config
         self._types: dict[int, ObjectTypes] = {}
         self._units: dict[tuple[int, int, int], ObjectType] = {}  # of objects with a meaning
 
@@ -75,7 +79,9 @@ class Objects(OverMailboxes):
         name = f" ({known.name})" if known.name else ""
         what = f"{slave.label}, 0x{index:04X}:{subindex:02X}{name}"
         after = _shown(data, kind)
-        with self._changes.record(what, after, request.by, is_secret=True) as change:
+        written = self._config.settings_of(slave.position).startup_value((index, subindex))
+        note = f"; the start-up list has {written.text} for it" if written is not None else ""
+        with self._changes.record(what, after, request.by, is_secret=True, note=note) as change:
             if not change.before:
                 before = await self._before(slave, request)
                 change.before = "" if before is None else _shown(before, kind)

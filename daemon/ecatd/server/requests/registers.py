@@ -27,7 +27,7 @@ from ecatd.operations.registers import (
     WriteRegister,
 )
 
-from .changes import Changes, shown
+from .changes import CLEARED, Changes, shown
 from .conversations import silent
 
 _CLEARED = (0x0300, 0x030C, 0x030D, 0x0310)
@@ -154,11 +154,12 @@ class Registers(OverRegisters):
         def clear() -> list[int]:
             before = [item for item in self._read_counters().slaves if item.position in positions]
             if before:  # else no slave answers
-                change.before = "; ".join(filter(None, (item.text for item in before))) or "0"
+                texts = (item.text for item in before)
+                change.before = "; ".join(filter(None, texts)) or "all 0"
             return self._clear(positions)
 
         what = f"error counters of {'all slaves' if one is None else one.label}"
-        with self._changes.record(what, "0", request.by) as change:
+        with self._changes.record(what, "0", request.by, words=CLEARED) as change:
             cleared = await self._worker.run(clear)
             if one is not None and not cleared:
                 raise silent(one)

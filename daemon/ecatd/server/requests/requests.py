@@ -72,7 +72,7 @@ class Requests:
         dictionaries = Dictionaries(bus, conversations)
         self._handlers = Handlers(
             *(self, self._wire, self._files, self._hands, dictionaries, *others),
-            Objects(bus, conversations, dictionaries, meaning, changes),
+            Objects(bus, conversations, dictionaries, meaning, changes, config),
             Registers(bus, master, worker, changes, cables),
             Eeproms(bus, master, worker, changes),
             Ethernet(bus, conversations, changes),

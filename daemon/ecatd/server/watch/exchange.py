@@ -349,11 +349,11 @@ _REMEDIES = {
 
 
 def _words(kind: str, counts: Counts, lasted: float) -> str:
-    """What has failed, such as `12 of 1000 exchanges in the last 5 s had …`."""
+    """What has failed, such as `12 of 1000 exchanges had … (within 5 s)`."""
     failures = counts.of(kind)
     if kind == WORKING_COUNTER:
         what = f"{failures} of {counts.exchanges} exchanges had a wrong working counter"
     else:
         word = {LOST: "did not come back", LATE: "came back too late", UNSENT: "were not sent"}
         what = f"{failures} frames {word[kind]} in {counts.exchanges} exchanges"
-    return f"{what} (last {max(1, round(lasted))} s)"
+    return f"{what} (within {max(1, round(lasted))} s)"

@@ -214,7 +214,7 @@ class InterfaceWatch:
         text = (
             f"the exchange is undisturbed again, after {rise.seconds:.0f} s with {text}"
             if rise.over
-            else f"in the last {rise.seconds:.0f} s: {text}"
+            else f"within {rise.seconds:.0f} s: {text}"
         )
         self._report("disturbance", text, asdict(rise), good=rise.over)
 
@@ -238,8 +238,8 @@ class InterfaceWatch:
         text = f"no more frames of another EtherCAT master on {interface}"
         if not rise.over:
             text = (
-                f"frames of another EtherCAT master on {interface} (source {source}): {count} in "
-                f"the last {rise.seconds:.0f} s. {sentence(wrote)}. Two masters undo each other's "
+                f"frames of another EtherCAT master on {interface} (source {source}): {count} "
+                f"within {rise.seconds:.0f} s. {sentence(wrote)}. Two masters undo each other's "
                 f"outputs and states: stop the other one, or give it slaves of its own"
             )
         facts = {

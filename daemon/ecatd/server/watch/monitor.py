@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections import deque
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -202,7 +203,7 @@ class Monitor:
             case EventType.SEND:
                 self._interfaces.on_send(event)
             case EventType.SLAVES:
-                self.slaves.on_change(event.slave)
+                self.slaves.on_change(event.slave, event.cycle)
             case EventType.RING:
                 self._interfaces.on_ring(event)
             case EventType.CLOCK:
@@ -225,7 +226,19 @@ class Monitor:
         self._publish("working_counter", **facts, text=text)
 
     def _publish(self, kind: str, **facts: Any) -> None:
-        self._send(new_event(kind, **facts))
+        event = new_event(kind, **facts)
+        if "cycle" in facts:  # it stands beside the values of its cycle, and not where it was seen
+            event["time_ns"] = min(event["time_ns"], self._time_of(facts["cycle"]))
+        self._send(event)
+
+    def _time_of(self, cycle: int) -> int:
+        """Unix time in ns of the end of a cycle, about: as if all had lasted equally long."""
+        head = self._shared.header
+        newest, end_ns = head.cycle, head.cycle_end_ns
+        while newest != head.cycle:  # the engine has written the other one meanwhile
+            newest, end_ns = head.cycle, head.cycle_end_ns
+        ago_ns = time.monotonic_ns() - end_ns + (newest - cycle) * head.cycle_time_ns
+        return time.time_ns() - int(ago_ns)
 
     async def _explain(self, kind: str) -> str:
         """Why frames are not sent or get lost, as far as interfaces and cables know; else empty."""

@@ -2,7 +2,9 @@
 
 Name and process number of a client come from its slot, which the client writes itself: they are
 reported, but not trusted. Another process may also have written into a slot. So messages name all
-processes that could have done it.
+processes that could have done it. Whether the process of a client lives is known from the lock of
+its slot, which the kernel keeps. How that process is comes from /proc, for the number that the
+client says; where this process may see it, the file of the slots has to be open there.
 """
 
 from __future__ import annotations
@@ -15,11 +17,14 @@ from itertools import groupby
 from typing import Any
 
 from ecatd.base.batch import Batch
-from ecatd.base.namespaces import said_pid
+from ecatd.base.file_locks import held
+from ecatd.base.namespaces import is_ours, said_pid
 from ecatd.description.bus import Slave, positions_text
 from ecatd.etg.pdo import Entry
+from ecatd.linux.process_state import WORDS, has_open, look_at_process
 from ecatd.master.engine.engine import Event, EventType
 from ecatd.shm import contract as shm
+from ecatd.shm.contents import hand_of
 
 from ..start.running_bus import RunningBus
 from .reports import Reporter
@@ -35,7 +40,7 @@ _WRONG = (EventType.REFUSED, EventType.MALFORMED)
 _REASONS = {
     shm.Reason.RELEASED: "{} released them",
     shm.Reason.DIED: "the process of {} has ended without a release",
-    shm.Reason.LAPSED: "{} gave no sign of life during its lease",
+    shm.Reason.LAPSED: "{} gave no sign of life",
     shm.Reason.GONE: "{} lost its slot: another client took it, or a program has overwritten it",
     shm.Reason.STOPPING: "the daemon stops; {} owned them",
     shm.Reason.WKC: (
@@ -44,6 +49,7 @@ _REASONS = {
     ),
 }
 _EXPECTED = (shm.Reason.RELEASED, shm.Reason.STOPPING)
+_OF_LEASES = (shm.Reason.DIED, shm.Reason.LAPSED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +60,29 @@ class _Client:
     program: str = ""
     pid: int = 0
     namespace: int = 0
+    since_ns: int = 0
 
     def __str__(self) -> str:
         if not self.pid:
             return f"the client in slot {self.slot}"
         return f"'{self.program}' ({said_pid(self.pid, self.namespace)})"
+
+
+@dataclass(frozen=True, slots=True)
+class _Lapse:
+    """What is known of a client that has lost its lease, at that moment.
+
+    Attributes:
+        lease_ms: Its lease.
+        silent_ms: How long it had given no sign of life.
+        process: How its process is, a key of `WORDS`; empty if that is not known.
+        text: The same in words, behind who the client is.
+    """
+
+    lease_ms: float
+    silent_ms: float
+    process: str
+    text: str
 
 
 class OutputWatch:
@@ -77,6 +101,7 @@ class OutputWatch:
         self._report = report
         self._clients: dict[int, _Client] = {}
         self._owners: dict[int, str] = {}  # of outputs, by signal, at the last conflict
+        self._lapses: dict[int, tuple[int, _Lapse | None]] = {}  # cycle and lapse, by slot
         self._gathered: dict[tuple[int, int, bool], Batch[tuple[Event, _Client]]] = {}
         self._writers: list[Program] = []
         self._looked = 0.0
@@ -88,6 +113,8 @@ class OutputWatch:
         elif event.type == EventType.CONFLICT:  # the client may never have owned anything
             self._look_at(event.slot)
             self._owners[event.value] = self._owner(event.value)
+        elif event.type == EventType.SAFE and event.value in _OF_LEASES:
+            self._look_at_lapse(event)
         # A client may try again in each cycle: that must not push out what happens to its outputs.
         about = (event.slot, event.slave if event.slot < 0 else -1, _is_minor(event))
         if about not in self._gathered:
@@ -115,7 +142,47 @@ class OutputWatch:
         found = kind.from_buffer_copy(data)
         if generation in (None, found.generation):
             program = shm.printable(found.program)
-            self._clients[slot] = _Client(slot, program, found.pid, found.pid_namespace)
+            self._clients[slot] = _Client(
+                slot, program, found.pid, found.pid_namespace, found.since_ns
+            )
+
+    def _look_at_lapse(self, event: Event) -> None:
+        if self._lapses.get(event.slot, (0, None))[0] != event.cycle:  # each slave has an event
+            self._lapses[event.slot] = event.cycle, self._lapse(event)
+
+    def _lapse(self, event: Event) -> _Lapse | None:
+        """What is known of a lapse; None if there has been a sign of life since."""
+        status, head = self._shared.slot_status[event.slot], self._shared.header
+        ended_ns = head.cycle_end_ns - (head.cycle - event.cycle) * head.cycle_time_ns
+        silent_ns, lease_ns = ended_ns - status.beat_ns, status.lease_ns
+        if silent_ns < 0:
+            return None
+        process, how = self._process(self._clients.get(event.slot, _Client(event.slot)))
+        if event.value == shm.Reason.LAPSED:
+            silent_ns = max(silent_ns, lease_ns)  # the end of the cycle is known, not the lapse
+            text = f" for {silent_ns / 1e6:.0f} ms, and its lease was {lease_ns / 1e6:g} ms{how}"
+        else:
+            text = (
+                f", {silent_ns / 1e6:.0f} ms after its last sign of life; its lease was "
+                f"{lease_ns / 1e6:g} ms"
+            )
+            process = "ended"
+        return _Lapse(lease_ns / 1e6, round(silent_ns / 1e6, 3), process, text)
+
+    def _process(self, client: _Client) -> tuple[str, str]:
+        """How the process of a client is: a key of `WORDS`, and words behind a lapse."""
+        if not held(self._shared.out_fd, shm.LOCK_SLOT + client.slot):
+            return "ended", f"; its process {WORDS['ended']}"
+        if not client.pid or hand_of(client.program) is not None:
+            return "", ""
+        found = None
+        if is_ours(client.namespace):
+            found = look_at_process(client.pid, client.since_ns)
+        if found is None:
+            return "", "; its process lives"
+        if has_open(client.pid, self._shared.out_fd) is False:
+            return "", f"; its process lives, but it is not {client.pid} ({found.name})"
+        return found.state, f"; process {client.pid} ({found.name}) {WORDS[found.state]}"
 
     def _report_all(self, slot: int, events: list[tuple[Event, _Client]], left_out: int) -> None:
         groups = [
@@ -165,6 +232,9 @@ class OutputWatch:
             facts["programs"] = [*map(str, self._writers)]
         if event.type == EventType.SAFE:
             facts["reason"] = shm.Reason(event.value).name.lower()
+            if lapse := self._lapse_of(event):
+                facts |= {"lease_ms": lapse.lease_ms, "silent_ms": lapse.silent_ms}
+                facts |= {"process": lapse.process} if lapse.process else {}
         elif event.type in (EventType.REFUSED, EventType.CONFLICT):
             facts["entry"] = self._entry(event.value).address
         if event.type == EventType.CONFLICT:
@@ -183,6 +253,10 @@ class OutputWatch:
         kind = EventType(first.type).name.lower()
         self._report.write(kind, text, positions, good=_is_wanted(first), level=level)
 
+    def _lapse_of(self, event: Event) -> _Lapse | None:
+        cycle, lapse = self._lapses.get(event.slot, (0, None))
+        return lapse if event.value in _OF_LEASES and cycle == event.cycle else None
+
     def _text(self, first: Event, who: _Client, positions: set[int]) -> str:
         """What has happened to slaves: the line of the log, and the text of the event."""
         slaves, others = self._slaves(positions), ""
@@ -193,7 +267,8 @@ class OutputWatch:
                 return f"{who} owns outputs of {slaves}"
             case EventType.SAFE:
                 because = _REASONS[shm.Reason(first.value)].format(who)
-                return f"outputs of {slaves} are safe: {because}"
+                lapse = self._lapse_of(first)
+                return f"outputs of {slaves} are safe: {because}{lapse.text if lapse else ''}"
             case EventType.CONFLICT:
                 entry = self._entry(first.value).address
                 owner = self._owners[first.value]
@@ -211,7 +286,7 @@ class OutputWatch:
                 return f"{slaves}: the drive has stopped"
         return (
             f"{slaves}: the drive has not stopped in {self._patience.get(first.slave, 0):g} s; "
-            "its controlword is 0 now"
+            "its controlword was set to 0"
         )
 
     def _owner(self, signal: int) -> str:

@@ -120,7 +120,7 @@ class Presence:
                 where = "in front of all others"
                 if self.added:
                     where = f"behind {bus.slaves[self.added - 1].label}"
-                return f"slave count changed: {count}, now {found}: {who} added {where}"
+                return f"slave count changed from {count} to {found}: {who} added {where}"
             case Wrong.RESTARTED:
                 command = f"`ecatctl state {lost[0]} OP`" if one else "`ecatctl state OP`"
                 ask = f"; {command} brings back what is there" if self.by_hand else ""
@@ -142,7 +142,7 @@ class Presence:
                     f"the bus goes on by itself when the slaves answer again"
                 )
         missing = f"{len(lost)} slave{'s' * (not one)} missing"
-        changed, restart = f"slave count changed: {count}, now {found}", restart_without(lost)
+        changed, restart = f"slave count changed from {count} to {found}", restart_without(lost)
         if lost == (*range(lost[0], count),):
             before, first = bus.slaves[lost[0] - 1].label, bus.slaves[lost[0]].label
             behind = "" if one else " and all slaves behind it"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 
 from ecatd.base.coroutine_steps import Steps
@@ -205,10 +205,24 @@ class Repair:
         for task in self._jobs:
             task.cancel()
 
-    def act(self, states: Sequence[SlaveState], strangers: int, *, foreign: bool) -> None:
-        """Starts the recovery that the states of the slaves call for, and reports it."""
+    def act(
+        self,
+        states: Sequence[SlaveState],
+        strangers: int,
+        since: Mapping[str, int],
+        *,
+        foreign: bool,
+    ) -> None:
+        """Starts the recovery that the states of the slaves call for, and reports it.
+
+        Args:
+            states: The states.
+            strangers: How many slaves are there beside them.
+            since: The `cycle` in which that has changed, if it is known.
+            foreign: Whether another master is at work.
+        """
         plan = self._recovery.look(states, strangers, time.monotonic(), foreign=foreign)
-        self._report_plan(plan)
+        self._report_plan(plan, since)
         if plan.ask:
             self._begin(plan.ask, self._ask(plan.ask))
         if plan.set_up:
@@ -309,10 +323,12 @@ class Repair:
         for line in _lines(self._bus, news):
             self._report.write("recovery", line, news, level="warning")
 
-    def _report_plan(self, plan: Plan) -> None:
+    def _report_plan(self, plan: Plan, since: Mapping[str, int]) -> None:
         for position in plan.fallen:
             self._steps.pop(position, None)
-            self._publish(position, "fallen", f"{self._bus.slaves[position].label}: left OP")
+            self._publish(
+                position, "fallen", f"{self._bus.slaves[position].label}: left OP", **since
+            )
         self._report_step(plan.ask, "asked", "asked for OP again")
         self._report_step(plan.set_up, "set_up", "ecatd looks for it and sets it up")
         self._report_recovered(plan.recovered)

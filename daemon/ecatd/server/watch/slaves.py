@@ -78,6 +78,8 @@ class SlaveWatch:
         self._foreign = interfaces.is_foreign
         self._silent = False  # no slave answers, and no interface says why
         self._changed = asyncio.Event()
+        self._change_cycle: int | None = None  # of the first change that nobody has looked at yet
+        self._cycle: dict[str, int] = {}  # the same of the last look, as facts; empty: not known
         self._pause = _PAUSE
         self._optional = running.optional
         self._absent, awaited = running.found.absent, sorted(running.found.awaited)
@@ -133,8 +135,10 @@ class SlaveWatch:
         """Ends what is done to slaves; on the event loop's thread."""
         self.repair.close()
 
-    def on_change(self, found: int) -> None:
-        """The engine has seen another number of slaves, or another AL state."""
+    def on_change(self, found: int, cycle: int) -> None:
+        """The engine has seen another number of slaves, or another AL state, in a cycle."""
+        if self._change_cycle is None:
+            self._change_cycle = cycle
         self._report.log.debug(f"{found} slaves answer, or their AL states have changed")
         if found != self._counted:
             self._counted = found
@@ -220,7 +224,7 @@ class SlaveWatch:
         self._changed.clear()
         something = await self.look()
         foreign = not self._is_well() and self._foreign()
-        self.repair.act(self.states, self._strangers, foreign=foreign)
+        self.repair.act(self.states, self._strangers, self._cycle, foreign=foreign)
         if self._expectation.waits and not self.repair.busy and not self._foreign():
             await self._expectation.look(self.repair.left_alone())
         await asyncio.sleep(self._pause)
@@ -248,6 +252,8 @@ class SlaveWatch:
 
     async def look(self) -> bool:
         """Reads the AL states, and reports every change; returns whether there was one."""
+        self._cycle = {} if self._change_cycle is None else {"cycle": self._change_cycle}
+        self._change_cycle = None
         changed = await self._worker.run(self.read)
         blinding = "" if self._found else await self._interfaces.find_blinding()
         if not self._found and not blinding and not self._silent:
@@ -260,6 +266,7 @@ class SlaveWatch:
         present = [item for item in changed if item.al_state & 0x0F]
         for item in changed:
             facts = {"slave": item.position, "al_state": item.al_state, "al_code": item.al_code}
+            facts |= self._cycle
             text = f"{self._bus.slaves[item.position].label}: {item.describe()}"
             severity = "info" if self._is_good(item) else ""
             self._report.publish("al_state", severity=severity, **facts, text=text)
@@ -300,7 +307,7 @@ class SlaveWatch:
         text = presence.text(self._restart_without)
         good = not text
         text = text or f"all {len(slaves) - len(absent)} slaves answer, and no others"
-        facts = {"found": found, "expected": len(slaves), "missing": lost}
+        facts = {"found": found, "expected": len(slaves), "missing": lost, **self._cycle}
         self._report("slaves", text, facts, lost, good=good)
 
     def _report_absent(self, absent: list[int]) -> None:
@@ -310,7 +317,7 @@ class SlaveWatch:
         if left:
             self._expectation.note()
             text = f"{name_slaves(self._bus, left)} left the bus (optional)"
-            self._report("absent", text, {"slaves": left}, left)
+            self._report("absent", text, {"slaves": left, **self._cycle}, left)
 
 
 def _group(states: Iterable[SlaveState]) -> list[tuple[list[int], SlaveState]]:
