@@ -103,6 +103,7 @@ static int refused(ecat_t *bus, int conflict) {
   const ecat_out_slot *other;
   const ecat_shm_signal *entry;
   char program[33];
+  const char *next = "; end it first";
   int here;
   if (conflict < 0 || conflict >= ecat_signal_count(bus))
     return ecat_fail(bus, ECAT_EDOWN, "the daemon of bus '%s' is stopping", bus->name);
@@ -114,15 +115,16 @@ static int refused(ecat_t *bus, int conflict) {
                      entry->slave);
   name_of(other, program);
   here = is_here(other);
+  if (strncmp(program, "hand:", 5) == 0) /* as outputs by hand call themselves */
+    next = "; somebody holds it by hand, as in another page: `ecatctl claims` shows who";
+  else if (here && other->pid == (uint32_t)getpid())
+    next = ", which is this program itself: only one of its connections can own it";
   return ecat_fail(bus, ECAT_EOWNED,
                    "output 0x%04X:%02X of slave %d (%s) of bus '%s' belongs to %s (pid %u%s)%s",
                    entry->index, entry->subindex, entry->slave,
                    ecat_shown(bus->slaves[entry->slave].name), bus->name,
                    program[0] != '\0' ? program : "another client", (unsigned)other->pid,
-                   here ? "" : " in another PID namespace",
-                   here && other->pid == (uint32_t)getpid()
-                       ? ", which is this program itself: only one of its connections can own it"
-                       : "; end it first");
+                   here ? "" : " in another PID namespace", next);
 }
 
 /* Prepares a claim: takes a slot and empties `bus->wish`, to which the caller adds the outputs it

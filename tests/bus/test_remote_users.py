@@ -35,6 +35,7 @@ from ecatd.base.errors import (
     UnreachableError,
     UsageError,
 )
+from ecatd.client.hold import Hold
 from ecatd.client.identity import read_identity
 from ecatd.client.remote import Remote
 from ecatd.operations.bus import ReadEvents, ReadInfo, ReadStates, SetState
@@ -151,10 +152,9 @@ def test_r36_a_user_reads_and_changes_what_the_configuration_says(site: Site) ->
             anna.request(WriteRegister(0, 0x0410, b"\0"))
         # Outputs of his slaves, by hand.
         drive, lamp = "0/0x60FF:00", "3/0x7000:01"
-        anna.request(HoldOutputs("page", {drive: "7"}, begin=True))
-        found = anna.request(ReadOutputs())
-        assert [row["user"] for row in found["owners"] if row["by_hand"]] == ["anna"]
-        anna.request(ReleaseOutputs("page"))
+        with Hold(anna, {drive: "7"}):
+            found = anna.request(ReadOutputs())
+            assert [row["user"] for row in found["owners"] if row["by_hand"]] == ["anna"]
         names(site.daemon.log, "0x60FF:00", "changed to 7 by user 'anna'", "by hand")
         with pytest.raises(NotPermittedError, match=naming("'anna'", "EK1100", "slaves")):
             anna.request(HoldOutputs("page", {drive: "7", lamp: "1"}, begin=True))

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -69,6 +70,9 @@ class Server:
         assert self._process.stdout is not None
         lines = iter(self._process.stdout.readline, "")
         self.address = next(found[0] for line in lines if (found := re.search(r"http\S+", line)))
+
+    def signal(self, number: int) -> None:
+        self._process.send_signal(number)
 
     def stop(self) -> None:
         self._process.terminate()
@@ -177,7 +181,7 @@ def test_values_are_live_and_have_an_owner(page: Any, daemon: Daemon) -> None:
     expect(row).to_contain_text("released")
     with daemon.client() as client, client.claim(OUTPUT, lease=0.1):  # and then it hangs
         owner = page.locator(".outputs tbody tr", has_text="python")
-        expect(owner.locator(".tag")).to_have_text("silent")
+        expect(owner.locator(".tag")).to_contain_text("silent")
     show(page, "Slave")
     page.locator(f'[data-signal="{OUTPUT}"] .add').click()
     expect(page.get_by_role("region", name="Scope").get_by_text("EL2008")).not_to_have_count(0)
@@ -462,6 +466,15 @@ def test_no_barrier_is_serious(
         ]
     context.close()
     assert found == []
+
+
+def test_a_server_that_hangs_is_a_lost_connection(page: Any, server: Server) -> None:
+    server.signal(signal.SIGSTOP)
+    expect(page.locator(".way")).to_contain_text("All values are old")
+    expect(lamp(page, "slaves_in_op")).to_have_class(re.compile("unknown"))
+    server.signal(signal.SIGCONT)
+    expect(page.locator(".way")).to_have_text("live")
+    expect(lamp(page, "slaves_in_op")).not_to_have_class(re.compile("unknown"))
 
 
 def test_a_lost_connection_says_so_and_how_to_come_back(page: Any, server: Server) -> None:

@@ -354,6 +354,7 @@ def test_an_incident_opens_in_the_scope_with_its_events(
 def test_triggers_show_the_cycle_that_fulfils_them(
     troll: Daemon, page: Any, tmp_path: Path
 ) -> None:
+    troll.ctl("incident", "record")  # so that the page knows this kind of event
     add(page, "EL2008/Output")
     page.locator("#scope-found-0", has_text="0x7010:01").wait_for()  # for more of them
     page.keyboard.press("Escape")

@@ -2,6 +2,8 @@
 import type { Failure, Message, Request, Value } from "./protocol";
 
 const PAUSE_MS = 1000;
+/** Without a word for so long, the connection is taken for lost: the server says something every second. */
+const SILENT_MS = 5000;
 
 /** An error of the daemon, or of the way to it. */
 export class AskError extends Error {
@@ -23,8 +25,8 @@ export interface Login {
 }
 
 export interface Listener {
-  /** The connection to `ecatctl web` has come, gone, or needs a login. */
-  connected(state: "open" | "lost" | "refused", login?: Login): void;
+  /** The connection to `ecatctl web` has come, gone at a time in ms, or needs a login. */
+  connected(state: "open" | "lost" | "refused", login?: Login, heard?: number): void;
   message(message: Message): void;
   /** A batch of a trace; see `readBatch`. */
   batch(data: ArrayBuffer): void;
@@ -34,6 +36,9 @@ export class Connection {
   private socket: WebSocket | null = null;
   private number = 0;
   private again = 0;
+  /** When the server last said something, and whether it had said nothing at the last look. */
+  private heard = 0;
+  private isSilent = false;
   private readonly waiting = new Map<number, Waiting>();
   private trace: { signals: string[]; history: string[]; generation: number } = {
     signals: [], history: [], generation: 0,
@@ -47,6 +52,7 @@ export class Connection {
     addEventListener("hashchange", () => void this.login());
     await this.login();
     this.connect();
+    setInterval(() => this.look(), 1000);
   }
 
   /** Asks a query of docs/zenoh-keys.md. Rejects with `AskError`. */
@@ -108,11 +114,14 @@ export class Connection {
     const socket = new WebSocket(`${scheme}://${location.host}/socket${which}`);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
+    this.heard = Date.now();
     socket.onopen = () => {
       this.listener.connected("open");
       if (this.trace.signals.length > 0) this.send({ type: "trace", ...this.trace });
     };
     socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
+      if (this.socket !== socket) return;
+      this.heard = Date.now();
       if (typeof data === "string") this.take(JSON.parse(data) as Message);
       else this.listener.batch(data);
     };
@@ -132,11 +141,24 @@ export class Connection {
     }
   }
 
+  /** A network that has gone, and a server that hangs, close no connection. */
+  private look(): void {
+    const wasSilent = this.isSilent;
+    this.isSilent = this.socket !== null && Date.now() - this.heard > SILENT_MS;
+    // Twice: what has come meanwhile is heard first, if the page itself was busy.
+    if (!this.isSilent || !wasSilent) return;
+    const { socket } = this;
+    this.socket = null;
+    socket?.close();
+    this.listener.connected("lost", undefined, this.heard);
+    void this.lose();
+  }
+
   private async lose(): Promise<void> {
     for (const { reject } of this.waiting.values()) reject(lost());
     this.waiting.clear();
     // A browser does not tell the page why a WebSocket was refused; `/login` without a token does.
-    const answer = await fetch("/login").catch(() => null);
+    const answer = await fetch("/login", { signal: AbortSignal.timeout(SILENT_MS) }).catch(() => null);
     if (answer?.status === 401) this.listener.connected("refused", (await answer.json()) as Login);
     else this.listener.connected("lost");
     this.again = window.setTimeout(() => this.connect(), PAUSE_MS);

@@ -19,6 +19,7 @@ export function Mark({ state }: { state: Lamp["state"] }) {
 
 export function Lamps({ state }: { state: State }) {
   const now = state.now.value;
+  const isFresh = state.fresh.value;
   const open = ({ id, evidence }: Lamp) => {
     if (evidence.slave !== null) state.selected.value = evidence.slave;
     if (id === "link" && evidence.slave !== null) state.part.value = "health"; // the cables at the slave
@@ -29,7 +30,7 @@ export function Lamps({ state }: { state: State }) {
   };
   return (
     <nav class="lamps" aria-label="State of the bus">
-      {state.lamps.value.map((lamp) => (
+      {state.lamps.value.map((last) => (isFresh ? last : { ...last, state: "unknown" as const, since: null })).map((lamp) => (
         <button
           key={lamp.id} type="button" id={`lamp-${lamp.id}`} class={`lamp ${lamp.state}`}
           title={`${lamp.text}${lamp.since === null ? "" : ` Since ${clock(lamp.since)}.`}`}

@@ -8,7 +8,7 @@ import { State } from "./state";
 import { Traces } from "./traces";
 
 const connection: Connection = new Connection({
-  connected: (state_, login) => state.takeConnected(state_, login),
+  connected: (...change) => state.takeConnected(...change),
   message: (message) => {
     state.take(message);
     if (message.type === "signals") scope.setSignals(message.signals);

@@ -84,7 +84,9 @@ export type Message =
   | { type: "answer"; ask: number; answer: Value }
   | { type: "failure"; ask: number; failure: Failure }
   /** All of a file was sent. */
-  | { type: "end" };
+  | { type: "end" }
+  /** The server is there, and has had nothing else to say for a second. */
+  | { type: "beat" };
 
 /** Page → server. */
 export type Request =

@@ -163,9 +163,9 @@ export class State {
     }
   }
 
-  takeConnected(state: "open" | "lost" | "refused", login?: Login): void {
+  takeConnected(state: "open" | "lost" | "refused", login?: Login, heard = Date.now()): void {
     if (login !== undefined) this.login.value = login;
-    if (this.connected.value === "open" && state !== "open") this.lostAt.value = Date.now() / 1000;
+    if (this.connected.value === "open" && state !== "open") this.lostAt.value = heard / 1000;
     this.connected.value = state;
   }
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Self
 
 from ecatd.base.addresses import address_text, parse_address
-from ecatd.base.errors import EcatError, StateError
+from ecatd.base.errors import EcatError, LeaseError, StateError
 from ecatd.operations.outputs import HoldOutputs, Output, Outputs, ReleaseOutputs
 
 if TYPE_CHECKING:
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _RENEW_S = 0.1
 """Seconds between two renewals: one may be late, and another one get lost."""
+_TRIES = 4
+"""How often it tries to begin."""
 
 
 class Hold:
@@ -26,6 +28,7 @@ class Hold:
         values: Values by names as in `Output.name`: a text as a person types it, or a raw number.
 
     Raises:
+        LeaseError: The way to the daemon takes too long to hold anything.
         NotPermittedError: The user of the session may not.
         OwnedError: An output has an owner.
         UsageError: An output cannot have this value.
@@ -35,8 +38,20 @@ class Hold:
         self._session = session
         self._writer = os.urandom(8).hex()
         self._renewal = HoldOutputs(self._writer, dict.fromkeys(values))
-        session.request(HoldOutputs(self._writer, dict(values), begin=True))
+        self._begin(values)
         self._next = time.monotonic() + _RENEW_S
+
+    def _begin(self, values: Mapping[str, str | float]) -> None:
+        for left in reversed(range(_TRIES)):
+            asked = self._session.request(HoldOutputs(self._writer, dict(values), begin=True))
+            ticket = asked.get("ticket", "")
+            try:
+                self._session.request(HoldOutputs(self._writer, dict(values), ticket=ticket))
+            except LeaseError:  # the way was too slow for the ticket
+                if left == 0:
+                    raise
+            else:
+                return
 
     def renew(self) -> None:
         """Waits until it is time to renew, and does so.

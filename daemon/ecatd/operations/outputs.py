@@ -132,11 +132,15 @@ class Held(Map):
 
     outputs: list[HeldOutput]  #: The outputs.
     lease_ms: float  #: Time within which the request must come again.
+    #: With `begin`: what the next request must have, within `lease_ms`, to begin.
+    ticket: NotRequired[str]
 
 
 class HoldOutputs(Operation[Held]):
     """Holds outputs at values by hand, for 250 ms; repeat it in time to go on holding them.
 
+    Who begins asks for a ticket first, with `begin`, and holds nothing yet; the same request with
+    that ticket begins. So a request that was held up on its way moves nothing, whatever it wants.
     Without another request in time, the outputs take their safe values, and renewals are refused:
     whoever wants them again begins anew. An output that has an owner is never taken from it.
     """
@@ -151,9 +155,9 @@ class HoldOutputs(Operation[Held]):
     #: named value. A number is a raw value. None keeps the value, and is no change: a renewal has
     #: only these.
     values: OutputValues
-    #: Whether to begin, if this writer holds nothing now. Only the first request has it, so that a
-    #: late one cannot move anything after a lapse.
+    #: Whether to get a ticket, if this writer holds nothing now. Ask only when a person acts.
     begin: bool = False
+    ticket: str = ""  #: The ticket with which to begin, if this writer holds nothing now.
     by: ClientName = ""  #: The name that the client gives itself, for the log.
 
     def _check(self) -> None:
@@ -168,7 +172,7 @@ class HoldOutputs(Operation[Held]):
     @property
     def is_change(self) -> bool:
         """See `Operation`."""
-        return self.begin or any(value is not None for value in self.values.values())
+        return not self.begin and any(value is not None for value in self.values.values())
 
 
 class Released(Map):

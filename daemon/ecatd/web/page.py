@@ -26,6 +26,8 @@ from .messages import encode, failure
 
 SIGNALS_MAX = 500
 """Signals of a page: more than anybody can look at."""
+_BEAT, _BEAT_S = '{"type":"beat"}', 1.0
+"""What a page is told after so many seconds without other words: it takes silence for a loss."""
 _ASKS_MAX = 32
 """Questions of a page that may wait for their answers."""
 _EVENTS_MAX = 1000
@@ -146,7 +148,10 @@ class Page:
     async def _send(self) -> None:
         with suppress(ConnectionClosed):
             while True:
-                await self._wake.wait()
+                try:
+                    await asyncio.wait_for(self._wake.wait(), _BEAT_S)
+                except TimeoutError:
+                    await self._socket.send(_BEAT)
                 self._wake.clear()
                 while (message := self._next()) is not None:
                     await self._socket.send(message)

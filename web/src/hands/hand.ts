@@ -23,7 +23,8 @@ export class Hand {
   private values = new Map<string, HandValue>();
   private changed = new Set<string>();
   private timer: number | undefined;
-  private begins = false;
+  /** What lets this page begin; null: it is still on its way; "": it has begun. */
+  private ticket: string | null = null;
   private onTheWay = 0;
 
   constructor(private readonly connection: Pick<Connection, "ask">) {
@@ -45,12 +46,12 @@ export class Hand {
     this.values = wanted;
     if (this.timer === undefined) {
       this.writer = crypto.randomUUID();
-      this.begins = true;
+      this.ticket = null;
       this.trouble.value = "";
       this.changed = new Set(wanted.keys());
       this.timer = setInterval(() => this.renew(), RENEW_MS);
-    }
-    this.renew();
+      this.begin();
+    } else this.renew();
   }
 
   /** Lets go at once. The outputs take their safe values. */
@@ -64,16 +65,34 @@ export class Hand {
     return this.timer !== undefined;
   }
 
+  /** Nothing moves before the daemon has answered, so nothing moves late: see `HoldOutputs`. */
+  private begin(): void {
+    const writer = this.writer;
+    const isMine = () => this.timer !== undefined && this.writer === writer;
+    this.connection
+      .ask(`rw/outputs/hold/${writer}`, {}, { values: Object.fromEntries(this.values), begin: true })
+      .then(
+        ({ ticket }) => {
+          if (!isMine()) return;
+          this.ticket = ticket as string;
+          this.renew();
+        },
+        (error: unknown) => {
+          if (isMine()) this.stop(sentence(error));
+        },
+      );
+  }
+
   private renew(): void {
-    if (this.timer === undefined || this.onTheWay >= MOST_ON_THE_WAY) return;
+    if (this.timer === undefined || this.ticket === null || this.onTheWay >= MOST_ON_THE_WAY) return;
     const writer = this.writer;
     const payload: Value = {
       values: Object.fromEntries(
         [...this.values].map(([name, value]) => [name, this.changed.has(name) ? value : null]),
       ),
     };
-    if (this.begins) payload["begin"] = true;
-    this.begins = false;
+    if (this.ticket !== "") payload["ticket"] = this.ticket;
+    this.ticket = "";
     this.changed.clear();
     this.onTheWay++;
     this.connection

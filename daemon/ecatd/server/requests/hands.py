@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import os
+import secrets
 import socket
 import subprocess
 import sys
@@ -48,6 +49,8 @@ from .changes import Changes
 
 _OF_ONE_MAX, _OF_ALL_MAX = 4, 8
 """Holdings of one user, and of all: each takes a place of a client in the shared memory."""
+_TICKETS_MAX = 8
+"""Tickets of one user, of which the oldest goes."""
 _IDLE_S = 30.0
 """Seconds without a holding after which the process ends."""
 
@@ -85,6 +88,8 @@ class Hands:
         self._changes = changes
         self._log = log
         self._holdings: dict[Key, _Holding] = {}
+        self._tickets: dict[Key, tuple[str, float]] = {}
+        """Who may begin: the ticket, and up to when, by the clock of the event loop."""
         self._numbers = itertools.count(1)
         self._process: _Process | None = None
         self._opening = asyncio.Lock()
@@ -95,14 +100,17 @@ class Hands:
         """Holds outputs; see `HoldOutputs`.
 
         Raises:
-            LeaseError: This writer holds nothing, and does not begin.
+            LeaseError: This writer holds nothing, and has no ticket to begin.
             OwnedError: An output has an owner.
             BusyError: Too much is held by hand already.
             EcatError: There is no such output, or it cannot have this value.
         """
         key = whose(request.by), request.writer
         values = {name: self._raw(name, value) for name, value in request.values.items()}
-        holding = self._holdings.get(key) or self._begin(key, request)
+        holding = self._holdings.get(key)
+        if holding is None and request.begin:
+            return {"outputs": [], "lease_ms": LEASE_S * 1e3, "ticket": self._give_ticket(key)}
+        holding = holding or self._begin(key, request)
         async with holding.turn:
             if self._holdings.get(key) is not holding:  # it has lapsed meanwhile
                 raise _lapsed(request.writer)
@@ -152,9 +160,25 @@ class Hands:
                 released += holding.values
         return {"outputs": released}
 
+    def _give_ticket(self, key: Key) -> str:
+        """Only who has got the ticket a moment ago can begin: no request that waited somewhere."""
+        now = asyncio.get_running_loop().time()
+        self._tickets = {
+            other: (ticket, end) for other, (ticket, end) in self._tickets.items() if end > now
+        }
+        of_user = [other for other in self._tickets if other[0] == key[0] and other != key]
+        if len(of_user) >= _TICKETS_MAX:
+            del self._tickets[of_user[0]]
+        ticket = secrets.token_urlsafe(9)
+        self._tickets[key] = ticket, now + LEASE_S
+        return ticket
+
     def _begin(self, key: Key, request: HoldOutputs) -> _Holding:
-        if not request.begin:
+        ticket, end = self._tickets.get(key, ("", 0.0))
+        now = asyncio.get_running_loop().time()
+        if not ticket or request.ticket != ticket or now > end:
             raise _lapsed(request.writer)
+        del self._tickets[key]
         mine = sum(user == key[0] for user, _ in self._holdings)
         if mine >= _OF_ONE_MAX or len(self._holdings) >= _OF_ALL_MAX:
             raise BusyError(
@@ -358,7 +382,8 @@ class _Process(Connection):
 def _lapsed(writer: str) -> LeaseError:
     return LeaseError(
         f"'{writer}' holds no outputs: it was not renewed for {LEASE_S * 1e3:g} ms, was "
-        "released, or has not begun; begin again, with 'begin'"
+        "released, or has not begun; begin again: 'begin' gives a ticket, which the next request "
+        f"needs within {LEASE_S * 1e3:g} ms"
     )
 
 
