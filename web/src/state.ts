@@ -119,6 +119,11 @@ export class State {
     return cell as Cell<Answer<Answers[K]>>;
   }
 
+  /** What is said where the slaves would be, while they are not known. */
+  nothing(): string {
+    return this.hello.value.source === "file" ? "The file does not describe the bus." : "Nothing is known of the bus yet.";
+  }
+
   may(right: string): boolean {
     return this.hello.value.may.includes(right);
   }
