@@ -6,17 +6,19 @@ import { minify } from "terser";
 const folder = process.argv[2] ?? "dist";
 await rm(folder, { recursive: true, force: true });
 await mkdir(folder, { recursive: true });
+const options = {
+  outdir: folder, bundle: true, minify: true, format: "esm", target: "es2022", legalComments: "linked", logLevel: "warning",
+};
+await build({ ...options, entryPoints: { scope: "src/scope/worker.ts" } });
+// The classic functions for JSX make a smaller page than those of preact/jsx-runtime.
 await build({
-  entryPoints: { page: "src/main.tsx", scope: "src/scope/worker.ts", style: "src/style.css" },
-  outdir: folder,
-  bundle: true,
-  minify: true,
-  format: "esm",
-  target: "es2022",
-  jsx: "automatic",
-  jsxImportSource: "preact",
-  legalComments: "linked",
-  logLevel: "warning",
+  ...options,
+  entryPoints: { page: "src/main.tsx", style: "src/style.css" },
+  tsconfigRaw: {}, // whose `jsx` would count
+  jsx: "transform",
+  jsxFactory: "h",
+  jsxFragment: "Fragment",
+  inject: ["src/jsx.ts"],
 });
 // 3 % less than what esbuild makes alone.
 for (const name of ["page.js", "scope.js"]) {

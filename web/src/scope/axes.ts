@@ -149,9 +149,10 @@ export function timeTicks(start: number, span: number, most: number): { times: n
   return { times, step };
 }
 
+const two = (value: number) => String(value).padStart(2, "0");
+
 export function timeText(time: number, step: number): string {
   const date = new Date(time);
-  const two = (value: number) => String(value).padStart(2, "0");
   const whole = `${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}`;
   if (step >= 1000) return whole;
   const digits = step >= 100 ? 1 : step >= 10 ? 2 : step >= 1 ? 3 : 6;
@@ -162,7 +163,6 @@ export function timeText(time: number, step: number): string {
 
 function dateText(time: number): string {
   const date = new Date(time);
-  const two = (value: number) => String(value).padStart(2, "0");
   return `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())}`;
 }
 
@@ -245,5 +245,6 @@ export function drawAxes(
   });
 }
 
+/** Names of a slave differ at their ends. */
 const shorten = (text: string, most: number) =>
-  text.length > most ? `${text.slice(0, most - 1)}…` : text;
+  text.length > most ? `${text.slice(0, 3)}…${text.slice(4 - most)}` : text;

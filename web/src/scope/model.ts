@@ -38,6 +38,7 @@ export class ScopeModel {
   readonly source = signal<"bus" | "file">("bus");
   readonly title = signal("");
   readonly ended = signal(false);
+  readonly saves = signal(false);
   readonly saving = signal(false);
 
   readonly curves = computed((): Curve[] => {
@@ -89,11 +90,12 @@ export class ScopeModel {
   }
 
   /** All signals of the bus. */
-  setSignals(signals: Signal[]): void {
+  setSignals({ signals, shown }: { signals: Signal[]; shown: string[] }): void {
     const isFirst = this.known.value.size === 0;
     this.known.value = new Map(signals.map((each) => [each.name, each]));
     this.order({ do: "types", types: signals.map(({ name, type }) => [name, type]) });
     if (isFirst && this.entries.value.length === 0) this.restore();
+    if (isFirst && this.curves.value.length === 0) for (const name of shown) this.add(name);
     this.send();
   }
 
@@ -244,9 +246,12 @@ export class ScopeModel {
       const { history_s, why } = (message.value ?? {}) as { history_s?: number; why?: string };
       if (history_s !== undefined) this.history.value = { seconds: history_s, why: why ?? "" };
       else this.notice.value = message.failure ? `No samples come: ${message.failure.message}` : "";
+    } else if (message.type === "value" && message.key === "reading") {
+      this.order({ do: "moment", time: message.at * 1000 });
     } else if (message.type === "end") {
       this.ended.value = true;
-      this.order({ do: "all" });
+      // Who looks at a part of it, and chooses one more signal, sees the same part.
+      if (this.status.value?.view.live !== false) this.order({ do: "all" });
     }
   }
 

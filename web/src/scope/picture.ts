@@ -83,8 +83,7 @@ export class Picture {
   }
 
   private follow(): void {
-    const { lastTime } = this.ring;
-    if (lastTime === lastTime) this.edge = Math.floor(lastTime / this.step) + 1;
+    this.edge = Math.floor((this.ring.lastTime || Date.now()) / this.step) + 1;
   }
 
   zoom(factor: number, at: number): void {

@@ -61,12 +61,10 @@ export class Ring {
   shift = 0;
   /** First row of the present run of the daemon, whose numbers of cycles ascend. */
   private run = 0;
-  /** The generation of the first batch. */
-  since = 0;
   /** Whether rows that were there got more values. */
   amended = false;
-  /** Names of the signals that are kept; null: all. */
-  private wanted: Set<string> | null = null;
+  /** The signals that are kept, with the generation of the first wish for them; null: all. */
+  private wanted: Map<string, number> | null = null;
   private bits = new Map<string, Bit>();
   private generation = -1;
   private lastOfGeneration = -1;
@@ -195,15 +193,18 @@ export class Ring {
     Object.assign(this, new Ring(this.limits, this.types));
   }
 
-  /** Keeps only these signals, which may be bits of others, now and from now on. */
-  keep(names: Iterable<string>): void {
+  /** Keeps only these signals, which may be bits of others, now and from this generation on. */
+  keep(names: Iterable<string>, generation = 0): void {
     this.bits = new Map();
-    this.wanted = new Set(names);
-    for (const name of [...this.wanted]) {
+    const before = this.wanted;
+    this.wanted = new Map();
+    const want = (name: string) => this.wanted!.set(name, before?.get(name) ?? generation);
+    for (const name of names) {
+      want(name);
       const bit = this.types.has(name) ? null : bitOf(name);
       if (!bit || !this.types.has(bit.source)) continue;
       this.bits.set(name, bit);
-      this.wanted.add(bit.source);
+      want(bit.source);
     }
     for (const block of this.blocks) {
       for (const [name, samples] of block.columns) {
@@ -223,10 +224,10 @@ export class Ring {
   /** Takes the cycles of a batch. Those that are there get the signals that they lack. */
   take(batch: Batch): void {
     const reachesBack = batch.kind === "history";
-    // What is for another part of the page may come before the history of the first signals, and that
-    // history after the wish for more of them.
-    if (this.end === 0 && batch.generation < this.since && !reachesBack) return;
-    if (this.wanted && ![...batch.columns.keys()].some((name) => this.wanted!.has(name))) return;
+    // Another part of the page may have had a signal before it was wanted here: those values are none
+    // of the scope, as they would come before its history.
+    const least = reachesBack ? Infinity : batch.generation;
+    if (this.wanted && ![...batch.columns.keys()].some((name) => this.wanted!.get(name)! <= least)) return;
     const isNew = reachesBack || batch.generation !== this.generation;
     if (isNew) this.lastOfGeneration = -1;
     this.generation = batch.generation;
