@@ -48,8 +48,9 @@ export function layOut(
   );
   const bottom = height - TIMES - TRACK;
   const most = (bottom - TOP) * (analog.length > 0 ? 0.5 : 0.9);
-  const small = Math.min(DIGITAL, most / Math.max(1, digital.length));
-  const high = bottom - TOP - digital.length * small;
+  // Alone they have more room, from the top.
+  const small = Math.min(DIGITAL * (analog.length > 0 ? 1 : 3), most / Math.max(1, digital.length));
+  const high = analog.length > 0 ? bottom - TOP - digital.length * small : 0;
   const of = (axis: string) => before.find((lane) => lane.axis === axis);
   const lanes = analog.map(([axis, [...all]], i): Lane => {
     const each = stacked ? (high - GAP * (analog.length - 1)) / analog.length : high - 4;
