@@ -539,7 +539,7 @@ def test_timing(page: Any) -> None:
         expect(page.get_by_role("img", name=re.compile(f"{name}: half within .*s"))).to_be_visible()
     worst = page.locator(".worst", has_text="longest exchange")
     expect(worst).to_contain_text(re.compile(r"exchange [0-9.]+.*\d\d:\d\d:\d\d\.\d{3}"))
-    show(page, "1 min")
+    show(page, "5 min")  # the page is not open for as long
     expect(worst).to_be_visible()
     expect(page.locator(".timing")).to_contain_text("since this page was opened")
     expect(page.locator(".timing")).to_contain_text("Scheduling")
