@@ -139,12 +139,19 @@ def until(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> Any:
 
 
 def save(page: Any, kind: str, tmp_path: Path) -> Path:
-    page.get_by_label("Format of the file").select_option(kind)
+    show_files(page)
+    page.get_by_label("Format").select_option(kind)
     with page.expect_download() as download:
-        page.get_by_role("button", name="of the window").click()
+        page.get_by_role("button", name="Save the window").click()
     file = tmp_path / f"window.{kind}"
     download.value.save_as(file)
     return file
+
+
+def show_files(page: Any) -> None:
+    button = page.get_by_role("button", name="Save", exact=True)
+    if button.get_attribute("aria-pressed") != "true":
+        button.click()
 
 
 def add(page: Any, name: str) -> None:
@@ -282,12 +289,20 @@ def test_what_is_drawn_and_saved_is_what_is_recorded(
 
     # A file in the same scope, without a daemon, has the same values.
     with serving(troll.env, str(files[1])) as address, shown(browser, address) as other:
-        add(other, TITLE)
-        until(lambda: "The whole file" in other.locator(".scope-status").inner_text())
-        until(lambda: status(other)["rows"] == len(recorded))
-        other.get_by_label("Format of the file").select_option("mcap")
+        until(lambda: shows_whole_file(other))
+        assert status(other)["rows"] == len(recorded)
+        assert sorted(name for lane in status(other)["lanes"] for name in lane["names"]) == [
+            TITLE,
+            ANALOG_TITLE,
+        ]
+        remove = other.get_by_role("button", name=f"Remove {ANALOG_TITLE}")
+        remove.focus()
+        remove.press("Enter")
+        until(lambda: [lane["names"] for lane in status(other)["lanes"]] == [[TITLE]])
+        show_files(other)
+        other.get_by_label("Format").select_option("mcap")
         with other.expect_download() as download:
-            other.get_by_role("button", name="of all").click()
+            other.get_by_role("button", name="Save all").click()
         download.value.save_as(tmp_path / "all.mcap")
         check_extremes(other, recorded, tmp_path)
     again = values_of(tmp_path / "all.mcap")
@@ -301,8 +316,9 @@ def check_extremes(page: Any, recorded: dict[int, Any], tmp_path: Path) -> None:
     numbers = array("d", [last + 101 + i for i in range(5000)])
     times = array("d", [end_ms + 101 + i for i in range(5000)])
     values = array("d", [float(i % 1000 == 500) for i in range(5000)])
-    extremes = Extremes([TITLE], generation=1)
+    extremes = Extremes([TITLE], generation=1000)
     extremes.add(Cycles(numbers, times, {TITLE: values}, {TITLE: "float64"}, {}, lost=False))
+    extremes.lost = True
     missing = status(page)["missing"]
     (worker,) = page.workers
     worker.evaluate(
@@ -316,7 +332,7 @@ def check_extremes(page: Any, recorded: dict[int, Any], tmp_path: Path) -> None:
     warning = page.locator(".scope-warning")
     until(lambda: "No peak is lost" in warning.inner_text())
     until(lambda: status(page)["missing"] == missing + 100)
-    until(lambda: f"{missing + 100} cycles are missing" in warning.inner_text())
+    until(lambda: f"Missing: {missing + 100} cycles" in warning.inner_text())
     start = end_ms + 100
     worker.evaluate(
         "start => self.onmessage({data: {do: 'window', start, span: 5200}})",
@@ -335,17 +351,40 @@ def check_extremes(page: Any, recorded: dict[int, Any], tmp_path: Path) -> None:
     assert "least value of cycles" in save(page, "csv", tmp_path).read_text()
 
 
-def test_an_incident_opens_in_the_scope_with_its_events(
+def shows_whole_file(page: Any) -> bool:
+    text = page.locator(".scope-status").get_attribute("data-view")
+    if text is None or "The whole file" not in page.locator(".scope-status").inner_text():
+        return False
+    seen = json.loads(text)
+    start, span = seen["view"]["start"], seen["view"]["span"]
+    step = span / seen["width"]
+    return bool(seen["rows"] and abs(start - seen["first"]) < step and seen["last"] <= start + span)
+
+
+def test_an_incident_opens_in_the_scope_with_the_signals_that_it_is_about(
     troll: Daemon, browser: Any, tmp_path: Path
 ) -> None:
     file = tmp_path / "incident.mcap"
-    troll.ctl("incident", "record")
+    troll.ctl("incident", "record", "the noise of slave 4 (EL3008)")
     troll.ctl("incident", "export", "last", "-o", str(file))
     with serving(troll.env, str(file)) as address, shown(browser, address) as page:
-        add(page, ANALOG)
-        until(lambda: "The whole file" in page.locator(".scope-status").inner_text())
-        until(lambda: status(page)["rows"] > 100)
+        until(lambda: shows_whole_file(page))
+        names = [name for lane in status(page)["lanes"] for name in lane["names"]]
+        assert ANALOG in names
+        assert {name.split("/")[0] for name in names} == {"4"}
+        texts = [it.text for it in ElementTree.parse(save(page, "svg", tmp_path)).iter()]
+        assert texts.count("T") == 1  # the trigger's moment
         exported = save(page, "csv", tmp_path).read_text()
+        # One more signal changes nothing of what is looked at.
+        page.get_by_role("application").focus()
+        page.keyboard.press("+")
+        settle(page)
+        before = status(page)["view"]
+        add(page, SIGNAL)
+        until(lambda: any(SIGNAL in lane["names"] for lane in status(page)["lanes"]))
+        until(lambda: "The whole file" in page.locator(".scope-status").inner_text())
+        settle(page)
+        assert status(page)["view"]["span"] == pytest.approx(before["span"])
     values = [value for _, _, value in rows_of(exported, f"{ANALOG_TITLE} [V]")]
     assert len(values) > 100
     assert max(values) > min(values)
@@ -382,7 +421,8 @@ def test_triggers_show_the_cycle_that_fulfils_them(
     before = status(page)["rows"]
     until(lambda: status(page)["rows"] > before)  # it goes on recording
 
-    # An event of the bus.
+    # An event of the bus, of a kind that was there before.
+    troll.ctl("incident", "record")
     trigger.get_by_role("combobox", name="Trigger").select_option("event")
     trigger.get_by_role("combobox", name="Event").select_option("incident")
     until(lambda: status(page)["trigger"] == "waits")
@@ -507,6 +547,7 @@ def test_what_people_do_with_the_scope(troll: Daemon, browser: Any, tmp_path: Pa
 
         # A layout is a file; a wrong one says what is wrong.
         with page.expect_download() as download:
+            show_files(page)
             page.get_by_role("button", name="Save layout").click()
         download.value.save_as(tmp_path / "layout.json")
         layout = json.loads((tmp_path / "layout.json").read_text())

@@ -19,9 +19,10 @@ from typing import Any
 
 _BUS, _RIG = "ecat0", "troll"
 _OUTPUT = "3/0x70{}0:01"
-_SIGNALS = 3
+_SIGNALS = 2
+_INPUTS = "4/0x6000:11", "4/0x6010:11"
 _STREAMS = ("stdout", "stderr")
-_CALM = ("--cycle-time-us", "4000")
+_CALM = ("--cycle-time-us", "8000")
 """A cycle that the machine keeps while it also draws a page."""
 _PICTURES = {
     "live-view": ((1280, 800), "light", "tab=slave&slave=3"),
@@ -39,7 +40,7 @@ with Client() as client, client.claim(names, lease=2):
     cycle = 0
     while True:
         for at, signal in enumerate(signals):
-            signal.raw = (cycle // (100 << at)) % 2
+            signal.raw = (cycle // (50 << at)) % 2
         client.commit()
         client.wait()
         client.sample()
@@ -90,15 +91,16 @@ def main(folder: Path) -> None:
 
 def _take(page: Any, address: str, folder: Path) -> None:
     page.goto(address)
-    page.evaluate("location.hash = 'tab=slave&slave=3'")
-    for number in range(_SIGNALS):
-        page.locator(f'[data-signal="{_OUTPUT.format(number)}"] .add').click()
+    for name in (*_INPUTS, *(_OUTPUT.format(number) for number in range(_SIGNALS))):
+        page.evaluate(f"location.hash = 'tab=slave&slave={name[0]}'")
+        page.locator(f'[data-signal="{name}"] .add').click()
     time.sleep(12)  # the scope shows the last ten seconds
     for name, ((width, height), theme, chosen) in _PICTURES.items():
         page.set_viewport_size({"width": width, "height": height})
         while page.evaluate("document.documentElement.dataset.theme") != theme:
             page.keyboard.press("t")
         page.evaluate(f"location.hash = '{chosen}'")
+        page.evaluate("document.activeElement.blur()")
         time.sleep(3)
         page.screenshot(path=folder / f"{name}.png")
 

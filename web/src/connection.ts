@@ -33,14 +33,14 @@ export interface Listener {
 }
 
 export class Connection {
-  private socket: WebSocket | null = null;
-  private number = 0;
-  private again = 0;
+  socket: WebSocket | null = null;
+  #number = 0;
+  #again = 0;
   /** When the server last said something, and whether it had said nothing at the last look. */
-  private heard = 0;
-  private isSilent = false;
-  private readonly waiting = new Map<number, Waiting>();
-  private trace: { signals: string[]; history: string[]; generation: number } = {
+  heard = 0;
+  isSilent = false;
+  readonly #waiting = new Map<number, Waiting>();
+  #trace: { signals: string[]; history: string[]; generation: number } = {
     signals: [], history: [], generation: 0,
   };
 
@@ -49,19 +49,19 @@ export class Connection {
   /** Changes the token of the address into a cookie, if there is one, and connects. */
   async open(): Promise<void> {
     // Somebody may also open a new address in a page that is there already.
-    addEventListener("hashchange", () => void this.login());
-    await this.login();
-    this.connect();
-    setInterval(() => this.look(), 1000);
+    addEventListener("hashchange", () => void this.#login());
+    await this.#login();
+    this.#connect();
+    setInterval(() => this.#look(), 1000);
   }
 
   /** Asks a query of docs/zenoh-keys.md. Rejects with `AskError`. */
   ask(key: string, parameters: Value = {}, payload: Value = {}): Promise<Value> {
-    const ask = ++this.number;
+    const ask = ++this.#number;
     return new Promise((resolve, reject) => {
-      this.waiting.set(ask, { resolve, reject });
+      this.#waiting.set(ask, { resolve, reject });
       if (!this.send({ type: "ask", ask, key, parameters, payload })) {
-        this.waiting.delete(ask);
+        this.#waiting.delete(ask);
         reject(lost());
       }
     });
@@ -72,9 +72,9 @@ export class Connection {
    * returns the generation of their batches.
    */
   setTrace(signals: string[], history: string[]): number {
-    this.trace = { signals, history, generation: this.trace.generation + 1 };
-    this.send({ type: "trace", ...this.trace });
-    return this.trace.generation;
+    this.#trace = { signals, history, generation: this.#trace.generation + 1 };
+    this.send({ type: "trace", ...this.#trace });
+    return this.#trace.generation;
   }
 
   /** Logs a user in; returns why not, or "". */
@@ -83,7 +83,7 @@ export class Connection {
     const answer = await fetch("/login", { headers: { Authorization: `Basic ${btoa(text)}` } }).catch(() => null);
     if (answer === null) return "The server does not answer. Try again.";
     if (!answer.ok) return ((await answer.json()) as Login).message;
-    this.connect();
+    this.#connect();
     return "";
   }
 
@@ -93,22 +93,22 @@ export class Connection {
     location.reload();
   }
 
-  private async login(): Promise<void> {
+  async #login(): Promise<void> {
     const token = new URLSearchParams(location.hash.slice(1)).get("token");
     if (token === null) return;
     history.replaceState(null, "", location.pathname + location.search);
     await fetch("/login", { headers: { Authorization: `Bearer ${token}` } }).catch(() => null);
   }
 
-  private send(request: Request): boolean {
+  send(request: Request): boolean {
     if (this.socket?.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify(request));
     return true;
   }
 
-  private connect(): void {
+  #connect(): void {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    clearTimeout(this.again);
+    clearTimeout(this.#again);
     const bus = new URLSearchParams(location.search).get("bus");
     const which = bus === null ? "" : `?bus=${encodeURIComponent(bus)}`;
     const socket = new WebSocket(`${scheme}://${location.host}/socket${which}`);
@@ -117,23 +117,23 @@ export class Connection {
     this.heard = Date.now();
     socket.onopen = () => {
       this.listener.connected("open");
-      if (this.trace.signals.length > 0) this.send({ type: "trace", ...this.trace });
+      if (this.#trace.signals.length > 0) this.send({ type: "trace", ...this.#trace });
     };
     socket.onmessage = ({ data }: MessageEvent<string | ArrayBuffer>) => {
       if (this.socket !== socket) return;
       this.heard = Date.now();
-      if (typeof data === "string") this.take(JSON.parse(data) as Message);
+      if (typeof data === "string") this.#take(JSON.parse(data) as Message);
       else this.listener.batch(data);
     };
     socket.onclose = () => {
-      if (this.socket === socket) void this.lose();
+      if (this.socket === socket) void this.#lose();
     };
   }
 
-  private take(message: Message): void {
+  #take(message: Message): void {
     if (message.type === "answer" || message.type === "failure") {
-      const waiting = this.waiting.get(message.ask);
-      this.waiting.delete(message.ask);
+      const waiting = this.#waiting.get(message.ask);
+      this.#waiting.delete(message.ask);
       if (message.type === "answer") waiting?.resolve(message.answer);
       else waiting?.reject(new AskError(message.failure));
     } else {
@@ -142,7 +142,7 @@ export class Connection {
   }
 
   /** A network that has gone, and a server that hangs, close no connection. */
-  private look(): void {
+  #look(): void {
     const wasSilent = this.isSilent;
     this.isSilent = this.socket !== null && Date.now() - this.heard > SILENT_MS;
     // Twice: what has come meanwhile is heard first, if the page itself was busy.
@@ -151,17 +151,17 @@ export class Connection {
     this.socket = null;
     socket?.close();
     this.listener.connected("lost", undefined, this.heard);
-    void this.lose();
+    void this.#lose();
   }
 
-  private async lose(): Promise<void> {
-    for (const { reject } of this.waiting.values()) reject(lost());
-    this.waiting.clear();
+  async #lose(): Promise<void> {
+    for (const { reject } of this.#waiting.values()) reject(lost());
+    this.#waiting.clear();
     // A browser does not tell the page why a WebSocket was refused; `/login` without a token does.
     const answer = await fetch("/login", { signal: AbortSignal.timeout(SILENT_MS) }).catch(() => null);
     if (answer?.status === 401) this.listener.connected("refused", (await answer.json()) as Login);
     else this.listener.connected("lost");
-    this.again = window.setTimeout(() => this.connect(), PAUSE_MS);
+    this.#again = window.setTimeout(() => this.#connect(), PAUSE_MS);
   }
 }
 

@@ -30,6 +30,11 @@ export function Section(props: { title: string; aside?: ComponentChildren; child
   );
 }
 
+/** Puts the focus on the panel, or another place, when it shows what was chosen. */
+export function showPanel(place = "#panel [role='tabpanel']"): void {
+  requestAnimationFrame(() => document.querySelector<HTMLElement>(place)?.focus());
+}
+
 /** Tabs as the ARIA practices describe them: arrows choose. */
 export function Tabs<T extends string>(props: {
   label: string;

@@ -1,6 +1,7 @@
 // The top line: what operators ask first.
 import type { Lamp } from "./protocol";
 import type { State } from "./state";
+import { showPanel } from "./controls";
 import { clock, lasting } from "./text";
 
 const WORDS = { good: "good", warning: "warning", bad: "bad", unknown: "not known" } as const;
@@ -25,8 +26,7 @@ export function Lamps({ state }: { state: State }) {
     if (id === "link" && evidence.slave !== null) state.part.value = "health"; // the cables at the slave
     if (evidence.panel !== "topology") state.tab.value = evidence.panel;
     else if (evidence.slave !== null) state.tab.value = "slave";
-    const target = evidence.panel === "topology" ? "topology" : "panel";
-    document.getElementById(target)?.focus();
+    showPanel(evidence.panel === "topology" ? "#topology [tabindex='0']" : undefined);
   };
   return (
     <nav class="lamps" aria-label="State of the bus">

@@ -14,7 +14,8 @@ interface Sizes {
 }
 
 function kept(): Sizes {
-  const usual: Sizes = { left: 290, right: 390, leftClosed: false, rightClosed: false };
+  const most = (part: number, size: number) => Math.min(size, Math.round(innerWidth * part));
+  const usual: Sizes = { left: most(0.22, 290), right: most(0.3, 390), leftClosed: false, rightClosed: false };
   try {
     return { ...usual, ...(JSON.parse(localStorage.getItem(KEY) ?? "{}") as Partial<Sizes>) };
   } catch {

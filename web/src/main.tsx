@@ -11,7 +11,7 @@ const connection: Connection = new Connection({
   connected: (...change) => state.takeConnected(...change),
   message: (message) => {
     state.take(message);
-    if (message.type === "signals") scope.setSignals(message.signals);
+    if (message.type === "signals") scope.setSignals(message);
     else if (message.type === "events") scope.takeEvents(message.events);
     else scope.takeMessage(message);
   },

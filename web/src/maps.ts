@@ -1,20 +1,6 @@
 // The maps of docs/zenoh-keys.md that the page reads, as far as it reads them.
 import type { Failure } from "./protocol";
 
-export interface Entry {
-  index: number;
-  subindex: number;
-  name: string;
-  data_type: number;
-  bit_length: number;
-}
-
-export interface Pdo {
-  index: number;
-  name: string;
-  entries: Entry[];
-}
-
 export interface Slave {
   position: number;
   name: string;
@@ -34,8 +20,6 @@ export interface Slave {
   problems: string[];
   profiles: { description: string }[];
   modules: { ident: number; name: string }[];
-  outputs: Pdo[];
-  inputs: Pdo[];
   domain: number;
   dc_bits: number;
   dc_delay_ns: number;

@@ -46,6 +46,13 @@ test("a slave that does not answer stays where it was", () => {
   assert.ok(unknown.every((row) => row.before === null && !row.gone));
 });
 
+test("while a ring is open, nobody says what ports lead to, and yet no cable is gone", () => {
+  const open = structuredClone(BRANCHES);
+  for (const { ports } of open.slaves) for (const each of ports) each.to = null;
+  const found = rows(busOf(5), open, plugs(BRANCHES));
+  assert.deepEqual(found.map((row) => [row.before, row.gone]), [[-1, false], [0, false], [1, false], [2, false], [1, false]]);
+});
+
 test("200 slaves in a line are one column", () => {
   const line = { slaves: busOf(200).slaves.map(({ position }) => ({ position, ports: [port(0, [position - 1, 1]), port(1, position < 199 ? [position + 1, 0] : null)] })) };
   const found = rows(busOf(200), line as unknown as Errors, new Map());

@@ -73,7 +73,8 @@ export type Message =
   | ({ type: "rights" } & Rights)
   /** The way to the daemon. While it is down, all values are old. */
   | { type: "link"; up: boolean; text: string; since: number }
-  | { type: "signals"; signals: Signal[] }
+  /** Those that a file is about are `shown` at first. */
+  | { type: "signals"; signals: Signal[]; shown: string[] }
   /**
    * What the server watches: the answer to the query `key`, or why there is none. `key` "reading":
    * what has happened in an incident, as `text`; "worst": the worst cycles.

@@ -23,6 +23,8 @@ const KEYS: [string, string][] = [
   ["↑ ↓", "along the wire, in the topology"],
   ["←", "back to where a branch begins"],
   ["Enter", "open the slave in the panel"],
+  ["← → + −", "on the curves: move, zoom"],
+  ["Home End C", "on the curves: all, the newest, cursors"],
   ["t", "light, dark, or as the system"],
   ["?", "this list"],
   ["Esc", "close it"],
@@ -31,11 +33,12 @@ const KEYS: [string, string][] = [
 export function Page({ state }: { state: State }) {
   useEffect(() => {
     const onKey = (event: KeyboardEvent) => {
+      if (event.defaultPrevented) return;
       const target = event.target as HTMLElement;
       const types = ["INPUT", "TEXTAREA", "SELECT"].includes(target.tagName);
       if (event.key === "Escape") {
         state.help.value = false;
-        if (types) target.blur();
+        if (types) focusOn(target.closest("[tabindex]"));
       }
       if (types || event.ctrlKey || event.metaKey || event.altKey) return;
       const tab = TABS[Number(event.key) - 1];
@@ -49,6 +52,7 @@ export function Page({ state }: { state: State }) {
     addEventListener("keydown", onKey);
     return () => removeEventListener("keydown", onKey);
   }, []);
+  useEffect(keepFocus, []);
   if (state.connected.value === "refused") return state.login.value.by === "password" ? <LogIn state={state} /> : <Refused />;
   return (
     <div class={state.fresh.value || state.hello.value.title === "" ? "page" : "page stale"}>
@@ -61,6 +65,28 @@ export function Page({ state }: { state: State }) {
       {state.help.value && <Help state={state} />}
     </div>
   );
+}
+
+/** Puts the focus there, or else on the curves: it is never lost. */
+function focusOn(place: HTMLElement | null | undefined): void {
+  (place ?? document.querySelector<HTMLElement>(".scope-screen"))?.focus();
+}
+
+/** Where what had the focus is taken away, that around it gets it. */
+function keepFocus() {
+  let path: HTMLElement[] = [];
+  const remember = (event: FocusEvent) => (path = event.composedPath() as HTMLElement[]);
+  addEventListener("focusin", remember);
+  const watch = new MutationObserver(() => {
+    if (document.activeElement === document.body && path[0]?.isConnected === false) {
+      focusOn(path.find((place) => place.isConnected && place.hasAttribute?.("tabindex")));
+    }
+  });
+  watch.observe(document.body, { childList: true, subtree: true });
+  return () => {
+    removeEventListener("focusin", remember);
+    watch.disconnect();
+  };
 }
 
 function Top({ state }: { state: State }) {

@@ -75,9 +75,9 @@ export class State {
   /** The last file of each slave: it goes on while the panel shows something else. */
   readonly transfers = signal<ReadonlyMap<number, FileTransfer>>(new Map());
 
-  private moment: number | null = null;
-  private choseTab = false;
-  private readonly answers = new Map<string, Cell<Answer<unknown>>>();
+  #moment: number | null = null;
+  #choseTab = false;
+  readonly #answers = new Map<string, Cell<Answer<unknown>>>();
 
   /** Whether the values are of now: the page hears the server, and this hears the daemon. */
   readonly fresh = computed(() => this.connected.value === "open" && this.link.value.up);
@@ -99,10 +99,10 @@ export class State {
 
   constructor(readonly connection: Connection, traces: Traces, readonly scope: ScopeModel) {
     this.live = new LiveValues(traces);
-    setInterval(() => (this.now.value = this.moment ?? Date.now() / 1000), 1000);
-    this.readFragment();
-    addEventListener("hashchange", () => this.readFragment());
-    effect(() => this.writeFragment());
+    setInterval(() => (this.now.value = this.#moment ?? Date.now() / 1000), 1000);
+    this.#readFragment();
+    addEventListener("hashchange", () => this.#readFragment());
+    effect(() => this.#writeFragment());
     effect(() => void (document.title = this.title()));
     effect(() => {
       localStorage.setItem(THEME, this.theme.value);
@@ -112,10 +112,10 @@ export class State {
 
   /** The last answer to a query that the server watches. */
   of<K extends keyof Answers>(key: K): Cell<Answer<Answers[K]>> {
-    let cell = this.answers.get(key);
+    let cell = this.#answers.get(key);
     if (cell === undefined) {
       cell = signal<Answer<unknown>>({ value: null, failure: null, at: 0 });
-      this.answers.set(key, cell);
+      this.#answers.set(key, cell);
     }
     return cell as Cell<Answer<Answers[K]>>;
   }
@@ -123,8 +123,13 @@ export class State {
   /** How long before now a moment was; in an incident, how far from its trigger. */
   ago(seconds: number): string {
     const past = this.now.value - seconds;
-    if (this.moment === null) return past < 1 ? "now" : `${lasting(past)} ago`;
+    if (this.#moment === null) return past < 1 ? "now" : `${lasting(past)} ago`;
     return Math.abs(past) < 1 ? "at the trigger" : `${lasting(Math.abs(past))} ${past > 0 ? "before" : "after"} the trigger`;
+  }
+
+  /** What is said where the slaves would be, while they are not known. */
+  nothing(): string {
+    return this.hello.value.source === "file" ? "The file does not describe the bus." : "Nothing is known of the bus yet.";
   }
 
   may(right: string): boolean {
@@ -135,7 +140,7 @@ export class State {
     switch (message.type) {
       case "hello":
         this.hello.value = message;
-        this.moment = null;
+        this.#moment = null;
         break;
       case "rights":
         this.hello.value = { ...this.hello.value, ...message };
@@ -150,15 +155,15 @@ export class State {
         this.lamps.value = message.lamps;
         break;
       case "events":
-        this.takeEvents(message.events, message.left_out);
+        this.#takeEvents(message.events, message.left_out);
         break;
       case "value": {
         const cell = this.of(message.key as keyof Answers) as Cell<Answer<unknown>>;
         // What failed leaves the last value, which the page shows as old.
         const value = message.value ?? cell.value.value;
         cell.value = { value, failure: message.failure ?? null, at: message.at };
-        if (message.key === "reading") this.takeReading(message.at);
-        if (message.key === "ro/stats" && message.value !== null) this.keepStatistics(message.value as unknown as Statistics, message.at);
+        if (message.key === "reading") this.#takeReading(message.at);
+        if (message.key === "ro/stats" && message.value !== null) this.#keepStatistics(message.value as unknown as Statistics, message.at);
       }
     }
   }
@@ -170,7 +175,7 @@ export class State {
   }
 
   /** The bus and its worst lamp, for those who see only the tab. */
-  private title(): string {
+  title(): string {
     const lamps = this.lamps.value;
     const worst = lamps.find((lamp) => lamp.state === "bad") ?? lamps.find((lamp) => lamp.state === "warning");
     const sign = !this.fresh.value ? "✕ No connection · " : worst === undefined ? "" : `${worst.state === "bad" ? "■" : "▲"} ${worst.title} · `;
@@ -189,14 +194,14 @@ export class State {
     return slave === undefined ? `slave ${position}` : slave.given_name || slave.name || `slave ${position}`;
   }
 
-  private keepStatistics(statistics: Statistics, at: number): void {
+  #keepStatistics(statistics: Statistics, at: number): void {
     const kept = this.readings.value.filter((item) => item.statistics.instance === statistics.instance && item.at > at - READINGS_S);
     // The newest one always; it stays if it is far enough from the one before.
     if (kept.length > 1 && kept.at(-1)!.at - kept.at(-2)!.at < READING_S) kept.pop();
     this.readings.value = [...kept, { at, statistics }];
   }
 
-  private takeEvents(events: BusEvent[], leftOut: number): void {
+  #takeEvents(events: BusEvent[], leftOut: number): void {
     const key = (item: BusEvent) => `${String(item["instance"])}/${item.sequence}`;
     const known = new Set(this.events.value.map(key));
     const fresh = events.filter((item) => !known.has(key(item)));
@@ -207,26 +212,26 @@ export class State {
   }
 
   /** An incident begins with what has happened, unless the address of the page names a tab. */
-  private takeReading(at: number): void {
-    this.now.value = this.moment = at;
-    if (!this.choseTab) this.tab.value = "events";
-    this.choseTab = true;
+  #takeReading(at: number): void {
+    this.now.value = this.#moment = at;
+    if (!this.#choseTab) this.tab.value = "events";
+    this.#choseTab = true;
   }
 
-  private readFragment(): void {
+  #readFragment(): void {
     const found = new URLSearchParams(location.hash.slice(1));
     const tab = found.get("tab") as Tab;
     const part = found.get("part") as Part;
     const slave = found.get("slave");
     if (TABS.includes(tab)) {
       this.tab.value = tab;
-      this.choseTab = true;
+      this.#choseTab = true;
     }
     if (PARTS.includes(part)) this.part.value = part;
     if (slave !== null && /^\d+$/.test(slave)) this.selected.value = Number(slave);
   }
 
-  private writeFragment(): void {
+  #writeFragment(): void {
     const parts = new URLSearchParams({ tab: this.tab.value });
     if (this.selected.value !== null) parts.set("slave", String(this.selected.value));
     if (this.part.value !== "now") parts.set("part", this.part.value);

@@ -9,9 +9,9 @@ export interface Tracer {
 }
 
 export class Traces {
-  private readonly wishes = new Map<{ history: boolean }, string[]>();
-  private asked = "";
-  private generation = 0;
+  readonly #wishes = new Map<{ history: boolean }, string[]>();
+  #asked = "";
+  #generation = 0;
 
   constructor(private readonly connection: Connection) {}
 
@@ -25,22 +25,22 @@ export class Traces {
       ask: (key: string, parameters: Value = {}, payload: Value = {}) =>
         this.connection.ask(key, parameters, payload),
       setTrace: (signals: string[]) => {
-        this.wishes.set(self, signals);
-        return this.send();
+        this.#wishes.set(self, signals);
+        return this.#send();
       },
     };
   }
 
-  private send(): number {
-    const wishes = [...this.wishes];
+  #send(): number {
+    const wishes = [...this.#wishes];
     const signals = union(wishes.map(([, names]) => names));
     const history = union(wishes.filter(([part]) => part.history).map(([, names]) => names));
     const text = JSON.stringify([signals, history]);
-    if (text !== this.asked) {
-      this.asked = text;
-      this.generation = this.connection.setTrace(signals, history);
+    if (text !== this.#asked) {
+      this.#asked = text;
+      this.#generation = this.connection.setTrace(signals, history);
     }
-    return this.generation;
+    return this.#generation;
   }
 }
 

@@ -199,7 +199,12 @@ class BusSource:
 
     async def _describe(self, hub: Hub, answer: Mapping[str, Any]) -> None:
         self._answers[Describe.key] = answer
-        hub.value(Describe.key, answer)
+        # Pages have the entries as signals. Twice they are some megabytes on a large bus.
+        slaves = [
+            {key: value for key, value in slave.items() if key not in ("outputs", "inputs")}
+            for slave in answer["slaves"]
+        ]
+        hub.value(Describe.key, {**answer, "slaves": slaves})
         # A bus with thousands of entries takes a while.
         found = await in_daemon_thread(
             lambda: describe_signals(read_bus(answer, "the answer of the daemon", strict=False))

@@ -39,6 +39,8 @@ class Feed:
         """The signals whose last seconds the page has."""
         self._held: list[Cycles] = []
         self._task: asyncio.Task[None] | None = None
+        self._filling: frozenset[str] = frozenset()
+        """The signals whose last seconds come now."""
 
     def take(self, cycles: Cycles, names: frozenset[str]) -> None:
         """Takes the next cycles of a trace with the signals `names`."""
@@ -49,7 +51,9 @@ class Feed:
         new = cycles.after(last)
         if new is None:
             return
-        if self._generation != page.generation and names.issuperset(page.signals):
+        # Who chooses several signals one after the other gets the last seconds of all, whole.
+        is_busy = self._task is not None and self._filling.issubset(page.history)
+        if self._generation != page.generation and names.issuperset(page.signals) and not is_busy:
             self._switch(new)
         if self._task is not None:
             self._held.append(new)
@@ -65,6 +69,7 @@ class Feed:
         self._generation = page.generation
         self._names = tuple(name for name in page.signals if name not in chosen)
         if chosen:
+            self._filling = chosen
             names = tuple(name for name in page.signals if name in chosen)
             self._task = asyncio.create_task(self._fill(names, int(new.numbers[0])))
 

@@ -11,6 +11,8 @@ import math
 import time
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -25,6 +27,11 @@ from .incident import RecordedIncident
 from .page import Page
 from .recording import Recording
 
+_SHOWN = 4
+"""Signals that pages show at first."""
+_LOOKED_AT = 2000
+"""Cycles at the begin of a file in which those are looked for that change."""
+_VALUE_BITS = 8
 _ROWS = 1000
 """Cycles that are sent at a time."""
 
@@ -34,6 +41,7 @@ class Contents(Protocol):
 
     about: str  #: What it is, in a sentence.
     signals: list[Mapping[str, Any]]  #: The signals, as pages know them.
+    named: list[str]  #: Names of those that it is about, as far as it says so.
     columns: dict[str, str]  #: The keys of their values in `cycles`, by their names.
 
     #: What would be the answers to queries, by their keys.
@@ -69,12 +77,13 @@ class FileSource:
         self._senders: dict[Page, asyncio.Task[None]] = {}
         self._contents = _open(path)
         self._types = {item["name"]: item["type"] for item in self._contents.signals}
+        self._shown = _choose(self._contents)
 
     async def run(self, hub: Hub) -> None:
         """See `Source`."""
         self._hub = hub
         hub.link(True, self._contents.about)
-        hub.describe(self._contents.signals)
+        hub.describe(self._contents.signals, self._shown)
         self._contents.tell(hub)
         try:
             await asyncio.Event().wait()
@@ -144,6 +153,24 @@ class FileSource:
             if not numbers:
                 return
             yield Cycles(numbers, times, values, types, invalid, lost=False)
+
+
+def _choose(contents: Contents) -> list[str]:
+    """The signals that pages show at first: of those that the file is about, what changes."""
+    first: dict[str, Any] = {}
+    changing: set[str] = set()
+    with suppress(EcatError):  # pages hear of what is damaged where they come to it
+        for _, _, cells in islice(contents.cycles(), _LOOKED_AT):
+            for column, cell in cells.items():
+                if cell is not None and cell != first.setdefault(column, cell):
+                    changing.add(column)
+
+    def rank(signal: Mapping[str, Any]) -> tuple[bool, bool]:
+        # Bits say less than the values beside them.
+        return signal["bits"] < _VALUE_BITS, contents.columns[signal["name"]] not in changing
+
+    found = [it for it in contents.signals if not contents.named or it["name"] in contents.named]
+    return [signal["name"] for signal in sorted(found, key=rank)[:_SHOWN]]
 
 
 def _open(path: Path) -> Contents:

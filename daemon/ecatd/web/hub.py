@@ -114,10 +114,11 @@ class Hub:
             self._link = (up, text)
             self._tell("link", {"type": "link", "up": up, "text": text, "since": time.time()})
 
-    def describe(self, signals: Iterable[Mapping[str, Any]]) -> None:
-        """Tells which signals there are."""
+    def describe(self, signals: Iterable[Mapping[str, Any]], shown: Iterable[str] = ()) -> None:
+        """Tells which signals there are, and the names of those that the scope shows at first."""
         self.signals = {signal["name"]: signal for signal in signals}
-        self._tell("signals", {"type": "signals", "signals": [*self.signals.values()]})
+        message = {"type": "signals", "signals": [*self.signals.values()], "shown": [*shown]}
+        self._tell("signals", message)
 
     def value(
         self,

@@ -7,6 +7,7 @@ makes sense, and what does not is told as the failure of that part.
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
@@ -37,6 +38,8 @@ _MOST = 32 << 20
 _TEXT_MOST = 1 << 16
 _OUTPUTS = "outputs"
 """The lamp that needs to know who owns outputs, which an incident does not say."""
+_SLAVE = re.compile(r"(?<![\d:.])(\d+) \((?!cycle |\d)")
+"""A slave in a text, such as that of `slaves 5 (EL3008) and 6 (EL6751)`."""
 _DEFAULTS: Mapping[str, Any] = {"minimum": None, "maximum": None, "values": {}}
 _BY_FILE = ("slave", "address", "output", "type", "scale", "offset", "unit")
 _BY_DESCRIPTION = ("label", "bits", "minimum", "maximum", "values")
@@ -80,6 +83,20 @@ class RecordedIncident:
             self.answers[READING] = error
         self._events, self._bad_events = self._read_events()
         self.signals, self.columns = self._describe()
+        self.named = self._named()
+
+    def _named(self) -> list[str]:
+        """The signals that the trigger or the reading names, or those of the slaves there."""
+        answer = self.answers[READING]
+        for text in (self.about, answer["text"] if isinstance(answer, Mapping) else ""):
+            slaves = {int(found) for found in _SLAVE.findall(text)}
+            for found in (
+                [it["name"] for it in self.signals if it["path"] in text],
+                [it["name"] for it in self.signals if it["slave"] in slaves],
+            ):
+                if found:
+                    return found
+        return []
 
     def _head(self) -> tuple[float, str]:
         """Unix time of the trigger in seconds, and what the file is about."""

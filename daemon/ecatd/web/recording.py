@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,10 @@ from ecatd.base.errors import EcatError, UsageError
 from ecatd.base.recording_file import Place, RecordingFile
 
 from .hub import Hub
+
+_LOOKED_AT = 1000
+"""Cycles at the begin of a file that say what is a bit, since the file does not."""
+_BIT = {0, 1}
 
 
 class Recording:
@@ -28,17 +34,22 @@ class Recording:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._file = RecordingFile(path)
-        first = next(self.cycles(), None)
-        if first is None:
+        seen: defaultdict[str, set[Any]] = defaultdict(set)
+        for _, _, cells in islice(self.cycles(), _LOOKED_AT):
+            for column, cell in cells.items():
+                if len(seen[column]) <= len(_BIT):
+                    seen[column].add(cell)
+        if not seen:
             raise UsageError(f"{path}: there are no values of `ecatctl record` in it")
         units = self._file.units()
         found: dict[str, Mapping[str, Any]] = {}
         self.columns: dict[str, str] = {}
-        for column in first[2]:
-            described = _describe(column, units.get(column, ""))
+        for column, values in seen.items():
+            described = _describe(column, units.get(column, ""), is_bit=values == _BIT)
             found[described["name"]] = described
             self.columns[described["name"]] = column
         self.signals = [*found.values()]
+        self.named: list[str] = []
         self.answers: dict[str, Mapping[str, Any] | EcatError] = {}
 
     def cycles(self) -> Iterator[tuple[int, int, Mapping[str, Any]]]:
@@ -56,7 +67,7 @@ class Recording:
         """See `Contents`: there is nothing else."""
 
 
-def _describe(column: str, unit: str) -> dict[str, Any]:
+def _describe(column: str, unit: str, *, is_bit: bool) -> dict[str, Any]:
     place = Place.of(column)
     slave, _, entry = column.partition("/")
     address = address_text(*place.address) if place else entry
@@ -68,7 +79,7 @@ def _describe(column: str, unit: str) -> dict[str, Any]:
         "address": address,
         "output": False,
         "type": "float64",
-        "bits": 64,
+        "bits": 1 if is_bit else 64,
         "scale": 1.0,
         "offset": 0.0,
         "unit": unit,

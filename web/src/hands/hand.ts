@@ -19,13 +19,13 @@ export class Hand {
   readonly trouble = signal("");
 
   /** Another one for each holding, so that a late answer or release is never about the next one. */
-  private writer = "";
-  private values = new Map<string, HandValue>();
-  private changed = new Set<string>();
-  private timer: number | undefined;
+  #writer = "";
+  #values = new Map<string, HandValue>();
+  #changed = new Set<string>();
+  #timer: number | undefined;
   /** What lets this page begin; null: it is still on its way; "": it has begun. */
-  private ticket: string | null = null;
-  private onTheWay = 0;
+  #ticket: string | null = null;
+  #onTheWay = 0;
 
   constructor(private readonly connection: Pick<Connection, "ask">) {
     // A page that is not seen is not looked after: its timers become slow as well.
@@ -41,78 +41,78 @@ export class Hand {
   hold(values: Iterable<[string, HandValue]>): void {
     const wanted = new Map(values);
     for (const [name, value] of wanted) {
-      if (this.values.get(name) !== value) this.changed.add(name);
+      if (this.#values.get(name) !== value) this.#changed.add(name);
     }
-    this.values = wanted;
-    if (this.timer === undefined) {
-      this.writer = crypto.randomUUID();
-      this.ticket = null;
+    this.#values = wanted;
+    if (this.#timer === undefined) {
+      this.#writer = crypto.randomUUID();
+      this.#ticket = null;
       this.trouble.value = "";
-      this.changed = new Set(wanted.keys());
-      this.timer = setInterval(() => this.renew(), RENEW_MS);
-      this.begin();
-    } else this.renew();
+      this.#changed = new Set(wanted.keys());
+      this.#timer = setInterval(() => this.#renew(), RENEW_MS);
+      this.#begin();
+    } else this.#renew();
   }
 
   /** Lets go at once. The outputs take their safe values. */
   release(): void {
-    if (this.timer === undefined) return;
-    this.stop("");
-    this.connection.ask(`rw/outputs/release/${this.writer}`).catch(() => undefined);
+    if (this.#timer === undefined) return;
+    this.#stop("");
+    this.connection.ask(`rw/outputs/release/${this.#writer}`).catch(() => undefined);
   }
 
   get isHolding(): boolean {
-    return this.timer !== undefined;
+    return this.#timer !== undefined;
   }
 
   /** Nothing moves before the daemon has answered, so nothing moves late: see `HoldOutputs`. */
-  private begin(): void {
-    const writer = this.writer;
-    const isMine = () => this.timer !== undefined && this.writer === writer;
+  #begin(): void {
+    const writer = this.#writer;
+    const isMine = () => this.#timer !== undefined && this.#writer === writer;
     this.connection
-      .ask(`rw/outputs/hold/${writer}`, {}, { values: Object.fromEntries(this.values), begin: true })
+      .ask(`rw/outputs/hold/${writer}`, {}, { values: Object.fromEntries(this.#values), begin: true })
       .then(
         ({ ticket }) => {
           if (!isMine()) return;
-          this.ticket = ticket as string;
-          this.renew();
+          this.#ticket = ticket as string;
+          this.#renew();
         },
         (error: unknown) => {
-          if (isMine()) this.stop(sentence(error));
+          if (isMine()) this.#stop(sentence(error));
         },
       );
   }
 
-  private renew(): void {
-    if (this.timer === undefined || this.ticket === null || this.onTheWay >= MOST_ON_THE_WAY) return;
-    const writer = this.writer;
+  #renew(): void {
+    if (this.#timer === undefined || this.#ticket === null || this.#onTheWay >= MOST_ON_THE_WAY) return;
+    const writer = this.#writer;
     const payload: Value = {
       values: Object.fromEntries(
-        [...this.values].map(([name, value]) => [name, this.changed.has(name) ? value : null]),
+        [...this.#values].map(([name, value]) => [name, this.#changed.has(name) ? value : null]),
       ),
     };
-    if (this.ticket !== "") payload["ticket"] = this.ticket;
-    this.ticket = "";
-    this.changed.clear();
-    this.onTheWay++;
+    if (this.#ticket !== "") payload["ticket"] = this.#ticket;
+    this.#ticket = "";
+    this.#changed.clear();
+    this.#onTheWay++;
     this.connection
       .ask(`rw/outputs/hold/${writer}`, {}, payload)
       .then(
         () => {
-          if (this.timer !== undefined && this.writer === writer) this.holds.value = true;
+          if (this.#timer !== undefined && this.#writer === writer) this.holds.value = true;
         },
         (error: unknown) => {
-          if (this.timer !== undefined && this.writer === writer) this.stop(sentence(error));
+          if (this.#timer !== undefined && this.#writer === writer) this.#stop(sentence(error));
         },
       )
-      .finally(() => this.onTheWay--);
+      .finally(() => this.#onTheWay--);
   }
 
-  private stop(why: string): void {
-    clearInterval(this.timer);
-    this.timer = undefined;
-    this.values.clear();
-    this.changed.clear();
+  #stop(why: string): void {
+    clearInterval(this.#timer);
+    this.#timer = undefined;
+    this.#values.clear();
+    this.#changed.clear();
     this.holds.value = false;
     if (why !== "") this.trouble.value = why;
   }

@@ -48,8 +48,9 @@ export function layOut(
   );
   const bottom = height - TIMES - TRACK;
   const most = (bottom - TOP) * (analog.length > 0 ? 0.5 : 0.9);
-  const small = Math.min(DIGITAL, most / Math.max(1, digital.length));
-  const high = bottom - TOP - digital.length * small;
+  // Alone they have more room, from the top.
+  const small = Math.min(DIGITAL * (analog.length > 0 ? 1 : 3), most / Math.max(1, digital.length));
+  const high = analog.length > 0 ? bottom - TOP - digital.length * small : 0;
   const of = (axis: string) => before.find((lane) => lane.axis === axis);
   const lanes = analog.map(([axis, [...all]], i): Lane => {
     const each = stacked ? (high - GAP * (analog.length - 1)) / analog.length : high - 4;
@@ -149,9 +150,10 @@ export function timeTicks(start: number, span: number, most: number): { times: n
   return { times, step };
 }
 
+const two = (value: number) => String(value).padStart(2, "0");
+
 export function timeText(time: number, step: number): string {
   const date = new Date(time);
-  const two = (value: number) => String(value).padStart(2, "0");
   const whole = `${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}`;
   if (step >= 1000) return whole;
   const digits = step >= 100 ? 1 : step >= 10 ? 2 : step >= 1 ? 3 : 6;
@@ -162,7 +164,6 @@ export function timeText(time: number, step: number): string {
 
 function dateText(time: number): string {
   const date = new Date(time);
-  const two = (value: number) => String(value).padStart(2, "0");
   return `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())}`;
 }
 
@@ -245,5 +246,6 @@ export function drawAxes(
   });
 }
 
+/** Names of a slave differ at their ends. */
 const shorten = (text: string, most: number) =>
-  text.length > most ? `${text.slice(0, most - 1)}…` : text;
+  text.length > most ? `${text.slice(0, 3)}…${text.slice(4 - most)}` : text;

@@ -1,7 +1,6 @@
 // The line above the curves: search, window, what is shown, files.
 import { useSignal } from "@preact/signals";
 
-import type { Format } from "./messages";
 import type { ScopeModel } from "./model";
 import { toggleCursors } from "./screen";
 import { search } from "./search";
@@ -45,12 +44,12 @@ function Search({ model }: { model: ScopeModel }) {
           else if (event.key === "Enter") {
             choose(found[at.value]?.name);
             event.currentTarget.select();
-          } else if (event.key === "Escape") isOpen.value = false;
+          } else if (event.key === "Escape" && isOpen.value) isOpen.value = false;
           else return;
           event.preventDefault();
         }}
       />
-      <ul id="scope-found" role="listbox" aria-label="Signals that match" hidden={found.length === 0}>
+      <ul id="scope-found" tabIndex={-1} role="listbox" aria-label="Signals that match" hidden={found.length === 0}>
         {found.map((each, i) => (
           <li key={each.name} id={`scope-found-${i}`} role="option" aria-selected={i === at.value}
             onMouseDown={(event: MouseEvent) => { event.preventDefault(); choose(each.name); }}>
@@ -72,12 +71,6 @@ export function Controls({ model }: { model: ScopeModel }) {
   const names = model.curves.value.filter((curve) => !curve.hidden).map(({ name }) => name);
   const isFile = model.source.value === "file";
   const known = SPANS.some(([, span]) => span === view?.span);
-  const save = useSignal<Format>("csv");
-  const open = (file: File | undefined) => {
-    if (!file) return;
-    if (file.size > 1e6) model.notice.value = "The file is too long for a layout.";
-    else void file.text().then((text) => model.open(text));
-  };
   return (
     <div class="scope-controls" role="toolbar" aria-label="Scope">
       <Search model={model} />
@@ -103,15 +96,7 @@ export function Controls({ model }: { model: ScopeModel }) {
         model.setLook(look?.kind === "spectrum" ? null : { kind: "spectrum", names: names.slice(0, 1), window: "hann", decibel: false })} />
       <Toggle on={look?.kind === "xy"} text="XY" act={() =>
         model.setLook(look?.kind === "xy" ? null : { kind: "xy", x: names[0] ?? "", y: names[1] ?? names[0] ?? "" })} />
-      <span class="scope-files">
-        <label>Save <select aria-label="Format of the file" value={save.value} onChange={(event) => (save.value = event.currentTarget.value as Format)}>
-          {(["csv", "mcap", "png", "svg"] as const).map((format) => <option key={format} value={format}>{format.toUpperCase()}</option>)}
-        </select></label>
-        <button type="button" disabled={model.saving.value} onClick={() => model.save(save.value, false)}>of the window</button>
-        <button type="button" disabled={model.saving.value} onClick={() => model.save(save.value, true)}>of all</button>
-        <button type="button" onClick={() => model.saveLayout()}>Save layout</button>
-        <label class="scope-open">Open layout <input type="file" accept=".json" onChange={(event) => open(event.currentTarget.files?.[0])} /></label>
-      </span>
+      <Toggle on={model.saves.value} text="Save" act={() => (model.saves.value = !model.saves.value)} />
     </div>
   );
 }

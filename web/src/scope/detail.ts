@@ -17,30 +17,30 @@ const LINES = 20_000;
 type SpectrumReport = Extract<Report, { is: "spectrum" }>;
 
 export class Detail {
-  private canvas: OffscreenCanvas | null = null;
-  private width = 1;
-  private height = 1;
-  private ratio = 1;
+  #canvas: OffscreenCanvas | null = null;
+  width = 1;
+  height = 1;
+  #ratio = 1;
 
   open(canvas: OffscreenCanvas, width: number, height: number, ratio: number): void {
     Object.assign(this, { canvas, width, height, ratio });
-    this.resize();
+    this.#resize();
   }
 
-  private resize(): void {
-    this.canvas!.width = Math.max(1, Math.round(this.width * this.ratio));
-    this.canvas!.height = Math.max(1, Math.round(this.height * this.ratio));
+  #resize(): void {
+    this.#canvas!.width = Math.max(1, Math.round(this.width * this.#ratio));
+    this.#canvas!.height = Math.max(1, Math.round(this.height * this.#ratio));
   }
 
-  private begin(palette: Palette): [OffscreenCanvasRenderingContext2D, CanvasPen] {
-    const context = this.canvas!.getContext("2d")!;
-    const pen = new CanvasPen(context, this.ratio);
+  #begin(palette: Palette): [OffscreenCanvasRenderingContext2D, CanvasPen] {
+    const context = this.#canvas!.getContext("2d")!;
+    const pen = new CanvasPen(context, this.#ratio);
     pen.box(0, 0, this.width, this.height, palette.background);
     return [context, pen];
   }
 
   /** Frame with ticks; returns the functions from values to places. */
-  private frame(
+  #frame(
     pen: CanvasPen, palette: Palette, x: [number, number], y: [number, number], xTitle: string,
     yTitle: string,
   ): [(value: number) => number, (value: number) => number] {
@@ -65,15 +65,15 @@ export class Detail {
   }
 
   draw(ring: Ring, look: Look, curves: Curve[], from: number, to: number, palette: Palette): SpectrumReport | null {
-    if (!this.canvas) return null;
+    if (!this.#canvas) return null;
     if (look.kind === "xy") {
-      this.drawXY(ring, look.x, look.y, curves, from, to, palette);
+      this.#drawXY(ring, look.x, look.y, curves, from, to, palette);
       return null;
     }
-    return this.drawSpectrum(ring, look, curves, from, to, palette);
+    return this.#drawSpectrum(ring, look, curves, from, to, palette);
   }
 
-  private drawSpectrum(
+  #drawSpectrum(
     ring: Ring, look: Extract<Look, { kind: "spectrum" }>, curves: Curve[], from: number, to: number, palette: Palette,
   ): SpectrumReport {
     const report: SpectrumReport = { is: "spectrum", rows: [] };
@@ -104,8 +104,8 @@ export class Detail {
     const top = high + (high - bottom || 1) * 0.1;
     const units = new Set(found.map(([curve]) => curve.unit));
     const unit = look.decibel ? `dB of 1 ${[...units].join(", ")}` : [...units].join(", ");
-    const [context, pen] = this.begin(palette);
-    const [x, y] = this.frame(pen, palette, [0, end], [bottom, top], "Hz", `amplitude ${unit}`);
+    const [context, pen] = this.#begin(palette);
+    const [x, y] = this.#frame(pen, palette, [0, end], [bottom, top], "Hz", `amplitude ${unit}`);
     for (const [curve, { amplitudes, step }] of found) {
       context.strokeStyle = curve.colour;
       context.lineWidth = 1.25;
@@ -131,9 +131,9 @@ export class Detail {
     return report;
   }
 
-  private drawXY(ring: Ring, xName: string, yName: string, curves: Curve[], from: number, to: number, palette: Palette): void {
+  #drawXY(ring: Ring, xName: string, yName: string, curves: Curve[], from: number, to: number, palette: Palette): void {
     const [a, b] = [xName, yName].map((name) => curves.find((curve) => curve.name === name));
-    const [context, pen] = this.begin(palette);
+    const [context, pen] = this.#begin(palette);
     if (!a || !b) return;
     const xs: number[] = [];
     const ys: number[] = [];
@@ -157,7 +157,7 @@ export class Detail {
       return [low - room, high + room];
     };
     const title = (curve: Curve) => (curve.unit ? `${curve.label} in ${curve.unit}` : curve.label);
-    const [x, y] = this.frame(pen, palette, range(xs), range(ys), title(a), title(b));
+    const [x, y] = this.#frame(pen, palette, range(xs), range(ys), title(a), title(b));
     context.fillStyle = context.strokeStyle = b.colour;
     context.setLineDash([]);
     context.lineWidth = 1.25;

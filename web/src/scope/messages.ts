@@ -90,6 +90,8 @@ export type Order =
   | { do: "hover"; time: number | null }
   | { do: "marks"; marks: Mark[] }
   | { do: "trigger"; trigger: Trigger | null }
+  /** Marks what triggered an incident. */
+  | { do: "moment"; time: number }
   | { do: "statistics"; on: boolean }
   | { do: "detail"; canvas: OffscreenCanvas; width: number; height: number; ratio: number }
   | { do: "look"; look: Look | null }

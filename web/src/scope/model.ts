@@ -38,6 +38,7 @@ export class ScopeModel {
   readonly source = signal<"bus" | "file">("bus");
   readonly title = signal("");
   readonly ended = signal(false);
+  readonly saves = signal(false);
   readonly saving = signal(false);
 
   readonly curves = computed((): Curve[] => {
@@ -60,24 +61,24 @@ export class ScopeModel {
     });
   });
 
-  private readonly worker = new Worker(script(), { type: "module" });
-  private span = 10e3;
-  private traced = "";
-  private generation = 0;
+  readonly #worker = new Worker(script(), { type: "module" });
+  span = 10e3;
+  #traced = "";
+  #generation = 0;
 
   constructor(private readonly connection: Tracer) {
-    this.worker.onmessage = ({ data }: MessageEvent<Report>) => this.hear(data);
-    this.worker.onerror = (event) => {
+    this.#worker.onmessage = ({ data }: MessageEvent<Report>) => this.#hear(data);
+    this.#worker.onerror = (event) => {
       this.notice.value = `The scope stopped: ${event.message}. Load the page again.`;
     };
   }
 
   order(order: Order, transfer: Transferable[] = []): void {
     if (counts(order)) this.ordered.value++;
-    this.worker.postMessage(order, transfer);
+    this.#worker.postMessage(order, transfer);
   }
 
-  private hear(report: Report): void {
+  #hear(report: Report): void {
     if (report.is === "status") this.status.value = report;
     else if (report.is === "statistics") this.statistics.value = report;
     else if (report.is === "cursors") this.cursors.value = report.cursors;
@@ -89,12 +90,13 @@ export class ScopeModel {
   }
 
   /** All signals of the bus. */
-  setSignals(signals: Signal[]): void {
+  setSignals({ signals, shown }: { signals: Signal[]; shown: string[] }): void {
     const isFirst = this.known.value.size === 0;
     this.known.value = new Map(signals.map((each) => [each.name, each]));
     this.order({ do: "types", types: signals.map(({ name, type }) => [name, type]) });
-    if (isFirst && this.entries.value.length === 0) this.restore();
-    this.send();
+    if (isFirst && this.entries.value.length === 0) this.#restore();
+    if (isFirst && this.curves.value.length === 0) for (const name of shown) this.add(name);
+    this.#send();
   }
 
   /**
@@ -116,7 +118,7 @@ export class ScopeModel {
       ...entries,
       { name, colour: free < LOOKS ? free : entries.length, axis, gain: 1, hidden: false },
     ];
-    this.send();
+    this.#send();
   }
 
   /** Names of the bits of a signal that can have lanes. */
@@ -128,50 +130,50 @@ export class ScopeModel {
   remove(name: string): void {
     this.entries.value = this.entries.value.filter((entry) => entry.name !== name);
     if (this.emphasised.value === name) this.emphasised.value = null;
-    this.send();
+    this.#send();
   }
 
   change(name: string, change: Partial<Entry>): void {
     this.entries.value = this.entries.value.map((entry) =>
       entry.name === name ? { ...entry, ...change } : entry,
     );
-    this.send();
+    this.#send();
   }
 
   emphasise(name: string | null): void {
     if (this.emphasised.value === name) return;
     this.emphasised.value = name;
-    this.sendCurves();
+    this.#sendCurves();
   }
 
   arrange(stacked: boolean): void {
     this.stacked.value = stacked;
-    this.send();
+    this.#send();
   }
 
   limit(axis: string, ends: [number, number] | null): void {
     const { [axis]: _, ...others } = this.limits.value;
     this.limits.value = ends ? { ...others, [axis]: ends } : others;
-    this.send();
+    this.#send();
   }
 
-  private sendCurves(): void {
+  #sendCurves(): void {
     this.order({
       do: "curves", curves: this.curves.value, stacked: this.stacked.value, limits: this.limits.value,
-      generation: this.generation,
+      generation: this.#generation,
     });
   }
 
   /** Tells worker and server what is shown, and keeps it. */
-  private send(): void {
+  #send(): void {
     const { value: known } = this.known;
     const names = this.curves.value.map(({ name }) => (known.has(name) ? name : bitOf(name)!.source));
-    if (names.join("\n") !== this.traced) {
-      this.traced = names.join("\n");
-      this.generation = this.connection.setTrace([...new Set(names)]);
+    if (names.join("\n") !== this.#traced) {
+      this.#traced = names.join("\n");
+      this.#generation = this.connection.setTrace([...new Set(names)]);
     }
-    this.sendCurves();
-    this.keep();
+    this.#sendCurves();
+    this.#keep();
   }
 
   setCursors(cursors: number[]): void {
@@ -182,7 +184,7 @@ export class ScopeModel {
   setTrigger(trigger: Trigger | null): void {
     this.trigger.value = trigger;
     this.order({ do: "trigger", trigger });
-    this.keep();
+    this.#keep();
   }
 
   setStatistics(on: boolean): void {
@@ -198,13 +200,13 @@ export class ScopeModel {
   setPalette(palette: Palette, dark: boolean): void {
     this.order({ do: "palette", palette });
     this.dark.value = dark;
-    this.sendCurves();
+    this.#sendCurves();
   }
 
   goLive(span?: number): void {
     if (span !== undefined) this.span = span;
     this.order(span === undefined ? { do: "live" } : { do: "live", span });
-    this.keep();
+    this.#keep();
   }
 
   /** Shows a moment (Unix time in ms) in the middle, if it is recorded. */
@@ -236,21 +238,24 @@ export class ScopeModel {
         this.title.value = message.title;
         this.ended.value = false;
       });
-      this.restart();
+      this.#restart();
     } else if (message.type === "link") {
       this.link.value = { up: message.up, text: message.text };
-      this.restart();
+      this.#restart();
     } else if (message.type === "value" && message.key === "ro/trace") {
       const { history_s, why } = (message.value ?? {}) as { history_s?: number; why?: string };
       if (history_s !== undefined) this.history.value = { seconds: history_s, why: why ?? "" };
       else this.notice.value = message.failure ? `No samples come: ${message.failure.message}` : "";
+    } else if (message.type === "value" && message.key === "reading") {
+      this.order({ do: "moment", time: message.at * 1000 });
     } else if (message.type === "end") {
       this.ended.value = true;
-      this.order({ do: "all" });
+      // Who looks at a part of it, and chooses one more signal, sees the same part.
+      if (this.status.value?.view.live !== false) this.order({ do: "all" });
     }
   }
 
-  private restart(): void {
+  #restart(): void {
     this.order({ do: "restart", file: this.source.value === "file" });
   }
 
@@ -259,7 +264,7 @@ export class ScopeModel {
     this.order({ do: "export", format, all, bus: this.title.value || "ecat" });
   }
 
-  private download(blob: Blob, format: string): void {
+  download(blob: Blob, format: string): void {
     this.saving.value = false;
     const time = new Date().toISOString().slice(0, 19).replaceAll(":", "-");
     const link = document.createElement("a");
@@ -269,7 +274,7 @@ export class ScopeModel {
     setTimeout(() => URL.revokeObjectURL(link.href), 60e3);
   }
 
-  private layout(): Layout {
+  #layout(): Layout {
     return {
       signals: this.entries.value, stacked: this.stacked.value, limits: this.limits.value,
       span: this.status.value?.view.live ? this.status.value.view.span : this.span,
@@ -277,15 +282,15 @@ export class ScopeModel {
     };
   }
 
-  private keep(): void {
+  #keep(): void {
     try {
-      localStorage.setItem(KEPT + this.title.value, writeLayout(this.layout()));
+      localStorage.setItem(KEPT + this.title.value, writeLayout(this.#layout()));
     } catch {
       // The browser keeps nothing; the scope works without it.
     }
   }
 
-  private restore(): void {
+  #restore(): void {
     let text: string | null = null;
     try {
       text = localStorage.getItem(KEPT + this.title.value);
@@ -296,7 +301,7 @@ export class ScopeModel {
   }
 
   saveLayout(): void {
-    this.download(new Blob([writeLayout(this.layout())], { type: "application/json" }), "layout.json");
+    this.download(new Blob([writeLayout(this.#layout())], { type: "application/json" }), "layout.json");
   }
 
   /** Shows what a layout says. */
@@ -312,7 +317,7 @@ export class ScopeModel {
       this.notice.value = unknown.length > 0
         ? `This bus has no ${unknown.map(({ name }) => name).join(", ")}; the rest of the layout is shown.`
         : "";
-      this.send();
+      this.#send();
       this.goLive(layout.span);
       this.setTrigger(layout.trigger);
     } catch (error) {

@@ -1,12 +1,15 @@
-// What opens below the curves: trigger, statistics, spectrum, XY.
+// What opens below the curves: trigger, statistics, spectrum, XY, files.
+import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 
 import { numberText } from "./axes";
 import { Swatch } from "./legend";
-import type { Look } from "./messages";
+import type { Format, Look } from "./messages";
 import type { ScopeModel } from "./model";
 import { WINDOW_FUNCTIONS } from "./spectrum";
 import type { Trigger } from "./trigger";
+
+const FORMATS: [Format, string][] = [["csv", "CSV"], ["mcap", "MCAP"], ["png", "PNG"], ["svg", "SVG"]];
 
 function Choice<T extends string>({ label, value, choices, act }: {
   label: string; value: T; choices: readonly (T | [T, string])[]; act: (value: T) => void;
@@ -124,6 +127,23 @@ function LookPanel({ model, look }: { model: ScopeModel; look: Look }) {
   );
 }
 
+function SavePanel({ model }: { model: ScopeModel }) {
+  const format = useSignal<Format>("csv");
+  const open = (file: File | undefined) => {
+    // A longer one is no layout, and `open` says so.
+    void file?.slice(0, 1e6 + 1).text().then((text) => model.open(text));
+  };
+  return (
+    <div class="scope-panel" role="group" aria-label="Files">
+      <Choice label="Format" value={format.value} choices={FORMATS} act={(chosen) => (format.value = chosen)} />
+      <button type="button" disabled={model.saving.value} onClick={() => model.save(format.value, false)}>Save the window</button>
+      <button type="button" disabled={model.saving.value} onClick={() => model.save(format.value, true)}>Save all</button>
+      <button type="button" onClick={() => model.saveLayout()}>Save layout</button>
+      <label class="scope-open">Open layout <input type="file" accept=".json" onChange={(event) => open(event.currentTarget.files?.[0])} /></label>
+    </div>
+  );
+}
+
 export function Panels({ model }: { model: ScopeModel }) {
   const trigger = model.trigger.value;
   const look = model.look.value;
@@ -131,6 +151,7 @@ export function Panels({ model }: { model: ScopeModel }) {
     <>
       {trigger && <TriggerPanel model={model} trigger={trigger} />}
       {model.showsStatistics.value && <StatisticsPanel model={model} />}
+      {model.saves.value && <SavePanel model={model} />}
       {look && <LookPanel key={look.kind} model={model} look={look} />}
     </>
   );

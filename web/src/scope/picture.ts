@@ -26,26 +26,26 @@ export class Picture {
   };
   live = true;
   plot: Plot = { left: 0, width: 1, bottom: 1, lanes: [] };
-  private span = 10e3;
+  span = 10e3;
   /** The right edge: the first column that is not shown. */
-  private edge = 0;
-  private width = 1;
-  private height = 1;
-  private ratio = 1;
-  private curvesCanvas: OffscreenCanvas | null = null;
-  private overlay: OffscreenCanvas | null = null;
+  #edge = 0;
+  width = 1;
+  height = 1;
+  ratio = 1;
+  #curvesCanvas: OffscreenCanvas | null = null;
+  #overlay: OffscreenCanvas | null = null;
   /** What the canvas has: the grid and lanes of its columns, and the first row that it lacks. */
-  private drawn: { grid: Grid; lanes: Lane[]; left: number; end: number } | null = null;
+  drawn: { grid: Grid; lanes: Lane[]; left: number; end: number } | null = null;
   /** For each signal with named values the one raw value of each column; NaN: none, or several. */
-  private named = new Map<string, Float64Array>();
+  #named = new Map<string, Float64Array>();
   /** When the axes were fitted to all that the window shows, in ms. */
-  private fitted = 0;
+  #fitted = 0;
 
   constructor(private readonly ring: Ring) {}
 
   open(curves: OffscreenCanvas, overlay: OffscreenCanvas): void {
-    this.curvesCanvas = curves;
-    this.overlay = overlay;
+    this.#curvesCanvas = curves;
+    this.#overlay = overlay;
     this.size(this.width, this.height, this.ratio);
   }
 
@@ -53,7 +53,7 @@ export class Picture {
     const view = this.view;
     Object.assign(this, { width: Math.max(1, width), height: Math.max(1, height), ratio });
     this.drawn = null;
-    this.arrange();
+    this.#arrange();
     this.show(view.start, view.span, this.live);
   }
 
@@ -62,29 +62,28 @@ export class Picture {
     this.drawn = null;
   }
 
-  private get columns(): number {
+  get #columns(): number {
     return Math.max(1, Math.round(this.plot.width * this.ratio));
   }
 
-  private get step(): number {
-    return this.span / this.columns;
+  get step(): number {
+    return this.span / this.#columns;
   }
 
   get view(): View {
-    return { start: (this.edge - this.columns) * this.step, span: this.span, live: this.live };
+    return { start: (this.#edge - this.#columns) * this.step, span: this.span, live: this.live };
   }
 
   /** Shows a window of time. */
   show(start: number, span: number, live = false): void {
     this.span = Math.min(LONGEST, Math.max(SHORTEST, span));
     this.live = live;
-    this.edge = Math.round(start / this.step) + this.columns;
-    if (live) this.follow();
+    this.#edge = Math.round(start / this.step) + this.#columns;
+    if (live) this.#follow();
   }
 
-  private follow(): void {
-    const { lastTime } = this.ring;
-    if (lastTime === lastTime) this.edge = Math.floor(lastTime / this.step) + 1;
+  #follow(): void {
+    this.#edge = Math.floor((this.ring.lastTime || Date.now()) / this.step) + 1;
   }
 
   zoom(factor: number, at: number): void {
@@ -106,18 +105,18 @@ export class Picture {
     if (lastTime > firstTime) this.show(firstTime, (lastTime - firstTime) * 1.001);
   }
 
-  private grid(): Grid {
-    return { step: this.step, from: this.edge - this.columns, count: this.columns };
+  grid(): Grid {
+    return { step: this.step, from: this.#edge - this.#columns, count: this.#columns };
   }
 
-  private arrange(): void {
+  #arrange(): void {
     const { start, span } = this.view;
     const { ring, drawn } = this;
     const to = ring.end > 0 ? ring.rowAt(start + span) : 0;
     // Between two looks at the whole window, those that have come can only make axes grow.
     const now = performance.now();
-    const grows = this.live && drawn !== null && drawn.end >= ring.first && now - this.fitted < FIT;
-    if (!grows) this.fitted = now;
+    const grows = this.live && drawn !== null && drawn.end >= ring.first && now - this.#fitted < FIT;
+    if (!grows) this.#fitted = now;
     const from = grows ? drawn.end : ring.end > 0 ? ring.rowAt(start) : 0;
     this.plot = layOut(
       this.curves, this.stacked, this.width, this.height, this.limits, this.plot.lanes, ring,
@@ -126,10 +125,10 @@ export class Picture {
   }
 
   /** Fits the canvases just before they are drawn, since that makes them black. */
-  private fit(): void {
+  #fit(): void {
     const width = Math.max(1, Math.round(this.width * this.ratio));
     const height = Math.max(1, Math.round(this.height * this.ratio));
-    for (const canvas of [this.curvesCanvas!, this.overlay!]) {
+    for (const canvas of [this.#curvesCanvas!, this.#overlay!]) {
       if (canvas.width === width && canvas.height === height) continue;
       canvas.width = width;
       canvas.height = height;
@@ -139,21 +138,21 @@ export class Picture {
 
   /** Draws what is new. */
   draw(): void {
-    if (!this.curvesCanvas || !this.overlay) return;
-    this.fit();
-    const before = this.columns;
+    if (!this.#curvesCanvas || !this.#overlay) return;
+    this.#fit();
+    const before = this.#columns;
     const view = this.view;
-    if (this.live) this.follow();
-    this.arrange();
-    if (this.columns !== before) this.show(view.start, view.span, this.live);
-    this.drawCurves(this.curvesCanvas.getContext("2d", { alpha: false })!);
-    const context = this.overlay.getContext("2d")!;
+    if (this.live) this.#follow();
+    this.#arrange();
+    if (this.#columns !== before) this.show(view.start, view.span, this.live);
+    this.#drawCurves(this.#curvesCanvas.getContext("2d", { alpha: false })!);
+    const context = this.#overlay.getContext("2d")!;
     context.setTransform(1, 0, 0, 1, 0, 0);
-    context.clearRect(0, 0, this.overlay.width, this.overlay.height);
-    this.drawFrame(new CanvasPen(context, this.ratio));
+    context.clearRect(0, 0, this.#overlay.width, this.#overlay.height);
+    this.#drawFrame(new CanvasPen(context, this.ratio));
   }
 
-  private drawCurves(context: OffscreenCanvasRenderingContext2D): void {
+  #drawCurves(context: OffscreenCanvasRenderingContext2D): void {
     const { ring, ratio } = this;
     const grid = this.grid();
     const { width, height } = context.canvas;
@@ -161,12 +160,12 @@ export class Picture {
     const { lanes } = this.plot;
     const old = this.drawn;
     const shift = old ? grid.from - old.grid.from : 0;
-    const sparse = this.isSparse(grid);
+    const sparse = this.#isSparse(grid);
     const keeps =
       !sparse && old !== null && old.left === left && old.lanes.length === lanes.length &&
       old.grid.step === grid.step && old.grid.count === grid.count && shift >= 0 &&
       shift < grid.count && old.end >= ring.first &&
-      lanes.every((lane, i) => this.lies(lane, old.lanes[i]!));
+      lanes.every((lane, i) => this.#lies(lane, old.lanes[i]!));
     let begin = 0;
     if (keeps) {
       if (shift > 0) {
@@ -190,15 +189,15 @@ export class Picture {
       lanes.forEach((lane, i) => {
         const was = keeps ? old.lanes[i]! : lane;
         const isNew = was.low !== lane.low || was.high !== lane.high;
-        if (isNew) this.clear(context, lane, left);
+        if (isNew) this.#clear(context, lane, left);
         const shown = isNew ? (all ??= rowsOf(ring, grid)) : rows;
-        for (const curve of this.curvesOf(lane.names)) {
+        for (const curve of this.#curvesOf(lane.names)) {
           if (sparse && !lane.digital) drawPoints(context, ring, curve, lane, grid, left, ratio);
           else {
             const at = isNew ? 0 : begin;
             drawColumns(context, ring, curve, lane, shown, grid.from + at, left + at, ratio);
           }
-          if (hasNames(curve)) this.readNames(curve.name, rows, grid.count, keeps ? shift : grid.count);
+          if (hasNames(curve)) this.#readNames(curve.name, rows, grid.count, keeps ? shift : grid.count);
         }
       });
     }
@@ -212,14 +211,14 @@ export class Picture {
   }
 
   /** Whether a lane is where it was, with the same values unless it can be drawn anew alone. */
-  private lies(lane: Lane, was: Lane): boolean {
+  #lies(lane: Lane, was: Lane): boolean {
     const isAlone = this.stacked || lane.digital || this.plot.lanes.length === 1;
     return lane.axis === was.axis && lane.left === was.left && lane.top === was.top &&
       lane.height === was.height && (isAlone || (lane.low === was.low && lane.high === was.high));
   }
 
   /** Takes the curves of a lane away. */
-  private clear(context: OffscreenCanvasRenderingContext2D, lane: Lane, left: number): void {
+  #clear(context: OffscreenCanvasRenderingContext2D, lane: Lane, left: number): void {
     const { ratio } = this;
     const top = Math.round(lane.top * ratio) - 1;
     const bottom = Math.round((lane.top + lane.height) * ratio) + 1 + thickness(ratio);
@@ -228,28 +227,28 @@ export class Picture {
     context.fillRect(left, top, context.canvas.width, bottom - top);
   }
 
-  private curvesOf(names: string[]): Curve[] {
+  #curvesOf(names: string[]): Curve[] {
     const all = this.curves.filter((curve) => names.includes(curve.name));
     // What is emphasised lies above.
     return [...all.filter((curve) => curve.faint), ...all.filter((curve) => !curve.faint)];
   }
 
-  private isSparse({ step, from, count }: Grid): boolean {
+  #isSparse({ step, from, count }: Grid): boolean {
     if (this.ring.end === 0) return false;
     const rows = this.ring.rowAt((from + count) * step) - this.ring.rowAt(from * step);
     return rows * 3 < count;
   }
 
-  private drawFrame(pen: Pen): void {
+  #drawFrame(pen: Pen): void {
     drawAxes(
       pen, this.plot, this.view, this.palette, this.curves, this.marks, this.cursors, this.trigger,
     );
-    this.drawHover(pen);
-    this.drawGaps(pen);
-    this.drawNames(pen);
+    this.#drawHover(pen);
+    this.#drawGaps(pen);
+    this.#drawNames(pen);
   }
 
-  private drawHover(pen: Pen): void {
+  #drawHover(pen: Pen): void {
     const { start, span } = this.view;
     if (this.hover === null || this.hover < start || this.hover > start + span) return;
     const x = this.plot.left + ((this.hover - start) / span) * this.plot.width;
@@ -257,7 +256,7 @@ export class Picture {
   }
 
   /** Columns without cycles, in the track of events. */
-  private drawGaps(pen: Pen): void {
+  #drawGaps(pen: Pen): void {
     const { ring, plot } = this;
     if (ring.missing + ring.pauses === 0) return;
     const { start, span } = this.view;
@@ -277,11 +276,11 @@ export class Picture {
   }
 
   /** Names of values, in the lanes of signals that have them. */
-  private drawNames(pen: Pen): void {
+  #drawNames(pen: Pen): void {
     for (const lane of this.plot.lanes) {
-      const [curve] = this.curvesOf(lane.names);
+      const [curve] = this.#curvesOf(lane.names);
       if (!lane.digital || !curve || !hasNames(curve)) continue;
-      const columns = this.named.get(curve.name) ?? [];
+      const columns = this.#named.get(curve.name) ?? [];
       let begin = 0;
       for (let column = 1; column <= columns.length; column++) {
         const value = columns[begin]!;
@@ -300,9 +299,9 @@ export class Picture {
   }
 
   /** Reads the values of the last columns; the others move by `shift`. */
-  private readNames(name: string, rows: Float64Array, count: number, shift: number): void {
-    let columns = this.named.get(name);
-    if (columns?.length !== count) this.named.set(name, (columns = new Float64Array(count).fill(NaN)));
+  #readNames(name: string, rows: Float64Array, count: number, shift: number): void {
+    let columns = this.#named.get(name);
+    if (columns?.length !== count) this.#named.set(name, (columns = new Float64Array(count).fill(NaN)));
     const begin = count - Math.max(0, rows.length - 1);
     columns.copyWithin(0, shift);
     columns.fill(NaN, begin);
@@ -313,10 +312,10 @@ export class Picture {
 
   /** The picture as a PNG file. */
   png(): Promise<Blob> {
-    const canvas = new OffscreenCanvas(this.curvesCanvas!.width, this.curvesCanvas!.height);
+    const canvas = new OffscreenCanvas(this.#curvesCanvas!.width, this.#curvesCanvas!.height);
     const context = canvas.getContext("2d")!;
-    context.drawImage(this.curvesCanvas!, 0, 0);
-    context.drawImage(this.overlay!, 0, 0);
+    context.drawImage(this.#curvesCanvas!, 0, 0);
+    context.drawImage(this.#overlay!, 0, 0);
     return canvas.convertToBlob({ type: "image/png" });
   }
 
@@ -329,7 +328,7 @@ export class Picture {
     const rows = rowsOf(this.ring, grid);
     const left = Math.round(this.plot.left * ratio);
     for (const lane of this.plot.lanes) {
-      for (const curve of this.curvesOf(lane.names)) {
+      for (const curve of this.#curvesOf(lane.names)) {
         const parts: string[] = [];
         eachColumn(this.ring, curve.name, rows, (column, min, max) => {
           const a = place(lane, min * curve.scale + curve.offset, ratio);
@@ -340,7 +339,7 @@ export class Picture {
         pen.path(parts.join(""), curve.colour, ratio);
       }
     }
-    this.drawFrame(pen);
+    this.#drawFrame(pen);
     return new Blob([pen.file(this.width, this.height)], { type: "image/svg+xml" });
   }
 }

@@ -45,9 +45,9 @@ export interface Limits {
 
 /** Rows have numbers that stay, from `first` to `end` (excluded); times ascend. */
 export class Ring {
-  private blocks: Block[] = [];
+  #blocks: Block[] = [];
   /** Number of the first block. */
-  private base = 0;
+  #base = 0;
   end = 0;
   bytes = 0;
   /** Whether rows went because of the limit of bytes, before their time was over. */
@@ -60,16 +60,14 @@ export class Ring {
   /** ms by which times are later than received, since somebody set the clock back. */
   shift = 0;
   /** First row of the present run of the daemon, whose numbers of cycles ascend. */
-  private run = 0;
-  /** The generation of the first batch. */
-  since = 0;
+  #run = 0;
   /** Whether rows that were there got more values. */
   amended = false;
-  /** Names of the signals that are kept; null: all. */
-  private wanted: Set<string> | null = null;
-  private bits = new Map<string, Bit>();
-  private generation = -1;
-  private lastOfGeneration = -1;
+  /** The signals that are kept, with the generation of the first wish for them; null: all. */
+  #wanted: Map<string, number> | null = null;
+  #bits = new Map<string, Bit>();
+  generation = -1;
+  #lastOfGeneration = -1;
 
   constructor(
     public limits: Limits,
@@ -78,11 +76,11 @@ export class Ring {
   ) {}
 
   get first(): number {
-    return this.base * BLOCK;
+    return this.#base * BLOCK;
   }
 
   get firstTime(): number {
-    return this.end > 0 ? this.blocks[0]!.times[0]! : NaN;
+    return this.end > 0 ? this.#blocks[0]!.times[0]! : NaN;
   }
 
   get lastTime(): number {
@@ -91,7 +89,7 @@ export class Ring {
 
   /** The block of a row that is kept. */
   block(row: number): Block {
-    return this.blocks[Math.floor(row / BLOCK) - this.base]!;
+    return this.#blocks[Math.floor(row / BLOCK) - this.#base]!;
   }
 
   time(row: number): number {
@@ -122,11 +120,11 @@ export class Ring {
       low += step;
       step *= 2;
     }
-    return this.search(low, (row) => this.time(row) >= time, Math.min(this.end, low + step));
+    return this.#search(low, (row) => this.time(row) >= time, Math.min(this.end, low + step));
   }
 
   /** The first row from `from` that `holds`; all behind it hold, too. */
-  private search(from: number, holds: (row: number) => boolean, end = this.end): number {
+  #search(from: number, holds: (row: number) => boolean, end = this.end): number {
     let low = from;
     let high = end;
     while (low < high) {
@@ -177,7 +175,7 @@ export class Ring {
   /** Types of the signals from now on. What has another type is of another bus, and goes. */
   setTypes(types: ReadonlyMap<string, ColumnType>): void {
     this.types = types;
-    for (const block of this.blocks) {
+    for (const block of this.#blocks) {
       for (const [name, samples] of block.columns) {
         if ((types.get(name) ?? samples.type) === samples.type) continue;
         this.bytes -= samples.bytes;
@@ -195,24 +193,27 @@ export class Ring {
     Object.assign(this, new Ring(this.limits, this.types));
   }
 
-  /** Keeps only these signals, which may be bits of others, now and from now on. */
-  keep(names: Iterable<string>): void {
-    this.bits = new Map();
-    this.wanted = new Set(names);
-    for (const name of [...this.wanted]) {
+  /** Keeps only these signals, which may be bits of others, now and from this generation on. */
+  keep(names: Iterable<string>, generation = 0): void {
+    this.#bits = new Map();
+    const before = this.#wanted;
+    this.#wanted = new Map();
+    const want = (name: string) => this.#wanted!.set(name, before?.get(name) ?? generation);
+    for (const name of names) {
+      want(name);
       const bit = this.types.has(name) ? null : bitOf(name);
       if (!bit || !this.types.has(bit.source)) continue;
-      this.bits.set(name, bit);
-      this.wanted.add(bit.source);
+      this.#bits.set(name, bit);
+      want(bit.source);
     }
-    for (const block of this.blocks) {
+    for (const block of this.#blocks) {
       for (const [name, samples] of block.columns) {
-        if (this.wanted.has(name)) continue;
+        if (this.#wanted.has(name)) continue;
         this.bytes -= samples.bytes;
         block.columns.delete(name);
       }
       const before = block.bytes;
-      for (const [name, bit] of this.bits) {
+      for (const [name, bit] of this.#bits) {
         if (block.columns.has(name)) continue;
         for (let at = 0; at < block.count; at++) fillBit(block, at, name, bit);
       }
@@ -223,12 +224,12 @@ export class Ring {
   /** Takes the cycles of a batch. Those that are there get the signals that they lack. */
   take(batch: Batch): void {
     const reachesBack = batch.kind === "history";
-    // What is for another part of the page may come before the history of the first signals, and that
-    // history after the wish for more of them.
-    if (this.end === 0 && batch.generation < this.since && !reachesBack) return;
-    if (this.wanted && ![...batch.columns.keys()].some((name) => this.wanted!.has(name))) return;
+    // Another part of the page may have had a signal before it was wanted here: those values are none
+    // of the scope, as they would come before its history.
+    const least = reachesBack ? Infinity : batch.generation;
+    if (this.#wanted && ![...batch.columns.keys()].some((name) => this.#wanted!.get(name)! <= least)) return;
     const isNew = reachesBack || batch.generation !== this.generation;
-    if (isNew) this.lastOfGeneration = -1;
+    if (isNew) this.#lastOfGeneration = -1;
     this.generation = batch.generation;
     const old = new Map<string, Set<number>>();
     for (const [name, places] of batch.invalid) old.set(name, new Set(places));
@@ -236,23 +237,23 @@ export class Ring {
     for (let at = 0; at < batch.cycles.length; at++) {
       const cycle = batch.cycles[at]!;
       const last = batch.lastCycles?.[at] ?? cycle;
-      const row = this.place(cycle, last, batch.times[at]!, at === 0 && isNew && !batch.lost);
-      this.lastOfGeneration = last;
+      const row = this.#place(cycle, last, batch.times[at]!, at === 0 && isNew && !batch.lost);
+      this.#lastOfGeneration = last;
       if (row < 0) continue;
       const block = this.block(row);
       if (!touched.has(block)) touched.set(block, block.bytes);
-      this.fill(block, row % BLOCK, batch, at, old);
+      this.#fill(block, row % BLOCK, batch, at, old);
     }
-    if (reachesBack) this.lastOfGeneration = -1;
+    if (reachesBack) this.#lastOfGeneration = -1;
     for (const [block, before] of touched) this.bytes += block.bytes - before;
-    this.forget();
+    this.#forget();
   }
 
-  private fill(
+  #fill(
     block: Block, place: number, batch: Batch, at: number, old: Map<string, Set<number>>,
   ): void {
     for (const [name, column] of batch.columns) {
-      if (this.wanted?.has(name) === false) continue;
+      if (this.#wanted?.has(name) === false) continue;
       let samples = block.columns.get(name);
       if (samples === undefined) {
         const type = this.types.get(name);
@@ -265,20 +266,20 @@ export class Ring {
         samples.set(place, value, value, flags);
       } else samples.set(place, column.min[at]!, column.max[at]!, flags);
     }
-    for (const [name, bit] of this.bits) fillBit(block, place, name, bit);
+    for (const [name, bit] of this.#bits) fillBit(block, place, name, bit);
   }
 
   /** The row of a cycle, which is made if it is new; -1 if it is too old to be kept. */
-  private place(cycle: number, last: number, time: number, pause: boolean): number {
+  #place(cycle: number, last: number, time: number, pause: boolean): number {
     const empty = this.end === 0;
     const before = empty ? -1 : this.lastCycle(this.end - 1);
     const restarted =
       !empty && cycle <= before &&
-      (this.lastOfGeneration >= 0
-        ? cycle <= this.lastOfGeneration
+      (this.#lastOfGeneration >= 0
+        ? cycle <= this.#lastOfGeneration
         : time + this.shift > this.lastTime);
     if (!empty && !restarted && cycle <= before) {
-      const row = this.search(Math.max(this.run, this.first), (at) => this.lastCycle(at) >= cycle);
+      const row = this.#search(Math.max(this.#run, this.first), (at) => this.lastCycle(at) >= cycle);
       if (row === this.end || this.cycle(row) !== cycle || this.lastCycle(row) !== last) return -1;
       this.amended = true;
       return row;
@@ -286,7 +287,7 @@ export class Ring {
     const row = this.end;
     const at = row % BLOCK;
     if (at === 0) {
-      this.blocks.push(new Block());
+      this.#blocks.push(new Block());
       this.bytes += this.block(row).bytes;
     }
     const block = this.block(row);
@@ -301,7 +302,7 @@ export class Ring {
       block.flags[at]! |= MINMAX;
       this.minmax = true;
     }
-    if (restarted) this.run = row;
+    if (restarted) this.#run = row;
     if (!empty && (restarted || cycle !== before + 1)) {
       block.flags[at]! |= pause ? GAP | PAUSE : GAP;
       const missing = pause || restarted ? 0 : cycle - before - 1;
@@ -315,16 +316,16 @@ export class Ring {
     return row;
   }
 
-  private forget(): void {
-    while (this.blocks.length > 2) {
+  #forget(): void {
+    while (this.#blocks.length > 2) {
       const tooMuch = this.bytes > this.limits.bytes;
-      if (!tooMuch && this.lastTime - this.blocks[1]!.times[0]! < this.limits.time) break;
+      if (!tooMuch && this.lastTime - this.#blocks[1]!.times[0]! < this.limits.time) break;
       this.short ||= tooMuch;
-      const gone = this.blocks.shift()!;
+      const gone = this.#blocks.shift()!;
       this.bytes -= gone.bytes;
       this.missing -= gone.missing;
       this.pauses -= gone.pauses;
-      this.base++;
+      this.#base++;
     }
   }
 }

@@ -123,10 +123,12 @@ test("a signal that is added later gets the history of rows that are there", () 
 
 test("the history of a first signal counts, also if a second one was chosen meanwhile", () => {
   const ring = new Ring(KEEP);
-  ring.keep(["a", "b"]);
-  ring.since = 2;
-  ring.take(batchOf([7], { a: Int8Array.of(7) }, { generation: 0 })); // of a panel
-  ring.take(batchOf([1, 2, 3], { a: Int8Array.of(1, 2, 3) }, { kind: "history", generation: 1 }));
+  ring.keep(["a"], 1);
+  ring.take(batchOf([7], { a: Int8Array.of(7), b: Int8Array.of(7) }, { generation: 0 })); // of a panel
+  ring.take(batchOf([1, 2], { a: Int8Array.of(1, 2) }, { kind: "history", generation: 1 }));
+  ring.keep(["a", "b"], 2);
+  ring.take(batchOf([7], { b: Int8Array.of(7) }, { generation: 1 })); // of that panel
+  ring.take(batchOf([3], { a: Int8Array.of(3) }, { kind: "history", generation: 1 }));
   ring.take(batchOf([4], { a: Int8Array.of(4) }, { generation: 2 }));
   ring.take(batchOf([2, 3, 4], { b: Int8Array.of(2, 3, 4) }, { kind: "history", generation: 2 }));
   assert.deepEqual([ring.end, ring.samples("a", 0)!.values[0], ring.samples("b", 1)!.values[1]], [4, 1, 2]);
@@ -298,8 +300,7 @@ test("a time without a recording is a pause; only what was lost meanwhile is mis
   const take = (cycles: number[], more: Partial<Batch>, name = "a") =>
     ring.take(batchOf(cycles, { [name]: new Int8Array(cycles.length) }, more));
   const seen = () => [ring.missing, ring.pauses, ring.end, ring.shift];
-  ring.keep(["a"]);
-  ring.since = 1;
+  ring.keep(["a"], 1);
   take([6000], { generation: 0 });
   take([1, 2, 3], {});
   take([9000], {}, "of a panel");

@@ -190,6 +190,9 @@ export function Screen({ model }: { model: ScopeModel }) {
   );
 }
 
+/** Width of a read-out, which stays within the curves. */
+const WIDEST = 290;
+
 interface Place {
   x: number;
   y: number;
@@ -207,9 +210,10 @@ function ReadOut({ model, at }: { model: ScopeModel; at: Place }) {
   const shown = model.curves.value.map((curve, i) => ({ curve, reading: hover.readings[i] }))
     .filter(({ curve, reading }) => names.includes(curve.name) && reading);
   const rows = Math.max(1, Math.floor(at.height / 20) - 4);
+  const isLeft = at.x < at.width / 2;
   const style = {
     ...(at.y < at.height / 2 ? { top: `${at.y + 12}px` } : { bottom: `${at.height - at.y + 12}px` }),
-    ...(at.x < at.width / 2 ? { left: `${at.x + 14}px` } : { right: `${at.width - at.x + 14}px` }),
+    [isLeft ? "left" : "right"]: `${Math.max(0, Math.min(at.width - WIDEST, (isLeft ? at.x : at.width - at.x) + 14))}px`,
   };
   return (
     <div class="scope-read-out" role="tooltip" style={style}>
@@ -217,7 +221,7 @@ function ReadOut({ model, at }: { model: ScopeModel; at: Place }) {
       <table><tbody>
         {shown.slice(0, rows).map(({ curve, reading }) => (
           <tr key={curve.name}>
-            <th scope="row"><Swatch curve={curve} /> {curve.label}</th>
+            <th scope="row"><Swatch curve={curve} /> <span class="scope-label"><bdi>{curve.label}</bdi></span></th>
             <td class={reading!.old ? "scope-old" : undefined}>{valueText(reading!)} <small>{curve.unit}</small></td>
           </tr>
         ))}

@@ -18,7 +18,7 @@ export interface Trigger {
 
 /** Finds the first row that fulfils the condition. Keeps the value of the row before. */
 export class Finder {
-  private previous = NaN;
+  #previous = NaN;
 
   constructor(
     readonly trigger: Trigger,
@@ -34,14 +34,14 @@ export class Finder {
       const at = row % BLOCK;
       const flags = samples?.flags[at] ?? 0;
       if (!samples || flags !== VALID) {
-        this.previous = NaN;
+        this.#previous = NaN;
         continue;
       }
       const a = samples.low(at) * this.scale + this.offset;
       const b = samples.high(at) * this.scale + this.offset;
       const [low, high] = a < b ? [a, b] : [b, a];
-      const fires = this.holds(low, high);
-      this.previous = b;
+      const fires = this.#holds(low, high);
+      this.#previous = b;
       if (fires) {
         found = row;
         break;
@@ -51,9 +51,9 @@ export class Finder {
   }
 
   /** A place has the values from `low` to `high`; both are equal unless it stands for several. */
-  private holds(low: number, high: number): boolean {
+  #holds(low: number, high: number): boolean {
     const { kind, level, upper, slope } = this.trigger;
-    const before = this.previous;
+    const before = this.#previous;
     if (kind === "level") {
       return (slope !== "falling" && high >= level) || (slope !== "rising" && low <= level);
     }

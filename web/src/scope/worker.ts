@@ -23,6 +23,7 @@ const ring = new Ring({ ...LIVE_LIMITS });
 const picture = new Picture(ring);
 const detail = new Detail();
 let isDue = false;
+let isFile = false;
 let look: Look | null = null;
 let wantsStatistics = false;
 /** How many orders beside samples and pointers were obeyed, and how many of them the picture has. */
@@ -34,6 +35,8 @@ let drawings: number[] = [];
 let ends: number[] = [];
 
 let trigger: Trigger | null = null;
+/** When an incident was triggered. */
+let moment: number | null = null;
 let finder: Finder | null = null;
 let state: Status["trigger"] = "off";
 let searched = 0;
@@ -156,10 +159,10 @@ function setTrigger(wanted: Trigger | null): void {
   finder = trigger && curve && trigger.kind !== "event"
     ? new Finder(trigger, curve.scale, curve.offset) : null;
   state = trigger ? "waits" : "off";
-  picture.trigger = null;
+  picture.trigger = moment;
   searched = ring.end;
   shownAt = performance.now();
-  if (!trigger) picture.show(0, picture.view.span, true);
+  if (!trigger && !isFile) picture.show(0, picture.view.span, true);
 }
 
 /** Whether the trigger's signal has come, or is shown with another factor. */
@@ -233,14 +236,14 @@ function obey(order: Order): void {
     }
     case "restart":
       ring.restart();
-      ring.limits = order.file ? FILE_LIMITS : LIVE_LIMITS;
+      isFile = order.file;
+      ring.limits = isFile ? FILE_LIMITS : LIVE_LIMITS;
       break;
     case "types": ring.setTypes(new Map(order.types)); break;
     case "curves":
       Object.assign(picture, { curves: order.curves, stacked: order.stacked, limits: order.limits });
       if (order.curves.length === 0) ring.clear();
-      ring.since = order.generation;
-      ring.keep(order.curves.map(({ name }) => name));
+      ring.keep(order.curves.map(({ name }) => name), order.generation);
       picture.spoil();
       if (trigger && isOther(trigger)) setTrigger(trigger);
       break;
@@ -262,6 +265,7 @@ function obey(order: Order): void {
       break;
     }
     case "trigger": setTrigger(order.trigger); break;
+    case "moment": picture.trigger = moment = order.time; break;
     case "statistics": wantsStatistics = order.on; lastStatistics = 0; break;
     case "detail": detail.open(order.canvas, order.width, order.height, order.ratio); lastStatistics = 0; break;
     case "look": look = order.look; lastStatistics = 0; break;

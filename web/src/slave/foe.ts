@@ -48,13 +48,13 @@ export class FileTransfer {
   /** Bytes that were moved, after the end. */
   readonly moved = signal<number | null>(null);
 
-  private readonly begun = performance.now();
-  private number: number | null = null;
-  private cancelled = false;
+  readonly #begun = performance.now();
+  #number: number | null = null;
+  #cancelled = false;
 
   /** @param data What is written; null reads. */
   constructor(private readonly connection: Pick<Connection, "ask">, slave: number, readonly request: Request, readonly data: Uint8Array | null) {
-    void this.run(slave);
+    void this.#run(slave);
   }
 
   get isUnderWay(): boolean {
@@ -63,37 +63,37 @@ export class FileTransfer {
 
   /** Ends it. What the slave does with a part of a file depends on the slave. */
   async cancel(): Promise<void> {
-    this.cancelled = true;
-    if (this.number !== null) await this.connection.ask(`rw/foe/${this.number}/cancel`).catch((error: unknown) => (this.error.value = error));
+    this.#cancelled = true;
+    if (this.#number !== null) await this.connection.ask(`rw/foe/${this.#number}/cancel`).catch((error: unknown) => (this.error.value = error));
   }
 
-  private async run(slave: number): Promise<void> {
+  async #run(slave: number): Promise<void> {
     const { data, request } = this;
     try {
-      this.show("receiving", 0);
+      this.#show("receiving", 0);
       const about: Value = { ...request };
       if (data !== null) {
         const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", data as BufferSource));
         Object.assign(about, { write: true, size: data.length, digest: hexOf(digest) });
       }
       let state = (await this.connection.ask(`rw/foe/${slave}`, {}, about)) as unknown as Transfer;
-      this.number = state.transfer;
-      if (this.cancelled) await this.cancel();
+      this.#number = state.transfer;
+      if (this.#cancelled) await this.cancel();
       while (data !== null && state.step === "receiving") {
-        this.show("receiving", state.received);
+        this.#show("receiving", state.received);
         const part = data.subarray(state.received, state.received + PART);
-        state = await this.insist(`rw/foe/${this.number}/put`, { offset: state.received, data: hexOf(part) });
+        state = await this.#insist(`rw/foe/${this.#number}/put`, { offset: state.received, data: hexOf(part) });
       }
       let [wait, longest]: [number, number] = [...PAUSES_MS];
       for (;;) {
         if (state.failure !== null) throw new AskError(state.failure);
         if (state.step === "done") break;
-        this.show(state.step, state.moved, state.busy);
+        this.#show(state.step, state.moved, state.busy);
         await pause(wait);
         wait = Math.min(2 * wait, longest);
-        state = await this.insist(`ro/foe/${this.number}`);
+        state = await this.#insist(`ro/foe/${this.#number}`);
       }
-      if (data === null) this.content.value = await this.fetch(state.moved);
+      if (data === null) this.content.value = await this.#fetch(state.moved);
       this.note.value = state.note;
       this.moved.value = state.moved;
     } catch (error) {
@@ -102,12 +102,12 @@ export class FileTransfer {
     this.progress.value = null;
   }
 
-  private async fetch(size: number): Promise<Uint8Array> {
+  async #fetch(size: number): Promise<Uint8Array> {
     const all = new Uint8Array(size);
     let at = 0;
     while (at < size) {
-      this.show("fetching", at, "", size);
-      const answer = await this.insist<{ data: string }>(`ro/foe/${this.number}/${at}`);
+      this.#show("fetching", at, "", size);
+      const answer = await this.#insist<{ data: string }>(`ro/foe/${this.#number}/${at}`);
       const part = bytesOf(answer.data);
       if (part.length === 0) break;
       all.set(part, at);
@@ -117,7 +117,7 @@ export class FileTransfer {
   }
 
   /** Asks again while the way to the daemon is lost: the daemon knows the transfer by its number. */
-  private async insist<T = Transfer>(key: string, payload: Value = {}): Promise<T> {
+  async #insist<T = Transfer>(key: string, payload: Value = {}): Promise<T> {
     for (let left = MOST_LOST; ; left -= 1) {
       try {
         return (await this.connection.ask(key, {}, payload)) as unknown as T;
@@ -129,7 +129,7 @@ export class FileTransfer {
     }
   }
 
-  private show(step: Progress["step"], moved: number, busy = "", size = this.data?.length ?? null): void {
-    this.progress.value = { step, moved, size, busy, seconds: (performance.now() - this.begun) / 1000 };
+  #show(step: Progress["step"], moved: number, busy = "", size = this.data?.length ?? null): void {
+    this.progress.value = { step, moved, size, busy, seconds: (performance.now() - this.#begun) / 1000 };
   }
 }

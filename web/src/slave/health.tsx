@@ -3,8 +3,7 @@ import { useState } from "preact/hooks";
 
 import { AskError } from "../connection";
 import { Section, Trouble, useAsked } from "../controls";
-import type { Slave } from "../maps";
-import type { Sdo } from "../maps";
+import type { PortErrors, Sdo, Slave } from "../maps";
 import type { State } from "../state";
 import { clock, grouped } from "../text";
 import { bytesOf } from "./coe";
@@ -16,6 +15,12 @@ export function Health({ state, slave }: { state: State; slave: Slave }) {
   const { value: errors, failure } = state.of("ro/errors").value;
   const counters = errors?.slaves.find((item) => item.position === slave.position);
   const links = errors?.links?.filter((link) => link.slave === slave.position || link.before === slave.position) ?? [];
+  // While a ring is open, only the cables say what they lead to.
+  const leadsTo = ({ port, to }: PortErrors) => {
+    const link = links.find((it) => (it.slave === slave.position ? it.port : it.before_port) === port);
+    const other = to?.[0] ?? (link?.slave === slave.position ? link.before : link?.slave);
+    return other === undefined ? undefined : other < 0 ? "master" : state.slaveName(other);
+  };
   return (
     <>
       <Section title="Cables">
@@ -33,7 +38,7 @@ export function Health({ state, slave }: { state: State; slave: Slave }) {
               {counters.ports.map((port) => (
                 <tr key={port.port}>
                   <th scope="row">{port.port}</th>
-                  <td>{port.to === null ? <span class="muted">–</span> : port.to[0] < 0 ? "master" : state.slaveName(port.to[0])}</td>
+                  <td>{leadsTo(port) ?? <span class="muted">–</span>}</td>
                   {([port.invalid, port.physical, port.forwarded, port.lost_links] as const).map((count, at) => (
                     <td key={at} class={`number ${count > 0 ? "text-warn" : "muted"}`}>{grouped(count)}</td>
                   ))}

@@ -77,7 +77,7 @@ export function SetUp({ state, slave }: { state: State; slave: Slave }) {
       </Section>
       <Section title="Configuration">
         {others.length === 0 ? <p class="empty">The configuration has nothing about this slave: all is as the slave says.</p>
-          : <Facts rows={others.map(([name, value]) => [name, <code key={name}>{said(value)}</code>])} />}
+          : <Facts rows={others.map(([name, value]) => [name, <code key={name}>{typeof value === "number" && /^(vendor|product|revision|serial)/.test(name) ? hex(value, 8) : said(value)}</code>])} />}
       </Section>
     </>
   );

@@ -20,7 +20,7 @@ export function SlavePanel({ state }: { state: State }) {
   const slave = position === null ? undefined : state.bus.value?.slaves[position];
   if (slave === undefined) {
     const { bus: { value: bus } } = state;
-    return <p class="empty">{bus === null ? "Nothing is known of the bus yet." : bus.slaves.length === 0 ? "The bus has no slaves." : position === null ? "Choose a slave on the left." : `The bus has no slave ${position}.`}</p>;
+    return <p class="empty">{bus === null ? state.nothing() : bus.slaves.length === 0 ? "The bus has no slaves." : position === null ? "Choose a slave on the left." : `The bus has no slave ${position}.`}</p>;
   }
   const al = state.states.value?.slaves.find((item) => item.position === position);
   const hasMailbox = slave.coe || slave.eoe || slave.soe || slave.foe;
@@ -58,7 +58,7 @@ function Trouble({ state, al }: { state: State; al: AlState }) {
     <div class={`note ${health(al) === "away" ? "" : "bad"}`}>
       {health(al) !== "op" && (
         <>
-          <p><strong>{al.text}</strong>{al.al_code !== 0 && <span class="muted"> AL status code {hex(al.al_code, 4)}</span>}</p>
+          <p><strong>{al.text}</strong></p>
           {al.recovery_text !== "" && <p>{al.recovery_text}</p>}
           {al.since !== null && <p class="muted">Since {clock(al.since)}, for {lasting(state.now.value - al.since)}.</p>}
         </>

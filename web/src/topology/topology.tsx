@@ -1,13 +1,14 @@
 // The bus as it is wired.
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 
+import { showPanel } from "../controls";
 import type { AlState, Slave } from "../maps";
 import type { State } from "../state";
 import { microseconds } from "../text";
 import { atSecondInterface, type Plug, plugs, type Row, rows } from "./wire";
 
 const STATES: Record<number, string> = { 0: "no answer", 1: "INIT", 2: "PREOP", 3: "BOOT", 4: "SAFEOP", 8: "OP" };
-const INDENT = 18;
+const INDENT = 22;
 const LEFT = 22;
 const MANY = 40;
 /** A frame enters through port 0 and goes on through port 1, if nothing branches off. */
@@ -73,21 +74,21 @@ export function Topology({ state }: { state: State }) {
   const current = placed.findIndex((row) => row.slave === selected);
   const ring = statistics?.ring.state ?? "none";
   const closing = errors?.links?.find(atSecondInterface)?.verdict ?? "unknown";
+  /** Slaves before the place where the ring is open. */
+  const broken = ring === "open" ? statistics!.ring.break : null;
   const right = ring === "none" ? 6 : 22;
   const measured = bus?.slaves.some((slave) => slave.dc_delay_ns > 0) ?? false;
 
+  const nodeOf = (slave: number) => box.current?.querySelector<SVGGElement>(`[data-slave="${slave}"]`);
+  useEffect(() => nodeOf(selected ?? 0)?.scrollIntoView({ block: "nearest" }), [selected, placed.length]);
   const show = (at: number) => {
     const row = placed[Math.max(0, Math.min(placed.length - 1, at))];
     if (row === undefined) return;
     state.selected.value = row.slave;
-    requestAnimationFrame(() => {
-      const node = box.current?.querySelector<SVGGElement>(`[data-slave="${row.slave}"]`);
-      node?.focus();
-      node?.scrollIntoView({ block: "nearest" });
-    });
+    requestAnimationFrame(() => nodeOf(row.slave)?.focus());
   };
   const onKey = (event: KeyboardEvent) => {
-    const row = placed[current];
+    const row = placed[Math.max(0, current)];
     const moves: Record<string, () => void> = {
       ArrowDown: () => show(current + 1),
       ArrowUp: () => show(current - 1),
@@ -99,7 +100,7 @@ export function Topology({ state }: { state: State }) {
       Enter: () => {
         if (row === undefined) return;
         state.open(row.slave);
-        document.getElementById("panel")?.focus();
+        showPanel();
       },
     };
     const move = moves[event.key];
@@ -120,17 +121,23 @@ export function Topology({ state }: { state: State }) {
             setSearch(event.currentTarget.value);
             const text = event.currentTarget.value.trim().toLowerCase();
             const first = text === "" ? -1 : placed.findIndex((row) => `${row.slave} ${state.slaveName(row.slave)} ${bus?.slaves[row.slave]?.name ?? ""}`.toLowerCase().includes(text));
-            if (first >= 0) box.current?.querySelector(`[data-slave="${placed[first]!.slave}"]`)?.scrollIntoView({ block: "center" });
+            if (first >= 0) nodeOf(placed[first]!.slave)?.scrollIntoView({ block: "center" });
           }}
           onKeyDown={(event) => {
-            if (event.key === "Enter" && hits[0] !== undefined) state.open(hits[0].position);
+            if (event.key === "Escape") {
+              event.preventDefault();
+              showPanel("#topology [tabindex='0']");
+            } else if (event.key === "Enter" && hits[0] !== undefined) {
+              state.open(hits[0].position);
+              showPanel();
+            }
           }}
         />
         {wanted !== "" && <span class="muted found" role="status">{hits.length} found</span>}
         <button type="button" class="quiet" aria-pressed={small} onClick={() => setDense(!small)} title={small ? "Show more of each slave" : "Show more slaves"}>{small ? "+" : "−"}</button>
       </div>
       <div class="wire" ref={box}>
-        {bus === null ? <p class="empty">No description of the bus yet.</p> : (
+        {bus === null ? <p class="empty">{state.nothing()}</p> : (
           <svg width={width} height={height} role="tree" aria-label={`Slaves of ${bus.name}, as they are wired`} onKeyDown={onKey}>
             <g aria-hidden="true">
               <rect class="master" x={LEFT - 14} y="4" width={width - LEFT + 14 - right} height={tall} rx="3" />
@@ -140,21 +147,20 @@ export function Topology({ state }: { state: State }) {
               </text>
               {ring !== "none" && last >= 0 && (
                 <g>
-                  <path class={`cable ${closing} ${ring === "open" ? "gone" : ""}`} d={`M${width - right} ${4 + tall / 2} H${width - 7} V${y(last) + tall / 2} H${width - right}`} />
-                  <text class="node-note" text-anchor="middle" transform={`translate(${width - 10} ${Math.min(y(2), y(last))}) rotate(-90)`}>
+                  <path class={`cable ${closing} ${broken === last + 1 ? "gone" : ""}`} d={`M${width - right} ${4 + tall / 2} H${width - 7} V${y(last) + tall / 2} H${width - right}`} />
+                  <text class="node-note" text-anchor="middle" transform={`translate(${width - 12} ${Math.min(y(2), y(last))}) rotate(-90)`}>
                     ring {ring}
                   </text>
                 </g>
               )}
               {placed.map((row, at) => {
                 if (row.before === null) return null;
-                const broken = statistics?.ring.state === "open" && statistics.ring.break === row.slave;
                 const parent = row.before < 0 ? { depth: 0 } : placed[row.before]!;
                 const from = row.before < 0 ? 4 + tall : y(row.before) + tall;
-                const kind = `cable ${row.verdict} ${row.gone || broken ? "gone" : ""}`;
+                const kind = `cable ${row.verdict} ${row.gone || broken === row.slave ? "gone" : ""} ${health(states.get(row.slave))}`;
                 const path = parent.depth === row.depth
                   ? `M${x(row)} ${from} V${y(at)}`
-                  : `M${x(parent)} ${from} V${y(at) + tall / 2} H${x(row) - 14}`;
+                  : `M${x(parent) + 4} ${from} V${y(at) + tall / 2} H${x(row) - 14}`;
                 return <path key={row.slave} class={kind} d={path} />;
               })}
             </g>
@@ -183,9 +189,9 @@ export function Topology({ state }: { state: State }) {
                   <rect class="node-box" width={wide} height={tall} rx="3" />
                   {kind !== "op" && kind !== "unknown" && <rect class="node-bar" width="3" height={tall} rx="1" />}
                   <text class="node-number" x="28" y={small ? 15 : 16} text-anchor="end">{row.slave}</text>
-                  <text class="node-name" x="36" y={small ? 15 : 16}>{cut(name, wide - 40 - words.length * 7 - 8, 7)}</text>
+                  <text class="node-name" x="36" y={small ? 15 : 16}>{cut(name, wide - 48 - words.length * 7, 7.5)}</text>
                   <text class="node-state" x={wide - 8} y={small ? 15 : 16} text-anchor="end">{words}</text>
-                  {!small && <text class="node-note" x="36" y="29">{cut(note, wide - 100, 6)}</text>}
+                  {!small && <text class="node-note" x="36" y="29">{cut(note, wide - 50 - delay.length * 6, 6)}</text>}
                   {!small && <text class="node-note" x={wide - 8} y="29" text-anchor="end">{delay}</text>}
                   </g>
                 </g>

@@ -77,7 +77,8 @@ export function rows(bus: Bus, errors: Errors | null, remembered: Map<number, Pl
       port: at === null || at.before === MASTER ? null : at.port,
       verdict: link?.verdict ?? "unknown",
       text: link?.text ?? "",
-      gone: errors !== null && at !== null && !now.has(slave),
+      // While a ring is open, the answer does not say where slaves are plugged in.
+      gone: now.size > 0 && at !== null && !now.has(slave),
     });
     const children = (behind.get(slave) ?? []).sort((a, b) => a - b);
     const last = children.pop();
