@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from ecatd.etg.al import AlState
 
+from .departures import find_departures
 from .incident import LAPSES, Incident, Row, Trigger
 from .moments import row_of
 
@@ -131,8 +132,19 @@ class _Reading:
                 count += 1
                 if count <= _MOST:
                     yield line
+        yield from self._departures()
         if count > _MOST:
             yield f"And {count - _MOST} lines more: events.json has all of them."
+
+    def _departures(self) -> Iterator[str]:
+        rows, signals = self._incident.rows, self._incident.signals
+        for item in find_departures(signals, rows, self._incident.triggers[0].time_ns):
+            row, unit = rows[item.row], item.signal["unit"]
+            yield (
+                f"{_clock(row.time_ns)} (cycle {row.number}) {item.signal['name']} changed from "
+                f"{f'{item.before:.6g} {unit}'.rstrip()} to {f'{item.after:.6g} {unit}'.rstrip()} "
+                f"within {item.seconds:.3f} s; no output of its slave changed in the second before"
+            )
 
     def cause(self) -> str:
         """What may have led to the trigger: the causes that are closest to it."""
