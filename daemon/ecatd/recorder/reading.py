@@ -126,13 +126,13 @@ class _Reading:
         if self._incident.rows and not any(chain.causes for chain in self._chains):
             yield "No fault of the bus is known: every exchange was complete."
             yield "Nobody has judged the values: look at them, as with `ecatctl web FILE`."
+        yield from self._departures()
         count = 0
         for chain in self._chains:
             for line in self._chain(chain):
                 count += 1
                 if count <= _MOST:
                     yield line
-        yield from self._departures()
         if count > _MOST:
             yield f"And {count - _MOST} lines more: events.json has all of them."
 
@@ -175,8 +175,10 @@ class _Reading:
     def _conditions(self) -> Iterator[_Fact]:
         for item in self._incident.triggers:
             if item.kind == _CONDITION:
-                text = re.sub(r",? in cycle \d+$", "", item.reason)
-                yield _Fact(item.time_ns, _CONDITION, text)
+                if found := re.fullmatch(r"(.*?),? in cycle (\d+)", item.reason):
+                    cycle = int(found[2])
+                    at = self._time_of(cycle) or item.time_ns
+                    yield _Fact(at, _CONDITION, found[1], cycle=cycle)
 
     def _from_events(self) -> Iterator[_Fact]:
         rows = self._incident.rows
