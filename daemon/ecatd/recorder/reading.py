@@ -174,11 +174,11 @@ class _Reading:
 
     def _conditions(self) -> Iterator[_Fact]:
         for item in self._incident.triggers:
-            if item.kind == _CONDITION:
-                if found := re.fullmatch(r"(.*?),? in cycle (\d+)", item.reason):
-                    cycle = int(found[2])
-                    at = self._time_of(cycle) or item.time_ns
-                    yield _Fact(at, _CONDITION, found[1], cycle=cycle)
+            found = re.fullmatch(r"(.*?),? in cycle (\d+)", item.reason)
+            if found and item.kind == _CONDITION:
+                cycle = int(found[2])
+                at = self._time_of(cycle) or item.time_ns
+                yield _Fact(at, _CONDITION, found[1], cycle=cycle)
 
     def _from_events(self) -> Iterator[_Fact]:
         rows = self._incident.rows
