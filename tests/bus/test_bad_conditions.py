@@ -408,7 +408,7 @@ def test_more_slaves_than_at_the_start(start_daemon: Callable[..., Daemon], tmp_
 
 def test_slaves_that_lost_their_power_are_told_from_missing_ones(bench: Bench) -> None:
     bench.ctl("power-off", "7")
-    bench.wait_for_log("now 7: no answer from slave 7 (EL6751), 1 slave missing")
+    bench.wait_for_log("to 7: no answer from slave 7 (EL6751), 1 slave missing")
     bench.ctl("power-on", "7")
     bench.wait_for_log("slave 7 (EL6751): back in OP after")
     bench.wait_for_event("slaves", found=8)

@@ -64,6 +64,49 @@ class Readings:
         time.sleep(2)
 
 
+def test_an_input_that_drifts_is_told_and_a_healthy_bus_has_nothing_to_tell(
+    start_daemon: Callable[..., Daemon], tmp_path: Path
+) -> None:
+    settings = SETTINGS.replace("before_s = 0.4", "before_s = 4").partition("[[flight")[0]
+    daemon = start_daemon("troll", config=settings.format(folder=tmp_path / "x"))
+    readings = Readings(tmp_path / "x", daemon)
+    changed = r"(\d\d:){2}\d\d\.\d{3} \(cycle \d+\) \d/.* changed from "
+    with (
+        Simulator(str(daemon.child_pid("ecatsim"))) as simulator,
+        daemon.client() as client,
+        client.claim(client.signal(3, 0x7000, 1), lease=50),
+    ):
+        readings.settle()
+
+        def run(seconds: float) -> None:
+            """A machine whose outputs and inputs move."""
+            output, inputs = client.signal(3, 0x7000, 1), [(2, 0x6000, 1), (4, 0x6010, 0x11)]
+            end = time.monotonic() + seconds
+            while time.monotonic() < end:
+                output.raw = not output.raw
+                client.commit()
+                for number, place in enumerate(inputs):
+                    simulator.set(*place, int(output.raw) * 500**number)
+                client.sample()
+                time.sleep(0.01)
+
+        run(5)
+        daemon.ctl("incident", "record", "healthy")
+        assert not re.search(changed, readings.with_a("request"), re.MULTILINE)
+        run(3)
+        simulator.faults.drift(5, "0x6040:11", -2000)
+        run(1)
+        daemon.ctl("incident", "record", "drift")
+        text = readings.with_a("asked for an incident: drift")
+        assert re.search(
+            changed + r"1(\.\d+)? V to -?\d+\.\d+ V within \d\.\d{3} s; no output of its slave "
+            "changed in the second before$",
+            text,
+            re.MULTILINE,
+        ), text
+        assert text.count(" changed from ") == 1, text
+
+
 def test_readings(start_daemon: Callable[..., Daemon], tmp_path: Path) -> None:
     daemon = start_daemon("troll", config=SETTINGS.format(folder=tmp_path / "x"))
     readings = Readings(tmp_path / "x", daemon)

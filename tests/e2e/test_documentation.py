@@ -188,7 +188,11 @@ def test_the_page_about_a_fault_of_yesterday(
             if program == "ecatsim":
                 wait_for(lambda: any(folder.glob("*.mcap")), daemon)
             if arguments[:2] == ["incident", "show"]:
-                names(done.stdout, "3/Channel 1/Output was 1, above 0.5")
+                names(
+                    done.stdout,
+                    "3/Channel 1/Output was 1, above 0.5",
+                    "changed from 1.00009 V to -8.15546 V",
+                )
                 assert old is not None
                 old.kill()
                 names(old.communicate()[0], "pump on at -8.16 V")

@@ -43,7 +43,7 @@ export function OutputsPanel({ state }: { state: State }) {
                 const late = silent !== null && owner.lease_ms != null && owner.lease_ms > 0 && silent > owner.lease_ms / 2;
                 return (
                   <tr key={at}>
-                    <td>{ownerName(owner)}{owner.state === "lapsed" && <span class="tag warning" title="The program is there, but hangs or was stopped: its lease has ended. Behind the point: how its process is.">silent{owner.process && ` · ${owner.process}`}</span>}</td>
+                    <td>{ownerName(owner)}{owner.state === "lapsed" && <span class="tag warning" title="The program is there, but hangs or was stopped: its lease has ended.">silent{owner.process && ` · ${owner.process}`}</span>}</td>
                     <td class="number">{owned(at)}</td>
                     <td class={`number ${late ? "text-warn" : ""}`}>{silent === null ? "–" : silent < 10000 ? `${Math.round(silent)} ms` : lasting(silent / 1000)}</td>
                     <td class="number">{owner.lease_ms == null || owner.lease_ms === 0 ? "–" : `${owner.lease_ms} ms`}</td>

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from ecatd.etg.al import AlState
 
+from .departures import find_departures
 from .incident import LAPSES, Incident, Row, Trigger
 from .moments import row_of
 
@@ -125,6 +126,7 @@ class _Reading:
         if self._incident.rows and not any(chain.causes for chain in self._chains):
             yield "No fault of the bus is known: every exchange was complete."
             yield "Nobody has judged the values: look at them, as with `ecatctl web FILE`."
+        yield from self._departures()
         count = 0
         for chain in self._chains:
             for line in self._chain(chain):
@@ -133,6 +135,16 @@ class _Reading:
                     yield line
         if count > _MOST:
             yield f"And {count - _MOST} lines more: events.json has all of them."
+
+    def _departures(self) -> Iterator[str]:
+        rows, signals = self._incident.rows, self._incident.signals
+        for item in find_departures(signals, rows, self._incident.triggers[0].time_ns):
+            row, unit = rows[item.row], item.signal["unit"]
+            yield (
+                f"{_clock(row.time_ns)} (cycle {row.number}) {item.signal['name']} changed from "
+                f"{f'{item.before:.6g} {unit}'.rstrip()} to {f'{item.after:.6g} {unit}'.rstrip()} "
+                f"within {item.seconds:.3f} s; no output of its slave changed in the second before"
+            )
 
     def cause(self) -> str:
         """What may have led to the trigger: the causes that are closest to it."""
@@ -162,9 +174,11 @@ class _Reading:
 
     def _conditions(self) -> Iterator[_Fact]:
         for item in self._incident.triggers:
-            if item.kind == _CONDITION:
-                text = re.sub(r",? in cycle \d+$", "", item.reason)
-                yield _Fact(item.time_ns, _CONDITION, text)
+            found = re.fullmatch(r"(.*?),? in cycle (\d+)", item.reason)
+            if found and item.kind == _CONDITION:
+                cycle = int(found[2])
+                at = self._time_of(cycle) or item.time_ns
+                yield _Fact(at, _CONDITION, found[1], cycle=cycle)
 
     def _from_events(self) -> Iterator[_Fact]:
         rows = self._incident.rows
