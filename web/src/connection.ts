@@ -33,12 +33,12 @@ export interface Listener {
 }
 
 export class Connection {
-  socket: WebSocket | null = null;
+  private socket: WebSocket | null = null;
   #number = 0;
   #again = 0;
   /** When the server last said something, and whether it had said nothing at the last look. */
-  heard = 0;
-  isSilent = false;
+  private heard = 0;
+  private isSilent = false;
   readonly #waiting = new Map<number, Waiting>();
   #trace: { signals: string[]; history: string[]; generation: number } = {
     signals: [], history: [], generation: 0,
@@ -100,7 +100,7 @@ export class Connection {
     await fetch("/login", { headers: { Authorization: `Bearer ${token}` } }).catch(() => null);
   }
 
-  send(request: Request): boolean {
+  private send(request: Request): boolean {
     if (this.socket?.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify(request));
     return true;

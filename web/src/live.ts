@@ -14,7 +14,7 @@ export interface Last {
 
 export class LiveValues {
   readonly values = signal<ReadonlyMap<string, Last>>(new Map());
-  readonly part: Tracer;
+  private readonly part: Tracer;
   #wanted = new Set<string>();
   #coming = new Map<string, Last>();
   #waits = false;

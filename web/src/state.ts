@@ -175,7 +175,7 @@ export class State {
   }
 
   /** The bus and its worst lamp, for those who see only the tab. */
-  title(): string {
+  private title(): string {
     const lamps = this.lamps.value;
     const worst = lamps.find((lamp) => lamp.state === "bad") ?? lamps.find((lamp) => lamp.state === "warning");
     const sign = !this.fresh.value ? "✕ No connection · " : worst === undefined ? "" : `${worst.state === "bad" ? "■" : "▲"} ${worst.title} · `;

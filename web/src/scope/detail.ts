@@ -18,12 +18,14 @@ type SpectrumReport = Extract<Report, { is: "spectrum" }>;
 
 export class Detail {
   #canvas: OffscreenCanvas | null = null;
-  width = 1;
-  height = 1;
+  private width = 1;
+  private height = 1;
   #ratio = 1;
 
   open(canvas: OffscreenCanvas, width: number, height: number, ratio: number): void {
-    Object.assign(this, { canvas, width, height, ratio });
+    this.#canvas = canvas;
+    this.#ratio = ratio;
+    Object.assign(this, { width, height });
     this.#resize();
   }
 

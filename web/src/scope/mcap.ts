@@ -74,15 +74,15 @@ class Bytes {
 
 export class Mcap {
   readonly #parts: Uint8Array<ArrayBuffer>[] = [];
-  offset = 0;
-  chunk = new Bytes();
-  index = new Bytes();
+  private offset = 0;
+  private chunk = new Bytes();
+  private index = new Bytes();
   readonly #indexes = new Bytes();
   readonly #head = new Bytes();
   #chunks = 0;
   #count = 0;
   #chunkFrom = 0n;
-  from = 0n;
+  private from = 0n;
   #to = 0n;
 
   constructor(topic: string, schemaName: string, schema: object) {

@@ -62,7 +62,7 @@ export class ScopeModel {
   });
 
   readonly #worker = new Worker(script(), { type: "module" });
-  span = 10e3;
+  private span = 10e3;
   #traced = "";
   #generation = 0;
 
@@ -264,7 +264,7 @@ export class ScopeModel {
     this.order({ do: "export", format, all, bus: this.title.value || "ecat" });
   }
 
-  download(blob: Blob, format: string): void {
+  private download(blob: Blob, format: string): void {
     this.saving.value = false;
     const time = new Date().toISOString().slice(0, 19).replaceAll(":", "-");
     const link = document.createElement("a");

@@ -26,16 +26,16 @@ export class Picture {
   };
   live = true;
   plot: Plot = { left: 0, width: 1, bottom: 1, lanes: [] };
-  span = 10e3;
+  private span = 10e3;
   /** The right edge: the first column that is not shown. */
   #edge = 0;
-  width = 1;
-  height = 1;
-  ratio = 1;
+  private width = 1;
+  private height = 1;
+  private ratio = 1;
   #curvesCanvas: OffscreenCanvas | null = null;
   #overlay: OffscreenCanvas | null = null;
   /** What the canvas has: the grid and lanes of its columns, and the first row that it lacks. */
-  drawn: { grid: Grid; lanes: Lane[]; left: number; end: number } | null = null;
+  private drawn: { grid: Grid; lanes: Lane[]; left: number; end: number } | null = null;
   /** For each signal with named values the one raw value of each column; NaN: none, or several. */
   #named = new Map<string, Float64Array>();
   /** When the axes were fitted to all that the window shows, in ms. */
@@ -66,7 +66,7 @@ export class Picture {
     return Math.max(1, Math.round(this.plot.width * this.ratio));
   }
 
-  get step(): number {
+  private get step(): number {
     return this.span / this.#columns;
   }
 
@@ -105,7 +105,7 @@ export class Picture {
     if (lastTime > firstTime) this.show(firstTime, (lastTime - firstTime) * 1.001);
   }
 
-  grid(): Grid {
+  private grid(): Grid {
     return { step: this.step, from: this.#edge - this.#columns, count: this.#columns };
   }
 

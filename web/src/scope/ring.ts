@@ -66,7 +66,7 @@ export class Ring {
   /** The signals that are kept, with the generation of the first wish for them; null: all. */
   #wanted: Map<string, number> | null = null;
   #bits = new Map<string, Bit>();
-  generation = -1;
+  private generation = -1;
   #lastOfGeneration = -1;
 
   constructor(
@@ -190,7 +190,13 @@ export class Ring {
   }
 
   clear(): void {
-    Object.assign(this, new Ring(this.limits, this.types));
+    this.#blocks = [];
+    this.#bits = new Map();
+    this.#wanted = null;
+    this.#base = this.#run = this.end = this.bytes = this.missing = this.pauses = this.shift = 0;
+    this.#lastOfGeneration = -1;
+    this.short = this.minmax = this.amended = false;
+    this.restart();
   }
 
   /** Keeps only these signals, which may be bits of others, now and from this generation on. */

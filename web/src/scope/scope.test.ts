@@ -317,6 +317,8 @@ test("a time without a recording is a pause; only what was lost meanwhile is mis
   assert.deepEqual(seen(), [3, 2, 10, 0]);
   ring.clear();
   assert.deepEqual(seen(), [0, 0, 0, 0]);
+  take([1, 2], {});
+  assert.deepEqual([ring.end, ring.first, ring.cycle(0), ring.bytes === new Ring(KEEP).bytes], [2, 0, 1, false]);
 });
 
 const STATUSWORD: Signal = {
