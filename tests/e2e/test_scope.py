@@ -390,6 +390,30 @@ def test_an_incident_opens_in_the_scope_with_the_signals_that_it_is_about(
     assert max(values) > min(values)
 
 
+def test_the_bus_behind_the_page_changes(
+    start_daemon: Callable[..., Daemon], browser: Any, tmp_path: Path
+) -> None:
+    first = start_daemon("troll")
+    with serving(first.env) as address, shown(browser, address) as page:
+        add(page, ANALOG)
+        until(lambda: page.locator(".scope-status").get_attribute("data-view"))
+        first.stop()
+        way, notice = page.locator(".way"), page.locator(".scope-warning")
+        until(lambda: "All values are old" in way.inner_text())
+        command = [sys.executable, "-m", "ecatd.service", "--simulate", "line:2"]
+        command += ["--bus", first.bus, "--config", str(first.config_file)]
+        command += ["--cycle-time-us", "8000"]
+        with (tmp_path / "second.log").open("w") as log:
+            second = subprocess.Popen(command, env=first.env, stderr=log)
+        try:
+            until(lambda: way.inner_text() == "live")
+            until(lambda: f"This bus has no {ANALOG}" in notice.inner_text())
+            until(lambda: "No samples come" not in notice.inner_text())
+        finally:
+            second.terminate()
+            second.wait()
+
+
 def test_triggers_show_the_cycle_that_fulfils_them(
     troll: Daemon, page: Any, tmp_path: Path
 ) -> None:

@@ -92,6 +92,7 @@ class Traces:
                     if trace is not None:
                         trace.stop()
                 self._now = self._next = None
+                self._succeed()  # nothing is missing
                 continue
             if latest is not None and set(names) == latest.names and not latest.has_ended:
                 continue
@@ -130,10 +131,14 @@ class Traces:
         running = _Running(names, columns, opened["cycle_time_us"] / 1e6, self)
         trace = await in_daemon_thread(lambda: Trace(remote.zenoh, opened, remote.timeout))
         running.start(trace)
+        self._succeed()
+        return running
+
+    def _succeed(self) -> None:
+        """Tells that values come, if that has failed."""
         if self._has_failed:
             self._has_failed = False
             self._hub.value(OpenTrace.key, {})
-        return running
 
     def _fail(self, error: EcatError) -> None:
         """Tells why there are no values, and tries again."""

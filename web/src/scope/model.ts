@@ -11,6 +11,7 @@ import type { Trigger } from "./trigger";
 
 const KEPT = "ecatd scope ";
 const MOST_MARKS = 2000;
+const NO_SAMPLES = "No samples come: ";
 
 /** What the rest of the page gives to the scope, and may ask of it. */
 export class ScopeModel {
@@ -96,7 +97,14 @@ export class ScopeModel {
     this.order({ do: "types", types: signals.map(({ name, type }) => [name, type]) });
     if (isFirst && this.entries.value.length === 0) this.#restore();
     if (isFirst && this.curves.value.length === 0) for (const name of shown) this.add(name);
+    this.#nameUnknown("");
     this.#send();
+  }
+
+  /** Says which of the chosen signals this bus lacks. */
+  #nameUnknown(more: string): void {
+    const unknown = this.entries.value.filter(({ name }) => !find(this.known.value, name));
+    this.notice.value = unknown.length > 0 ? `This bus has no ${unknown.map(({ name }) => name).join(", ")}${more}.` : "";
   }
 
   /**
@@ -245,7 +253,8 @@ export class ScopeModel {
     } else if (message.type === "value" && message.key === "ro/trace") {
       const { history_s, why } = (message.value ?? {}) as { history_s?: number; why?: string };
       if (history_s !== undefined) this.history.value = { seconds: history_s, why: why ?? "" };
-      else this.notice.value = message.failure ? `No samples come: ${message.failure.message}` : "";
+      else if (message.failure) this.notice.value = `${NO_SAMPLES}${message.failure.message}`;
+      else if (this.notice.value.startsWith(NO_SAMPLES)) this.notice.value = "";
     } else if (message.type === "value" && message.key === "reading") {
       this.order({ do: "moment", time: message.at * 1000 });
     } else if (message.type === "end") {
@@ -313,10 +322,7 @@ export class ScopeModel {
         this.stacked.value = layout.stacked;
         this.limits.value = layout.limits;
       });
-      const unknown = layout.signals.filter(({ name }) => !find(this.known.value, name));
-      this.notice.value = unknown.length > 0
-        ? `This bus has no ${unknown.map(({ name }) => name).join(", ")}; the rest of the layout is shown.`
-        : "";
+      this.#nameUnknown("; the rest of the layout is shown");
       this.#send();
       this.goLive(layout.span);
       this.setTrigger(layout.trigger);
