@@ -361,6 +361,29 @@ def test_open_handshakes_hold_up_nobody(web: Web) -> None:
         assert time.monotonic() - begun < PATIENCE
 
 
+def test_thousands_of_connections_need_no_memory(site: Site) -> None:
+    """Without a login they need as much as there are places, however many come one by one."""
+    begun = b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03"
+    wrong = b"\x16\x03\x01\x00\x05\x01\x00\x00\x01\x00"  # a ClientHello that is none
+
+    def memory() -> int:
+        text = Path(f"/proc/{web.process.pid}/status").read_text()
+        return int(text.partition("VmHWM:")[2].split()[0])
+
+    with serving(site) as web:
+        assert web.get("/")[0] == 200
+        before = memory()
+        for said, count in ((b"", 3000), (begun, 1000), (wrong, 1000)):
+            for _ in range(count):
+                with socket.create_connection(("127.0.0.1", web.port), timeout=PATIENCE) as sock:
+                    sock.sendall(said)
+        for _ in range(200):  # those with a whole handshake
+            with socket.create_connection(("localhost", web.port), timeout=PATIENCE) as sock:
+                web.tls.wrap_socket(sock, server_hostname="localhost").close()
+        assert web.get("/")[0] == 200
+        assert memory() - before < 64 * 1024, "kB"
+
+
 def test_what_cannot_listen_says_why(site: Site, tmp_path: Path) -> None:
     def told(*options: str, status: int = 7) -> str:
         command = ("web", "--no-browser", *options)

@@ -2,11 +2,14 @@
 
 import asyncio
 import socket
+import time
+from contextlib import suppress
 from typing import Any
 
 import pytest
 from websockets.datastructures import Headers
 
+from conftest import PATIENCE
 from ecatd.base.errors import BusyError, UsageError
 from ecatd.web.guard import LOOPBACK, Guard
 from ecatd.web.hub import Hub
@@ -133,35 +136,51 @@ def test_tries_of_an_address_are_few_and_those_of_others_go_on() -> None:
         attempts.count("a")
 
 
-def test_silent_connections_give_their_places_to_others() -> None:
+@pytest.mark.parametrize("said", [b"", b"G"])
+def test_connections_without_a_request_give_their_places_to_others(said: bytes) -> None:
     listening: Listening = bind(Address(port=0))
     there = listening.getsockname()
+    taken: list[socket.socket] = []
 
-    def come(source: str) -> tuple[socket.socket, socket.socket]:
+    def accept() -> None:
+        with suppress(BlockingIOError):
+            while True:
+                taken.append(listening.accept()[0])
+
+    def come(source: str) -> socket.socket:
         theirs = socket.create_connection(there, source_address=(source, 0))
-        theirs.setblocking(False)
-        return theirs, listening.accept()[0]
+        theirs.sendall(said)
+        theirs.settimeout(PATIENCE)
+        accept()
+        if said:
+            accept()
+        sockets.append(theirs)
+        return theirs
 
     def ended(theirs: socket.socket) -> bool:
+        theirs.setblocking(False)
         try:
             return theirs.recv(1) == b""
         except BlockingIOError:
             return False
 
-    sockets: list[tuple[socket.socket, socket.socket]] = []
+    sockets: list[socket.socket] = []
     try:
         page = come("127.0.0.1")
-        listening.keep(page[0].getsockname())
+        listening.keep(page.getsockname())
         many = [come("127.0.0.2") for _ in range(40)]
         other = come("127.0.0.3")
-        sockets += [page, other, *many]
-        assert [ended(theirs) for theirs, _ in many] == [True] * 8 + [False] * 32
+        assert [ended(theirs) for theirs in many] == [True] * 8 + [False] * 32
         more = [come(f"127.0.0.{10 + number}") for number in range(40)]
-        sockets += more
-        assert sum(ended(theirs) for theirs, _ in many) == 8 + 9  # of those who have the most
-        assert not any(ended(theirs) for theirs, _ in (page, other, *more))
+        # Of those who have the most. The page has a place only as long as it says nothing.
+        assert sum(ended(theirs) for theirs in many) == 8 + (9 if said else 10)
+        assert not any(ended(theirs) for theirs in (page, other, *more))
+        assert len(taken) == (len(sockets) if said else 0)
+        listening.hurry(0.0)
+        assert not ended(other)
+        listening.hurry(time.monotonic() + 1)
+        assert ended(other) == (not said)
     finally:
-        for pair in sockets:
-            for sock in pair:
-                sock.close()
+        for sock in (*sockets, *taken):
+            sock.close()
         listening.close()

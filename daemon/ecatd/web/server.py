@@ -8,7 +8,9 @@ import logging
 import signal
 import socket
 import ssl
+import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
@@ -27,12 +29,14 @@ from .listening import Address, Listening, bind
 from .logins import Entrance, PasswordEntrance, TokenEntrance
 from .page import Page
 from .sessions import SESSION_S, Account, Session, Sessions
-from .tls import read_certificate
+from .tls import EncryptedProtocol, read_certificate
 
 _PAGES_MAX = 16
 """Pages of one user."""
-_OPEN_S = 10.0
-"""Seconds in which a connection must say what it wants, after as many for a TLS handshake."""
+_OPEN_S = 10
+"""Seconds in which a connection must say something, then for TLS, and then for its request."""
+_HURRY_S = 1.0
+"""Seconds after which such connections are looked for."""
 _MESSAGE_MAX = 256 * 1024
 """Bytes of a message of a page: a part of a file as a hex string."""
 _BUFFER = 128 * 1024
@@ -134,18 +138,12 @@ class Server:
         silent = logging.getLogger("ecatd.web")
         silent.addHandler(logging.NullHandler())
         silent.propagate = False  # strangers must not write to the terminal
-        encryption: dict[str, Any] = {}
-        if self._tls is not None:
-            self._socket.redirects = True
-            encryption = {
-                "ssl": self._tls,
-                "ssl_handshake_timeout": _OPEN_S,
-                "ssl_shutdown_timeout": 1.0,
-            }
+        self._socket.redirects = self._tls is not None
+        connection: Any = self._connection
         async with serve(
             self._serve,
             sock=self._socket,
-            create_connection=_Connection,
+            create_connection=connection,
             process_request=self._answer,
             compression=None,  # costs more than the loopback interface
             open_timeout=_OPEN_S,
@@ -153,10 +151,18 @@ class Server:
             max_size=_MESSAGE_MAX,
             logger=silent,
             server_header=None,
-            **encryption,
         ):
             ready()
-            await ends.wait()
+            while not ends.is_set():
+                self._socket.hurry(time.monotonic() - _OPEN_S)
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(ends.wait(), _HURRY_S)
+
+    def _connection(self, *arguments: Any, **more: Any) -> Any:
+        connection = _Connection(*arguments, **more)
+        if self._tls is None:
+            return connection
+        return EncryptedProtocol(self._tls, connection, _OPEN_S)
 
     async def _serve(self, connection: ServerConnection) -> None:
         assert isinstance(connection, _Connection)
