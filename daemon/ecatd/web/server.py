@@ -189,6 +189,8 @@ class Server:
         if path in ("/login", "/logout") and self._guard.is_from_elsewhere(headers):
             return _response(HTTPStatus.FORBIDDEN, "Only the page of this server may do this.")
         if path == "/login":
+            # Who must wait for a turn there loses no place to others; those who wait are few.
+            self._socket.keep(connection.remote_address)
             return await self._login(headers, connection.remote_address[0])
         if path == "/logout":
             self._sessions.end(self._guard.secret(headers))
