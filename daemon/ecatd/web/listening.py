@@ -15,6 +15,7 @@ import select
 import socket
 import time
 from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -80,10 +81,11 @@ class Listening(socket.socket):
         family: The family of its address.
 
     Attributes:
-        redirects: Whether connections must be encrypted: others are told so.
+        redirects: If connections must be encrypted, whether a host is this one: a browser that asks
+            it without is sent to the encrypted address.
     """
 
-    redirects = False
+    redirects: Callable[[str], bool] | None = None
 
     def __init__(self, family: int) -> None:
         super().__init__(family, socket.SOCK_STREAM)
@@ -109,12 +111,16 @@ class Listening(socket.socket):
         Raises:
             BlockingIOError: There is none.
         """
-        for number, _ in self._ready.poll(0):
+        for _ in range(_PENDING_MAX):
+            # One at a time: what closes a connection gives its number to another one.
+            number = next((number for number, _ in self._ready.poll(0, 1)), None)
+            if number is None:
+                break
             if number == super().fileno():
                 self._take()
             elif (found := self._silent.pop(number)) is not None:
                 self._ready.unregister(number)
-                if found.begins(encrypted=self.redirects):
+                if found.begins(self.redirects):
                     if (loser := self._pending.add(found)) is not None:
                         loser.give_up()
                     return found, found.peer
@@ -162,16 +168,16 @@ class _Taken(socket.socket):
         except OSError:
             self.close()
 
-    def begins(self, *, encrypted: bool) -> bool:
+    def begins(self, redirects: Callable[[str], bool] | None) -> bool:
         """Whether it is to be served. A browser that must come with TLS, and does not, is told."""
         try:
             head = self.recv(_HEAD_MAX, socket.MSG_PEEK)
         except OSError:
             return False
-        if head and encrypted and head[0] != _TLS_HANDSHAKE:
+        if head and redirects is not None and head[0] != _TLS_HANDSHAKE:
             with suppress(OSError):
                 self.recv(_HEAD_MAX)  # what nobody has read would reset the connection
-                self.send(_without_tls(head))
+                self.send(_without_tls(head, redirects))
                 self.shutdown(socket.SHUT_WR)
             return False
         return bool(head)
@@ -216,12 +222,12 @@ class _Places:
         self.drop(math.inf)
 
 
-def _without_tls(head: bytes) -> bytes:
+def _without_tls(head: bytes, redirects: Callable[[str], bool]) -> bytes:
     """The answer to a request without encryption."""
     host = _HOST.search(head)
     text = b"This address is encrypted: it begins with https://\n"
     lines = [b"HTTP/1.1 400 Bad Request"]
-    if host:
+    if host and redirects(host[1].decode()):
         lines = [b"HTTP/1.1 308 Permanent Redirect", b"Location: https://" + host[1] + b"/"]
     lines += [b"Content-Type: text/plain", b"Content-Length: %d" % len(text)]
     lines += [b"Cache-Control: no-store", b"Connection: close", b"", text]

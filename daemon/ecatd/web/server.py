@@ -42,6 +42,16 @@ _MESSAGE_MAX = 256 * 1024
 _BUFFER = 128 * 1024
 """Bytes to a page that the kernel keeps."""
 
+_REJECTED = {
+    HTTPStatus.REQUEST_URI_TOO_LONG: "The address of this request is too long.",
+    HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE: (
+        "The header of this request is too long. If your browser has many cookies of this machine, "
+        "remove them."
+    ),
+    HTTPStatus.INTERNAL_SERVER_ERROR: "The server has failed to answer this request.",
+    HTTPStatus.SERVICE_UNAVAILABLE: "The server ends.",
+}
+
 
 def for_this_machine(
     hub_of: Callable[[str], Hub], files: Mapping[str, tuple[str, bytes]], address: Address
@@ -138,7 +148,8 @@ class Server:
         silent = logging.getLogger("ecatd.web")
         silent.addHandler(logging.NullHandler())
         silent.propagate = False  # strangers must not write to the terminal
-        self._socket.redirects = self._tls is not None
+        if self._tls is not None:
+            self._socket.redirects = self._guard.is_our_name
         connection: Any = self._connection
         async with serve(
             self._serve,
@@ -158,8 +169,9 @@ class Server:
                 with suppress(TimeoutError):
                     await asyncio.wait_for(ends.wait(), _HURRY_S)
 
-    def _connection(self, *arguments: Any, **more: Any) -> Any:
-        connection = _Connection(*arguments, **more)
+    def _connection(self, protocol: Any, *arguments: Any, **more: Any) -> Any:
+        protocol.reject = _reject
+        connection = _Connection(protocol, *arguments, **more)
         if self._tls is None:
             return connection
         return EncryptedProtocol(self._tls, connection, _OPEN_S)
@@ -182,6 +194,10 @@ class Server:
         """Answers a request, unless it opens the WebSocket."""
         headers = request.headers
         path, _, query = request.path.partition("?")
+        method = getattr(request, "method", "GET")  # websockets 14 answers no other
+        if method != "GET":
+            text = "" if method == "HEAD" else "This server answers GET only."
+            return _response(HTTPStatus.METHOD_NOT_ALLOWED, text, Allow="GET")
         if not self._guard.is_for_us(headers):
             return _response(HTTPStatus.MISDIRECTED_REQUEST, self._names())
         if path == "/socket":
@@ -267,11 +283,17 @@ class _Connection(ServerConnection):
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER)
 
 
+def _reject(status: HTTPStatus, _: str) -> Response:
+    """The answer to a request that the library takes for none."""
+    return _response(status, _REJECTED.get(status, "Only pages of this server open a WebSocket."))
+
+
 def _response(
     status: HTTPStatus,
     content: str | bytes,
     kind: str = "text/plain; charset=utf-8",
     cookie: str = "",
+    **more: str,
 ) -> Response:
     body = content.encode() if isinstance(content, str) else content
     headers = Headers(
@@ -280,6 +302,7 @@ def _response(
             "Content-Type": kind,
             "Content-Length": str(len(body)),
             "Connection": "close",
+            **more,
         }
     )
     if cookie:
