@@ -10,6 +10,7 @@ from conftest import names
 from ecatd.base.errors import ConfigError, UsageError
 from ecatd.base.incident_file import FIELDS, SIGNALS, IncidentFile
 from ecatd.base.recording_file import SCHEMA, recorded_rows
+from ecatd.operations.incident_files import read_head
 from ecatd.web.file_source import FileSource
 
 writer = pytest.importorskip("mcap.writer", reason="needs the package mcap")
@@ -96,6 +97,8 @@ def test_a_pipe_or_a_folder_is_no_recording(tmp_path: Path, name: str) -> None:
     os.mkfifo(path)
     for text in refusals(path):
         names(text, "not a regular file")
+    with pytest.raises(OSError, match="not a regular file"):
+        read_head(path)
     path.unlink()
     path.mkdir()
     for text in refusals(path):
